@@ -1,0 +1,206 @@
+"""What people would use instead, as they would: on the whole model, without its structure.
+
+    rc2-fresh       RC2(wcnf, solver="g4", exhaust=True, minz=True), a new formula and solver for each
+    observation layered-full    one solver for the model; a totalizer over all health literals, bound 0, 1,
+    2, … clingo-domain   one grounding; the solver prefers ¬AB, so that each answer set it meets is
+    subset-minimal
+
+HS-DAG, the fourth, is an engine of robomend itself (`hs_dag`). Each takes literals and returns diagnoses as
+tuples of health variables; the caller counts them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any
+
+import clingo
+from pysat.card import ITotalizer
+from pysat.examples.rc2 import RC2
+from pysat.formula import WCNF
+from pysat.solvers import Solver
+
+from robomend.model.cnf import HealthCnf
+from robomend_client.literals import Literal
+
+Diagnoses = Iterator[tuple[int, ...]]
+
+
+def numbers(cnf: HealthCnf, observations: Iterable[Literal]) -> list[int]:
+    """Return observations as signed variables; those that no rule mentions are left out."""
+    return [number for literal in observations if (number := cnf.literal(literal)) is not None]
+
+
+class Rc2Fresh:
+    """A MaxSAT call an observation, formula building included."""
+
+    name = "rc2-fresh"
+    modes = ("first", "all", "factored")
+
+    def __init__(self, cnf: HealthCnf) -> None:
+        self._cnf = cnf
+
+    def diagnoses(self, observations: Iterable[Literal], mode: str, max_size: int) -> Diagnoses:
+        """Yield one minimum-cardinality diagnosis, or all."""
+        cnf = self._cnf
+        formula = WCNF()
+        for clause in cnf.clauses:
+            formula.append(list(clause))
+        for number in numbers(cnf, observations):
+            formula.append([number])
+        health = range(1, len(cnf.components) + 1)
+        for variable in health:
+            formula.append([variable], weight=1)
+        with RC2(formula, solver="g4", exhaust=True, minz=True) as search:
+            least: int | None = None
+            while (model := search.compute()) is not None:
+                bad = tuple(variable for variable in health if model[variable - 1] < 0)
+                if least is not None and len(bad) > least:
+                    return
+                least = len(bad)
+                yield bad
+                if mode == "first" or not bad:
+                    return
+                search.add_clause(list(bad))
+
+
+class LayeredFull:
+    """Sizes 0, 1, 2, … on one persistent solver; found diagnoses are blocked under a literal of the call."""
+
+    name = "layered-full"
+    modes = ("first", "all", "factored", "subset")
+
+    def __init__(self, cnf: HealthCnf) -> None:
+        self._cnf = cnf
+        self._solver = Solver("minisat22", bootstrap_with=cnf.clauses)
+        self._sum: ITotalizer | None = None
+        self._top = cnf.variables
+
+    def diagnoses(self, observations: Iterable[Literal], mode: str, max_size: int) -> Diagnoses:
+        """Yield the minimum-cardinality diagnoses, or in mode "subset" all minimal ones up to a size."""
+        seen = numbers(self._cnf, observations)
+        n = len(self._cnf.components)
+        self._top += 1
+        call = self._top
+        size, found = 0, False
+        try:
+            last = min(n, max_size) if mode == "subset" else n
+            while size <= last and not (found and mode != "subset"):
+                assumptions = [*seen, call, *self._at_most(size)]
+                while self._solver.solve(assumptions):
+                    model = self._solver.get_model()
+                    bad = tuple(v for v in range(1, n + 1) if model[v - 1] < 0)
+                    found = True
+                    yield bad
+                    if mode == "first" or not bad:
+                        return
+                    self._solver.add_clause([*bad, -call])
+                size += 1
+        finally:
+            self._solver.add_clause([-call])
+
+    def _at_most(self, size: int) -> list[int]:
+        n = len(self._cnf.components)
+        if size == 0:
+            return list(range(1, n + 1))
+        if size >= n:
+            return []
+        if self._sum is None:
+            self._sum = ITotalizer([-v for v in range(1, n + 1)], ubound=size, top_id=self._top)
+            fresh = self._sum.cnf.clauses
+        elif self._sum.ubound < size:
+            self._sum.increase(ubound=size, top_id=self._top)
+            fresh = self._sum.cnf.clauses[-self._sum.nof_new :] if self._sum.nof_new else []
+        else:
+            fresh = []
+        self._top = max(self._top, self._sum.top_id)
+        for clause in fresh:
+            self._solver.add_clause(clause)
+        return [-self._sum.rhs[size]]
+
+
+class ClingoDomain:
+    """Subset-minimal answer sets by domain heuristics, on one Control; observations are assumptions.
+
+    Only the abnormality atoms are shown: with `--dom-mod=5,16` the minimality is over the shown atoms.
+    """
+
+    name = "clingo-domain"
+    modes = ("first", "all", "factored", "subset")
+
+    def __init__(self, cnf: HealthCnf) -> None:
+        self._cnf = cnf
+        options = ["--heuristic=Domain", "--dom-mod=5,16", "--enum-mode=domRec", "--models=0"]
+        self._control: Any = clingo.Control([*options, "--warn=none"])
+        n = len(cnf.components)
+        with self._control.backend() as backend:
+            atom = [0] * (cnf.variables + 1)
+            for variable in range(1, cnf.variables + 1):
+                symbol = clingo.Function("ab", [clingo.Number(variable)]) if variable <= n else None
+                atom[variable] = backend.add_atom(symbol) if symbol is not None else backend.add_atom()
+            backend.add_rule(atom[1:], [], choice=True)
+            for clause in cnf.clauses:
+                # health variable v is true when v is healthy, its atom ab(v) when not: the sign turns
+                body = [
+                    (-atom[abs(lit)] if lit > 0 else atom[abs(lit)]) * (-1 if abs(lit) <= n else 1)
+                    for lit in clause
+                ]
+                backend.add_rule([], body)
+        self._atom = atom
+        self._bounds: dict[
+            int, int
+        ] = {}  # size -> the atom that, assumed, allows no more abnormal components
+
+    def diagnoses(self, observations: Iterable[Literal], mode: str, max_size: int) -> Diagnoses:
+        """Yield subset-minimal diagnoses up to a size, unordered; in other modes those of least size."""
+        assumptions = [
+            self._atom[number] if number > 0 else -self._atom[-number]
+            for number in numbers(self._cnf, observations)
+        ]
+        if mode == "subset":
+            yield from self._enumerate(assumptions, max_size)
+            return
+        for size in range(1, len(self._cnf.components) + 1):
+            least: list[tuple[int, ...]] = []
+            for bad in self._enumerate(assumptions, size):
+                if not least or len(bad) < len(least[0]):
+                    least = [bad]
+                elif len(bad) == len(least[0]):
+                    least.append(bad)
+                if mode == "first" and len(bad) <= 1:
+                    break
+            if least:
+                yield from least[:1] if mode == "first" else least
+                return
+
+    def _bound(self, size: int) -> int:
+        """Return the atom of a bound; rules of bounds that nobody asked for would only slow the solver."""
+        if size not in self._bounds:
+            n = len(self._cnf.components)
+            with self._control.backend() as backend:
+                bound, over = backend.add_atom(), backend.add_atom()
+                backend.add_rule([bound], [], choice=True)
+                weights = [(atom, 1) for atom in self._atom[1 : n + 1]]
+                backend.add_weight_rule([over], size + 1, weights)
+                backend.add_rule([], [bound, over])
+            self._bounds[size] = bound
+        return self._bounds[size]
+
+    def _enumerate(self, assumptions: list[int], size: int) -> Diagnoses:
+        wanted = self._bound(size)
+        bounds = [wanted, *(-other for other in self._bounds.values() if other != wanted)]
+        with self._control.solve(yield_=True, assumptions=[*assumptions, *bounds]) as handle:
+            met = set()
+            for model in handle:
+                bad = tuple(symbol.arguments[0].number for symbol in model.symbols(atoms=True))
+                if bad in met:
+                    return  # all of ab is decided: clingo then drops domRec, and goes through the other atoms
+                met.add(bad)
+                yield bad
+
+
+BASELINES: dict[str, Callable[[HealthCnf], Rc2Fresh | LayeredFull | ClingoDomain]] = {
+    "rc2-fresh": Rc2Fresh,
+    "layered-full": LayeredFull,
+    "clingo-domain": ClingoDomain,
+}

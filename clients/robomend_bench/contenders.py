@@ -1,0 +1,119 @@
+"""Contenders for questions about one observation of one model: engines by name, and baselines.
+
+sat, asp, maxsat, hs_dag     robomend's engines
+NAME                         an engine of somebody else, from the entry points "robomend.engines"
+NAME:SOLVER                  either with another solver inside, e.g. sat:glucose4
+rc2-fresh, layered-full, …   see baselines.py
+"""
+
+from __future__ import annotations
+
+from time import perf_counter
+from typing import Any
+
+from robomend.diagnosis.engines import make_engine
+from robomend.diagnosis.result import DiagnosisResult, Options
+from robomend.errors import OptionRefused
+from robomend.model.cnf import HealthCnf
+from robomend_bench.baselines import BASELINES
+from robomend_bench.suite import Answer, Ask, Group, Question, Wish
+
+MODES = {
+    "first": "first minimum-cardinality diagnosis, from literals to answer",
+    "all": "all minimum-cardinality diagnoses, each as a row",
+    "factored": "all minimum-cardinality diagnoses, factored, with their exact count",
+    "subset": "all subset-minimal diagnoses up to --max-size, in order of size",
+    "explained": "all minimum-cardinality diagnoses with result objects, conflicts and sentences",
+    "check": "consistency check of a healthy observation, after 1000 diagnoses on the same engine",
+}
+
+CIRCUIT_MODES = {name: MODES[name] for name in ("first", "all", "factored", "subset")}
+ROBOT_MODES = {name: MODES[name] for name in ("explained", "first", "all", "subset", "check")}
+
+CHECKS = 1000
+"""Calls of `consistent` in one measurement: one takes some microseconds."""
+
+AGED_BY = 1000
+"""Diagnoses that the engine has behind it before it is asked to check."""
+
+
+def options_for(mode: str, wish: Wish) -> Options:
+    """Return what an engine is asked in a mode."""
+    return Options(
+        minimal="subset" if mode == "subset" else "cardinality",
+        max_size=wish.max_size if mode == "subset" else None,
+        limit=1 if mode == "first" else None,
+        timeout_s=wish.timeout_s,
+        conflicts=mode == "explained",
+        factored=mode == "factored",
+    )
+
+
+def prepare(contender: str, cnf: HealthCnf, group: Group, wish: Wish) -> Ask:
+    """Return what answers questions whose payload is observations: literals in, Answer out.
+
+    Raises:
+        OptionRefused: the contender does not know this mode.
+    """
+    if wish.mode == "check":
+        return _prepare_check(contender, cnf, group, wish)
+    if contender in BASELINES:
+        baseline = BASELINES[contender](cnf)
+        if wish.mode not in baseline.modes:
+            raise OptionRefused(f"{contender} has no mode {wish.mode!r}")
+        return lambda question: _count(baseline, question, wish)
+    engine = _engine(contender, cnf)
+    options = options_for(wish.mode, wish)
+
+    def ask(question: Question) -> Answer:
+        return _counted(engine.diagnose(question.payload, options), wish.mode)
+
+    return ask
+
+
+def _engine(contender: str, cnf: HealthCnf) -> Any:
+    name, _, solver = contender.partition(":")
+    return make_engine(name, cnf, solver=solver or None)
+
+
+def _counted(result: DiagnosisResult, mode: str) -> Answer:
+    sizes = [len(diagnosis.bad) for diagnosis in result.diagnoses]
+    least = min(sizes, default=None)
+    if mode == "first":
+        return Answer((least,), complete=bool(sizes), shown=least)
+    count = result.count if result.count is not None else len(sizes)
+    all_asked_for = result.complete or result.stopped_by == "size"  # larger ones exist, and were not wanted
+    return Answer((count, least), complete=all_asked_for, shown=count)
+
+
+def _count(baseline: Any, question: Question, wish: Wish) -> Answer:
+    deadline = perf_counter() + wish.timeout_s
+    count, least = 0, None
+    for bad in baseline.diagnoses(question.payload, wish.mode, wish.max_size):
+        count += 1
+        least = len(bad) if least is None else min(least, len(bad))
+        if perf_counter() > deadline:
+            return Answer((count, least), complete=False)
+    if wish.mode == "first":
+        return Answer((least,), complete=count > 0, shown=least)
+    return Answer((count, least), complete=True, shown=count)
+
+
+def _prepare_check(contender: str, cnf: HealthCnf, group: Group, wish: Wish) -> Ask:
+    """Age an engine by diagnoses, then time its check of observations that a healthy system would show."""
+    if contender in BASELINES:
+        raise OptionRefused(f"{contender} has no mode 'check'")
+    engine = _engine(contender, cnf)
+    options = options_for("all", wish)
+    for index in range(AGED_BY):
+        engine.diagnose(group.questions[index % len(group.questions)].payload, options)
+
+    def ask(question: Question) -> Answer:
+        # what was seen, less what clashes: healthy again, and as many literals as a robot reports
+        healthy = [literal for literal in question.payload if literal.positive]
+        consistent = True
+        for _ in range(CHECKS):
+            consistent &= engine.consistent(healthy)
+        return Answer((int(consistent),), complete=True, shown=None, calls=CHECKS)
+
+    return ask

@@ -1,0 +1,106 @@
+"""Seeded faults in circuits: some gates give the opposite of what they should, or compute another function.
+
+Only runs whose outputs differ from the healthy ones are kept, so that every question has a minimum
+cardinality of at least one. Inputs and outputs are observed, a net that is both only once.
+"""
+
+from __future__ import annotations
+
+import random
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from robomend.errors import ModelError
+from robomend_client.literals import Atom, Literal
+
+GATE = re.compile(r"\s*([^\s(),=#]+)\s*=\s*(\w+)\s*\(([^()]*)\)")
+PORT = re.compile(r"\s*(INPUT|OUTPUT)\s*\(\s*([^\s(),=#]+)\s*\)", re.IGNORECASE)
+ATTEMPTS = 1000
+"""Runs that are thrown away at most, because nothing was to be seen of their faults, until one is kept."""
+
+FUNCTIONS: dict[str, Callable[[Sequence[bool]], bool]] = {
+    "AND": all,
+    "NAND": lambda values: not all(values),
+    "OR": any,
+    "NOR": lambda values: not any(values),
+    "XOR": lambda values: sum(values) % 2 == 1,
+    "XNOR": lambda values: sum(values) % 2 == 0,
+    "NOT": lambda values: not values[0],
+    "BUF": lambda values: values[0],
+    "BUFF": lambda values: values[0],
+}
+OF_MANY = ("AND", "NAND", "OR", "NOR", "XOR", "XNOR")
+
+
+@dataclass(frozen=True)
+class Circuit:
+    """A combinational netlist; `gates` is net -> (function, nets read), in topological order."""
+
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    gates: Mapping[str, tuple[str, tuple[str, ...]]]
+
+    def simulate(self, inputs: Mapping[str, bool], faults: Mapping[str, str]) -> dict[str, bool]:
+        """Return the value of each net. `faults`: gate -> "flipped", or the function it computes instead."""
+        values = dict(inputs)
+        for net, (kind, reads) in self.gates.items():
+            fault = faults.get(net)
+            read = [values[other] for other in reads]
+            if fault == "flipped":
+                values[net] = not FUNCTIONS[kind](read)
+            else:
+                values[net] = FUNCTIONS[fault or kind](read)
+        return values
+
+
+def read_circuit(text: str) -> Circuit:
+    """Read a .bench text that robomend.model.bench has already accepted."""
+    inputs: list[str] = []
+    outputs: list[str] = []
+    gates: dict[str, tuple[str, tuple[str, ...]]] = {}
+    for line in text.splitlines():
+        if match := GATE.match(line):
+            kind = match[2].upper()
+            if kind not in FUNCTIONS:
+                raise ModelError(f"gate {match[1]} is {kind}: only combinational circuits take faults")
+            gates[match[1]] = (kind, tuple(net.strip() for net in match[3].split(",")))
+        elif match := PORT.match(line):
+            (inputs if match[1].upper() == "INPUT" else outputs).append(match[2])
+    ordered: dict[str, tuple[str, tuple[str, ...]]] = {}
+    done = set(inputs)
+    while gates:
+        ready = [net for net, (_, reads) in gates.items() if done.issuperset(reads)]
+        if not ready:
+            raise ModelError(f"gate {next(iter(gates))} reads a net that nothing drives, or itself")
+        for net in ready:
+            ordered[net] = gates.pop(net)
+        done.update(ready)
+    return Circuit(tuple(inputs), tuple(outputs), ordered)
+
+
+def observe_faulty(circuit: Circuit, faults: int, chance: random.Random) -> tuple[Literal, ...]:
+    """Return what is seen at inputs and outputs of a run with so many faults that show.
+
+    Raises:
+        ModelError: after ATTEMPTS runs nothing was to be seen of any fault.
+    """
+    gates = list(circuit.gates)
+    for _ in range(ATTEMPTS):
+        inputs = {net: chance.random() < 0.5 for net in circuit.inputs}
+        broken = {
+            net: _fault(circuit.gates[net], chance) for net in chance.sample(gates, min(faults, len(gates)))
+        }
+        seen = circuit.simulate(inputs, broken)
+        meant = circuit.simulate(inputs, {})
+        if any(seen[net] != meant[net] for net in circuit.outputs):
+            observed = dict.fromkeys((*circuit.inputs, *circuit.outputs))
+            return tuple(Literal(Atom("v", (net,)), seen[net]) for net in observed)
+    raise ModelError(f"{faults} faults in this circuit are never seen at its outputs")
+
+
+def _fault(gate: tuple[str, tuple[str, ...]], chance: random.Random) -> str:
+    kind, reads = gate
+    if len(reads) < 2 or chance.random() < 0.5:
+        return "flipped"
+    return chance.choice([other for other in OF_MANY if other != kind])

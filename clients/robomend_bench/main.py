@@ -1,0 +1,227 @@
+"""The command `robomend-bench`: run a suite, or compare two runs.
+
+Results go to stdout as Markdown; with --out DIR also as JSON, Markdown and SVG files. Progress goes to
+stderr. Exit codes: 0 done, 1 two contenders disagree, 2 bad input, 3 a backend failed.
+"""
+
+from __future__ import annotations
+
+import re
+import shlex
+import sys
+from pathlib import Path
+
+import click
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from robomend.diagnosis.engines import engine_names
+from robomend.errors import BackendError, InputError
+from robomend_bench.baselines import BASELINES
+from robomend_bench.charts import cactus, scaling
+from robomend_bench.results import Run, as_json, load, save
+from robomend_bench.running import run_suite
+from robomend_bench.suite import DATA, Clock, Wish, find_suite, suite_names
+from robomend_bench.tables import comparison, markdown
+
+FAULTS = re.compile(r"(\d+)(?:-(\d+))?\Z")
+
+
+def _faults(context: click.Context, parameter: click.Parameter, value: str) -> tuple[int, int]:
+    match = FAULTS.match(value)
+    if match is None:
+        raise click.BadParameter("give a number or a range, e.g. 5 or 1-10")
+    low, high = int(match[1]), int(match[2] or match[1])
+    if not 1 <= low <= high:
+        raise click.BadParameter("give a range from 1 up, e.g. 1-10")
+    return low, high
+
+
+def _names(context: click.Context, parameter: click.Parameter, value: str) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(name.strip() for name in value.split(",") if name.strip()))
+
+
+@click.command(context_settings={"help_option_names": ["-h", "--help"]})
+@click.argument("suite", required=False)
+@click.option("--list", "listing", is_flag=True, help="List suites with their modes, and engines.")
+@click.option("--mode", help="What is measured; the suite's first mode if not given.")
+@click.option(
+    "--engines", callback=_names, default="", help="Contenders, comma-separated: sat,sat:glucose4,rc2-fresh."
+)
+@click.option(
+    "--only", callback=_names, default="", help="Groups, comma-separated: circuits, or sizes of robots."
+)
+@click.option("--instances", type=click.IntRange(1, 100_000), help="Questions a group.")
+@click.option(
+    "--repeats", type=click.IntRange(1, 1000), default=3, show_default=True, help="Of each question."
+)
+@click.option("--seed", type=int, default=1, show_default=True)
+@click.option(
+    "--faults", callback=_faults, default="1-10", show_default=True, help="How many faults are injected."
+)
+@click.option(
+    "--size", type=click.IntRange(1, 50), help="iscas85: only questions with this minimum cardinality."
+)
+@click.option("--max-size", type=click.IntRange(0, 100), default=2, show_default=True, help="In mode subset.")
+@click.option(
+    "--timeout",
+    type=click.FloatRange(0, min_open=True),
+    default=10.0,
+    show_default=True,
+    help="Seconds a question.",
+)
+@click.option("--clock", type=click.Choice(["wall", "cpu"]), default="wall", show_default=True)
+@click.option(
+    "--data",
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    default=DATA,
+    show_default="built in",
+    help="Folder with iscas85/ and multi_observation/.",
+)
+@click.option(
+    "--out",
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Write SUITE-MODE.json, .md and .svg here.",
+)
+@click.option(
+    "--format", "output", type=click.Choice(["markdown", "json"]), default="markdown", show_default=True
+)
+@click.option(
+    "--compare",
+    nargs=2,
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    metavar="OLD.json NEW.json",
+    help="Two results side by side.",
+)
+@click.version_option(package_name="robomend", prog_name="robomend-bench")
+def command(
+    suite: str | None,
+    listing: bool,
+    mode: str | None,
+    engines: tuple[str, ...],
+    only: tuple[str, ...],
+    instances: int | None,
+    repeats: int,
+    seed: int,
+    faults: tuple[int, int],
+    size: int | None,
+    max_size: int,
+    timeout: float,
+    clock: Clock,
+    data: Path,
+    out: Path | None,
+    output: str,
+    compare: tuple[Path, Path] | None,
+) -> None:
+    """Measure diagnosis engines side by side on one SUITE.
+
+    \b
+    robomend-bench iscas85                                first diagnosis, against RC2
+    robomend-bench iscas85 --mode factored --only c7552 --faults 5
+    robomend-bench robots-v1 --engines sat,hs_dag --out report/
+    robomend-bench --compare old.json new.json
+    robomend-bench service --help                         load on a running service
+    """
+    if listing:
+        _list()
+        return
+    if compare is not None:
+        click.echo(comparison(load(compare[0]), load(compare[1])), nl=False)
+        return
+    if suite is None:
+        raise click.UsageError(f"name a suite: {', '.join(suite_names())}; or --list, or --compare")
+    found = find_suite(suite)
+    if mode is None:
+        mode = next(iter(found.modes))
+    if mode not in found.modes:
+        raise click.UsageError(f"suite {suite} has no mode {mode!r}: choose from {', '.join(found.modes)}")
+    wish = Wish(
+        mode=mode,
+        only=only,
+        instances=instances,
+        seed=seed,
+        faults=faults,
+        size=size,
+        max_size=max_size,
+        timeout_s=timeout,
+        clock=clock,
+        data=data,
+    )
+    run = _with_progress(suite, wish, engines, repeats)
+    if out is not None:
+        _write(run, out)
+    if output == "json":
+        click.echo(as_json(run))
+    else:
+        click.echo(markdown(run), nl=False)
+    if run.disagreements:
+        sys.exit(1)
+
+
+def _with_progress(suite: str, wish: Wish, engines: tuple[str, ...], repeats: int) -> Run:
+    columns = (
+        TextColumn("{task.description:<34}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(suite, total=None)
+        return run_suite(
+            find_suite(suite),
+            wish,
+            engines,
+            repeats=repeats,
+            command=shlex.join(["robomend-bench", *sys.argv[1:]]),
+            progress=lambda what, done, total: bar.update(
+                task, description=what, completed=done, total=total
+            ),
+        )
+
+
+def _write(run: Run, out: Path) -> None:
+    """Write the run's files; an older run of the same suite and mode is replaced."""
+    out.mkdir(parents=True, exist_ok=True)
+    stem = f"{run.suite}-{run.mode}"
+    save(run, out / f"{stem}.json")
+    (out / f"{stem}.md").write_text(markdown(run))
+    (out / f"{stem}-cactus.svg").write_text(cactus(run))
+    if len({sample.size for sample in run.samples}) > 1:
+        (out / f"{stem}-scaling.svg").write_text(scaling(run))
+    click.echo(f"written to {out}/{stem}.json, .md and .svg", err=True)
+
+
+def _list() -> None:
+    for name in suite_names():
+        suite = find_suite(name)
+        click.echo(f"{name}: {suite.summary}")
+        for mode, meaning in suite.modes.items():
+            click.echo(f"    {mode:<10} {meaning} [{','.join(suite.contenders(mode))}]")
+    click.echo(f"engines: {', '.join(engine_names())}; each also as ENGINE:SOLVER")
+    click.echo(f"baselines: {', '.join(BASELINES)}")
+
+
+def main() -> None:
+    """The console script."""
+    try:
+        if sys.argv[1:2] == ["service"]:  # a world of its own: no suites, engines or questions
+            from robomend_bench.service.command import command as service
+
+            service.main(sys.argv[2:], prog_name="robomend-bench service", standalone_mode=False)
+            return
+        command.main(standalone_mode=False)
+    except click.exceptions.Abort:
+        sys.exit(130)
+    except click.ClickException as error:
+        error.show()
+        sys.exit(2)
+    except InputError as error:
+        click.echo(f"robomend-bench: {error}", err=True)
+        sys.exit(2)
+    except BackendError as error:
+        click.echo(f"robomend-bench: {error}", err=True)
+        sys.exit(3)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,118 @@
+"""Runs a suite: one process a contender, questions interleaved, so that what slows one down slows down all.
+
+    for each group
+        start the contenders, each in its process      building is not measured, but reported
+        warm-up: the first question once, unmeasured
+        for each repeat, for each question
+            ask each contender in turn, in an order that rotates
+
+A contender that ran out of time on a question is not asked that question again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import ExitStack
+
+from robomend_bench.results import Built, Run, Sample, Status, disagreements, now, this_machine
+from robomend_bench.suite import Answer, Group, Suite, Wish
+from robomend_bench.worker import Contestant
+
+Progress = Callable[[str, int, int], None]
+"""Called with what is running now, questions asked so far and in all."""
+
+
+def run_suite(
+    suite: Suite,
+    wish: Wish,
+    contenders: tuple[str, ...] = (),
+    *,
+    repeats: int = 3,
+    command: str = "",
+    progress: Progress = lambda what, done, total: None,
+) -> Run:
+    """Return the measurements of one suite in one mode.
+
+    Raises:
+        InputError: the wish names groups, data or contenders that are not there.
+    """
+    names = contenders or suite.contenders(wish.mode)
+    machine, started = this_machine(), now()
+    samples: list[Sample] = []
+    built: list[Built] = []
+    groups = list(suite.groups(wish))
+    total = sum(len(group.questions) for group in groups) * len(names) * repeats
+    asked = 0
+
+    def step(what: str, count: int = 1) -> None:
+        nonlocal asked
+        asked += count
+        progress(what, asked, total)
+
+    for group in groups:
+        progress(group.name, asked, total)
+        with ExitStack() as stack:
+            contestants = [Contestant(suite.name, name, group, wish) for name in names]
+            for contestant in contestants:
+                stack.callback(contestant.close)
+            samples += _measure(group, contestants, repeats, step)
+            built += [Built(group.name, c.name, c.build_s, c.base_mib, c.peak_mib) for c in contestants]
+    return Run(
+        suite=suite.name,
+        mode=wish.mode,
+        command=command,
+        seed=wish.seed,
+        contenders=names,
+        machine=machine,
+        started=started,
+        clock=wish.clock,
+        samples=tuple(samples),
+        built=tuple(built),
+        disagreements=disagreements(samples),
+    )
+
+
+def _measure(
+    group: Group, contestants: list[Contestant], repeats: int, step: Callable[[str, int], None]
+) -> list[Sample]:
+    samples: list[Sample] = []
+    out_of_time: set[tuple[str, int]] = set()
+    for contestant in contestants:
+        step(f"{group.name} · starting {contestant.name}", 0)
+        contestant.ask(0)
+    for repeat in range(repeats):
+        for index in range(len(group.questions)):
+            turn = (index + repeat) % len(contestants)
+            for contestant in contestants[turn:] + contestants[:turn]:
+                step(f"{group.name} · {contestant.name}", 1)
+                if (contestant.name, index) in out_of_time:
+                    continue
+                status, answer, seconds, note = contestant.ask(index)
+                if status != "ok":
+                    out_of_time.add((contestant.name, index))
+                samples.append(_sample(group, index, contestant.name, repeat, status, answer, seconds, note))
+    return samples
+
+
+def _sample(
+    group: Group,
+    index: int,
+    contender: str,
+    repeat: int,
+    status: Status,
+    answer: Answer | None,
+    seconds: float,
+    note: str,
+) -> Sample:
+    return Sample(
+        group=group.name,
+        size=group.size,
+        question=group.questions[index].name,
+        contender=contender,
+        repeat=repeat,
+        status=status,
+        seconds=seconds,
+        result=answer.result if answer is not None and status == "ok" else None,
+        shown=answer.shown if answer is not None else None,
+        note=note,
+    )

@@ -1,0 +1,228 @@
+"""The command `robomend-bench service`: what a running service takes, and how fast it answers.
+
+It starts a service of its own on a free port and an empty folder, or measures one that runs (`--url`). The
+generator shares the machine with the service, as on a robot; its own share and its lateness are reported.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import sys
+import tempfile
+from collections.abc import Callable, Coroutine
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import click
+
+from robomend_bench.service.durable import run_ndjson, run_posts
+from robomend_bench.service.fleet import FleetResult, prepare, run_fleet, run_single
+from robomend_bench.service.hostile import run_hostile
+from robomend_bench.service.measure import children, load_of_others, memory_mb
+from robomend_bench.service.process import Served, processors, reached, start
+from robomend_bench.service.robots import SimulatedRobot
+
+PARTS = ("start", "single", "fleet", "memory", "posts", "ndjson", "hostile")
+
+Row = tuple[str, str, str]
+"""What was measured, what came out, the goal."""
+
+
+@click.command("service", context_settings={"help_option_names": ["-h", "--help"]})
+@click.option("--only", default="", help=f"Parts, comma-separated: {','.join(PARTS)}.")
+@click.option("--robots", type=click.IntRange(1, 20_000), default=1000, show_default=True)
+@click.option(
+    "--rate", type=click.FloatRange(0.01, 100), default=1.0, show_default=True, help="Changes a second, each."
+)
+@click.option(
+    "--seconds", type=click.FloatRange(1, 86_400), default=20.0, show_default=True, help="The issue says 300."
+)
+@click.option("--faults", type=click.IntRange(1, 11), default=3, show_default=True, help="At most, a robot.")
+@click.option("--changes", type=click.IntRange(10), default=300, show_default=True, help="In part single.")
+@click.option("--writers", type=click.IntRange(1, 2000), default=64, show_default=True, help="In part posts.")
+@click.option("--observations", type=click.IntRange(100), default=200_000, help="In part ndjson.")
+@click.option("--seed", type=int, default=1, show_default=True)
+@click.option("--url", help="Measure a service that runs already; robots named r0, r1, … are put there.")
+@click.option("--database", help="URL of a PostgreSQL database for the service, instead of SQLite.")
+@click.option("--workers", type=click.IntRange(1, 64), default=1, show_default=True, help="Of the service.")
+@click.option("--format", "output", type=click.Choice(["markdown", "json"]), default="markdown")
+def command(only: str, output: str, url: str | None, **wish: Any) -> None:
+    """Measure `robomend serve` under load.
+
+    \b
+    robomend-bench service --robots 1000 --rate 1 --seconds 60
+    robomend-bench service --only single,posts --format json
+    robomend-bench service --only fleet --seconds 300
+    """
+    parts = tuple(filter(None, only.split(","))) or PARTS
+    for part in parts:
+        if part not in PARTS:
+            raise click.BadParameter(f"{part!r} is none of {', '.join(PARTS)}", param_hint="--only")
+    results, rows = run_parts(parts, url, **wish)
+    if output == "json":
+        click.echo(json.dumps(results, indent=1))
+    else:
+        click.echo(f"{processors()} cores, generator on the same machine, load {load_of_others():.1f}\n")
+        click.echo("| what | measured | goal |\n|---|---|---|")
+        for what, measured, goal in rows:
+            click.echo(f"| {what} | {measured} | {goal} |")
+    if any(result.get("lost") or result.get("errors") for result in results.values()):
+        sys.exit(1)
+
+
+def run_parts(
+    parts: tuple[str, ...], url: str | None, *, database: str | None, workers: int, **wish: Any
+) -> tuple[dict[str, dict[str, Any]], list[Row]]:
+    """Measure each part on a service of its own, and return the figures and the table."""
+    arguments = [*(["--database", database] if database else [])]
+    arguments += ["--workers", str(workers)] if workers > 1 else []
+    results: dict[str, dict[str, Any]] = {}
+    rows: list[Row] = []
+    for part in parts:
+        click.echo(f"measuring: {part}", err=True)
+        if part == "start":
+            found, more = _start(arguments)
+        else:
+            with reached(url, arguments) as (reachable, process):
+                found, more = _run(MEASURES[part](reachable, process, wish))
+        results[part] = found
+        rows += more
+    return results, rows
+
+
+Measured = tuple[dict[str, Any], list[Row]]
+
+
+def _run(work: Coroutine[Any, Any, Measured]) -> Measured:
+    try:
+        import uvloop
+    except ImportError:
+        return asyncio.run(work)
+    return uvloop.run(work)
+
+
+def _start(arguments: list[str]) -> Measured:
+    with tempfile.TemporaryDirectory(prefix="robomend-bench-") as folder:
+        times = []
+        for _ in range(4):
+            service = start(Path(folder), arguments)
+            times.append(round(service.ready_s, 2))
+            service.stop()
+            assert service.process.stdout is not None
+            service.process.stdout.close()
+    found = {"ready_s": times[1:], "first_ready_s": times[0]}
+    shown = f"{max(times[1:]):.2f} s (worst of {len(times) - 1}; on an empty folder {times[0]:.2f} s)"
+    return found, [("start to ready, schema current", shown, "< 3 s")]
+
+
+async def _single(url: str, process: Served | None, wish: dict[str, Any]) -> Measured:
+    await asyncio.sleep(3.0)  # the service's workers warm up beside it
+    found: dict[str, Any] = {}
+    rows = []
+    for name, pause_s in (("one after another", 0.0), ("10 ms apart", 0.01)):
+        result = await run_single(url, changes=wish["changes"], pause_s=pause_s, seed=wish["seed"])
+        found[name] = asdict(result)
+        what = f"one robot, changes {name}: POST to diagnosis event"
+        rows.append((what, str(result.diagnosed), "p50 < 4, p99 < 15 ms"))
+    return found, rows
+
+
+async def _fleet(url: str, process: Served | None, wish: dict[str, Any]) -> Measured:
+    robots = [SimulatedRobot(f"r{n}", wish["seed"], faults=wish["faults"]) for n in range(wish["robots"])]
+    await prepare(url, robots)
+    result = await run_fleet(
+        url, robots, rate_hz=wish["rate"], seconds=wish["seconds"], seed=wish["seed"], served=process
+    )
+    return asdict(result), fleet_rows(result)
+
+
+def fleet_rows(result: FleetResult) -> list[Row]:
+    """Return the table's rows of an open-loop run."""
+    name = f"{result.robots} robots, {result.asked_per_s:g} changes/s for {result.seconds:g} s"
+    errors = sum(result.errors.values())
+    said = f"{errors} errors, {len(result.lost)} robots differ, {result.undiagnosed} undiagnosed"
+    service = (
+        ""
+        if result.service_cpu is None
+        else f"service {result.service_cpu} cores ({result.cpu_ms_a_change} ms a change), "
+    )
+    return [
+        (f"{name}: to the diagnosis event", str(result.diagnosed), "p50 < 20, p99 < 200 ms"),
+        (f"{name}: to the acknowledgement", str(result.acknowledged), ""),
+        (f"{name}: achieved", f"{result.achieved_per_s}/s; {said}", "all; 0, 0, 0"),
+        (
+            f"{name}: costs",
+            f"{service}generator {result.generator_cpu}; sent late {result.sent_late}; load {result.load}; "
+            f"{result.coalesced} diagnosed with a later change",
+            "",
+        ),
+    ]
+
+
+async def _memory(url: str, process: Served | None, wish: dict[str, Any]) -> Measured:
+    if process is None:
+        raise click.UsageError("part memory needs a service of its own; leave out --url")
+    await asyncio.sleep(3.0)  # the workers have warmed up
+    idle = memory_mb(process.pid)
+    workers = [round(memory_mb(pid), 1) for pid in children(process.pid)]
+    robots = [SimulatedRobot(f"r{n}", wish["seed"], faults=wish["faults"]) for n in range(wish["robots"])]
+    first = len(robots) // 10 or 1
+    await prepare(url, robots[:first])  # what is paid once: code loaded on first use, connections
+    few = memory_mb(process.pid)
+    await prepare(url, robots[first:])
+    many = memory_mb(process.pid)
+    further = round((many - few) / max(1, len(robots) - first), 3)
+    found = {"idle_mb": round(idle, 1), "workers_mb": workers, "mb_a_robot": further, "mb": round(many, 1)}
+    return found, [
+        ("memory of the service process, idle", f"{idle:.0f} MB", "< 150 MB"),
+        ("memory of its worker processes, each", ", ".join(f"{one:.0f} MB" for one in workers), ""),
+        (f"memory a further robot ({len(robots)} robots)", f"{further} MB", "< 0.3 MB"),
+    ]
+
+
+async def _posts(url: str, process: Served | None, wish: dict[str, Any]) -> Measured:
+    result = await run_posts(url, writers=wish["writers"], seconds=min(wish["seconds"], 60.0))
+    shown = f"{result.per_s:.0f}/s ({result.errors} errors; {result.latency})"
+    name = f"single durable POSTs, {result.writers} connections, each diagnosed"
+    return asdict(result) | {"errors": result.errors}, [(name, shown, "≥ 1,200/s")]
+
+
+async def _ndjson(url: str, process: Served | None, wish: dict[str, Any]) -> Measured:
+    found: dict[str, Any] = {}
+    rows = []
+    for per_line in (1, 10):
+        result = await run_ndjson(url, observations=wish["observations"], per_line=per_line)
+        found[f"per_line_{per_line}"] = asdict(result)
+        name = f"NDJSON, {per_line} observation{'s' if per_line > 1 else ''} a line"
+        rows.append((name, f"{result.per_s:.0f} observations/s", "≥ 30,000/s"))
+    return found, rows
+
+
+async def _hostile(url: str, process: Served | None, wish: dict[str, Any]) -> Measured:
+    robots = min(wish["robots"], 200)
+    seconds = min(wish["seconds"], 60.0)
+    result = await run_hostile(url, robots=robots, seconds=seconds, served=process)
+    crowd = result.crowd
+    name = (
+        f"{robots} robots beside {crowd.slow_readers} slow readers, {crowd.slow_writers} slow writers, "
+        f"{crowd.half_open} half-open connections, {crowd.idle_streams} idle streams"
+    )
+    runs = (result.alone, result.crowded, result.after)
+    shown = " → ".join(f"{run.diagnosed.p99_ms:.1f}" for run in runs)
+    errors: dict[str, int] = {}
+    for run in runs:
+        errors.update(run.errors)
+    found = asdict(result) | {"ratio": result.ratio, "errors": errors}
+    return found, [(name, f"p99 {shown} ms: ×{result.ratio}", "within ×2")]
+
+
+MEASURES: dict[str, Callable[[str, Served | None, dict[str, Any]], Coroutine[Any, Any, Measured]]] = {
+    "single": _single,
+    "fleet": _fleet,
+    "memory": _memory,
+    "posts": _posts,
+    "ndjson": _ndjson,
+    "hostile": _hostile,
+}

@@ -1,0 +1,115 @@
+"""`robomend serve` as a process of its own, on a free port and a folder that goes away."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+START_S = 60.0
+
+
+@dataclass
+class Served:
+    """A running service."""
+
+    process: subprocess.Popen[str]
+    url: str
+    ready_s: float  # from its start to the announcement
+    data: Path
+
+    @property
+    def pid(self) -> int:
+        """The process that answers."""
+        return self.process.pid
+
+    def stop(self) -> int:
+        """Ask it to end, wait, and return its exit code."""
+        self.process.send_signal(signal.SIGTERM)
+        return self.process.wait(30)
+
+    def kill(self) -> None:
+        """End it as a power cut would."""
+        self.process.kill()
+        self.process.wait(30)
+
+
+class NotReady(Exception):
+    """The service ended, or said nothing in time; the text has its log."""
+
+
+def start(data: Path, arguments: Sequence[str] = ()) -> Served:
+    """Start the service on `data` and return when it has announced itself.
+
+    Raises:
+        NotReady: it did not.
+    """
+    program = [sys.executable, "-c", "from robomend.cli.main import main; main()"]
+    log = (data / "log").open("a")
+    began = time.perf_counter()
+    with log:
+        process = subprocess.Popen(
+            [*program, "serve", "--port", "0", "--announce", "--data", str(data), *arguments],
+            stdout=subprocess.PIPE,
+            stderr=log,
+            text=True,
+        )
+    assert process.stdout is not None
+    late = threading.Timer(START_S, process.kill)
+    late.start()
+    try:
+        line = process.stdout.readline()
+    finally:
+        late.cancel()
+    ready_s = time.perf_counter() - began
+    if not line:
+        process.kill()
+        process.wait(30)
+        process.stdout.close()
+        raise NotReady((data / "log").read_text()[-2000:])
+    return Served(process, json.loads(line)["url"], ready_s, data)
+
+
+@contextmanager
+def served(arguments: Sequence[str] = (), data: Path | None = None) -> Iterator[Served]:
+    """Run a service; it is gone afterwards, and its folder too unless it was given."""
+    with tempfile.TemporaryDirectory(prefix="robomend-bench-") as folder:
+        service = start(data or Path(folder), arguments)
+        try:
+            yield service
+        finally:
+            service.process.kill()
+            service.process.wait(30)
+            assert service.process.stdout is not None
+            service.process.stdout.close()
+
+
+@contextmanager
+def reached(url: str | None, arguments: Sequence[str] = ()) -> Iterator[tuple[str, Served | None]]:
+    """Yield the URL of a service that runs already, or of one that is started for this."""
+    if url is not None:
+        yield url.rstrip("/"), None
+        return
+    with served(arguments) as service:
+        yield service.url, service
+
+
+def model_text() -> str:
+    """Return the model of the measurements, the paper's robot."""
+    from robomend.resources import resource
+
+    return resource("examples", "tedusar.yaml").read_text(encoding="utf-8")
+
+
+def processors() -> int:
+    """Return how many cores this process may use."""
+    return len(os.sched_getaffinity(0))

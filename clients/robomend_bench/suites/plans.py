@@ -1,0 +1,191 @@
+"""Repair planning: the paper's robot and seeded robots of 100 and 1000 components, against the stock chain.
+
+    pyperplan, asp, …     robomend, diagnosis to validated plan; answers are forgotten before each question
+    NAME:warm             the same, with the answers to equal parts remembered, as in service
+    up-chain              Unified Planning alone: PDDL text, up_quantifiers_remover, up_grounder, pyperplan
+    fast-downward-whole   Fast Downward, optimal, over the whole problem: none of our grounding
+
+Mode `time` asks for two bad components and for all bad at once; mode `cost` compares the cost of plans on
+small robots, with Fast Downward (optimal, over the whole problem, none of our grounding) where it is
+installed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from importlib.util import find_spec
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from robomend.errors import InputError, OptionRefused
+from robomend.model.components import ComponentModel
+from robomend.model.loading import load_model
+from robomend.repair.domain_loading import load_domain
+from robomend.repair.pddl_text import problem_text
+from robomend.repair.plan import Outcome
+from robomend.repair.planners import make_planner, planner_names
+from robomend.repair.planning import PlanOptions, forget, plan_for
+from robomend.repair.problem import repair_problem
+from robomend.resources import resource
+from robomend_bench.plan_robots import broken, longest_chain, random_robot, some_bad
+from robomend_bench.suite import Answer, Ask, Group, Question, Wish
+from robomend_client.literals import Literal
+
+UP_CHAIN = "up-chain"
+FD_WHOLE = "fast-downward-whole"
+
+SIZES = {"tedusar": 14, "robot-100": 100, "robot-1000": 1000}
+COST_ROBOTS = 25
+
+Payload = tuple[ComponentModel, list[Literal], tuple[str, ...]]
+"""Robot, OBS and diagnosis."""
+
+
+class Plans:
+    """See the module."""
+
+    name = "plans"
+    summary = "repair planning: power-up and seeded robots of 100 and 1000 components"
+    modes: Mapping[str, str] = {
+        "time": "from diagnosis to validated plan, two components bad and all bad",
+        "cost": "cost of the plan, on tedusar and 25 small random robots",
+    }
+
+    def contenders(self, mode: str) -> tuple[str, ...]:
+        """Return our planners, and what they are compared with."""
+        if mode == "time":
+            return (UP_CHAIN, "pyperplan", "asp", "pyperplan:warm")
+        return ("asp", "pyperplan", *((FD_WHOLE,) if find_spec("up_fast_downward") else ()))
+
+    def groups(self, wish: Wish) -> Iterator[Group]:
+        """Yield a robot a group; in mode `cost`, one group of all the small ones."""
+        if wish.mode == "cost":
+            yield Group("small-robots", 9, None, tuple(_cost_questions(wish)))
+            return
+        for name in wish.only or tuple(SIZES):
+            if name not in SIZES:
+                raise InputError(f"no group {name}: choose from {', '.join(SIZES)}")
+            if name == "tedusar":
+                robot = _tedusar()
+                off = tuple(c for c in robot.components if robot.switchable(c) or c in robot.nodes)
+                yield Group(
+                    name,
+                    14,
+                    None,
+                    (_question("power-up", robot, off), _question("shut-down", robot, ("jaguar",))),
+                )
+                continue
+            robot = random_robot(wish.seed, SIZES[name], awkward=False)
+            title = f"{name} (longest chain {longest_chain(robot)})"
+            two = _question("2 bad", robot, some_bad(robot, 2, wish.seed))
+            yield Group(title, SIZES[name], None, (two, _question("all bad", robot, robot.components)))
+
+    def prepare(self, contender: str, group: Group, wish: Wish) -> Ask:
+        """Return what plans one diagnosis."""
+        if contender in (UP_CHAIN, FD_WHOLE):
+            return _stock(contender, wish)
+        name, _, how = contender.partition(":")
+        if name not in planner_names() or how not in ("", "warm"):
+            known = ", ".join((UP_CHAIN, FD_WHOLE, *planner_names()))
+            raise OptionRefused(f"no contender {contender!r}: choose from {known}, or a planner with :warm")
+        make_planner(name)
+        options = PlanOptions(planner=name, timeout_s=wish.timeout_s)
+
+        def ask(question: Question) -> Answer:
+            if not how:
+                forget()
+            robot, seen, bad = question.payload
+            plan = plan_for(robot, seen, bad, options)
+            done = plan.outcome is not Outcome.GAVE_UP
+            return Answer(_result(wish, plan.cost), done, shown=len(plan.steps))
+
+        return ask
+
+
+def _result(wish: Wish, cost: float) -> tuple[int | None, ...]:
+    """Costs are compared in mode `cost` only: elsewhere planners may differ."""
+    return (round(cost),) if wish.mode == "cost" else ()
+
+
+def _tedusar() -> ComponentModel:
+    parts = load_model(resource("examples", "tedusar.yaml")).parts
+    assert parts is not None
+    return parts
+
+
+def _question(name: str, robot: ComponentModel, bad: tuple[str, ...], seed: int | None = None) -> Question:
+    payload: Payload = (robot, broken(robot, bad, seed), bad)
+    return Question(name, payload)
+
+
+def _cost_questions(wish: Wish) -> Iterator[Question]:
+    tedusar = _tedusar()
+    yield _question("tedusar shut-down", tedusar, ("jaguar",))
+    for number in range(wish.instances or COST_ROBOTS):
+        seed = wish.seed * 1000 + number
+        robot = random_robot(seed, 7 + seed % 3, awkward=False)
+        bad = some_bad(robot, 2 + seed % 4, seed) if seed % 3 else robot.components
+        yield _question(f"robot {seed}, {len(bad)} bad", robot, bad, seed)
+
+
+# --- the stock chain ------------------------------------------------------------------------------
+
+
+def _stock(contender: str, wish: Wish) -> Ask:
+    try:
+        from unified_planning.shortcuts import get_environment
+    except ImportError as error:
+        raise OptionRefused(f"{contender} needs Unified Planning: {error}") from error
+    get_environment().credits_stream = None
+    if contender == FD_WHOLE and not find_spec("up_fast_downward"):
+        raise OptionRefused("Fast Downward is not installed: pip install 'robomend[fast-downward]'")
+    solve = _up_chain if contender == UP_CHAIN else _fast_downward
+    domain = load_domain()
+    costs = {name: schema.cost for name, schema in domain.schemas.items()}
+
+    def ask(question: Question) -> Answer:
+        robot, seen, bad = question.payload
+        problem = repair_problem(robot, domain, seen, bad)
+        with TemporaryDirectory() as folder:
+            files = Path(folder, "domain.pddl"), Path(folder, "problem.pddl")
+            files[0].write_text(domain.pddl)
+            files[1].write_text(problem_text(domain, problem, problem.goal))
+            names = solve(files, wish.timeout_s)
+        if names is None:
+            return Answer((), complete=False)
+        cost = sum(next(cost for key, cost in costs.items() if name.startswith(key)) for name in names)
+        return Answer(_result(wish, cost), complete=True, shown=len(names))
+
+    return ask
+
+
+def _up_problem(files: tuple[Path, Path]) -> Any:
+    from unified_planning.io import PDDLReader
+    from unified_planning.shortcuts import CompilationKind, Compiler
+
+    problem = PDDLReader().parse_problem(str(files[0]), str(files[1]))
+    with Compiler(name="up_quantifiers_remover") as compiler:
+        return compiler.compile(problem, CompilationKind.QUANTIFIERS_REMOVING).problem
+
+
+def _up_chain(files: tuple[Path, Path], timeout_s: float) -> list[str] | None:
+    from unified_planning.shortcuts import CompilationKind, Compiler, OneshotPlanner
+
+    with Compiler(name="up_grounder") as compiler:
+        problem = compiler.compile(_up_problem(files), CompilationKind.GROUNDING).problem
+    problem.clear_quality_metrics()
+    with OneshotPlanner(name="pyperplan", params={"search": "gbf", "heuristic": "hff"}) as planner:
+        result = planner.solve(problem)
+    return [action.action.name for action in result.plan.actions] if result.plan else None
+
+
+def _fast_downward(files: tuple[Path, Path], timeout_s: float) -> list[str] | None:
+    from unified_planning.shortcuts import OneshotPlanner
+
+    with Path("/dev/null").open("w") as silence, OneshotPlanner(name="fast-downward-opt") as planner:
+        result = planner.solve(_up_problem(files), timeout=timeout_s, output_stream=silence)
+    return [action.action.name for action in result.plan.actions] if result.plan else None
+
+
+SUITE = Plans()

@@ -1,0 +1,50 @@
+"""Generated robots of 20-3000 components; `--only` gives their sizes, robomend_bench.generator makes them."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterator, Mapping
+
+from robomend.errors import InputError
+from robomend_bench import contenders
+from robomend_bench.generator import make_robot, observe
+from robomend_bench.suite import Ask, Group, Question, Wish
+
+SIZES = ("20", "100", "300", "1000")
+GROWTH = ("100", "300", "1000", "3000")
+MOST_FAULTS = 4
+
+
+class RobotsV1:
+    """See the module."""
+
+    name = "robots-v1"
+    summary = "generated robot models of 20-3000 components, 1-4 broken at once"
+    modes: Mapping[str, str] = {
+        mode: contenders.MODES[mode] for mode in ("explained", "first", "all", "subset", "check")
+    }
+
+    def contenders(self, mode: str) -> tuple[str, ...]:
+        """Return the engine, and Reiter's algorithm beside it."""
+        return ("sat",) if mode == "check" else ("sat", "hs_dag")
+
+    def groups(self, wish: Wish) -> Iterator[Group]:
+        """Yield a group a size: one robot, many observations; mode first adds 3000 components for growth."""
+        for size in wish.only or (GROWTH if wish.mode == "first" else SIZES):
+            if not size.isdecimal() or not 3 <= int(size) <= 100_000:
+                raise InputError(f"--only {size}: give numbers of components, 3 to 100000")
+            robot = make_robot(int(size), wish.seed)
+            chance = random.Random(f"{wish.seed} {size}")
+            low, high = wish.faults[0], min(wish.faults[1], MOST_FAULTS)
+            questions = tuple(
+                Question(f"{index:03d}", observe(robot, chance.randint(min(low, high), high), chance))
+                for index in range(wish.instances or 20)
+            )
+            yield Group(size, int(size), robot.cnf, questions)
+
+    def prepare(self, contender: str, group: Group, wish: Wish) -> Ask:
+        """Return what answers the questions of one robot."""
+        return contenders.prepare(contender, group.model, group, wish)
+
+
+SUITE = RobotsV1()

@@ -1,0 +1,176 @@
+"""Runs as text: Markdown for docs and issues, and two runs side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from statistics import median
+
+from robomend_bench.results import Line, Run, slope, summarise
+
+
+def seconds(value: float | None) -> str:
+    """Return a time with three digits and its unit, e.g. `4.7 µs`, `39.0 ms`, `1.20 s`."""
+    if value is None:
+        return "-"
+    for unit, factor in (("s", 1.0), ("ms", 1e3), ("µs", 1e6)):
+        scaled = value * factor
+        if scaled >= 1 or unit == "µs":
+            digits = 0 if scaled >= 99.5 else 1 if scaled >= 9.95 else 2
+            return f"{scaled:.{digits}f} {unit}"
+    raise AssertionError("unreachable")
+
+
+def times(value: float | None) -> str:
+    """Return a ratio with about three digits, e.g. `12.4×`."""
+    if value is None:
+        return "-"
+    return f"{value:.0f}×" if value >= 99.5 else f"{value:.1f}×" if value >= 9.95 else f"{value:.2f}×"
+
+
+def markdown(run: Run) -> str:
+    """Return a report of one run."""
+    lines = summarise(run)
+    shown = "size" if run.mode == "first" else "diagnoses"
+    head = ["group", "components", "contender", "solved", "median", "worst", shown, "peak memory"]
+    against = len(run.contenders) > 1
+    if against:
+        head.insert(6, f"ratio to {run.contenders[0]}")
+    rows = []
+    for line in lines:
+        row = [
+            line.group,
+            str(line.size),
+            line.contender,
+            f"{line.solved}/{line.asked}",
+            seconds(line.median_s),
+            seconds(line.worst_s),
+            line.shown or "-",
+            f"{line.peak_mib:.0f} MiB" if line.peak_mib else "-",
+        ]
+        if against:
+            row.insert(6, times(line.ratio))
+        rows.append(row)
+    parts = [
+        f"## {run.suite}, {run.mode}",
+        "",
+        f"`{run.command}`" if run.command else "",
+        "",
+        _table(head, rows),
+        "",
+        *_remarks(run, lines),
+        f"{CLOCKS[run.clock]}, the fastest of all repeats of a question, in the contender's own process;",
+        "medians, worst cases and ratios are over questions. Building the model is not included.",
+        "",
+        machine_line(run),
+    ]
+    return "\n".join(parts) + "\n"
+
+
+def _remarks(run: Run, lines: Sequence[Line]) -> list[str]:
+    remarks = []
+    for contender in run.contenders:
+        exponent = slope(run, contender)
+        if exponent is not None and len(run.groups) > 2:
+            remarks += [f"Growth of {contender}: median time ∝ components^{exponent:.2f}.", ""]
+        times_of_all = run.best(contender).values()
+        if times_of_all and len(run.groups) > 1:
+            text = f"median {seconds(median(times_of_all))}, worst {seconds(max(times_of_all))}"
+            remarks += [f"All groups, {contender}: {len(times_of_all)} solved, {text}.", ""]
+    few = _few(run)
+    if few:
+        remarks += [f"Medians over questions with at most {FEW} diagnoses: {'; '.join(few)}.", ""]
+    for line in lines:
+        if line.note:
+            remarks += [f"Note: {line.contender} on {line.group}: {line.note}.", ""]
+    if run.disagreements:
+        remarks += [f"**{len(run.disagreements)} disagreements**, so that one contender is wrong:", ""]
+        remarks += [*(f"- {text}" for text in run.disagreements[:20]), ""]
+    elif len(run.contenders) > 1:
+        remarks += ["All contenders gave the same answers.", ""]
+    return remarks
+
+
+FEW = 10
+CLOCKS = {"wall": "Times are wall-clock times", "cpu": "Times are CPU times of the process"}
+
+
+def _few(run: Run) -> list[str]:
+    """Return medians over questions with few diagnoses, where there are others too."""
+    shown = {f"{s.group}/{s.question}": s.shown for s in run.samples if s.shown is not None}
+    if run.mode in ("first", "check") or all(count <= FEW for count in shown.values()):
+        return []
+    texts = []
+    for contender in run.contenders:
+        for group in run.groups:
+            chosen = [t for key, t in run.best(contender, group).items() if (shown.get(key) or 0) <= FEW]
+            if chosen:
+                texts.append(f"{contender} on {group} {seconds(median(chosen))} ({len(chosen)} questions)")
+    return texts
+
+
+def machine_line(run: Run) -> str:
+    """Return when and where the run was made."""
+    machine = run.machine
+    versions = ", ".join(f"{name} {number}" for name, number in machine["versions"].items())
+    return (
+        f"{run.started}, seed {run.seed}; {machine['cpu']}, {machine['cores']} cores, load "
+        f"{machine['load']} at the start; {machine['system']}, Python {machine['python']}, {versions}."
+    )
+
+
+def comparison(old: Run, new: Run) -> str:
+    """Return two runs side by side, over the questions that both solved."""
+    head = ["group", "contender", "questions", "old median", "new median", "new / old"]
+    head += ["only old", "only new"]
+    rows = []
+    for group in dict.fromkeys((*old.groups, *new.groups)):
+        for contender in dict.fromkeys((*old.contenders, *new.contenders)):
+            before, after = old.best(contender, group), new.best(contender, group)
+            both = [key for key in before if key in after]
+            if not before and not after:
+                continue
+            ratio = median(after[key] / before[key] for key in both if before[key] > 0) if both else None
+            rows.append(
+                [
+                    group,
+                    contender,
+                    str(len(both)),
+                    seconds(median(before[key] for key in both) if both else None),
+                    seconds(median(after[key] for key in both) if both else None),
+                    times(ratio),
+                    str(len(before) - len(both)),
+                    str(len(after) - len(both)),
+                ]
+            )
+    changed = _changed_answers(old, new)
+    parts = [
+        f"## {old.suite}, {old.mode} → {new.suite}, {new.mode}",
+        "",
+        _table(head, rows),
+        "",
+        *(["**The answers differ:**", "", *(f"- {text}" for text in changed[:20]), ""] if changed else []),
+        f"Old: {machine_line(old)}",
+        "",
+        f"New: {machine_line(new)}",
+    ]
+    return "\n".join(parts) + "\n"
+
+
+def _changed_answers(old: Run, new: Run) -> list[str]:
+    def answers(run: Run) -> dict[tuple[str, str], tuple[int | None, ...]]:
+        return {(s.group, s.question): s.result for s in run.samples if s.status == "ok" and s.result}
+
+    if (old.suite, old.mode, old.seed) != (new.suite, new.mode, new.seed):
+        return []
+    before, after = answers(old), answers(new)
+    return [
+        f"{group}/{question}: {before[group, question]} → {after[group, question]}"
+        for group, question in before.keys() & after.keys()
+        if before[group, question] != after[group, question]
+    ]
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    numeric = ["---" if name in ("group", "contender") else "---:" for name in head]
+    body = [f"| {' | '.join(row)} |" for row in rows]
+    return "\n".join([f"| {' | '.join(head)} |", f"| {' | '.join(numeric)} |", *body])

@@ -1,0 +1,68 @@
+"""The one signature of everything that can act: a name, a list of strings, an integer result, feedback.
+
+It is the paper's repair action (section IV, b), so that a ROS action server, a power board, a process or a
+webhook are the same to the plan. To add an executor, write a class with this `execute` in
+robomend/repair/executors/, or on the robot a handler in robomend_client/agent/.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+OK = 0
+"""The result of an action that did what its name says. Every other integer is a failure; see FAILURES."""
+
+FAILED = 1
+REFUSED = 2  # by policy, allow-list or protection: never sent
+TIMED_OUT = 3  # no answer in time: whether it acted is unknown
+UNREACHABLE = 4  # nobody there to act: it did not act
+CANCELLED = 5
+
+FAILURES = {
+    FAILED: "failed",
+    REFUSED: "refused",
+    TIMED_OUT: "timed out",
+    UNREACHABLE: "unreachable",
+    CANCELLED: "cancelled",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Action:
+    """One ground action, e.g. Action("repair-7:2", "power_up", ("jaguar",), 10.0)."""
+
+    id: str  # `repair:step`; a repeated id gets the first result and acts only once
+    name: str
+    parameters: tuple[str, ...]
+    timeout_s: float
+
+    def __str__(self) -> str:
+        return f"{self.name}({', '.join(self.parameters)})"
+
+
+@dataclass(frozen=True, slots=True)
+class ActionResult:
+    """The integer the paper's signature asks for, and a sentence for people."""
+
+    code: int
+    message: str = ""
+
+    @property
+    def ok(self) -> bool:
+        return self.code == OK
+
+
+Feedback = Callable[[int, str], None]
+"""Called on the way with (feedback integer, sentence); may be called from the event loop only."""
+
+
+class Executor(Protocol):
+    """Carries out actions of some names. Implementations bound every wait by `action.timeout_s`.
+
+    `execute` never raises for what the world does (that is a result); it is cancelled by cancelling the task,
+    and must then leave nothing running within one second.
+    """
+
+    async def execute(self, action: Action, feedback: Feedback) -> ActionResult: ...

@@ -1,0 +1,242 @@
+"""The agent's side of executors: pull an action, carry it out once, tell how it went.
+
+    GET …/actions/next ──► known id? ── finished ──► its first result, again
+         (long poll)           │    └── under way ─► nothing: its result will come
+                               └─ new ──► handler ──► remembered ──► POST …/result, until it arrives
+
+Several actions may be under way at once; those on one process take turns (processes.py). A handler has
+`action.timeout_s` and not a moment more. While it works, feedback goes out every second; when the service
+answers 409 the action has been withdrawn, and is given up if it can be. To add an action, write a handler,
+name it in HANDLERS, and in GIVEN_UP if cancelling it half-way leaves things as they were.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import time
+from collections.abc import Awaitable, Callable
+
+from robomend_client.actions import CANCELLED, FAILED, REFUSED, TIMED_OUT, Action, ActionResult, Feedback
+from robomend_client.agent.memory import FirstResults
+from robomend_client.agent.processes import SupervisedProcess
+from robomend_client.outbox import LATER
+from robomend_client.rest import calls
+from robomend_client.rest.asynchronous import AsyncClient
+from robomend_client.rest.errors import ClientError, Conflict, NotFound
+from robomend_client.rest.retry import NEVER, Retry
+
+log = logging.getLogger(__name__)
+
+WAIT_S = 20.0
+"""How long the service may hold back its answer when there is nothing to do."""
+
+MOST_AT_ONCE = 64
+PATIENCE = Retry(longest_s=2.0)
+
+TELL_S = 600.0
+"""How long a result is offered to a service that is away."""
+
+Handler = Callable[[SupervisedProcess, Feedback, float], Awaitable[ActionResult]]
+
+HANDLERS: dict[str, Handler] = {
+    "start_node": SupervisedProcess.start,
+    "stop_node": SupervisedProcess.stop,
+}
+"""What this agent can do; each takes the name of one process that its configuration lists."""
+
+
+GIVEN_UP = frozenset({"start_node"})
+"""Withdrawn, these leave nothing behind half-way. Others are finished once they have said that they act."""
+
+BEAT_S = 1.0
+"""How often the service hears that an action is under way, and may answer that it is withdrawn."""
+
+
+class Actions:
+    """Carries out the actions meant for this agent."""
+
+    def __init__(
+        self,
+        client: AsyncClient,
+        robot: str,
+        agent: str,
+        processes: dict[str, SupervisedProcess],
+        memory: FirstResults,
+        host: str | None = None,
+    ) -> None:
+        self._client = client
+        self._robot = robot
+        self._agent = agent
+        self._host = host
+        self._processes = processes
+        self._memory = memory
+        self._under_way: dict[str, asyncio.Task[None]] = {}
+        self._room = asyncio.Semaphore(MOST_AT_ONCE)
+
+    async def pull(self) -> None:
+        """Ask for actions and start them, for ever."""
+        failures = 0
+        while True:
+            async with self._room:  # with as many as this under way, the rest stays with the service
+                pass
+            try:
+                action = await self._client.send(self._next(), NEVER)
+            except ClientError as error:
+                failures += 1
+                level = logging.WARNING if failures in (1, 10) else logging.DEBUG
+                log.log(level, "no actions from the service: %s", error)
+                await asyncio.sleep(PATIENCE.wait_s(failures, 0.5))
+                continue
+            failures = 0
+            if action is not None:
+                again = action.id in self._under_way
+                self.take(action)
+                await self._accept(action, again)
+
+    def take(self, action: Action) -> None:
+        """Start `action`, unless its id is known already."""
+        if action.id in self._under_way:
+            return
+        task = asyncio.create_task(self._carry_out(action), name=f"action {action.id}")
+        self._under_way[action.id] = task
+        task.add_done_callback(lambda _: self._under_way.pop(action.id, None))
+
+    async def close(self) -> None:
+        """Give up what is under way; its results will be asked for again."""
+        tasks = list(self._under_way.values())
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+    async def run(self, action: Action, feedback: Feedback) -> ActionResult:
+        """Carry out `action` if this agent may; never later than its time-out."""
+        handler = HANDLERS.get(action.name)
+        if handler is None:
+            return ActionResult(
+                REFUSED, f"agent {self._agent} knows no {action.name}; it knows {', '.join(HANDLERS)}"
+            )
+        if len(action.parameters) != 1:
+            return ActionResult(REFUSED, f"{action.name} takes the name of one node, not {action.parameters}")
+        process = self._processes.get(action.parameters[0])
+        if process is None:
+            listed = ", ".join(self._processes) or "none"
+            return ActionResult(
+                REFUSED,
+                f"agent {self._agent} has no process {action.parameters[0]}; configured are: {listed}",
+            )
+        try:
+            async with asyncio.timeout(action.timeout_s):
+                return await handler(process, feedback, action.timeout_s)
+        except TimeoutError:
+            return ActionResult(TIMED_OUT, f"{action} was not done within {action.timeout_s:g} s")
+        except OSError as error:
+            return ActionResult(FAILED, f"{action}: {error}")
+
+    async def _accept(self, action: Action, again: bool) -> None:
+        """Say that the action has arrived: until then the service gives it to every poll."""
+        try:
+            await self._client.send(calls.feedback(action.id, 0, f"taken by agent {self._agent}"), NEVER)
+        except Conflict:
+            pass  # its result was faster
+        except ClientError as error:
+            log.debug("%s: not acknowledged: %s", action.id, error)
+            again = True
+        if again:
+            await asyncio.sleep(0.2)  # it would come back at once, and round and round
+
+    # --- inside ----------------------------------------------------------------------------------------
+
+    def _next(self) -> calls.Call[Action | None]:
+        return calls.next_action(self._robot, self._agent, self._host, WAIT_S)
+
+    async def _carry_out(self, action: Action) -> None:
+        result = self._memory.get(action.id)
+        if result is None:
+            async with self._room:
+                log.info("%s: %s", action.id, action)
+                telling = _Telling(self._client, action.id)
+                try:
+                    result = self._memory.remember(action.id, await self._unless_withdrawn(action, telling))
+                finally:
+                    await telling.close()
+                log.info("%s: %s → %d %s", action.id, action, result.code, result.message)
+        await self._tell(action.id, result)
+
+    async def _unless_withdrawn(self, action: Action, telling: _Telling) -> ActionResult:
+        """Carry out `action`; give it up when the service does not want it any more."""
+        work = asyncio.create_task(self.run(action, telling.tell))
+        withdrawn = asyncio.create_task(telling.withdrawn.wait())
+        try:
+            await asyncio.wait({work, withdrawn}, return_when=asyncio.FIRST_COMPLETED)
+            if work.done() or (telling.acts and action.name not in GIVEN_UP):
+                return await work
+            work.cancel()
+            await asyncio.wait({work})
+            if not work.cancelled():
+                return work.result()
+            return ActionResult(CANCELLED, f"{action} was withdrawn by the service and given up")
+        finally:
+            work.cancel()
+            withdrawn.cancel()
+            await asyncio.gather(work, withdrawn, return_exceptions=True)
+
+    async def _tell(self, action_id: str, result: ActionResult) -> None:
+        """Report a result until it has arrived; the first report counts, so telling twice does no harm."""
+        began = time.monotonic()
+        failures = 0
+        while True:
+            try:
+                await self._client.send(calls.result(action_id, result), NEVER)
+                return
+            except (NotFound, Conflict) as error:
+                log.warning("the service knows nothing of %s any more: %s", action_id, error)
+                return
+            except LATER as error:
+                failures += 1
+                why: ClientError = error
+            except ClientError as error:
+                log.warning("the result of %s was refused: %s", action_id, error)
+                return
+            log.log(logging.WARNING if failures == 1 else logging.DEBUG, "%s: %s", action_id, why)
+            if time.monotonic() - began > TELL_S:
+                log.error("the result of %s was not taken within %g s", action_id, TELL_S)
+                return  # it is remembered: if the service still wants it, it asks with the same id
+            await asyncio.sleep(PATIENCE.wait_s(failures, 0.5))
+
+
+class _Telling:
+    """Feedback of one action, sent in order beside it; what does not get through is not worth waiting for."""
+
+    acts = False  # the handler has said something: it is past waiting for its turn
+
+    def __init__(self, client: AsyncClient, action_id: str) -> None:
+        self._client = client
+        self._action_id = action_id
+        self._queue: asyncio.Queue[tuple[int, str]] = asyncio.Queue(maxsize=16)
+        self.withdrawn = asyncio.Event()
+        self._task = asyncio.create_task(self._send())
+
+    def tell(self, number: int, message: str) -> None:
+        self.acts = True
+        if not self._queue.full():
+            self._queue.put_nowait((number, message))
+
+    async def close(self) -> None:
+        self._task.cancel()
+        await asyncio.gather(self._task, return_exceptions=True)
+
+    async def _send(self) -> None:
+        while True:
+            number, message = 0, "under way"
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(BEAT_S):
+                    number, message = await self._queue.get()
+            try:
+                await self._client.send(calls.feedback(self._action_id, number, message), NEVER)
+            except Conflict:
+                self.withdrawn.set()
+                return
+            except ClientError as error:
+                log.debug("feedback of %s was not taken: %s", self._action_id, error)

@@ -1,0 +1,180 @@
+"""The local bus, the agent's side: takes lines from nodes, tells the observers, hands them on to subscribers.
+
+robomend_client/bus.py describes the lines. Everything is bounded: clients, bytes of a line, bytes that wait
+for a slow subscriber (its newest messages are dropped and counted), topics per subscriber. A client that
+sends something else is disconnected, and nobody else notices.
+
+An agent on another host of the same robot joins this bus instead of opening its own: see Tap.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import logging
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from robomend_client.bus import LONGEST_LINE, parse_address
+
+log = logging.getLogger(__name__)
+
+MOST_CLIENTS = 256
+MOST_TOPICS = 1024
+MOST_WAITING = 256 * 1024
+"""Bytes that may wait for one subscriber."""
+
+OnMessage = Callable[[str, int, object], None]
+"""Called with topic, monotonic nanoseconds of arrival and data."""
+
+
+class Broker:
+    """Listens on `address`; with tcp port 0 the system chooses, and `address` then says which."""
+
+    def __init__(self, address: str, on_message: OnMessage) -> None:
+        self.address = address
+        self.dropped = 0
+        self._on_message = on_message
+        self._peers: set[_Peer] = set()
+        self._subscribers: dict[str, set[_Peer]] = {}
+        self._server: asyncio.Server | None = None
+
+    async def open(self) -> None:
+        loop = asyncio.get_running_loop()
+        where = parse_address(self.address)
+        if isinstance(where, str):
+            Path(where).unlink(missing_ok=True)  # left by a killed agent; the state directory's lock is ours
+            old = os.umask(0o077)
+            try:
+                self._server = await loop.create_unix_server(lambda: _Peer(self), where)
+            finally:
+                os.umask(old)
+        else:
+            self._server = await loop.create_server(lambda: _Peer(self), *where)
+            host, port = self._server.sockets[0].getsockname()[:2]
+            self.address = f"tcp:{host}:{port}"
+
+    async def close(self) -> None:
+        if self._server is None:
+            return
+        self._server.close()
+        for peer in tuple(self._peers):
+            peer.transport.abort()
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(1.0):
+                await self._server.wait_closed()
+        where = parse_address(self.address)
+        if isinstance(where, str):
+            Path(where).unlink(missing_ok=True)
+
+    # --- called by the peers ------------------------------------------------------------------------
+
+    def joined(self, peer: _Peer) -> bool:
+        if len(self._peers) >= MOST_CLIENTS:
+            log.warning("the bus has %d clients already; one more was turned away", MOST_CLIENTS)
+            return False
+        self._peers.add(peer)
+        return True
+
+    def left(self, peer: _Peer) -> None:
+        self._peers.discard(peer)
+        for topic in peer.topics:
+            self._subscribers[topic].discard(peer)
+            if not self._subscribers[topic]:
+                del self._subscribers[topic]
+
+    def subscribe(self, peer: _Peer, topic: str) -> None:
+        if topic not in peer.topics and len(peer.topics) < MOST_TOPICS:
+            peer.topics.add(topic)
+            self._subscribers.setdefault(topic, set()).add(peer)
+
+    def publish(self, topic: str, line: bytes, data: object) -> None:
+        self._on_message(topic, time.monotonic_ns(), data)
+        for peer in self._subscribers.get(topic, ()):
+            if peer.transport.get_write_buffer_size() + len(line) > MOST_WAITING:
+                self.dropped += 1
+            else:
+                peer.transport.write(line)
+
+
+class _Peer(asyncio.Protocol):
+    """One connection to the broker."""
+
+    transport: asyncio.Transport
+
+    def __init__(self, broker: Broker) -> None:
+        self.topics: set[str] = set()
+        self._broker = broker
+        self._rest = b""
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.Transport)
+        self.transport = transport
+        if not self._broker.joined(self):
+            transport.abort()
+
+    def connection_lost(self, error: Exception | None) -> None:
+        self._broker.left(self)
+
+    def data_received(self, data: bytes) -> None:
+        *lines, self._rest = (self._rest + data).split(b"\n")
+        try:
+            for line in lines:
+                self._line(line)
+            if len(self._rest) > LONGEST_LINE:
+                raise ValueError(f"a line of more than {LONGEST_LINE} bytes")
+        except (ValueError, RecursionError) as error:
+            log.warning("a client of the bus was disconnected: %s", error)
+            self._rest = b""
+            self.transport.abort()
+
+    def _line(self, line: bytes) -> None:
+        match json.loads(line):
+            case {"topic": str(topic), "data": data}:
+                self._broker.publish(topic, line + b"\n", data)
+            case {"subscribe": [*topics]} if all(isinstance(topic, str) for topic in topics):
+                for topic in topics:
+                    self._broker.subscribe(self, topic)
+            case _:
+                raise ValueError(f"not a line of the bus: {line[:80]!r}")
+
+
+class Tap:
+    """Listens in on the bus of another agent, and comes back when it was lost."""
+
+    def __init__(self, address: str, topics: list[str], on_message: OnMessage) -> None:
+        self.address = address
+        self._topics = topics
+        self._on_message = on_message
+
+    async def run(self) -> None:
+        wait_s = 0.1
+        while True:
+            try:
+                await self._listen()
+                wait_s = 0.1
+            except (OSError, ValueError, TimeoutError) as error:
+                log.warning("the bus at %s: %s; trying again", self.address, error)
+                wait_s = min(2.0, wait_s * 2)
+            await asyncio.sleep(wait_s)
+
+    async def _listen(self) -> None:
+        where = parse_address(self.address)
+        opening: Any = (
+            asyncio.open_unix_connection(where, limit=LONGEST_LINE)
+            if isinstance(where, str)
+            else asyncio.open_connection(*where, limit=LONGEST_LINE)
+        )
+        async with asyncio.timeout(5.0):
+            reader, writer = await opening
+        try:
+            writer.write(json.dumps({"subscribe": self._topics}).encode() + b"\n")
+            async for line in reader:
+                message = json.loads(line)
+                self._on_message(message["topic"], time.monotonic_ns(), message["data"])
+        finally:
+            writer.close()

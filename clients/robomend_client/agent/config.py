@@ -1,0 +1,210 @@
+"""The agent's one YAML file.
+
+    robot: tedusar
+    agent: onboard                     # this agent's name; several agents of a robot have different ones
+    host: pc                           # which of the model's hosts; a robot's only agent leaves it out
+    service: {url: "http://127.0.0.1:8080", key_file: key}     # or key_env: ROBOMEND_KEY
+    state_dir: state                   # buffer, first results, process table; relative to this file
+    bus: {listen: "unix:state/bus"}    # the default; or tcp:HOST:PORT; or join: ADDRESS of another agent's
+    report: {heartbeat_s: 1, lifetime_s: 5, buffer_mb: 16}
+    when_agent_ends: stop              # or keep: the processes go on, and the next agent adopts them
+    rate: {window: 10, silence_s: 2}   # what all topics below have in common
+    topics:
+      scan: {rate_hz: 10, tolerance_hz: 1}
+    processes:                         # what may be started and stopped; nothing else may
+      hokuyo_node:
+        command: [python3, -m, hokuyo, --device, /dev/ttyACM0]  # never goes through a shell
+        directory: /opt/robot
+        environment: {LANG: C}
+        ready: notify                  # systemd's READY=1; or exec; or {output: REGEX}
+        start_timeout_s: 10
+        stop_grace_s: 2                # from SIGTERM to SIGKILL
+        start: false                   # start it with the agent
+
+Every complaint names file, line and key.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import socket
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+from robomend_client.agent.yaml_reader import Section, read
+from robomend_client.bus import parse_address
+from robomend_client.observers.general import Rate
+
+
+@dataclass(frozen=True, slots=True)
+class ProcessSpec:
+    """A process that the agent may start and stop."""
+
+    name: str
+    command: tuple[str, ...]
+    directory: Path | None = None
+    environment: tuple[tuple[str, str], ...] = ()
+    ready: str = "exec"  # "exec", "notify" or "output"
+    ready_output: re.Pattern[bytes] | None = None
+    start_timeout_s: float = 10.0
+    stop_grace_s: float = 2.0
+    start: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Service:
+    """Where the service is; the key stays out of every representation."""
+
+    url: str
+    key_file: Path | None = None
+    key_env: str | None = None
+
+    def key(self) -> str | None:
+        """Return the bearer key, read now: a rotated key needs no new configuration."""
+        if self.key_file is not None:
+            return self.key_file.read_text().strip()
+        return os.environ.get(self.key_env, "").strip() or None if self.key_env else None
+
+
+@dataclass(frozen=True, slots=True)
+class AgentConfig:
+    """All of it, checked."""
+
+    robot: str
+    agent: str
+    host: str | None
+    service: Service
+    state_dir: Path
+    bus: str
+    joins_bus: bool
+    heartbeat_s: float
+    lifetime_s: float
+    buffer_bytes: int
+    keep_processes: bool
+    topics: tuple[tuple[str, Rate], ...]
+    processes: tuple[ProcessSpec, ...]
+
+
+def load(file: Path) -> AgentConfig:
+    """Return the configuration in `file`; ConfigError names what is wrong with it and where."""
+    top = read(file)
+    base = file.resolve().parent
+    robot = top.text("robot")
+    agent = top.text("agent", socket.gethostname())
+    host = top.optional("host")
+    service = _service(top.section("service"), base)
+    state_dir = base / top.text("state_dir", "robomend-agent-state")
+    bus, joins = _bus(top.section("bus"), state_dir)
+
+    report = top.section("report")
+    heartbeat_s = report.number("heartbeat_s", 1.0, least=0.05, most=3600)
+    lifetime_s = report.number("lifetime_s", 5 * heartbeat_s, least=0.1, most=86400)
+    if lifetime_s < 2 * heartbeat_s:
+        raise report.error(
+            "lifetime_s", f"must be at least twice heartbeat_s, {heartbeat_s:g}: one may get lost"
+        )
+    buffer_bytes = int(report.number("buffer_mb", 16, least=0.01, most=65536) * 1024 * 1024)
+    report.finish()
+
+    keep = top.choice("when_agent_ends", ("stop", "keep"), "stop") == "keep"
+    shared = top.section("rate")
+    common = _rate(shared, Rate())
+    shared.finish()
+    topics = []
+    for name, section in top.sections("topics"):
+        topics.append((name.removeprefix("/"), _rate(section, common)))
+        section.finish()
+    processes = tuple(_process(name, section, base) for name, section in top.sections("processes"))
+    top.finish()
+    return AgentConfig(
+        robot=robot,
+        agent=agent,
+        host=host,
+        service=service,
+        state_dir=state_dir,
+        bus=bus,
+        joins_bus=joins,
+        heartbeat_s=heartbeat_s,
+        lifetime_s=lifetime_s,
+        buffer_bytes=buffer_bytes,
+        keep_processes=keep,
+        topics=tuple(topics),
+        processes=processes,
+    )
+
+
+def _service(section: Section, base: Path) -> Service:
+    url = section.text("url")
+    if not url.startswith(("http://", "https://")):
+        raise section.error("url", f"must start with http:// or https://, not {url!r}")
+    key_file = section.optional("key_file")
+    service = Service(url, base / key_file if key_file else None, section.optional("key_env"))
+    section.finish()
+    try:
+        service.key()
+    except OSError as error:
+        raise section.error("key_file", f"cannot be read: {error.strerror}") from error
+    return service
+
+
+def _bus(section: Section, state_dir: Path) -> tuple[str, bool]:
+    joins = "join" in section
+    key = "join" if joins else "listen"
+    address = section.text(key, f"unix:{state_dir}/bus")
+    if address.startswith("unix:") and not address.startswith("unix:/"):
+        address = f"unix:{state_dir.parent / address.removeprefix('unix:')}"
+    try:
+        parse_address(address)
+    except ValueError as error:
+        raise section.error(key, str(error)) from error
+    section.finish()
+    return address, joins
+
+
+def _rate(section: Section, common: Rate) -> Rate:
+    window = section.whole("window", common.window, least=2, most=10_000)
+    settle = section.whole("settle", common.settle or 1) if "settle" in section or common.settle else None
+    numbers = {
+        field.name: section.number(field.name, getattr(common, field.name), least=1e-6, most=1e6)
+        for field in fields(Rate)
+        if field.name not in ("window", "settle")
+    }
+    try:
+        return Rate(window=window, settle=settle, **numbers)
+    except ValueError as error:
+        wrong = next((name for name in ("settle", "silence_s") if name in str(error)), "window")
+        raise section.error(wrong, str(error)) from error
+
+
+def _process(name: str, section: Section, base: Path) -> ProcessSpec:
+    command = section.texts("command")
+    if not command or not command[0]:
+        raise section.missing(
+            "command", "must be a list of the program and its arguments, e.g. [roslaunch, a.launch]"
+        )
+    directory = section.optional("directory")
+    pattern = None
+    if section.is_section("ready"):
+        output = section.section("ready")
+        ready = "output"
+        try:
+            pattern = re.compile(output.text("output").encode())
+        except re.error as error:
+            raise output.error("output", f"is no regular expression: {error}") from error
+        output.finish()
+    else:
+        ready = section.choice("ready", ("exec", "notify"), "exec")
+    spec = ProcessSpec(
+        name=name,
+        command=command,
+        directory=base / directory if directory else None,
+        environment=tuple(section.section("environment").words().items()),
+        ready=ready,
+        ready_output=pattern,
+        start_timeout_s=section.number("start_timeout_s", 10.0, least=0.01, most=3600),
+        stop_grace_s=section.number("stop_grace_s", 2.0, least=0.0, most=600),
+        start=section.flag("start", False),
+    )
+    section.finish()
+    return spec

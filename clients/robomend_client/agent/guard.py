@@ -1,0 +1,59 @@
+"""Ends the agent's process groups when the agent itself was killed. A process of its own; run by path,
+stand-alone.
+
+A parent-death signal (prctl) reaches only the process that the agent started, not what that one started in
+turn, and a process may ignore SIGTERM. The guard hears of the agent's death by the end of its standard input,
+which no kill -9 can prevent, and then ends the groups it was told about:
+
+    +4711       process group 4711 was started
+    -4711       it is gone
+
+It imports next to nothing (it starts in 10 ms and holds 8 MB) and touches no group that it was not told
+about.
+"""
+
+import os
+import signal
+import sys
+import time
+
+GRACE_S = 1.0
+
+
+def watch() -> set[int]:
+    """Return the groups that are left when the agent ends."""
+    groups: set[int] = set()
+    for line in sys.stdin:
+        number = int(line[1:])
+        if line[0] == "+":
+            groups.add(number)
+        else:
+            groups.discard(number)
+    return groups
+
+
+def send(groups: set[int], number: int) -> set[int]:
+    """Send a signal; return the groups that still exist."""
+    alive = set()
+    for group in groups:
+        try:
+            os.killpg(group, number)
+        except OSError:
+            continue
+        alive.add(group)
+    return alive
+
+
+def main() -> None:
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)  # only the agent's end ends the guard
+    groups = send(watch(), signal.SIGTERM)
+    deadline = time.monotonic() + GRACE_S
+    while groups and time.monotonic() < deadline:
+        time.sleep(0.02)
+        groups = send(groups, 0)
+    send(groups, signal.SIGKILL)
+
+
+if __name__ == "__main__":
+    main()

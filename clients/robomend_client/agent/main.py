@@ -1,0 +1,80 @@
+"""robomend-agent CONFIG.yaml: the robot's side of robomend, on one host.
+
+Exit codes: 0 ended as asked, 2 the configuration is at fault, 3 a part of the machine is (the state directory
+is in use, …).
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import logging
+import signal
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from robomend_client.agent.config import AgentConfig, load
+from robomend_client.agent.yaml_reader import ConfigError
+from robomend_client.buffer import BufferInUse
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(
+        prog="robomend-agent",
+        description="Starts and stops a robot's processes for robomend, and reports which run "
+        "and which topics are alive.",
+    )
+    parser.add_argument("config", type=Path, metavar="CONFIG.yaml", help="what to run, watch and report")
+    parser.add_argument(
+        "--check", action="store_true", help="read the configuration, say what it means, and end"
+    )
+    parser.add_argument("--quiet", action="store_true", help="log warnings and errors only")
+    parser.add_argument("--verbose", action="store_true", help="log every step")
+    options = parser.parse_args(arguments)
+    level = logging.DEBUG if options.verbose else logging.WARNING if options.quiet else logging.INFO
+    logging.basicConfig(
+        stream=sys.stderr, level=level, format="%(asctime)s %(levelname)s %(name)s: %(message)s"
+    )
+    for chatty in ("httpx", "httpcore", "asyncio"):  # a line for every request, ten times a second
+        logging.getLogger(chatty).setLevel(logging.WARNING)
+    try:
+        config = load(options.config)
+    except ConfigError as error:
+        print(error, file=sys.stderr)
+        return 2
+    if options.check:
+        print(describe(config))
+        return 0
+    try:
+        asyncio.run(_run(config))
+    except (OSError, BufferInUse) as error:
+        print(f"robomend-agent: {error}", file=sys.stderr)
+        return 3
+    return 0
+
+
+def describe(config: AgentConfig) -> str:
+    """Return what a configuration means, for people."""
+    lines = [
+        f"agent {config.agent} of robot {config.robot}, service {config.service.url}",
+        f"bus: {'joins' if config.joins_bus else 'listens on'} {config.bus}",
+        f"state: {config.state_dir}",
+    ]
+    lines += [f"topic {name}: {rate.rate_hz:g} ± {rate.tolerance_hz:g} Hz" for name, rate in config.topics]
+    lines += [f"process {spec.name}: {' '.join(spec.command)}" for spec in config.processes]
+    return "\n".join(lines)
+
+
+async def _run(config: AgentConfig) -> None:
+    from robomend_client.agent.agent import Agent
+
+    agent = Agent(config)
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, agent.stop)
+    await agent.run()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

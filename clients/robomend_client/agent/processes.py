@@ -1,0 +1,211 @@
+"""One supervised process: start it, see that it runs, stop it.
+
+    stopped ──start──► starting ──evidence──► running ──stop──► stopping ──end──► stopped
+       ▲                  │ no evidence in time: ended            │ its own end
+       └──────────────────┴───────────────────────────────────────┘
+
+`running` is what the node observer reports: there was evidence (readiness.py), and the process is alive. Its
+end is known at once, through its pidfd. Starts and stops of one process take turns; those of different
+processes do not wait for each other.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import os
+import signal
+import time
+from collections.abc import Callable, Mapping
+from enum import StrEnum
+
+from robomend_client.actions import FAILED, OK, TIMED_OUT, ActionResult, Feedback
+from robomend_client.agent.config import ProcessSpec
+from robomend_client.agent.readiness import Notification
+from robomend_client.agent.spawn import Handle, NotStarted, spawn
+
+log = logging.getLogger(__name__)
+
+TAIL = 8 * 1024
+"""Bytes of a process's newest output that are kept, to be quoted when it fails."""
+
+KILL_S = 2.0
+"""How long the kernel may take after SIGKILL; a process in uninterruptible sleep takes longer."""
+
+
+class Phase(StrEnum):
+    STOPPED = "stopped"
+    STARTING = "starting"
+    RUNNING = "running"
+    STOPPING = "stopping"
+
+
+class SupervisedProcess:
+    """A process that the configuration allows, running or not."""
+
+    def __init__(
+        self,
+        spec: ProcessSpec,
+        environment: Mapping[str, str],
+        on_change: Callable[[SupervisedProcess], None],
+        dies_with_agent: bool = True,
+    ) -> None:
+        self.spec = spec
+        self.phase = Phase.STOPPED
+        self.exit_code: int | None = None
+        self.handle: Handle | None = None
+        self._environment = dict(environment)
+        self._on_change = on_change
+        self._dies_with_agent = dies_with_agent
+        self._turn = asyncio.Lock()
+        self._ready = asyncio.Event()
+        self._ended = asyncio.Event()
+        self._ended.set()
+        self._tail = b""
+
+    @property
+    def running(self) -> bool:
+        return self.phase in (Phase.RUNNING, Phase.STOPPING)
+
+    async def start(self, feedback: Feedback, timeout_s: float) -> ActionResult:
+        """Start it and wait for the evidence; a process that runs already is left alone."""
+        async with asyncio.timeout(timeout_s), self._turn:
+            if self.phase is Phase.RUNNING:
+                return ActionResult(OK, f"{self.spec.name} runs already")
+            await self._ended.wait()  # an earlier stop or start that failed may still be at work
+            began = time.monotonic()
+            notification = Notification(self._ready) if self.spec.ready == "notify" else None
+            try:
+                self._begin(notification)
+                feedback(1, f"{self.spec.name} has process {self.handle.pid if self.handle else '?'}")
+                return await self._evidence(began)
+            except NotStarted as error:
+                return ActionResult(FAILED, f"{self.spec.name} cannot be started: {error}")
+            finally:
+                if notification is not None:
+                    notification.close()
+                if self.phase is Phase.STARTING:  # no evidence, or cancelled: leave no half-started process
+                    self._kill()
+
+    async def stop(self, feedback: Feedback, timeout_s: float) -> ActionResult:
+        """Stop it: SIGTERM, and SIGKILL after the grace. One that does not run is left alone."""
+        async with asyncio.timeout(timeout_s), self._turn:
+            handle = self.handle
+            if handle is None:
+                return ActionResult(OK, f"{self.spec.name} does not run")
+            self._change(Phase.STOPPING)
+            handle.signal_group(signal.SIGTERM)
+            feedback(1, f"{self.spec.name} was asked to end")
+            grace_s = min(self.spec.stop_grace_s, 0.8 * timeout_s)  # some of the time is for SIGKILL
+            how = "ended"
+            if not await self._wait_for_end(grace_s):
+                how = f"did not end within {grace_s:g} s and was killed"
+                handle.signal_group(signal.SIGKILL)
+                if not await self._wait_for_end(KILL_S):
+                    return ActionResult(FAILED, f"{self.spec.name} (process {handle.pid}) does not die")
+            return ActionResult(OK, f"{self.spec.name} {how}")
+
+    def adopted(self, handle: Handle) -> None:
+        """Take over a process that an earlier agent started and that still runs."""
+        self._hold(handle)
+        self._change(Phase.RUNNING)
+
+    def tail(self) -> str:
+        """Return the newest output, for people."""
+        return self._tail.decode("utf-8", "replace").strip()
+
+    # --- inside ----------------------------------------------------------------------------------------
+
+    def _begin(self, notification: Notification | None) -> None:
+        environment = self._environment | dict(self.spec.environment) | {"ROBOMEND_NODE": self.spec.name}
+        environment.pop("NOTIFY_SOCKET", None)  # the agent's own, under systemd, is not for its children
+        if notification is not None:
+            environment["NOTIFY_SOCKET"] = notification.address
+        self._tail = b""
+        self._ready.clear()
+        self._hold(spawn(self.spec.command, self.spec.directory, environment, self._dies_with_agent))
+        if self.spec.ready == "exec":
+            self._ready.set()
+        self._change(Phase.STARTING)
+
+    async def _evidence(self, began: float) -> ActionResult:
+        waits = [asyncio.create_task(event.wait()) for event in (self._ready, self._ended)]
+        try:
+            await asyncio.wait(waits, timeout=self.spec.start_timeout_s, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            for wait in waits:
+                wait.cancel()
+        if self._ended.is_set():
+            return ActionResult(
+                FAILED, f"{self.spec.name} ended at once, exit code {self.exit_code}{self._quoted()}"
+            )
+        if not self._ready.is_set():
+            return ActionResult(
+                TIMED_OUT,
+                f"{self.spec.name} gave no sign of running ({self.spec.ready}) within "
+                f"{self.spec.start_timeout_s:g} s and was ended{self._quoted()}",
+            )
+        self._change(Phase.RUNNING)
+        return ActionResult(OK, f"{self.spec.name} runs after {time.monotonic() - began:.2f} s")
+
+    def _hold(self, handle: Handle) -> None:
+        self.handle = handle
+        self.exit_code = None
+        self._ended.clear()
+        loop = asyncio.get_running_loop()
+        loop.add_reader(handle.pidfd, self._end)
+        if handle.output is not None:
+            loop.add_reader(handle.output, self._read_output)
+
+    def _end(self) -> None:
+        """The process has ended: its pidfd became readable."""
+        handle = self.handle
+        if handle is None:
+            return
+        loop = asyncio.get_running_loop()
+        loop.remove_reader(handle.pidfd)
+        self._read_output()
+        if handle.output is not None:
+            loop.remove_reader(handle.output)
+        self.exit_code = handle.reap()
+        handle.close()
+        self.handle = None
+        self._ended.set()
+        if self.phase is Phase.RUNNING:
+            log.warning("%s ended by itself, exit code %s%s", self.spec.name, self.exit_code, self._quoted())
+        self._change(Phase.STOPPED)
+
+    def _read_output(self) -> None:
+        handle = self.handle
+        if handle is None or handle.output is None:
+            return
+        try:
+            data = os.read(handle.output, 65536)
+        except BlockingIOError:
+            return
+        if not data:
+            asyncio.get_running_loop().remove_reader(handle.output)  # it closed its output and lives on
+            return
+        self._tail = (self._tail + data)[-TAIL:]
+        if self.spec.ready_output is not None and self.spec.ready_output.search(self._tail):
+            self._ready.set()
+
+    def _kill(self) -> None:
+        if self.handle is not None:
+            self.handle.signal_group(signal.SIGKILL)
+
+    async def _wait_for_end(self, seconds: float) -> bool:
+        try:
+            async with asyncio.timeout(seconds):
+                await self._ended.wait()
+        except TimeoutError:
+            return False
+        return True
+
+    def _quoted(self) -> str:
+        tail = self.tail()
+        return f"; its last output: {tail[-500:]}" if tail else ""
+
+    def _change(self, phase: Phase) -> None:
+        self.phase = phase
+        self._on_change(self)

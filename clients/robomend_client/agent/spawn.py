@@ -1,0 +1,120 @@
+"""Starting a process so that it can be watched and ended without doubt: the calls to the operating system.
+
+Each process leads a session and process group of its own, so that a stop reaches what it started in turn. A
+pidfd (Linux 5.3) tells its end at once and never means another process that got the same number. Commands are
+argument lists; nothing here goes through a shell.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import signal
+import subprocess
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+PR_SET_PDEATHSIG = 1
+
+_libc = ctypes.CDLL(None, use_errno=True)  # loaded here: the child between fork and exec must not import
+
+
+class NotStarted(Exception):
+    """The program could not be started; the message says why."""
+
+
+@dataclass(slots=True)
+class Handle:
+    """A process, as something to wait for. `child` is None for one that an earlier agent started."""
+
+    pid: int
+    pidfd: int
+    start_ticks: int
+    child: subprocess.Popen[bytes] | None
+    output: int | None  # the read end of its output
+
+    def signal_group(self, number: int) -> None:
+        """Send a signal to the process and all that it started."""
+        try:
+            os.killpg(self.pid, number)
+        except ProcessLookupError:
+            pass
+        except PermissionError:  # a group of set-uid programs: at least the leader
+            signal.pidfd_send_signal(self.pidfd, number)
+
+    def reap(self) -> int | None:
+        """Take the end of the process, which has come; return its exit code, if it is ours to know."""
+        # The leader is a zombie until wait() below, so its group cannot be anyone else's: what is left of it
+        # goes now.
+        self.signal_group(signal.SIGKILL)
+        return self.child.wait() if self.child is not None else None
+
+    def close(self) -> None:
+        os.close(self.pidfd)
+        if self.output is not None:
+            os.close(self.output)
+
+
+def spawn(
+    command: tuple[str, ...],
+    directory: Path | None,
+    environment: Mapping[str, str],
+    dies_with_agent: bool,
+) -> Handle:
+    """Start `command`; its output comes back through the handle, unless it is meant to outlive us."""
+    try:
+        child = subprocess.Popen(
+            command,
+            cwd=directory,
+            env=dict(environment),
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE if dies_with_agent else subprocess.DEVNULL,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+            preexec_fn=_die_with(os.getpid()) if dies_with_agent else None,
+        )
+    except (OSError, ValueError, subprocess.SubprocessError) as error:
+        raise NotStarted(f"{command[0]}: {error}") from error
+    output = None
+    if child.stdout is not None:
+        output = os.dup(child.stdout.fileno())
+        child.stdout.close()
+        os.set_blocking(output, False)
+    # Our own child that we have not waited for: its pid cannot have been given to another.
+    return Handle(child.pid, os.pidfd_open(child.pid), start_ticks(child.pid) or 0, child, output)
+
+
+def adopt(pid: int, ticks: int) -> Handle | None:
+    """Return a handle on a process that an earlier agent started, or None if it is not there any more."""
+    try:
+        pidfd = os.pidfd_open(pid)
+    except OSError:
+        return None
+    # Compared after opening: the pidfd now means this very process, whatever happens to the number.
+    if start_ticks(pid) != ticks:
+        os.close(pidfd)
+        return None
+    return Handle(pid, pidfd, ticks, None, None)
+
+
+def start_ticks(pid: int) -> int | None:
+    """Return when a live process started, in clock ticks since boot; None for a zombie or nobody.
+
+    Pid and start time together name a process for good. Source: proc(5), fields 3 and 22 of /proc/PID/stat.
+    """
+    try:
+        stat = Path(f"/proc/{pid}/stat").read_bytes()
+    except OSError:
+        return None
+    fields = stat[stat.rindex(b")") + 2 :].split()  # the name before it may hold spaces and brackets
+    return None if fields[0] in (b"Z", b"X") else int(fields[19])
+
+
+def _die_with(parent: int) -> Callable[[], None]:
+    def in_child() -> None:
+        _libc.prctl(PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
+        if os.getppid() != parent:  # the agent died before prctl: no signal will come
+            os._exit(1)
+
+    return in_child

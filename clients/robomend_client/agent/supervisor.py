@@ -1,0 +1,145 @@
+"""All processes of one agent: the allow-list, the guard, and the table that outlives the agent.
+
+The table (state_dir/processes.json) holds pid and start time of what runs, so that an agent that comes back
+adopts what its predecessor left running instead of starting it twice.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+from robomend_client.agent import guard
+from robomend_client.agent.config import ProcessSpec
+from robomend_client.agent.processes import SupervisedProcess
+from robomend_client.agent.spawn import adopt
+from robomend_client.bus import ENVIRONMENT as BUS
+
+log = logging.getLogger(__name__)
+
+
+class Supervisor:
+    """The processes that the configuration lists; no others can be named here."""
+
+    def __init__(
+        self,
+        specs: Iterable[ProcessSpec],
+        state_dir: Path,
+        bus: str,
+        keep: bool,
+        on_change: Callable[[], None],
+    ) -> None:
+        environment = dict(os.environ) | {BUS: bus}
+        self.processes = {
+            spec.name: SupervisedProcess(spec, environment, self._changed, dies_with_agent=not keep)
+            for spec in specs
+        }
+        self._keep = keep
+        self._table = state_dir / "processes.json"
+        self._on_change = on_change
+        self._guarded: dict[str, int] = {}
+        self._guard: subprocess.Popen[bytes] | None = None
+
+    def running(self) -> frozenset[str]:
+        """Return the names of the processes that run."""
+        return frozenset(name for name, process in self.processes.items() if process.running)
+
+    def open(self) -> None:
+        """Adopt what an earlier agent left, and put up the guard."""
+        if not self._keep:
+            self._guard = subprocess.Popen(
+                [sys.executable, "-I", "-S", guard.__file__], stdin=subprocess.PIPE, start_new_session=True
+            )
+        for name, (pid, ticks) in self._read_table().items():
+            process = self.processes.get(name)
+            handle = adopt(pid, ticks) if process is not None else None
+            if process is not None and handle is not None:
+                log.info("%s still runs as process %d: adopted", name, pid)
+                process.adopted(handle)
+
+    async def start_initial(self) -> None:
+        """Start those that are to be started with the agent, side by side."""
+        wanted = [process for process in self.processes.values() if process.spec.start]
+        results = await asyncio.gather(
+            *(process.start(_log_only, process.spec.start_timeout_s + 1.0) for process in wanted),
+            return_exceptions=True,
+        )
+        for process, result in zip(wanted, results, strict=True):
+            log.info("%s: %s", process.spec.name, result)
+
+    async def close(self) -> None:
+        """End what runs, all at once, unless it is to be kept; then the guard."""
+        if not self._keep:
+            stopping = [
+                process.stop(_log_only, process.spec.stop_grace_s + 3.0)
+                for process in self.processes.values()
+                if process.handle is not None
+            ]
+            for result in await asyncio.gather(*stopping, return_exceptions=True):
+                if isinstance(result, BaseException):
+                    log.error("a process could not be stopped: %s", result)
+        if self._guard is not None and self._guard.stdin is not None:
+            # Its input ends; it takes care of what may be left, and ends within its grace.
+            self._guard.stdin.close()
+            try:
+                await asyncio.to_thread(self._guard.wait, guard.GRACE_S + 1.0)
+            except subprocess.TimeoutExpired:
+                self._guard.kill()
+                self._guard.wait()
+
+    # --- the table and the guard --------------------------------------------------------------------------
+
+    def _changed(self, process: SupervisedProcess) -> None:
+        name, handle = process.spec.name, process.handle
+        before = self._guarded.get(name)
+        if (handle.pid if handle else None) != before:
+            if before is not None:
+                del self._guarded[name]
+                self._tell_guard(f"-{before}\n")
+            if handle is not None:
+                self._guarded[name] = handle.pid
+                self._tell_guard(f"+{handle.pid}\n")
+            self._write_table()
+        self._on_change()
+
+    def _tell_guard(self, line: str) -> None:
+        if self._guard is None or self._guard.stdin is None:
+            return
+        try:
+            os.write(self._guard.stdin.fileno(), line.encode())
+        except OSError as error:
+            log.error("the guard is gone (%s): processes get only their parent-death signal", error)
+            self._guard = None
+
+    def _write_table(self) -> None:
+        table = {
+            name: {"pid": process.handle.pid, "start_ticks": process.handle.start_ticks}
+            for name, process in self.processes.items()
+            if process.handle is not None
+        }
+        temporary = self._table.with_suffix(".new")
+        try:
+            temporary.write_text(json.dumps(table))
+            temporary.replace(self._table)
+        except OSError as error:  # a full disk must not stop a repair
+            log.error("cannot write %s: %s", self._table, error)
+
+    def _read_table(self) -> dict[str, tuple[int, int]]:
+        try:
+            table = json.loads(self._table.read_text())
+            return {str(name): (int(row["pid"]), int(row["start_ticks"])) for name, row in table.items()}
+        except FileNotFoundError:
+            return {}
+        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+            log.warning("%s cannot be read (%s): nothing is adopted", self._table, error)
+            return {}
+
+
+def _log_only(number: int, message: str) -> None:
+    log.debug("%s", message)

@@ -1,0 +1,191 @@
+"""Reads a YAML file key by key, so that every complaint names file, line and key.
+
+A Section is one mapping. Each key is asked for with its type and bounds; `finish` refuses what nobody asked
+for, with the nearest known key, so that a typing error is an error and not a default.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from difflib import get_close_matches
+from pathlib import Path
+
+import yaml
+
+LARGEST_FILE = 4 * 1024 * 1024
+
+_NUMBER = re.compile(r"[+-]?(\d[\d_]*)(\.\d*)?([eE][+-]?\d+)?\Z|[+-]?\.\d+\Z")
+
+
+class ConfigError(ValueError):
+    """A configuration at fault; `str` reads `agent.yaml:12: processes.laser.command: …`."""
+
+    def __init__(self, file: str, line: int | None, key: str, message: str) -> None:
+        super().__init__(file, line, key, message)
+        self.file = file
+        self.line = line
+        self.key = key
+        self.message = message
+
+    def __str__(self) -> str:
+        place = self.file if self.line is None else f"{self.file}:{self.line}"
+        return f"{place}: {self.key}: {self.message}" if self.key else f"{place}: {self.message}"
+
+
+def read(file: Path) -> Section:
+    """Return the mapping that `file` holds."""
+    name = str(file)
+    try:
+        with file.open("rb") as stream:
+            data = stream.read(LARGEST_FILE + 1)
+    except OSError as error:
+        raise ConfigError(name, None, "", f"cannot be read: {error.strerror}") from error
+    if len(data) > LARGEST_FILE:
+        raise ConfigError(name, None, "", f"larger than {LARGEST_FILE} bytes: not a configuration")
+    try:
+        node = yaml.compose(data, Loader=yaml.SafeLoader)
+    except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
+        mark = getattr(error, "problem_mark", None)
+        problem = getattr(error, "problem", None) or str(error).splitlines()[0]
+        raise ConfigError(name, mark.line + 1 if mark else None, "", f"not YAML: {problem}") from error
+    if node is None:
+        raise ConfigError(name, None, "", "is empty")
+    return Section(node, name, "")
+
+
+class Section:
+    """One mapping of the file."""
+
+    def __init__(self, node: yaml.Node, file: str, place: str) -> None:
+        self._file = file
+        self._place = place
+        self._node = node
+        self._asked: set[str] = set()
+        self._values: dict[str, yaml.Node] = {}
+        if _is_null(node):  # `scan:` with nothing behind it: all defaults
+            return
+        if not isinstance(node, yaml.MappingNode):
+            raise ConfigError(file, _line(node), place, "must be a mapping (key: value)")
+        for key, value in node.value:
+            if not isinstance(key, yaml.ScalarNode):
+                raise ConfigError(file, _line(key), place, "a key must be a word")
+            if key.value in self._values:
+                raise ConfigError(file, _line(key), self._name(key.value), "is there twice")
+            self._values[key.value] = value
+
+    def __contains__(self, key: str) -> bool:
+        return key in self._values
+
+    def error(self, key: str, message: str) -> ConfigError:
+        """Return a complaint about `key`."""
+        return ConfigError(self._file, _line(self._values.get(key, self._node)), self._name(key), message)
+
+    def missing(self, key: str, message: str) -> ConfigError:
+        """Return a complaint that `key` is needed: about its misspelling, if that is what is there."""
+        unknown = [name for name in self._values if name not in self._asked]
+        if near := get_close_matches(key, unknown, n=1):
+            return self.error(near[0], f"is no key here; did you mean {key}?")
+        return self.error(key, message)
+
+    def text(self, key: str, default: str | None = None) -> str:
+        node = self._take(key)
+        if node is None:
+            if default is None:
+                raise self.missing(key, "is missing")
+            return default
+        return self._scalar(node, key)
+
+    def optional(self, key: str) -> str | None:
+        node = self._take(key)
+        return None if node is None else self._scalar(node, key)
+
+    def choice(self, key: str, allowed: tuple[str, ...], default: str) -> str:
+        value = self.text(key, default)
+        if value not in allowed:
+            raise self.error(key, f"must be one of {', '.join(allowed)}, not {value!r}")
+        return value
+
+    def flag(self, key: str, default: bool) -> bool:
+        value = self.text(key, "true" if default else "false").lower()
+        if value not in ("true", "false", "yes", "no"):
+            raise self.error(key, f"must be true or false, not {value!r}")
+        return value in ("true", "yes")
+
+    def number(self, key: str, default: float, least: float = 0.0, most: float = 1e9) -> float:
+        value = self.text(key, repr(default))
+        if not _NUMBER.match(value):
+            raise self.error(key, f"must be a number, not {value!r}")
+        number = float(value)
+        if not least <= number <= most:
+            raise self.error(key, f"must be from {least:g} to {most:g}, not {value}")
+        return number
+
+    def whole(self, key: str, default: int, least: int = 0, most: int = 10**9) -> int:
+        number = self.number(key, default, least, most)
+        if number != int(number):
+            raise self.error(key, f"must be a whole number, not {number:g}")
+        return int(number)
+
+    def texts(self, key: str) -> tuple[str, ...]:
+        """Return a list of texts; empty when the key is not there."""
+        node = self._take(key)
+        if node is None:
+            return ()
+        if not isinstance(node, yaml.SequenceNode):
+            raise self.error(key, "must be a list, e.g. [a, b]")
+        return tuple(self._scalar(item, key) for item in node.value)
+
+    def section(self, key: str) -> Section:
+        """Return the mapping under `key`; an empty one when it is not there."""
+        node = self._take(key)
+        if node is None:
+            node = yaml.MappingNode("tag:yaml.org,2002:map", [], self._node.start_mark, self._node.end_mark)
+        return Section(node, self._file, self._name(key))
+
+    def is_section(self, key: str) -> bool:
+        return isinstance(self._values.get(key), yaml.MappingNode)
+
+    def sections(self, key: str) -> Iterator[tuple[str, Section]]:
+        """Yield name and mapping of each entry under `key`."""
+        entries = self.section(key)
+        for name in entries._values:
+            yield name, entries.section(name)
+
+    def words(self) -> dict[str, str]:
+        """Return all of this mapping as texts (environment variables)."""
+        return {key: self.text(key) for key in self._values}
+
+    def finish(self) -> None:
+        """Refuse the keys that nobody asked for."""
+        for key in self._values:
+            if key not in self._asked:
+                near = get_close_matches(key, sorted(self._asked), n=1)
+                hint = (
+                    f"; did you mean {near[0]}?" if near else f"; known are {', '.join(sorted(self._asked))}"
+                )
+                raise self.error(key, f"is no key here{hint}")
+
+    def _take(self, key: str) -> yaml.Node | None:
+        self._asked.add(key)
+        return self._values.get(key)
+
+    def _scalar(self, node: yaml.Node, key: str) -> str:
+        if not isinstance(node, yaml.ScalarNode):
+            raise ConfigError(
+                self._file, _line(node), self._name(key), "must be one value, not a list or mapping"
+            )
+        if _is_null(node):
+            raise ConfigError(self._file, _line(node), self._name(key), "has no value")
+        return str(node.value)
+
+    def _name(self, key: str) -> str:
+        return f"{self._place}.{key}" if self._place else key
+
+
+def _is_null(node: yaml.Node) -> bool:
+    return isinstance(node, yaml.ScalarNode) and node.tag == "tag:yaml.org,2002:null"
+
+
+def _line(node: yaml.Node) -> int:
+    return int(node.start_mark.line) + 1

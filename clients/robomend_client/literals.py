@@ -1,0 +1,61 @@
+"""Atoms and literals: the words in which observers, models and diagnoses speak.
+
+An atom is a predicate over names, `ok(scan)`; a literal is an atom or its negation, `not ok(scan)`. Both
+sides of the wire share this type; the parser of whole sentences is robomend.observations.language.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+PLAIN_NAME = re.compile(r"[A-Za-z0-9_.\-][A-Za-z0-9_./\-]*\Z")
+"""A name that needs no quotes. A leading `/`, as ROS writes it, is dropped before a name gets here."""
+
+RESERVED = frozenset({"not", "and", "or", "forall", "exists", "true", "false"})
+"""Words of the sentence language; as names they need quotes."""
+
+
+def quote(name: str) -> str:
+    """Return `name` as sentences write it: bare where the language allows, else in double quotes."""
+    if PLAIN_NAME.match(name) and "->" not in name and name not in RESERVED:
+        return name
+    escaped = name.replace("\\", "\\\\").replace('"', '\\"')
+    return f'"{escaped}"'
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Atom:
+    """A predicate and its arguments; a proposition of a five-key model may have none."""
+
+    predicate: str
+    args: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        if not self.args:
+            return quote(self.predicate)
+        return f"{quote(self.predicate)}({','.join(map(quote, self.args))})"
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Literal:
+    """An atom that holds, or its negation."""
+
+    atom: Atom
+    positive: bool = True
+
+    def __neg__(self) -> Literal:
+        return Literal(self.atom, not self.positive)
+
+    def __str__(self) -> str:
+        return str(self.atom) if self.positive else f"not {self.atom}"
+
+
+def holds(predicate: str, *args: str) -> Literal:
+    """Return the positive literal, e.g. `holds("ok", "scan")`."""
+    return Literal(Atom(predicate, args))
+
+
+def fails(predicate: str, *args: str) -> Literal:
+    """Return the negative literal, e.g. `fails("ok", "scan")`, printed `not ok(scan)`."""
+    return Literal(Atom(predicate, args), positive=False)

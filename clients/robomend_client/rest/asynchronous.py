@@ -1,0 +1,346 @@
+"""The REST client for asyncio.
+
+    async with AsyncClient("http://127.0.0.1:8080") as client:
+        await client.observe("tedusar", ["not ok(scan)"])
+
+Every method sends one call of calls.py, repeats it as retry.py allows, and raises what errors.py names.
+Client is its twin for threads.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable, Iterable, Mapping, Sequence
+from types import TracebackType
+from typing import Any, TypeVar
+
+import httpx
+
+from robomend_client.actions import Action, ActionResult
+from robomend_client.events import Event
+from robomend_client.rest import calls
+from robomend_client.rest.calls import Call, Versioned
+from robomend_client.rest.errors import (
+    ApiError,
+    ClientError,
+    ServiceFailed,
+    TooManyRequests,
+    raise_for,
+    translate,
+)
+from robomend_client.rest.retry import Attempts, Retry
+from robomend_client.rest.transport import Connection, Stream
+from robomend_client.rest.types import (
+    Accepted,
+    Board,
+    CurrentDiagnosis,
+    FirstResult,
+    HistoryKind,
+    Ingested,
+    Obs,
+    Page,
+    Probes,
+    Result,
+    Stop,
+)
+
+T = TypeVar("T")
+
+
+class AsyncClient:
+    """The service at `url`, e.g. http://127.0.0.1:8080, with the bearer key `key` if it asks for one.
+
+    `timeout_s` bounds each wait for the service (a long poll adds its own `wait_s`), `retry` how often a call
+    is repeated. Proxies of the environment are not used unless `trust_env` says so: a robot talks to its own
+    network.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        key: str | None = None,
+        *,
+        timeout_s: float = 30.0,
+        retry: Retry | None = None,
+        trust_env: bool = False,
+        transport: httpx.AsyncBaseTransport | None = None,
+    ) -> None:
+        self._connection = Connection(url, key, timeout_s, trust_env)
+        self._retry = retry or Retry()
+        self._http = httpx.AsyncClient(transport=transport, **self._connection.options())
+
+    async def __aenter__(self) -> AsyncClient:
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await self.close()
+
+    async def close(self) -> None:
+        """Close the connections; open event streams end."""
+        await self._http.aclose()
+
+    async def send(self, call: Call[T], retry: Retry | None = None) -> T:
+        """Send one call and read its answer; every method below goes through here."""
+        attempts = Attempts(retry or self._retry, call.repeatable)
+        while True:
+            try:
+                response = await self._http.request(**self._connection.request(call))
+                raise_for(response)
+                return call.read(response)
+            except httpx.TransportError as error:
+                failure: ClientError = translate(error)
+                failure.__cause__ = error
+            except ApiError as error:
+                failure = error
+            await asyncio.sleep(attempts.after(failure))
+
+    # --- models and robots -------------------------------------------------------------------------
+
+    async def models(self, cursor: str | None = None, limit: int | None = None) -> Page[dict[str, Any]]:
+        """Return the models that the service holds."""
+        return await self.send(calls.page("models", cursor=cursor, limit=limit))
+
+    async def model(self, name: str) -> Versioned:
+        """Return a model and its version."""
+        return await self.send(calls.get_versioned("models", name))
+
+    async def put_model(
+        self, name: str, source: str, *, format: str | None = None, version: str | None = None
+    ) -> Versioned:
+        """Store a model, as the text of its file; replacing one needs the version that is replaced."""
+        return await self.send(calls.put_model(name, source, format, version))
+
+    async def delete_model(self, name: str, version: str) -> None:
+        """Remove a model that no robot follows."""
+        await self.send(calls.delete("models", name, version=version))
+
+    async def model_versions(
+        self, name: str, cursor: str | None = None, limit: int | None = None
+    ) -> Page[dict[str, Any]]:
+        """Return what the model was, newest first."""
+        return await self.send(calls.page("models", name, "versions", cursor=cursor, limit=limit))
+
+    async def robots(self, cursor: str | None = None, limit: int | None = None) -> Page[dict[str, Any]]:
+        """Return the robots that the service looks after."""
+        return await self.send(calls.page("robots", cursor=cursor, limit=limit))
+
+    async def robot(self, robot: str) -> Versioned:
+        """Return a robot and its version."""
+        return await self.send(calls.get_versioned("robots", robot))
+
+    async def put_robot(self, robot: str, value: Mapping[str, Any], version: str | None = None) -> Versioned:
+        """Store a robot: its model, policy, limits, board, and what its observers will report."""
+        return await self.send(calls.put_robot(robot, value, version))
+
+    async def delete_robot(self, robot: str, version: str) -> None:
+        """Remove a robot that no repair is at work on."""
+        await self.send(calls.delete("robots", robot, version=version))
+
+    # --- observations and diagnosis ----------------------------------------------------------------
+
+    async def observe(
+        self,
+        robot: str,
+        observations: calls.Sentences,
+        *,
+        assertions: Mapping[str, str] | None = None,
+        time_ns: int | None = None,
+        source: str | None = None,
+        lifetime_s: float | None = None,
+        together: bool = True,
+        key: str | None = None,
+    ) -> Accepted:
+        """Report observations, e.g. `["not ok(scan)"]`; they are on the service's disk when this returns."""
+        return await self.send(
+            calls.observe(
+                robot,
+                observations,
+                assertions=assertions,
+                time_ns=time_ns,
+                source=source,
+                lifetime_s=lifetime_s,
+                together=together,
+                key=key,
+            )
+        )
+
+    async def observe_lines(
+        self,
+        robot: str,
+        batches: Iterable[Mapping[str, Any]],
+        *,
+        key: str | None = None,
+    ) -> Ingested:
+        """Report many batches in one request (NDJSON)."""
+        return await self.send(calls.observe_lines(robot, batches, key))
+
+    async def observations(self, robot: str) -> Obs:
+        """Return OBS as it is now."""
+        answer: Obs = await self.send(calls.get("robots", robot, "observations"))
+        return answer
+
+    async def withdraw(self, robot: str, assertion: str) -> None:
+        """Withdraw a named assertion."""
+        await self.send(calls.delete("robots", robot, "assertions", assertion))
+
+    async def diagnosis(
+        self, robot: str, *, wait_s: float | None = None, after: int | None = None
+    ) -> CurrentDiagnosis:
+        """Return the diagnosis; `wait_s` waits for one newer than `after`, or than the current one."""
+        return await self.send(calls.diagnosis(robot, wait_s, after))
+
+    async def probes(self, robot: str, limit: int | None = None) -> Probes:
+        """Return what to look at next, best first."""
+        answer: Probes = await self.send(calls.get("robots", robot, "probes", limit=limit))
+        return answer
+
+    async def diagnose(self, question: Mapping[str, Any]) -> Result:
+        """Diagnose a model and observations that no robot has (POST /diagnoses): what if?"""
+        answer: Result = await self.send(calls.post("diagnoses", json=dict(question), repeatable=True))
+        return answer
+
+    # --- repair ------------------------------------------------------------------------------------
+
+    async def plan(self, robot: str, *, bad: Sequence[str] | None = None, **options: Any) -> dict[str, Any]:
+        """Plan a repair of `bad`, or of the best choice, without acting."""
+        answer: dict[str, Any] = await self.send(
+            calls.post("robots", robot, "plans", json={"bad": bad, **options}, repeatable=True)
+        )
+        return answer
+
+    async def start_repair(
+        self, robot: str, *, bad: Sequence[str] | None = None, reason: str = ""
+    ) -> dict[str, Any]:
+        """Ask for a repair; the policy says whether it waits for a person."""
+        answer: dict[str, Any] = await self.send(
+            calls.post("robots", robot, "repairs", json={"bad": bad, "reason": reason})
+        )
+        return answer
+
+    async def repairs(
+        self, robot: str, cursor: str | None = None, limit: int | None = None
+    ) -> Page[dict[str, Any]]:
+        """Return the robot's repairs, newest first."""
+        return await self.send(calls.page("robots", robot, "repairs", cursor=cursor, limit=limit))
+
+    async def repair(self, repair: str) -> dict[str, Any]:
+        """Return a repair with its diagnosis, plan and steps."""
+        answer: dict[str, Any] = await self.send(calls.get("repairs", repair))
+        return answer
+
+    async def approve(self, repair: str, reason: str = "") -> dict[str, Any]:
+        """Say yes to a repair that waits for it."""
+        answer: dict[str, Any] = await self.send(
+            calls.post("repairs", repair, json={"decision": "approve", "reason": reason})
+        )
+        return answer
+
+    async def cancel(self, repair: str, reason: str = "") -> dict[str, Any]:
+        """End a repair before its next action."""
+        answer: dict[str, Any] = await self.send(
+            calls.post("repairs", repair, json={"decision": "cancel", "reason": reason})
+        )
+        return answer
+
+    async def quarantine(self, robot: str) -> dict[str, str]:
+        """Return the components that are not tried again, each with the reason."""
+        answer: dict[str, str] = await self.send(calls.get("robots", robot, "quarantine"))
+        return answer
+
+    async def release(self, robot: str, component: str, reason: str = "") -> None:
+        """Let a quarantined component be tried again."""
+        await self.send(calls.release(robot, component, reason))
+
+    async def stopped(self) -> Stop:
+        """Return whether the global stop is active."""
+        answer: Stop = await self.send(calls.get("stop"))
+        return answer
+
+    async def stop(self, reason: str = "") -> Stop:
+        """The global stop: no robot acts until `resume`."""
+        answer: Stop = await self.send(calls.post("stop", json={"reason": reason}, repeatable=True))
+        return answer
+
+    async def resume(self) -> None:
+        """Lift the global stop."""
+        await self.send(calls.delete("stop"))
+
+    # --- the board, and the agent's side of actions ------------------------------------------------
+
+    async def board(self, robot: str) -> Board:
+        """Return the link's state and the channels."""
+        answer: Board = await self.send(calls.get("robots", robot, "board"))
+        return answer
+
+    async def switch_channel(self, robot: str, channel: int, on: bool, reason: str = "") -> None:
+        """Switch a power channel; a protected one is refused."""
+        await self.send(calls.put_channel(robot, channel, on, reason))
+
+    async def next_action(
+        self, robot: str, agent: str, *, host: str | None = None, wait_s: float = 20.0
+    ) -> Action | None:
+        """Wait for an action for this agent; None if there was none in time."""
+        return await self.send(calls.next_action(robot, agent, host, wait_s))
+
+    async def give_feedback(self, action_id: str, number: int, message: str = "") -> None:
+        """Tell how an action is getting on."""
+        await self.send(calls.feedback(action_id, number, message))
+
+    async def give_result(self, action_id: str, result: ActionResult) -> FirstResult:
+        """Tell how an action ended; return the result that counts, the first."""
+        return await self.send(calls.result(action_id, result))
+
+    # --- what happened -----------------------------------------------------------------------------
+
+    async def history(
+        self,
+        robot: str,
+        kind: HistoryKind = "observations",
+        *,
+        cursor: str | None = None,
+        limit: int | None = None,
+    ) -> Page[dict[str, Any]]:
+        """Return accepted batches, diagnoses or repairs over time, newest first."""
+        return await self.send(calls.page("robots", robot, "history", kind=kind, cursor=cursor, limit=limit))
+
+    async def audit(
+        self, robot: str | None = None, *, cursor: str | None = None, limit: int | None = None
+    ) -> Page[dict[str, Any]]:
+        """Return who did what, and why, newest first."""
+        return await self.send(calls.page("audit", robot=robot, cursor=cursor, limit=limit))
+
+    async def events(
+        self,
+        robot: str | None = None,
+        *,
+        after: int | str | None = None,
+        patience_s: float | None = None,
+        on_gap: Callable[[Mapping[str, Any]], None] | None = None,
+    ) -> AsyncIterator[Event]:
+        """Yield the events of one robot, or of the whole service, for ever: from now on, or after event
+        `after`.
+
+        A lost stream is taken up again with Last-Event-ID, so that nothing is missed that the service still
+        keeps; when it does not, `on_gap` is told. After `patience_s` without a connection (None: never) the
+        reason is raised.
+        """
+        stream = Stream(robot, after, patience_s, on_gap)
+        while True:
+            try:
+                async with self._http.stream(**self._connection.stream(stream)) as response:
+                    if response.status_code != 200:
+                        await response.aread()
+                        raise_for(response)
+                    stream.connected(response)
+                    async for data in response.aiter_bytes():
+                        for event in stream.receive(data):
+                            yield event
+                failure: ClientError = stream.ended()
+            except httpx.TransportError as error:
+                failure = translate(error)
+                failure.__cause__ = error
+            except (ServiceFailed, TooManyRequests) as error:
+                failure = error
+            await asyncio.sleep(stream.after(failure))

@@ -1,0 +1,223 @@
+"""Every call of the HTTP interface as a value: method, path, body and how to read the answer. No sockets.
+
+Client and AsyncClient send the same calls; a new route is one function here and one line in each of them.
+"""
+
+from __future__ import annotations
+
+import json
+import uuid
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Generic, TypeVar, cast
+from urllib.parse import quote
+
+import httpx
+
+from robomend_client.actions import Action, ActionResult
+from robomend_client.literals import Literal
+from robomend_client.rest.errors import NotTheService
+from robomend_client.rest.types import Accepted, CurrentDiagnosis, FirstResult, Ingested, Page
+
+T = TypeVar("T")
+
+BASE = "/api/v1"
+Sentences = Iterable[str | Literal]
+
+MOST_TEXT = 4000
+"""Characters of a message that the service takes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Call(Generic[T]):
+    """One request, not sent yet."""
+
+    method: str
+    path: str
+    read: Callable[[httpx.Response], T]
+    params: Mapping[str, str | int | float] = field(default_factory=dict)
+    json: Any = None
+    content: bytes | None = None
+    headers: Mapping[str, str] = field(default_factory=dict)
+    wait_s: float = 0.0  # the service may hold its answer back for this long (long poll)
+    repeatable: bool = True  # sending it twice is the same as sending it once
+
+
+def path(*parts: str | int) -> str:
+    """Return the path below /api/v1; ids are percent-encoded, as action ids hold a colon."""
+    return BASE + "".join("/" + quote(str(part), safe="") for part in parts)
+
+
+def new_key() -> str:
+    """Return a fresh Idempotency-Key: one per intent, the same for every try."""
+    return uuid.uuid4().hex
+
+
+def body(response: httpx.Response) -> Any:
+    """Return the JSON of a success."""
+    try:
+        return response.json()
+    except ValueError as error:
+        raise NotTheService(f"{response.request.url} answered {response.status_code} without JSON") from error
+
+
+def nothing(response: httpx.Response) -> None:
+    """Read an answer whose body says nothing."""
+
+
+def given(**values: str | float | int | None) -> dict[str, str | int | float]:
+    """Return the query parameters that were given."""
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def get(*parts: str | int, wait_s: float | None = None, **params: str | float | int | None) -> Call[Any]:
+    """`wait_s` goes to the service, and stretches our own time-out by as much."""
+    return Call("GET", path(*parts), body, params=given(wait_s=wait_s, **params), wait_s=wait_s or 0.0)
+
+
+def page(
+    *parts: str | int, cursor: str | None = None, limit: int | None = None, **params: str | None
+) -> Call[Page[dict[str, Any]]]:
+    return get(*parts, wait_s=None, cursor=cursor, limit=limit, **params)
+
+
+def post(*parts: str | int, json: Any = None, repeatable: bool = False) -> Call[Any]:
+    """A POST; repeatable where the service promises so, by an Idempotency-Key or by its nature."""
+    return Call("POST", path(*parts), body, json={} if json is None else json, repeatable=repeatable)
+
+
+def delete(*parts: str | int, version: str | None = None) -> Call[None]:
+    return Call("DELETE", path(*parts), nothing, headers=_if_match(version))
+
+
+def _if_match(version: str | None) -> dict[str, str]:
+    return {} if version is None else {"If-Match": version}
+
+
+# --- models and robots ----------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Versioned:
+    """A resource and its ETag, which the next change of it hands back."""
+
+    value: dict[str, Any]
+    version: str
+
+
+def versioned(response: httpx.Response) -> Versioned:
+    return Versioned(body(response), response.headers.get("etag", ""))
+
+
+def get_versioned(kind: str, name: str) -> Call[Versioned]:
+    return Call("GET", path(kind, name), versioned)
+
+
+def put_robot(robot: str, value: Mapping[str, Any], version: str | None) -> Call[Versioned]:
+    return Call("PUT", path("robots", robot), versioned, json=dict(value), headers=_if_match(version))
+
+
+def put_model(name: str, source: str, format: str | None, version: str | None) -> Call[Versioned]:
+    value = {"source": source, "format": format}
+    return Call("PUT", path("models", name), versioned, json=value, headers=_if_match(version))
+
+
+# --- observations and diagnosis ---------------------------------------------------------------------
+
+
+def observe(
+    robot: str,
+    observations: Sentences,
+    *,
+    assertions: Mapping[str, str] | None = None,
+    time_ns: int | None = None,
+    source: str | None = None,
+    lifetime_s: float | None = None,
+    together: bool = True,
+    key: str | None = None,
+) -> Call[Accepted]:
+    values: dict[str, Any] = {
+        "observations": [str(sentence) for sentence in observations],
+        "assertions": dict(assertions) if assertions else None,
+        "time": time_ns,
+        "source": source,
+        "lifetime_s": lifetime_s,
+        "together": None if together else False,
+    }
+    return Call(
+        "POST",
+        path("robots", robot, "observations"),
+        body,
+        json={name: value for name, value in values.items() if value is not None},
+        headers={"Idempotency-Key": key or new_key()},
+    )
+
+
+def observe_lines(robot: str, batches: Iterable[Mapping[str, Any]], key: str | None = None) -> Call[Ingested]:
+    """Many batches in one request, as NDJSON: each line is what `observe` sends as its body."""
+    lines = "".join(json.dumps(dict(batch), separators=(",", ":")) + "\n" for batch in batches)
+    return Call(
+        "POST",
+        path("robots", robot, "observations"),
+        body,
+        content=lines.encode(),
+        headers={"Content-Type": "application/x-ndjson", "Idempotency-Key": key or new_key()},
+    )
+
+
+def diagnosis(robot: str, wait_s: float | None, after: int | None) -> Call[CurrentDiagnosis]:
+    return get("robots", robot, "diagnosis", wait_s=wait_s, after=after)
+
+
+# --- the agent's side of actions ----------------------------------------------------------------------
+
+
+def next_action(robot: str, agent: str, host: str | None, wait_s: float) -> Call[Action | None]:
+    """`host` asks for the actions of that host only; without it the agent is the robot's only one."""
+    return Call(
+        "GET",
+        path("robots", robot, "actions", "next"),
+        read_action,
+        params=given(agent=agent, host=host, wait_s=wait_s),
+        wait_s=wait_s,
+    )
+
+
+def read_action(response: httpx.Response) -> Action | None:
+    if response.status_code == 204:
+        return None
+    value = body(response)
+    try:
+        return Action(
+            id=str(value["id"]),
+            name=str(value["name"]),
+            parameters=tuple(str(parameter) for parameter in value["parameters"]),
+            timeout_s=float(value["timeout_s"]),
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        raise NotTheService(f"{response.request.url} gave no action: {cast('object', value)!r}") from error
+
+
+def feedback(action_id: str, number: int, message: str) -> Call[None]:
+    value = {"code": number, "message": message[:MOST_TEXT]}
+    return Call("POST", path("actions", action_id, "feedback"), nothing, json=value)
+
+
+def result(action_id: str, outcome: ActionResult) -> Call[FirstResult]:
+    """The first report of an action counts, so that this may be sent again and again."""
+    value = {"code": outcome.code, "message": outcome.message[:MOST_TEXT]}
+    return Call("POST", path("actions", action_id, "result"), body, json=value)
+
+
+# --- the board and the brakes
+# ------------------------------------------------------------------------------------------
+
+
+def put_channel(robot: str, channel: int, on: bool, reason: str) -> Call[None]:
+    value = {"on": on, "reason": reason}
+    return Call("PUT", path("robots", robot, "board", "channels", channel), nothing, json=value)
+
+
+def release(robot: str, component: str, reason: str) -> Call[None]:
+    place = path("robots", robot, "quarantine", component, "release")
+    return Call("POST", place, nothing, json={"reason": reason}, repeatable=False)

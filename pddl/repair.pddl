@@ -1,0 +1,71 @@
+;; repair.pddl: bring bad components back by switching power and restarting processes.
+;;
+;; Problems come from service/robomend/repair/problem.py:
+;;   init   OBS completed, bad and good of one diagnosis; exactly one of each pair holds;
+;;          what is stopped or off is bad
+;;   goal   (good ?c) for each component that is meant to work
+;;
+;; Conventions
+;;   A fact and its opposite (on/off, running/stopped, bad/good) are two predicates, and an action
+;;   that adds one deletes the other: tests/pddl/test_repair_domain.py.
+;;   forall and when are guarded by static predicates only, so that grounding leaves STRIPS.
+;;   An action is one command of service/robomend/repair/execution.py, with the same name. Costs are
+;;   about seconds: what a repair takes before its effect can be seen.
+;;
+;; Why it is larger than the paper's four actions (paper-repair.pddl)
+;;   A device that comes back from a power cycle leaves its driver holding a dead connection: the driver
+;;   turns bad and must be restarted. A node is only started once what it rests on is good.
+;;   A user's own actions are merged in: docs/planning.md, "Your own actions".
+
+(define (domain robot-repair)
+  (:requirements :strips :typing :adl :action-costs)
+  (:types component - object
+          hardware node - component)    ; a device, a process
+  (:predicates
+    (bad ?c - component)                ; blamed by the diagnosis under repair, or about to be
+    (good ?c - component)               ; expected to work; the next diagnosis decides
+    (on ?h - hardware) (off ?h - hardware)
+    (running ?n - node) (stopped ?n - node)
+    ;; static from here
+    (switchable ?h - hardware)          ; has a channel of the power board
+    (restartable ?n - node)
+    (drives ?n - node ?h - hardware)
+    (fed_by ?h - hardware ?p - hardware)
+    (needs ?n - node ?m - node)         ; m must be good before n starts
+    (tied ?n - node ?m - node))         ; n must restart after m restarts
+  (:functions (total-cost) - number)
+
+  ;; The driver of a device that comes back must reconnect, hence restart.
+  (:action power_up
+    :parameters (?h - hardware)
+    :precondition (and (switchable ?h) (off ?h)
+      (forall (?p - hardware) (imply (fed_by ?h ?p) (good ?p))))
+    :effect (and (on ?h) (not (off ?h)) (good ?h) (not (bad ?h))
+      (forall (?n - node) (when (drives ?n ?h) (and (bad ?n) (not (good ?n)))))
+      (increase (total-cost) 10)))
+
+  ;; Only what is blamed is switched off: a plan never darkens a device that works.
+  (:action shutdown
+    :parameters (?h - hardware)
+    :precondition (and (switchable ?h) (on ?h) (bad ?h))
+    :effect (and (off ?h) (not (on ?h))
+      (forall (?n - node) (when (drives ?n ?h) (and (bad ?n) (not (good ?n)))))
+      (forall (?d - hardware) (when (fed_by ?d ?h) (and (bad ?d) (not (good ?d)))))
+      (increase (total-cost) 15)))
+
+  (:action start_node
+    :parameters (?n - node)
+    :precondition (and (restartable ?n) (stopped ?n)
+      (forall (?h - hardware) (imply (drives ?n ?h) (good ?h)))
+      (forall (?m - node) (imply (needs ?n ?m) (good ?m))))
+    :effect (and (running ?n) (not (stopped ?n)) (good ?n) (not (bad ?n))
+      (increase (total-cost) 3)))
+
+  ;; Only what is blamed is stopped. A driver turns bad when its device's power comes back, so that is waited
+  ;; for: a relay that is stuck does not cost a node its life.
+  (:action stop_node
+    :parameters (?n - node)
+    :precondition (and (restartable ?n) (running ?n) (bad ?n))
+    :effect (and (stopped ?n) (not (running ?n)) (bad ?n) (not (good ?n))
+      (forall (?m - node) (when (tied ?m ?n) (and (bad ?m) (not (good ?m)))))
+      (increase (total-cost) 1))))

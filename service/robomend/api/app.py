@@ -1,0 +1,108 @@
+"""`create_app`: the parts go in, an ASGI application comes out. No module-level app: two live in one process.
+
+    edge (ids, Origin, log) ──► gate (key or Host, role, rate) ──► router ──► fleet, repairs, one-shots, store
+
+The parts are started and closed by whoever made them (see robomend.api.runtime), not by the application.
+"""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Callable
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from typing import Any
+
+from fastapi import FastAPI
+from fastapi.routing import APIRoute
+
+from robomend.api import problems
+from robomend.api.deps import Parts
+from robomend.api.edge import Edge
+from robomend.api.express import Express
+from robomend.api.gate import Gate, KeyRing
+from robomend.api.openapi import DESCRIPTION, TAGS, complete
+from robomend.api.routers import (
+    actions,
+    board,
+    control,
+    diagnosis,
+    docs,
+    events,
+    history,
+    models,
+    observations,
+    oneshots,
+    operation,
+    plans,
+    repairs,
+    robots,
+)
+from robomend.version import version_info
+
+ROUTERS = (
+    observations,  # first, as routes are looked for in order and this is the busiest
+    diagnosis,
+    actions,
+    robots,
+    models,
+    plans,
+    repairs,
+    board,
+    control,
+    events,
+    history,
+    oneshots,
+    operation,
+    docs,
+)
+
+Lifespan = Callable[[FastAPI], AbstractAsyncContextManager[None]]
+
+
+def create_app(parts: Parts, *, lifespan: Lifespan | None = None) -> FastAPI:
+    """Return the application over these parts.
+
+    Args:
+        parts: what it works with; started already, or started by `lifespan`.
+        lifespan: what is around its life, e.g. starting the parts.
+    """
+    app = FastAPI(
+        title="robomend",
+        version=version_info()["robomend"] or "0",
+        description=DESCRIPTION,
+        openapi_tags=TAGS,
+        docs_url=None,
+        redoc_url=None,
+        openapi_url=None,
+        redirect_slashes=False,
+        lifespan=lifespan or _nothing,
+        telemetry={"tracing": False, "metrics": False, "logs": False},
+    )
+    app.state.parts = parts
+    app.state.gate = Gate(KeyRing(parts.store), parts.settings, parts.metrics)
+    problems.install(app)
+    for module in ROUTERS:
+        # Appended, not included: an included router is matched through a context of its own on every request.
+        app.router.routes.extend(module.router.routes)
+    busiest = next(route for route in routes(app) if route.endpoint is observations.post_observations)
+    express = Express(parts, app.state.gate, busiest)
+    app.add_middleware(Edge, metrics=parts.metrics, express=express)
+    default_openapi = app.openapi
+    document: dict[str, Any] = {}
+
+    def openapi() -> dict[str, Any]:
+        if not document:
+            document.update(complete(default_openapi()))
+        return document
+
+    app.openapi = openapi  # type: ignore[method-assign]  # the way that FastAPI documents for extending it
+    return app
+
+
+def routes(app: FastAPI) -> list[APIRoute]:
+    """Return the application's own routes, for tests and docs that walk them."""
+    return [route for route in app.router.routes if isinstance(route, APIRoute)]
+
+
+@asynccontextmanager
+async def _nothing(_: FastAPI) -> AsyncIterator[None]:
+    yield

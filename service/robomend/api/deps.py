@@ -1,0 +1,126 @@
+"""What the routers are given: typed names for the parts that `create_app` received."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from fastapi import Depends, Header, Path, Query, Request
+
+from robomend.api.problems import Problem
+from robomend.api.schemas import NAME
+from robomend.api.streams import Hub
+from robomend.errors import PreconditionRequired
+from robomend.fleet import Fleet
+from robomend.metrics import Metrics
+from robomend.oneshots import OneShots
+from robomend.repair.service_interface import Repairs
+from robomend.security import Principal
+from robomend.settings import Settings
+from robomend.store.interface import Store
+from robomend.store.records import ANY, Paging
+
+
+@dataclass(frozen=True, slots=True)
+class Parts:
+    """Everything that one application works with."""
+
+    settings: Settings
+    store: Store
+    fleet: Fleet
+    repairs: Repairs
+    one_shots: OneShots
+    hub: Hub
+    metrics: Metrics
+
+
+# Dependencies are coroutines even where they wait for nothing: the framework would hand plain functions to a
+# thread, which costs more than the rest of a request.
+
+
+async def _parts(request: Request) -> Parts:
+    return parts_of(request)
+
+
+async def _principal(request: Request) -> Principal:
+    return principal_of(request)
+
+
+def parts_of(request: Request) -> Parts:
+    """Return the parts, for the busiest route: each dependency that is solved costs it 0.05 ms."""
+    parts: Parts = request.app.state.parts
+    return parts
+
+
+def principal_of(request: Request) -> Principal:
+    """Return whom the gate let in."""
+    principal: Principal = request.scope["robomend.principal"]
+    return principal
+
+
+PartsDep = Annotated[Parts, Depends(_parts)]
+PrincipalDep = Annotated[Principal, Depends(_principal)]
+
+RobotPath = Annotated[str, Path(pattern=NAME, description="the robot's id", examples=["tedusar-1"])]
+ModelPath = Annotated[str, Path(pattern=NAME, description="the model's name", examples=["tedusar"])]
+RepairPath = Annotated[str, Path(pattern=r"^[A-Za-z0-9_.\-]{1,64}$", examples=["r-7k2m9x4q"])]
+ActionPath = Annotated[str, Path(pattern=r"^[A-Za-z0-9_.:\-]{1,128}$", examples=["r-7k2m9x4q:2"])]
+
+
+async def _paging(
+    cursor: Annotated[str | None, Query(max_length=200, description="`next` of the page before")] = None,
+    limit: Annotated[int, Query(ge=1, le=1000)] = 100,
+) -> Paging:
+    if cursor is not None and not cursor.isprintable():
+        raise Problem(422, "cursor: not one that `next` gave")
+    return Paging(cursor, limit)
+
+
+PagingDep = Annotated[Paging, Depends(_paging)]
+
+IfMatch = Annotated[
+    str | None,
+    Header(alias="If-Match", max_length=200, description="the ETag of the version to replace, or `*`"),
+]
+IfNoneMatch = Annotated[
+    str | None,
+    Header(alias="If-None-Match", max_length=200, description="`*`: only if it does not exist yet"),
+]
+IdempotencyKey = Annotated[
+    str | None,
+    Header(
+        alias="Idempotency-Key",
+        max_length=200,
+        pattern=r"^[\x21-\x7e]+$",
+        description="a repeat with the same key has the first one's effect and answer",
+    ),
+]
+
+
+def expected_etag(if_match: str | None, if_none_match: str | None = None) -> str | None:
+    """Return what the store is to expect: an ETag's content, ANY, or None for "it must not exist yet"."""
+    if if_none_match is not None:
+        if if_none_match.strip() != "*" or if_match is not None:
+            raise Problem(422, "If-None-Match: only `*` is understood here, and not together with If-Match")
+        return None
+    if if_match is None:
+        return None
+    value = if_match.strip()
+    if value == ANY:
+        return ANY
+    if len(value) >= 2 and value[0] == value[-1] == '"':
+        return value[1:-1]
+    raise Problem(422, 'If-Match: give one ETag in double quotes, as in If-Match: "5f0c9a", or `*`')
+
+
+def needs_etag(if_match: str | None) -> str:
+    """Return what a deletion expects; it always needs If-Match."""
+    expected = expected_etag(if_match)
+    if expected is None:
+        raise PreconditionRequired("deleting needs If-Match with the current ETag, or `*`")
+    return expected
+
+
+def quoted(etag: str) -> str:
+    """Return an ETag as its header writes it."""
+    return f'"{etag}"'

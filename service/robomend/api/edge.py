@@ -1,0 +1,108 @@
+"""The outermost layer: what is done for every request before a route is known, and after its answer.
+
+    request id ──► Origin ──► the application ──► log line, metrics
+
+A page of another site can make a browser send requests here, so a request that changes something must not
+come from another origin. Bearer keys are not sent by browsers on their own; without keys, see also the gate.
+"""
+
+from __future__ import annotations
+
+import re
+import secrets
+import time
+from itertools import count
+
+import structlog
+from starlette.requests import ClientDisconnect
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from robomend.api.express import Express
+from robomend.api.problems import Problem, unforeseen
+from robomend.metrics import Metrics
+
+log = structlog.get_logger("robomend.http")
+
+REQUEST_ID = re.compile(rb"[A-Za-z0-9._\-]{1,64}\Z")
+SAFE = frozenset({"GET", "HEAD", "OPTIONS"})
+SECURITY_HEADERS = ((b"x-content-type-options", b"nosniff"), (b"referrer-policy", b"no-referrer"))
+
+
+class Edge:
+    """ASGI middleware; see the module."""
+
+    def __init__(self, app: ASGIApp, *, metrics: Metrics, express: Express) -> None:
+        self._app = app
+        self._express = express
+        self._metrics = metrics
+        self._run = secrets.token_hex(4)  # told apart over restarts and instances
+        self._count = count(1)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        began = time.perf_counter()
+        headers = dict(reversed(scope["headers"]))  # of a repeated header, the first
+        given = headers.get(b"x-request-id", b"")
+        request_id = given.decode() if REQUEST_ID.match(given) else f"{self._run}-{next(self._count):x}"
+        scope["robomend.request_id"] = request_id
+        status = 0
+
+        async def answer(message: Message) -> None:
+            nonlocal status
+            if message["type"] == "http.response.start":
+                status = message["status"]
+                message["headers"] = [
+                    *message.get("headers", ()),
+                    (b"x-request-id", request_id.encode()),
+                    *SECURITY_HEADERS,
+                ]
+            await send(message)
+
+        structlog.contextvars.bind_contextvars(request=request_id)
+        try:
+            problem = refusal(scope, headers)
+            if problem is not None:
+                await problem.response(request_id)(scope, receive, answer)
+            elif self._express.takes(scope, headers):
+                await self._express(scope, receive, answer, headers)
+            else:
+                await self._app(scope, receive, answer)
+        except ClientDisconnect:
+            status = status or 499  # nobody is left to answer; the log line and the metrics say so
+        except Exception:
+            log.exception("unforeseen", method=scope["method"], path=scope["path"])
+            if status == 0:
+                await unforeseen(request_id)(scope, receive, answer)
+        finally:
+            self._note(scope, status, time.perf_counter() - began)
+            structlog.contextvars.clear_contextvars()
+
+    def _note(self, scope: Scope, status: int, elapsed_s: float) -> None:
+        route = getattr(scope.get("route"), "path_format", "none")
+        waited = scope.get("robomend.waits")
+        self._metrics.request(scope["method"], route, status, None if waited else elapsed_s)
+        level = log.info if status >= 400 else log.debug
+        level(
+            "request",
+            method=scope["method"],
+            path=scope["path"],
+            status=status,
+            ms=round(elapsed_s * 1000, 2),
+            principal=scope.get("robomend.principal_name"),
+        )
+
+
+def refusal(scope: Scope, headers: dict[bytes, bytes]) -> Problem | None:
+    """Return why this request is not even looked at, or None."""
+    if scope["method"] in SAFE:
+        return None
+    origin = headers.get(b"origin")
+    if origin is not None:
+        authority = origin.partition(b"://")[2]
+        if authority.lower() != headers.get(b"host", b"").lower():
+            return Problem(403, "a change may not come from a page of another origin", code="cross-origin")
+    elif headers.get(b"sec-fetch-site", b"none") not in {b"none", b"same-origin"}:
+        return Problem(403, "a change may not come from a page of another site", code="cross-origin")
+    return None

@@ -1,0 +1,55 @@
+"""The body of PUT /models/{name}: JSON with the text in it, or the text itself, as `curl` sends files."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fastapi.exceptions import RequestValidationError
+from pydantic import ValidationError
+from starlette.requests import Request
+
+from robomend.api import strict_json
+from robomend.api.body import check_content_type, content_type, read_chunks
+from robomend.api.problems import Problem, of_validation
+from robomend.api.schemas import ModelBody
+from robomend.settings import Settings
+
+TEXTS = ("application/yaml", "text/yaml", "application/x-yaml", "text/x-yaml", "text/plain")
+
+OPENAPI_BODY: dict[str, Any] = {
+    "requestBody": {
+        "required": True,
+        "content": {
+            "application/json": {"schema": ModelBody.model_json_schema()},
+            **{
+                kind: {
+                    "schema": {"type": "string", "minLength": 1, "description": "the model as it is written"},
+                    "example": "robomend: 1\nname: lamp\nhardware:\n  battery: {channel: 1}\nnodes: {}\n",
+                }
+                for kind in TEXTS
+            },
+        },
+    }
+}
+
+
+async def read_model(request: Request, settings: Settings) -> ModelBody:
+    """Return the model of a body. In JSON its line ends take two bytes, so that may be twice as long."""
+    text = content_type(request) in TEXTS
+    limit = max(settings.max_body_bytes, settings.max_model_bytes * (1 if text else 2))
+    chunks = [chunk async for chunk in read_chunks(request, limit, settings.body_timeout_s)]
+    body = b"".join(chunks)
+    check_content_type(request, "application/json", *TEXTS)
+    value = {"source": _decoded(body)} if text else strict_json.loads(body, settings.max_nesting)
+    try:
+        return ModelBody.model_validate(value)
+    except ValidationError as error:
+        faults = [{**fault, "loc": ("body", *fault["loc"])} for fault in error.errors(include_url=False)]
+        raise of_validation(RequestValidationError(faults)) from error
+
+
+def _decoded(body: bytes) -> str:
+    try:
+        return body.decode()
+    except UnicodeDecodeError as error:
+        raise Problem(400, f"the text is not UTF-8: byte {error.start}") from error

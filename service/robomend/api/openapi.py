@@ -1,0 +1,59 @@
+"""What FastAPI does not write into the OpenAPI document by itself."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from robomend.api.problems import MEDIA_TYPE
+from robomend.security import EVERYONE, RULES
+
+DESCRIPTION = """Finds out why a robot misbehaves, repairs it, and looks whether it worked.
+
+Observations come in, minimal diagnoses come out; repairs are planned, approved and carried out. Lists are
+`{"items": [...], "next": ...}`; errors are problem details (RFC 9457) with a stable `code`; what was
+acknowledged is on disk."""
+
+TAGS = [
+    {"name": "models", "description": "System descriptions, versioned; a robot follows its model"},
+    {"name": "robots", "description": "What is configured of each robot"},
+    {"name": "observations", "description": "What was observed comes in; OBS can be read"},
+    {"name": "diagnosis", "description": "Why it misbehaves, and what to look at next"},
+    {"name": "repair", "description": "Plans and repairs, and a person's yes or no"},
+    {"name": "board", "description": "The power board's channels"},
+    {"name": "agent", "description": "The robot's side of repair: it pulls actions and reports"},
+    {"name": "control", "description": "The global stop, and quarantine"},
+    {"name": "events", "description": "Server-sent events with replay"},
+    {"name": "history", "description": "What was, and who did what and why"},
+    {"name": "one-shots", "description": "Stateless diagnoses and plans, what-if included"},
+    {"name": "operation", "description": "Health, readiness, metrics, versions"},
+]
+
+
+def complete(document: dict[str, Any]) -> dict[str, Any]:
+    """Add the key's scheme where one is needed, and give problems their media type."""
+    components = document.setdefault("components", {})
+    components["securitySchemes"] = {
+        "key": {
+            "type": "http",
+            "scheme": "bearer",
+            "description": "from `robomend keys create`; none is needed on loopback while no key exists",
+        }
+    }
+    for path, operations in document["paths"].items():
+        for method, operation in operations.items():
+            if RULES.get((method.upper(), path)) is not EVERYONE:
+                operation["security"] = [{"key": []}, {}]
+            for status, response in operation.get("responses", {}).items():
+                if status[0] in "45":
+                    _as_problem(response)
+    return document
+
+
+def _as_problem(response: dict[str, Any]) -> None:
+    """An error is a problem whatever the framework assumes; /readyz alone answers 503 with what is amiss."""
+    told = [each for each in response.get("content", {}).values() if "schema" in each]
+    if told and "Readiness" in str(told[0]["schema"]):
+        problem = {"schema": {"$ref": "#/components/schemas/ProblemBody"}}
+        response["content"] = {"application/json": told[0], MEDIA_TYPE: problem}
+    elif told:
+        response["content"] = {MEDIA_TYPE: told[0]}

@@ -1,0 +1,181 @@
+"""One error shape: problem details (RFC 9457) with a stable `code`.
+
+Every RobomendError has a status here, by its most special class; HTTP's own errors (a body too large, a key
+missing) are `Problem`s raised where they are found. Nothing else makes an error response, and a request is
+never answered with a traceback: an exception that nobody foresaw is logged with its request id and answered
+with 500.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from http import HTTPStatus
+from typing import Any
+
+import structlog
+from fastapi import FastAPI
+from fastapi.exceptions import RequestValidationError
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.responses import Response
+
+from robomend import errors
+
+log = structlog.get_logger("robomend.api")
+
+MEDIA_TYPE = "application/problem+json"
+TYPE_PREFIX = "urn:robomend:problem:"
+
+STATUS: dict[type[errors.RobomendError], int] = {
+    errors.RobomendError: 500,
+    errors.InputError: 422,
+    errors.TooLarge: 413,
+    errors.NotFound: 404,
+    errors.Conflict: 409,
+    errors.PreconditionFailed: 412,
+    errors.PreconditionRequired: 428,
+    errors.Refused: 403,
+    errors.BackendError: 502,
+    errors.SolverError: 503,
+    errors.WorkerDied: 503,
+    errors.WorkerTimeout: 503,
+    errors.Overloaded: 503,
+    errors.StoreError: 503,
+    errors.StoreFull: 507,
+    errors.BoardTimeout: 504,
+    errors.BoardUnreachable: 503,
+}
+
+RETRY_AFTER_S = {503: 1, 429: 1}
+
+HTTP_CODES = {
+    400: "bad-request",
+    401: "unauthorized",
+    403: "forbidden",
+    404: "not-found",
+    405: "method-not-allowed",
+    406: "not-acceptable",
+    408: "request-timeout",
+    411: "length-required",
+    413: "too-large",
+    415: "unsupported-media-type",
+    421: "misdirected",
+    422: "bad-input",
+    429: "too-many-requests",
+    431: "headers-too-large",
+    500: "internal",
+    501: "not-implemented",
+    503: "overloaded",
+}
+
+MAX_FIELDS = 20
+"""Faults named in one answer; a body of a million wrong fields must not be answered with a million lines."""
+
+
+class Problem(Exception):
+    """An answer that is no success, raised where it is found."""
+
+    def __init__(
+        self,
+        status: int,
+        detail: str,
+        *,
+        code: str | None = None,
+        headers: Mapping[str, str] | None = None,
+        **extra: Any,
+    ) -> None:
+        super().__init__(detail)
+        self.status = status
+        self.detail = detail
+        self.code = code or HTTP_CODES.get(status, "error")
+        self.headers = dict(headers or {})
+        self.extra = extra
+
+    def response(self, request_id: str | None = None) -> Response:
+        """Return the response; strings that UTF-8 cannot carry are escaped."""
+        body: dict[str, Any] = {
+            "type": TYPE_PREFIX + self.code,
+            "title": HTTPStatus(self.status).phrase,
+            "status": self.status,
+            "code": self.code,
+            "detail": self.detail,
+            **self.extra,
+        }
+        if request_id is not None:
+            body["request_id"] = request_id
+        if self.status in RETRY_AFTER_S:
+            self.headers.setdefault("Retry-After", str(RETRY_AFTER_S[self.status]))
+        return Response(json.dumps(body), self.status, self.headers, MEDIA_TYPE)
+
+
+def of_error(error: errors.RobomendError) -> Problem:
+    """Return the problem of a service error: its status, its code, its place as fields of their own."""
+    status = next(STATUS[cls] for cls in type(error).__mro__ if cls in STATUS)
+    extra: dict[str, Any] = {}
+    for name in ("file", "line", "sentence", "position", "literals", "rules"):
+        value = getattr(error, name, None)
+        if value is not None and value != ():
+            extra[name] = list(value) if isinstance(value, tuple) else value
+    return Problem(status, str(error) or error.code, code=error.code, **extra)
+
+
+def of_validation(error: RequestValidationError) -> Problem:
+    """Return 400 for what is no JSON and 422 for what is none of ours, naming each field at fault."""
+    found = error.errors()
+    if found and found[0]["type"] == "json_invalid":
+        position = found[0]["loc"][-1]
+        reason = found[0].get("ctx", {}).get("error", "not JSON")
+        return Problem(400, f"the body is not JSON: {reason} at {position}", code="malformed-json")
+    faults = [
+        {"place": ".".join(map(str, one["loc"])), "message": one["msg"], "type": one["type"]}
+        for one in found[:MAX_FIELDS]
+    ]
+    first = f"{faults[0]['place']}: {faults[0]['message']}" if faults else "the request is malformed"
+    more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
+    return Problem(422, first + more, errors=faults)
+
+
+def answer_to(request: Request, error: errors.RobomendError | Problem) -> Response:
+    """Return the answer that an error of ours is; what failed behind us is logged."""
+    if isinstance(error, Problem):
+        return error.response(request_id(request))
+    problem = of_error(error)
+    if problem.status >= 500:
+        log.warning("backend failed", code=problem.code, detail=problem.detail)
+    return problem.response(request_id(request))
+
+
+def install(app: FastAPI) -> None:
+    """Make every error of this application a problem."""
+
+    async def ours(request: Request, error: Exception) -> Response:
+        assert isinstance(error, errors.RobomendError | Problem)
+        return answer_to(request, error)
+
+    async def invalid(request: Request, error: Exception) -> Response:
+        assert isinstance(error, RequestValidationError)
+        return of_validation(error).response(request_id(request))
+
+    async def http_error(request: Request, error: Exception) -> Response:
+        assert isinstance(error, HTTPException)
+        detail = str(error.detail)
+        if error.status_code == 404:
+            detail = f"there is nothing at {request.url.path}"
+        return Problem(error.status_code, detail, headers=error.headers).response(request_id(request))
+
+    app.add_exception_handler(errors.RobomendError, ours)
+    app.add_exception_handler(Problem, ours)
+    app.add_exception_handler(RequestValidationError, invalid)
+    app.add_exception_handler(HTTPException, http_error)
+
+
+def unforeseen(request_id: str | None) -> Response:
+    """Return the answer to an exception that nobody foresaw; the log has the rest."""
+    return Problem(500, "an unforeseen fault; the log tells more under this request id").response(request_id)
+
+
+def request_id(request: Request) -> str | None:
+    """Return the id that the outermost middleware gave to the request."""
+    value = request.scope.get("robomend.request_id")
+    return value if isinstance(value, str) else None

@@ -1,0 +1,1 @@
+"""One file a resource. Routers translate and delegate; the work is done elsewhere."""

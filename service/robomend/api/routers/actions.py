@@ -1,0 +1,56 @@
+"""/actions: the agent's side of repair. It pulls what to do, says how far it is, and how it ended."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Query, Request, Response
+
+from robomend.api.deps import ActionPath, PartsDep, PrincipalDep, RobotPath
+from robomend.api.documented import problems
+from robomend.api.gate import GuardedRoute
+from robomend.api.ownership import check_own_action
+from robomend.api.schemas import ActionOut, ActionResultBody, FeedbackBody, FirstResult
+from robomend.security import API
+
+router = APIRouter(prefix=API, tags=["agent"], route_class=GuardedRoute)
+
+
+@router.get(
+    "/robots/{robot}/actions/next",
+    response_model=ActionOut,
+    responses={**problems(404), 204: {"description": "Nothing to do"}},
+)
+async def next_action(
+    request: Request,
+    robot: RobotPath,
+    parts: PartsDep,
+    wait_s: Annotated[float, Query(ge=0, le=3600, description="wait this long for one")] = 0.0,
+    host: Annotated[str | None, Query(max_length=253, description="which of the robot's agents asks")] = None,
+) -> Any:
+    """Return the agent's next action; the same again until its first feedback or result came in."""
+    request.scope["robomend.waits"] = wait_s > 0
+    async with parts.fleet.diagnosing.waiting():
+        action = await parts.repairs.next_action(
+            robot, host=host, wait_s=min(wait_s, parts.settings.max_wait_s)
+        )
+    return Response(status_code=204) if action is None else ActionOut.model_validate(action)
+
+
+@router.post("/actions/{action}/feedback", status_code=204, responses=problems(404, 409, body=True))
+async def post_feedback(
+    action: ActionPath, body: FeedbackBody, parts: PartsDep, principal: PrincipalDep
+) -> None:
+    """Say how far an action is; after its result this is a conflict."""
+    await check_own_action(parts.repairs, principal, action)
+    await parts.repairs.feedback(action, code=body.code, message=body.message, by=principal.name)
+
+
+@router.post("/actions/{action}/result", responses=problems(404, body=True))
+async def post_result(
+    action: ActionPath, body: ActionResultBody, parts: PartsDep, principal: PrincipalDep
+) -> FirstResult:
+    """Report an action's end; a repeat is answered with the first report, which counts."""
+    await check_own_action(parts.repairs, principal, action)
+    first = await parts.repairs.result(action, code=body.code, message=body.message, by=principal.name)
+    return FirstResult(code=first["code"], message=first["message"])

@@ -1,0 +1,32 @@
+"""/robots/{robot}/board: the power board's channels."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Path
+
+from robomend.api.deps import PartsDep, PrincipalDep, RobotPath
+from robomend.api.documented import problems
+from robomend.api.gate import GuardedRoute
+from robomend.api.schemas import BoardOut, ChannelBody
+from robomend.api.views import board_out
+from robomend.security import API
+
+router = APIRouter(prefix=f"{API}/robots/{{robot}}/board", tags=["board"], route_class=GuardedRoute)
+
+ChannelPath = Annotated[int, Path(ge=0, le=255, description="the channel's number")]
+
+
+@router.get("", responses=problems(404))
+async def get_board(robot: RobotPath, parts: PartsDep) -> BoardOut:
+    """Return the link's state and each channel's reading; null is unknown."""
+    return board_out(await parts.fleet.board(robot))
+
+
+@router.put("/channels/{channel}", status_code=204, responses=problems(404, 409, 502, 504, body=True))
+async def switch_channel(
+    robot: RobotPath, channel: ChannelPath, body: ChannelBody, parts: PartsDep, principal: PrincipalDep
+) -> None:
+    """Switch a channel; returns when the board has acknowledged. A protected channel is not switched off."""
+    await parts.fleet.switch(robot, channel, body.on, by=principal.name, reason=body.reason)

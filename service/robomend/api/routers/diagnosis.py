@@ -1,0 +1,46 @@
+"""/robots/{robot}/diagnosis and /probes: the explanation of OBS, and what to look at next."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Query, Request, Response
+
+from robomend.api.deps import PartsDep, RobotPath
+from robomend.api.documented import problems
+from robomend.api.gate import GuardedRoute
+from robomend.api.schemas import MAX_INT, CurrentDiagnosis, ProbesOut
+from robomend.api.views import diagnosis_response, probes_out
+from robomend.security import API
+
+router = APIRouter(prefix=f"{API}/robots/{{robot}}", tags=["diagnosis"], route_class=GuardedRoute)
+
+
+@router.get("/diagnosis", response_model=CurrentDiagnosis, responses=problems(404))
+async def get_diagnosis(
+    request: Request,
+    robot: RobotPath,
+    parts: PartsDep,
+    wait_s: Annotated[float, Query(ge=0, le=3600, description="wait this long for a newer revision")] = 0.0,
+    after: Annotated[
+        int | None, Query(ge=0, le=MAX_INT, description="newer than this; by default, than the current one")
+    ] = None,
+) -> Response:
+    """Return the current diagnosis; `revision` says of which OBS. With `wait_s`, wait for a newer one first.
+
+    The wait is cut to the service's own limit; when nothing newer came, the answer is the current one.
+    """
+    state = await parts.fleet.robot(robot)
+    if wait_s > 0:
+        request.scope["robomend.waits"] = True
+        await parts.fleet.diagnosing.wait(state, after, min(wait_s, parts.settings.max_wait_s))
+    return diagnosis_response(state)
+
+
+@router.get("/probes", responses=problems(404))
+async def get_probes(
+    robot: RobotPath, parts: PartsDep, limit: Annotated[int, Query(ge=1, le=100)] = 5
+) -> ProbesOut:
+    """Return the observations worth making next: expected information per cost, best first."""
+    state = await parts.fleet.robot(robot)
+    return probes_out(state.revision, await parts.one_shots.probes(state, limit))

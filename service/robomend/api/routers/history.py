@@ -1,0 +1,36 @@
+"""/history and /audit: what was, and who did what and why."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from fastapi import APIRouter, Query
+
+from robomend.api.deps import PagingDep, PartsDep, RobotPath
+from robomend.api.documented import problems
+from robomend.api.gate import GuardedRoute
+from robomend.api.schemas import NAME, AuditOut, HistoryLine, Items
+from robomend.api.views import audit_out, history_page
+from robomend.security import API
+
+router = APIRouter(prefix=API, tags=["history"], route_class=GuardedRoute)
+
+
+@router.get("/robots/{robot}/history", responses=problems(404))
+async def get_history(
+    robot: RobotPath,
+    parts: PartsDep,
+    paging: PagingDep,
+    kind: Literal["observations", "diagnosis", "repair"] = "observations",
+) -> Items[HistoryLine]:
+    """Return accepted batches, diagnoses or repairs over time, newest first."""
+    return await history_page(parts.store, robot, kind, paging)
+
+
+@router.get("/audit", responses=problems())
+async def get_audit(
+    parts: PartsDep, paging: PagingDep, robot: Annotated[str | None, Query(pattern=NAME)] = None
+) -> Items[AuditOut]:
+    """Return the audit log, newest first, of everything or of one robot."""
+    page = await parts.store.read(lambda view: view.audit(paging, robot=robot))
+    return Items(items=[audit_out(entry) for entry in page.items], next=page.next)

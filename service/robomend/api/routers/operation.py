@@ -1,0 +1,47 @@
+"""/healthz, /readyz, /metrics, /version-info: for whoever runs the service."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fastapi import APIRouter, Response
+
+from robomend.api.deps import PartsDep
+from robomend.api.documented import problems
+from robomend.api.gate import GuardedRoute
+from robomend.api.readiness import readiness
+from robomend.api.schemas import Readiness
+from robomend.metrics import CONTENT_TYPE
+from robomend.version import version_info
+
+router = APIRouter(tags=["operation"], route_class=GuardedRoute)
+
+
+@router.get("/healthz", responses=problems())
+async def healthz() -> dict[str, str]:
+    """Answer: the process is alive and its event loop turns. Restart it when it does not."""
+    return {"status": "ok"}
+
+
+@router.get("/readyz", responses={**problems(), 503: {"model": Readiness, "description": "Not ready"}})
+async def readyz(parts: PartsDep, response: Response) -> Readiness:
+    """Say whether requests can be served: the store writes, workers live. Boards are told, but do not
+    decide.
+    """
+    found = await readiness(parts)
+    response.status_code = 200 if found.ready else 503
+    return found
+
+
+@router.get(
+    "/metrics", response_class=Response, responses={**problems(), 200: {"content": {CONTENT_TYPE: {}}}}
+)
+async def metrics(parts: PartsDep) -> Response:
+    """Return the service's figures in Prometheus' text format."""
+    return Response(parts.metrics.text(), media_type=CONTENT_TYPE)
+
+
+@router.get("/version-info", responses=problems())
+async def get_version_info() -> dict[str, Any]:
+    """Return the versions of robomend and of the parts that decide its answers."""
+    return version_info()

@@ -1,0 +1,25 @@
+"""/robots/{robot}/plans: plan, without acting."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fastapi import APIRouter
+
+from robomend.api.deps import PartsDep, RobotPath
+from robomend.api.documented import problems
+from robomend.api.gate import GuardedRoute
+from robomend.api.schemas import PlanBody
+from robomend.security import API
+
+router = APIRouter(prefix=f"{API}/robots/{{robot}}/plans", tags=["repair"], route_class=GuardedRoute)
+
+
+@router.post("", responses=problems(404, 409, body=True))
+async def plan(robot: RobotPath, body: PlanBody, parts: PartsDep) -> dict[str, Any]:
+    """Plan a repair of the diagnosis `bad`, or of the best choice among those there are; nothing is done."""
+    return dict(
+        await parts.repairs.plan(
+            robot, bad=body.bad, planner=body.planner, timeout_s=body.timeout_s, pddl=body.pddl
+        )
+    )

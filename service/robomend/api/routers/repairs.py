@@ -1,0 +1,48 @@
+"""/repairs: what was found, planned and done, and a person's yes or no to it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fastapi import APIRouter, Response
+
+from robomend.api.deps import PagingDep, PartsDep, PrincipalDep, RepairPath, RobotPath
+from robomend.api.documented import problems
+from robomend.api.gate import GuardedRoute
+from robomend.api.schemas import DecisionBody, Items, RepairBody
+from robomend.security import API
+
+router = APIRouter(prefix=API, tags=["repair"], route_class=GuardedRoute)
+
+
+@router.post("/robots/{robot}/repairs", status_code=202, responses=problems(404, 409, body=True))
+async def create_repair(
+    robot: RobotPath, body: RepairBody, parts: PartsDep, principal: PrincipalDep, response: Response
+) -> dict[str, Any]:
+    """Ask for a repair of the diagnosis `bad`, or of the best choice; a conflict while one is open."""
+    repair = await parts.repairs.create(robot, bad=body.bad, by=principal.name, reason=body.reason)
+    response.headers["Location"] = f"{API}/repairs/{repair['id']}"
+    return dict(repair)
+
+
+@router.get("/robots/{robot}/repairs", responses=problems(404))
+async def list_repairs(robot: RobotPath, parts: PartsDep, paging: PagingDep) -> Items[dict[str, Any]]:
+    """List the robot's repairs, newest first."""
+    found = await parts.repairs.repairs(robot, before=paging.cursor, limit=paging.limit)
+    more = len(found) == paging.limit
+    return Items(items=[dict(repair) for repair in found], next=str(found[-1]["id"]) if more else None)
+
+
+@router.get("/repairs/{repair}", responses=problems(404))
+async def get_repair(repair: RepairPath, parts: PartsDep) -> dict[str, Any]:
+    """Return a repair with its diagnosis, plan and steps."""
+    return dict(await parts.repairs.repair(repair))
+
+
+@router.post("/repairs/{repair}", responses=problems(404, 409, body=True))
+async def decide(
+    repair: RepairPath, body: DecisionBody, parts: PartsDep, principal: PrincipalDep
+) -> dict[str, Any]:
+    """Approve a repair that awaits it, or cancel one that has not ended."""
+    ask = parts.repairs.approve if body.decision == "approve" else parts.repairs.cancel
+    return dict(await ask(repair, by=principal.name, reason=body.reason))

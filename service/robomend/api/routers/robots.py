@@ -1,0 +1,70 @@
+"""/robots: what is configured of each robot."""
+
+from __future__ import annotations
+
+from fastapi import APIRouter, Response
+
+from robomend.api.deps import (
+    IfMatch,
+    IfNoneMatch,
+    PagingDep,
+    PartsDep,
+    PrincipalDep,
+    RobotPath,
+    expected_etag,
+    needs_etag,
+    quoted,
+)
+from robomend.api.documented import problems
+from robomend.api.gate import GuardedRoute
+from robomend.api.schemas import Items, RobotBody, RobotLine, RobotOut
+from robomend.api.views import robot_line, robot_out
+from robomend.security import API
+
+router = APIRouter(prefix=f"{API}/robots", tags=["robots"], route_class=GuardedRoute)
+
+
+@router.get("", responses=problems())
+async def list_robots(parts: PartsDep, paging: PagingDep) -> Items[RobotLine]:
+    """List the robots by id."""
+    page = await parts.store.read(lambda view: view.robots(paging))
+    return Items(items=[robot_line(robot) for robot in page.items], next=page.next)
+
+
+@router.get("/{robot}", responses=problems(404))
+async def get_robot(robot: RobotPath, parts: PartsDep, response: Response) -> RobotOut:
+    """Return a robot's configuration, its revision and whether it is healthy."""
+    state = await parts.fleet.robot(robot)
+    response.headers["ETag"] = quoted(state.stored.etag)
+    return robot_out(state)
+
+
+@router.put(
+    "/{robot}",
+    responses={**problems(404, 409, 412, 428, body=True), 201: {"model": RobotOut, "description": "Created"}},
+)
+async def put_robot(
+    robot: RobotPath,
+    body: RobotBody,
+    parts: PartsDep,
+    principal: PrincipalDep,
+    response: Response,
+    if_match: IfMatch = None,
+    if_none_match: IfNoneMatch = None,
+) -> RobotOut:
+    """Create a robot, or replace its configuration; replacing needs If-Match. OBS stays."""
+    expected = expected_etag(if_match, if_none_match)
+    state = await parts.fleet.put_robot(
+        robot, body.model_dump(mode="json"), expected=expected, by=principal.name
+    )
+    response.status_code = 201 if expected is None else 200
+    response.headers["ETag"] = quoted(state.stored.etag)
+    return robot_out(state)
+
+
+@router.delete("/{robot}", status_code=204, responses=problems(404, 409, 412, 428))
+async def delete_robot(
+    robot: RobotPath, parts: PartsDep, principal: PrincipalDep, if_match: IfMatch = None
+) -> None:
+    """Delete a robot; a conflict while a repair is open. Its history stays as long as the retention says."""
+    await parts.fleet.delete_robot(robot, expected=needs_etag(if_match), by=principal.name)

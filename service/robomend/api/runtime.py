@@ -1,0 +1,149 @@
+"""The parts of one service, started in order and closed in the other: what `robomend serve` and tests run.
+
+store ──► workers ──► fleet ──► repairs ──► hub ──► the application
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import AsyncExitStack, asynccontextmanager
+from dataclasses import asdict
+
+import structlog
+from fastapi import FastAPI
+
+from robomend.api.app import create_app
+from robomend.api.deps import Parts
+from robomend.api.streams import Hub
+from robomend.diagnoser import Diagnoser
+from robomend.errors import RobomendError
+from robomend.fleet import Fleet
+from robomend.metrics import Metrics
+from robomend.oneshots import OneShots
+from robomend.repair.planner_pool import PlannerPool
+from robomend.repair.service_interface import Repairs
+from robomend.settings import Settings
+from robomend.solver_workers import SolverWorkers
+from robomend.store import open_store
+from robomend.store.interface import Store
+from robomend.store.records import Retention, StoreFigures
+from robomend_client.events import Event, Kind
+
+log = structlog.get_logger("robomend")
+
+ENDED = frozenset({"done", "failed"})
+"""States of a step after which it changes no more."""
+
+PRUNE_S = 3600.0
+"""Between two prunings."""
+
+MakeRepairs = Callable[[Store, Fleet, PlannerPool, OneShots, Settings], Repairs]
+
+
+class Runtime:
+    """One service, not yet started. Nothing is opened before `lifespan`."""
+
+    def __init__(self, settings: Settings, make_repairs: MakeRepairs) -> None:
+        self.settings = settings
+        self.metrics = Metrics()
+        self.store = open_store(database_url(settings))
+        self.solver = SolverWorkers(settings.solver_workers, settings.one_shots + 64)
+        self.planners = PlannerPool(size=settings.planner_workers)
+        diagnoser = Diagnoser(settings, self.metrics, self.solver)
+        self.fleet = Fleet(self.store, settings, self.metrics, diagnoser)
+        self.one_shots = OneShots(self.fleet.models, self.solver, self.planners, settings)
+        self.hub = Hub(self.store, self.metrics, most=settings.max_streams, ping_s=settings.ping_s)
+        self.repairs = make_repairs(self.store, self.fleet, self.planners, self.one_shots, settings)
+        self.app: FastAPI = create_app(
+            Parts(settings, self.store, self.fleet, self.repairs, self.one_shots, self.hub, self.metrics),
+            lifespan=self.lifespan,
+        )
+        self._watch_store()
+
+    def end_waits(self) -> None:
+        """End streams and long polls, so that a server that shuts down need not wait for them."""
+        self.hub.close()
+        self.fleet.end_waits()
+        self.repairs.end_waits()
+
+    @asynccontextmanager
+    async def lifespan(self, _: FastAPI) -> AsyncIterator[None]:
+        """Start the parts, and close them whatever happens."""
+        async with AsyncExitStack() as stack:
+            await self.store.start()
+            stack.push_async_callback(self.store.close)
+            stack.push_async_callback(self.planners.aclose)
+            stack.push_async_callback(self.solver.close)
+            stack.callback(self.one_shots.close)
+            self.hub.start()
+            stack.callback(self.store.subscribe(self._count))
+            pruning = asyncio.create_task(self._prune(), name="retention")
+            stack.callback(pruning.cancel)
+            stack.push_async_callback(self.fleet.close)
+            await self.fleet.start()
+            stack.push_async_callback(self.repairs.close)
+            await self.repairs.start()
+            stack.callback(self.end_waits)
+            log.info("ready", database=self.store.url)
+            yield
+            log.info("closing")
+
+    def _count(self, events: Sequence[Event]) -> None:
+        for event in events:
+            if event.kind is Kind.REPAIR:
+                self.metrics.repairs.labels(str(event.data.get("state"))).inc()
+            elif event.kind is Kind.ACTION and "repair" in event.data and event.data.get("state") in ENDED:
+                self.metrics.actions.labels(str(event.data.get("name")), str(event.data.get("result"))).inc()
+
+    async def _prune(self) -> None:
+        """Remove what is older than the settings keep, now and then."""
+        settings = self.settings
+        retention = Retention(
+            observations_days=settings.observations_days,
+            diagnoses_days=settings.diagnoses_days,
+            events_days=settings.events_days,
+            repairs_days=settings.repairs_days,
+        )
+        while True:
+            await asyncio.sleep(PRUNE_S)
+            try:
+                log.info("pruned", **asdict(await self.store.prune(retention)))
+            except RobomendError as error:
+                log.warning("not pruned", code=error.code, detail=str(error))
+
+    def _watch_store(self) -> None:
+        def watch(name: str, text: str, read: Callable[[StoreFigures], float]) -> None:
+            self.metrics.on_demand(
+                f"robomend_store_{name}", text, (), lambda: [((), read(self.store.figures()))]
+            )
+
+        watch("queued_writes", "writes that wait", lambda figures: figures.queued_writes)
+        watch("oldest_write_seconds", "how long the oldest waits", lambda figures: figures.oldest_write_s)
+        watch("commit_seconds", "the last commit", lambda figures: figures.last_commit_s)
+        watch("writes", "writes committed since the start", lambda figures: figures.writes)
+        watch("commits", "transactions since the start", lambda figures: figures.commits)
+
+
+def database_url(settings: Settings) -> str:
+    """Return the URL of the database: as set, or SQLite in the data folder."""
+    if settings.database is not None:
+        return settings.database.get_secret_value()
+    return f"sqlite:///{settings.data.expanduser().resolve() / 'robomend.db'}"
+
+
+@asynccontextmanager
+async def opened_store(settings: Settings) -> AsyncIterator[Store]:
+    """Open the database for a command, and close it."""
+    store = open_store(database_url(settings))
+    await store.start()
+    try:
+        yield store
+    finally:
+        await store.close()
+
+
+async def any_key(settings: Settings) -> bool:
+    """Return whether a key was ever created in this database."""
+    async with opened_store(settings) as store:
+        return bool(await store.read(lambda view: view.keys()))

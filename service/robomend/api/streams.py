@@ -1,0 +1,214 @@
+"""Server-sent events: every client its own place in one log.
+
+    store.subscribe ──► Hub ──► pending frames of each stream ──► the client
+    store.events(after) ─────────────────► a stream that resumes, or that fell behind
+
+Frames are encoded once and shared. A client that reads slowly holds up nobody: when its pending frames are
+too many they are dropped, and it goes on from the log after the last event that it got. A Last-Event-ID
+that the log does not know (malformed, from another database, or pruned) replays from the oldest event kept,
+after an event `gap`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections import deque
+from collections.abc import AsyncIterator
+
+from starlette.responses import Response
+from starlette.types import Receive, Scope, Send
+
+from robomend.api.problems import Problem
+from robomend.metrics import Metrics
+from robomend.store.encoding import to_json
+from robomend.store.interface import Store
+from robomend_client.events import Event
+
+PENDING = 1000
+"""Frames kept for a client that is slow; beyond, it is served from the log."""
+
+PAGE = 500
+"""Events read from the log at once."""
+
+RETRY_MS = 1000
+"""How long a browser waits before it comes back."""
+
+Frame = tuple[int, bytes]
+
+
+def encode(event: Event) -> bytes:
+    """Return an event as it goes over the wire."""
+    robot, data = to_json(event.robot), to_json(event.data)
+    text = f'{{"time_ns":{event.time_ns},"robot":{robot},"data":{data}}}'
+    return f"id: {event.id}\nevent: {event.kind}\ndata: {text}\n\n".encode()
+
+
+class Hub:
+    """Hands each committed event to the streams that want it."""
+
+    def __init__(self, store: Store, metrics: Metrics, *, most: int, ping_s: float) -> None:
+        self.store = store
+        self.ping_s = ping_s
+        self.closing = False
+        self._most = most
+        self._metrics = metrics
+        self._streams: dict[str | None, set[Stream]] = {}
+        self.count = 0
+
+    def start(self) -> None:
+        """Listen to the store; belongs to its event loop."""
+        self._unsubscribe = self.store.subscribe(self._publish)
+
+    def close(self) -> None:
+        """End all streams, so that the server need not wait for them."""
+        self.closing = True
+        for streams in self._streams.values():
+            for stream in streams:
+                stream.wake.set()
+
+    def open(self, robot: str | None, last_event_id: str | None) -> Stream:
+        """Return a stream that collects from now on. 503 when there are too many."""
+        if self.closing:
+            raise Problem(503, "the service is shutting down")
+        if self.count >= self._most:
+            self._metrics.refused.labels("streams").inc()
+            raise Problem(
+                503, f"{self._most} event streams are open; that is the limit", headers={"Retry-After": "5"}
+            )
+        stream = Stream(self, robot, last_event_id)
+        self._streams.setdefault(robot, set()).add(stream)
+        self.count += 1
+        self._metrics.streams.set(self.count)
+        return stream
+
+    def forget(self, stream: Stream) -> None:
+        """Take a stream out that has ended."""
+        streams = self._streams.get(stream.robot, set())
+        if stream in streams:
+            streams.remove(stream)
+            self.count -= 1
+            self._metrics.streams.set(self.count)
+            if not streams:
+                del self._streams[stream.robot]
+
+    def _publish(self, events: tuple[Event, ...]) -> None:
+        everything = self._streams.get(None, ())
+        for event in events:
+            own = self._streams.get(event.robot, ()) if event.robot is not None else ()
+            if everything or own:
+                frame = (event.id, encode(event))
+                for stream in (*everything, *own):
+                    stream.offer(frame)
+
+
+class Stream:
+    """One client's place in the log."""
+
+    def __init__(self, hub: Hub, robot: str | None, last_event_id: str | None) -> None:
+        self.robot = robot
+        self.wake = asyncio.Event()
+        self._hub = hub
+        self._asked = last_event_id
+        self._pending: deque[Frame] = deque()
+        self._from_log = last_event_id is not None
+        self._last = 0
+
+    def offer(self, frame: Frame) -> None:
+        """Take a frame, or note that there are too many."""
+        if self._from_log:
+            return
+        if len(self._pending) >= PENDING:
+            self._pending.clear()
+            self._from_log = True
+        else:
+            self._pending.append(frame)
+        self.wake.set()
+
+    async def frames(self) -> AsyncIterator[bytes]:
+        """Yield what the client gets, until the service shuts down."""
+        yield f"retry: {RETRY_MS}\n: robomend events\n\n".encode()
+        if self._asked is not None:
+            gap = await self._resume(self._asked)
+            if gap is not None:
+                yield gap
+        while not self._hub.closing:
+            if self._from_log:
+                chunk = await self._catch_up()
+            else:
+                chunk = b"".join(frame for number, frame in self._pending if number > self._last)
+                if self._pending:
+                    self._last = max(self._last, self._pending[-1][0])
+                    self._pending.clear()
+            if chunk:
+                yield chunk
+            elif not self._from_log:
+                self.wake.clear()
+                try:
+                    async with asyncio.timeout(self._hub.ping_s):
+                        await self.wake.wait()
+                except TimeoutError:
+                    yield b": ping\n\n"
+
+    async def _resume(self, asked: str) -> bytes | None:
+        """Find the place to go on from; return a gap event if that is not where the client was."""
+        kept = await self._hub.store.read(lambda view: view.event_range())
+        last = int(asked) if asked.isascii() and asked.isdigit() and len(asked) < 19 else -1
+        if kept.oldest - 1 <= last <= kept.newest:
+            self._last = last
+            return None
+        self._last = kept.oldest - 1
+        rest = {"oldest": kept.oldest, "newest": kept.newest, "asked": asked[:100]}
+        return f"event: gap\ndata: {json.dumps(rest)}\n\n".encode()
+
+    async def _catch_up(self) -> bytes:
+        """Return the next page of the log; at its end, go over to what comes."""
+        self._pending.clear()
+        self._from_log = False  # collect from here on: what is committed after the read below is offered
+        events = await self._hub.store.read(
+            lambda view: view.events(self._last, robot=self.robot, limit=PAGE)
+        )
+        if len(events) == PAGE:
+            self._from_log = True
+        if events:
+            self._last = events[-1].id
+        return b"".join(map(encode, events))
+
+
+class EventStream(Response):
+    """The answer to GET …/events. It ends with the client, with the service, or when the client stalls."""
+
+    media_type = "text/event-stream"
+
+    def __init__(self, hub: Hub, stream: Stream, send_timeout_s: float) -> None:
+        super().__init__(headers={"Cache-Control": "no-store", "X-Accel-Buffering": "no"})
+        del self.headers["content-length"]
+        self._hub, self._stream, self._send_timeout_s = hub, stream, send_timeout_s
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        scope["robomend.waits"] = True
+        gone = asyncio.create_task(_disconnect(receive))
+        writing = asyncio.create_task(self._write(send))
+        try:
+            await asyncio.wait({gone, writing}, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            self._hub.forget(self._stream)
+            for task in (gone, writing):
+                task.cancel()
+            for outcome in await asyncio.gather(gone, writing, return_exceptions=True):
+                # A client that stalls or goes away is no fault of ours; everything else is.
+                if isinstance(outcome, Exception) and not isinstance(outcome, (TimeoutError, OSError)):
+                    raise outcome
+
+    async def _write(self, send: Send) -> None:
+        headers = self.raw_headers
+        await send({"type": "http.response.start", "status": 200, "headers": headers})
+        async for chunk in self._stream.frames():
+            async with asyncio.timeout(self._send_timeout_s):
+                await send({"type": "http.response.body", "body": chunk, "more_body": True})
+        await send({"type": "http.response.body", "body": b"", "more_body": False})
+
+
+async def _disconnect(receive: Receive) -> None:
+    while (await receive())["type"] != "http.disconnect":
+        pass

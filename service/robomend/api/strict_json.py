@@ -1,0 +1,116 @@
+"""JSON bodies, read strictly and within limits.
+
+Python's own reader takes NaN, Infinity, lone surrogates and any depth. Each of these would travel on until
+a part that cannot hold it (the database, a UTF-8 encoder, the recursion limit) fails far from its cause, so
+they are refused here with their place.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any, NoReturn
+
+from robomend.api.problems import Problem
+
+MAX_DIGITS = 40
+"""Of one integer; nothing here needs more than the 19 of a time in nanoseconds."""
+
+
+def _refuse_constant(name: str) -> NoReturn:
+    raise Problem(400, f"the body is not JSON: {name} is no JSON number", code="malformed-json")
+
+
+def _read_integer(digits: str) -> int:
+    if len(digits) > MAX_DIGITS:
+        raise Problem(422, f"the body has an integer of {len(digits)} digits; at most {MAX_DIGITS} are read")
+    return int(digits)
+
+
+def _read_float(text: str) -> float:
+    value = float(text)
+    if value in (float("inf"), float("-inf")):
+        raise Problem(422, f"the body has a number beyond the range of a double: {text[:40]}")
+    return value
+
+
+_decoder = json.JSONDecoder(
+    parse_constant=_refuse_constant, parse_int=_read_integer, parse_float=_read_float, strict=True
+)
+
+
+def loads(body: bytes, max_nesting: int) -> Any:
+    """Return the value of a JSON text.
+
+    Raises:
+        Problem: 400 when it is not JSON in UTF-8; 422 when it is nested deeper than `max_nesting`, or holds
+        what
+            nothing here could store.
+    """
+    try:
+        text = body.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise Problem(
+            400,
+            f"the body is not UTF-8: byte {error.start} is {body[error.start]:#04x}",
+            code="malformed-json",
+        ) from error
+    check_nesting(text, max_nesting)
+    try:
+        value = _decoder.decode(text)
+    except json.JSONDecodeError as error:
+        raise Problem(
+            400,
+            f"the body is not JSON: {error.msg} at line {error.lineno}, column {error.colno}",
+            code="malformed-json",
+        ) from error
+    if "\\u" in text:
+        _check_escapes(value)
+    return value
+
+
+def check_nesting(text: str, most: int) -> None:
+    """Refuse a text nested deeper than `most` before the recursive reader meets it.
+
+    Brackets within strings count too where there are many: only a text with more than `most` opening
+    brackets is looked at closely.
+    """
+    if text.count("[") + text.count("{") <= most:
+        return
+    depth = 0
+    in_string = escaped = False
+    for char in text:
+        if in_string:
+            if escaped:
+                escaped = False
+            elif char == "\\":
+                escaped = True
+            elif char == '"':
+                in_string = False
+        elif char == '"':
+            in_string = True
+        elif char in "[{":
+            depth += 1
+            if depth > most:
+                raise Problem(422, f"the body is nested deeper than {most}", code="too-deep")
+        elif char in "]}":
+            depth -= 1
+
+
+def _check_escapes(value: Any) -> None:
+    """Refuse what only an escape can bring in: half a surrogate pair, and NUL, which PostgreSQL cannot
+    store.
+    """
+    if isinstance(value, str):
+        if "\x00" in value:
+            raise Problem(422, "the body has the character NUL in a string")
+        try:
+            value.encode("utf-8")
+        except UnicodeEncodeError as error:
+            raise Problem(422, "the body has half a surrogate pair in a string") from error
+    elif isinstance(value, list):
+        for item in value:
+            _check_escapes(item)
+    elif isinstance(value, dict):
+        for name, item in value.items():
+            _check_escapes(name)
+            _check_escapes(item)

@@ -1,0 +1,264 @@
+"""From the core's values to the wire, one function per kind of thing."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Sequence
+from typing import Any
+
+from starlette.responses import Response
+
+from robomend.api.schemas import (
+    AssertionOut,
+    AuditOut,
+    BoardOut,
+    ChannelOut,
+    DiagnosisOptionsBody,
+    HistoryLine,
+    Items,
+    ModelOut,
+    ObservedLiteral,
+    ObsOut,
+    ProbeOut,
+    ProbesOut,
+    RobotBody,
+    RobotLine,
+    RobotOut,
+    VersionOut,
+)
+from robomend.batches import Outcome
+from robomend.boards import Board
+from robomend.diagnosis.probes import ProbeResult
+from robomend.diagnosis.result import Options
+from robomend.model.system import System
+from robomend.robot_state import Current, RobotState
+from robomend.settings import Settings
+from robomend.store.interface import Store, View
+from robomend.store.records import Accepted, AuditEntry, Diagnosed, Model, Page, Paging, Repair, Robot
+from robomend_client.literals import Literal
+
+
+def model_out(model: Model, system: System) -> ModelOut:
+    """Return a model with what its loader had to say."""
+    return ModelOut(
+        name=model.name,
+        version=model.version,
+        number=model.number,
+        format=model.format,
+        source=model.source,
+        components=list(system.cnf.components),
+        warnings=list(system.warnings),
+        created_ns=model.created_ns,
+        by=model.by,
+    )
+
+
+def version_out(model: Model) -> VersionOut:
+    """Return a model in a list."""
+    return VersionOut(
+        name=model.name,
+        version=model.version,
+        number=model.number,
+        format=model.format,
+        created_ns=model.created_ns,
+        by=model.by,
+    )
+
+
+def robot_line(robot: Robot) -> RobotLine:
+    """Return a robot in a list."""
+    return RobotLine(
+        id=robot.id,
+        model=str(robot.config["model"]),
+        policy=str(robot.config.get("policy", "approve")),
+        etag=robot.etag,
+        updated_ns=robot.updated_ns,
+    )
+
+
+def robot_out(state: RobotState) -> RobotOut:
+    """Return a robot's configuration and how it is."""
+    return RobotOut(
+        id=state.id,
+        config=RobotBody.model_validate(dict(state.stored.config)),
+        etag=state.stored.etag,
+        created_ns=state.stored.created_ns,
+        updated_ns=state.stored.updated_ns,
+        revision=state.revision,
+        model_version=state.model.version,
+        healthy=_healthy(state.current),
+    )
+
+
+def _healthy(current: Current | None) -> bool | None:
+    if current is None:
+        return None
+    if current.result is None:
+        return False
+    return any(not diagnosis["bad"] for diagnosis in current.result["diagnoses"])
+
+
+def accepted_response(outcome: Outcome) -> Response:
+    """Return what became of a batch; written directly, since this is the busiest answer of all."""
+    refused = [
+        {"sentence": fault.sentence, "position": fault.position, "message": fault.message}
+        for fault in outcome.refused
+    ]
+    body = {"revision": outcome.revision, "changed": list(outcome.changed), "refused": refused}
+    return Response(json.dumps(body), media_type="application/json")
+
+
+def obs_out(state: RobotState) -> ObsOut:
+    """Return OBS now, in the order of the atoms."""
+    now = time.time_ns()
+    used = state.system.cnf.atom_variable
+    entries = sorted(state.obs.entries(), key=lambda entry: entry.literal.atom)
+    return ObsOut(
+        revision=state.revision,
+        observations=[
+            ObservedLiteral(
+                literal=str(entry.literal),
+                source=entry.source,
+                time_ns=entry.time_ns,
+                expires_ns=entry.expires_ns,
+                fresh=entry.fresh(now),
+                used=entry.literal.atom in used,
+            )
+            for entry in entries
+        ],
+        assertions=[
+            AssertionOut(
+                name=record.name,
+                sentence=record.sentence,
+                source=record.source,
+                time_ns=record.time_ns,
+                expires_ns=record.expires_ns,
+            )
+            for _, record in sorted(state.assertion_records.items())
+        ],
+    )
+
+
+def diagnosis_response(state: RobotState) -> Response:
+    """Return the current diagnosis; its JSON is made already."""
+    current = state.current
+    body: dict[str, Any] = {
+        "robot": state.id,
+        "revision": 0 if current is None else current.revision,
+        "model_version": None if current is None else current.model_version,
+        "time_ns": None if current is None else current.time_ns,
+        "result": None if current is None else current.result,
+        "fault": None if current is None else current.fault,
+        "expected_stopped": [] if current is None else current.expected_stopped,
+    }
+    return Response(json.dumps(body), media_type="application/json", headers={"Cache-Control": "no-store"})
+
+
+def probes_out(revision: int, found: ProbeResult) -> ProbesOut:
+    """Return the probes with the diagnoses that they tell apart."""
+    return ProbesOut(
+        revision=revision,
+        probes=[
+            ProbeOut(
+                atom=str(probe.atom),
+                gain_bits=probe.gain_bits,
+                cost_s=probe.cost_s,
+                if_true=[list(found.diagnoses[index]) for index in probe.if_true],
+                if_false=[list(found.diagnoses[index]) for index in probe.if_false],
+            )
+            for probe in found.probes
+        ],
+        entropy_bits=found.entropy_bits,
+        complete=found.complete,
+        reason=found.reason,
+    )
+
+
+def board_out(board: Board) -> BoardOut:
+    """Return the link's state and each channel's reading."""
+    snapshot = board.link.snapshot
+    readings = snapshot.channels
+    count = board.link.channels or 0
+    return BoardOut(
+        host=board.config.host,
+        port=board.config.port,
+        state=str(board.link.state),
+        reason=board.link.reason,
+        time_ns=snapshot.time_ns,
+        channels=[
+            ChannelOut(
+                channel=channel,
+                component=board.components.get(channel),
+                on=None if readings is None else readings[channel].on,
+                current_a=None if readings is None else readings[channel].current_a,
+                voltage_v=None if readings is None else readings[channel].voltage_v,
+                protected=channel in board.protected,
+            )
+            for channel in range(count)
+        ],
+    )
+
+
+def audit_out(entry: AuditEntry) -> AuditOut:
+    """Return an entry of the audit log."""
+    return AuditOut(
+        id=entry.id,
+        time_ns=entry.time_ns,
+        actor=entry.actor,
+        action=entry.action,
+        subject=entry.subject,
+        robot=entry.robot,
+        reason=entry.reason,
+        before=None if entry.before is None else dict(entry.before),
+        after=None if entry.after is None else dict(entry.after),
+    )
+
+
+async def history_page(store: Store, robot: str, kind: str, paging: Paging) -> Items[HistoryLine]:
+    """Return a page of one kind of a robot's history, newest first; NotFound if there is no such robot."""
+
+    def look(view: View) -> Page[Any]:
+        view.robot(robot)
+        if kind == "diagnosis":
+            return view.diagnoses(robot, paging)
+        if kind == "repair":
+            return view.repairs(robot, paging)
+        return view.history(robot, paging)
+
+    page = await store.read(look)
+    return Items(items=[_history_line(item) for item in page.items], next=page.next)
+
+
+def _history_line(item: Accepted | Diagnosed | Repair) -> HistoryLine:
+    if isinstance(item, Diagnosed):
+        data = {"revision": item.revision, "model_version": item.model_version, **item.result}
+        return HistoryLine(kind="diagnosis", time_ns=item.time_ns, data=data)
+    if isinstance(item, Repair):
+        data = {"id": item.id, "state": item.state, **item.data}
+        return HistoryLine(kind="repair", time_ns=item.created_ns, data=data)
+    data = {
+        "revision": item.revision,
+        "observations": [
+            {"literal": str(Literal(e.atom, e.positive)), "source": e.source, "time_ns": e.time_ns}
+            for e in item.entries
+        ],
+        "asserted": {assertion.name: assertion.sentence for assertion in item.asserted},
+        "withdrawn": list(item.withdrawn),
+    }
+    return HistoryLine(kind="observations", time_ns=item.time_ns, data=data)
+
+
+def engine_options(
+    body: DiagnosisOptionsBody, settings: Settings, *, healthy: Sequence[str], abnormal: Sequence[str]
+) -> Options:
+    """Return how far the engine is to search, within the service's own limit of time."""
+    timeout_s = body.timeout_s or settings.solver_timeout_s
+    return Options(
+        minimal=body.minimal,
+        max_size=body.max_size,
+        limit=body.limit,
+        timeout_s=min(timeout_s, settings.max_solver_timeout_s),
+        healthy=frozenset(healthy),
+        abnormal=frozenset(abnormal),
+    )

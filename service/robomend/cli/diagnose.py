@@ -1,0 +1,163 @@
+"""`robomend diagnose`: observations in, minimal diagnoses out; one set, or a file of many."""
+
+from __future__ import annotations
+
+import math
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from robomend.cli.models import is_snapshot_file, load
+
+if TYPE_CHECKING:
+    from robomend.cli.diagnosing import Diagnoser
+    from robomend.diagnosis.result import DiagnosisResult, Options
+    from robomend.model.cnf import HealthCnf
+
+
+@click.command("diagnose")
+@click.argument("model")
+@click.option("--observe", "-o", multiple=True, metavar="SENTENCE", help='E.g. "not ok(scan)"; repeatable.')
+@click.option(
+    "--observations", metavar="FILE", help="One set per line: a JSON array, or literals; - is stdin."
+)
+@click.option("--together", is_flag=True, help="One answer for all lines: the faults are the same.")
+@click.option(
+    "--engine", default="sat", show_default=True, help="sat, asp, maxsat, hs_dag, or one installed."
+)
+@click.option("--minimal", type=click.Choice(("cardinality", "subset")), default="subset", show_default=True)
+@click.option("--max-size", type=click.IntRange(min=0), help="No diagnosis larger than this.")
+@click.option("--limit", type=click.IntRange(min=0), default=100, show_default=True, help="0: no limit.")
+@click.option("--timeout", type=float, default=5.0, show_default=True, help="Seconds per set; inf: none.")
+@click.option("--order", type=click.Choice(("size", "probability")), default="size", show_default=True)
+@click.option("--factored", is_flag=True, help="Diagnoses as products of alternatives, with the exact count.")
+@click.option(
+    "--conflicts/--no-conflicts", default=True, show_default=True, help="Say what clashes with what."
+)
+@click.option("--assume-healthy", multiple=True, metavar="COMPONENT", help="What if it is healthy?")
+@click.option("--assume-abnormal", multiple=True, metavar="COMPONENT", help="What if it is abnormal?")
+@click.option("--expect-stopped", multiple=True, metavar="NODE", help="This node is meant to be stopped.")
+@click.option("--unknown", type=click.Choice(("refuse", "keep")), default="refuse", help="Undeclared names.")
+@click.option("--fail-on-fault", is_flag=True, help="Exit with 1 unless everything is healthy.")
+@click.option(
+    "--format", "format_", type=click.Choice(("table", "json")), help="Default: table; json for files."
+)
+def command(model: str, **given: Any) -> int:
+    """Explain observations of MODEL by minimal diagnoses.
+
+    MODEL is a component model, a five-key model, or a circuit in .bench form (each gate a component,
+    `v(NET)` its wires, `not v(NET)` for 0). With --observations, one JSON object is written per line, in
+    order; a line that is refused gets an object with `error` in its place, and the exit code is 2. With
+    --together the lines are snapshots of one robot whose faults are the same in all of them, and one answer
+    explains them all; so do the snapshots of a MODEL with several observations (.wcnf, .wcnf.gz).
+    """
+    if given["together"] and given["observations"] is None:
+        raise click.UsageError("--together needs --observations FILE, one snapshot a line")
+    if is_snapshot_file(model):
+        return _snapshot_file(model, given)
+    system = load(model)
+    from robomend.cli.diagnosing import Diagnoser, lines_of, options_for
+
+    for warning in system.warnings:
+        click.echo(f"warning: {warning}", err=True)
+    if given["observations"] is not None and given["format_"] == "table" and not given["together"]:
+        raise click.UsageError("--observations writes JSON lines; leave out --format table")
+    if given["observations"] is not None and given["observe"]:
+        raise click.UsageError("give either --observe or --observations")
+    diagnoser = Diagnoser(
+        system,
+        given["engine"],
+        options_for(system, _options(given)),
+        unknown=given["unknown"],
+        expect_stopped=given["expect_stopped"],
+    )
+    try:
+        if given["together"]:
+            result = diagnoser.together(lines_of(given["observations"]))
+            return _one(result, diagnoser.cnf, given)
+        if given["observations"] is not None:
+            return _many(diagnoser, given["observations"], given["fail_on_fault"])
+        result = diagnoser.answer(diagnoser.question(given["observe"]))
+    finally:
+        diagnoser.close()
+    return _one(result, diagnoser.cnf, given)
+
+
+def _one(result: DiagnosisResult, cnf: HealthCnf, given: dict[str, Any]) -> int:
+    """Write one answer; return the exit code."""
+    from robomend.cli.rendering import Renderer, show
+
+    for literal in result.unused:
+        click.echo(f"warning: no rule mentions {literal.atom}: observing it says nothing", err=True)
+    if given["format_"] == "json":
+        click.echo(Renderer(result.components, factored=given["factored"])(result))
+    else:
+        show(result)
+    if result.stopped_by == "limit" and cnf.circuit and not given["factored"] and not given["together"]:
+        found = len(result.diagnoses)
+        click.echo(
+            f"note: there are more than {found} diagnoses; --minimal cardinality --factored counts those of "
+            "least size without listing them",
+            err=True,
+        )
+    return 1 if given["fail_on_fault"] and not result.healthy else 0
+
+
+def _snapshot_file(model: str, given: dict[str, Any]) -> int:
+    """Answer the snapshots of a .wcnf file."""
+    from robomend.cli.diagnosing import explain_snapshots
+    from robomend.diagnosis.wcnf import read_wcnf
+    from robomend.errors import ModelError
+
+    if given["observe"] or given["observations"] is not None:
+        raise click.UsageError("a .wcnf file has its observations in it: leave out --observe/--observations")
+    if given["expect_stopped"]:
+        raise click.UsageError("--expect-stopped is for robots; a .wcnf file is a circuit")
+    try:
+        read = read_wcnf(Path(model))
+    except OSError as error:
+        raise ModelError(f"cannot be read: {error.strerror or error}", model) from error
+    return _one(
+        explain_snapshots(read.cnf, read.snapshots, given["engine"], _options(given)), read.cnf, given
+    )
+
+
+def _options(given: dict[str, Any]) -> Options:
+    from robomend.diagnosis.result import Options
+
+    timeout = given["timeout"]
+    if math.isnan(timeout) or timeout < 0:
+        raise click.UsageError("--timeout is a number of seconds, 0 or more")
+    return Options(
+        minimal=given["minimal"],
+        max_size=given["max_size"],
+        limit=given["limit"] or None,
+        timeout_s=None if math.isinf(timeout) else timeout,
+        order=given["order"],
+        conflicts=given["conflicts"],
+        factored=given["factored"],
+        healthy=frozenset(given["assume_healthy"]),
+        abnormal=frozenset(given["assume_abnormal"]),
+    )
+
+
+def _many(diagnoser: Diagnoser, path: str, fail_on_fault: bool) -> int:
+    """Write one line per set; return the exit code."""
+    from robomend.cli.diagnosing import REFUSED, lines_of
+
+    refused = lines = 0
+    all_healthy = True
+    write = sys.stdout.write
+    for text, healthy in diagnoser.lines(lines_of(path)):
+        write(text + "\n")
+        if path == "-":  # somebody waits at the other end
+            sys.stdout.flush()
+        lines += 1
+        all_healthy = all_healthy and healthy
+        refused += text.startswith(REFUSED)
+    if refused:
+        click.echo(f"error: {refused} of {lines} sets were refused: see `error` in their lines", err=True)
+        return 2
+    return 1 if fail_on_fault and not all_healthy else 0

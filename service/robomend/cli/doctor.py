@@ -1,0 +1,165 @@
+"""`robomend doctor`: look at everything the service needs, and say what to do where something is amiss."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import platform
+import shutil
+import socket
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from robomend.cli.settings_options import read_settings, settings_options
+from robomend.errors import RobomendError
+
+if TYPE_CHECKING:
+    from robomend.settings import Settings
+
+AMISS = 1
+FREE_BYTES = 100 << 20
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing that was looked at."""
+
+    name: str
+    ok: bool
+    detail: str
+
+
+@click.command("doctor")
+@settings_options
+@click.option("--format", "format_", type=click.Choice(["table", "json"]), default="table", show_default=True)
+def command(config_file: Path | None, data: Path | None, database: str | None, format_: str) -> int:
+    """Check this installation: Python, data files, solver, planner, database, port. 1 if something is
+    amiss.
+    """
+    settings, _ = read_settings(config_file, data=data, database=database)
+    findings = list(examine(settings))
+    if format_ == "json":
+        table = [{"name": f.name, "ok": f.ok, "detail": f.detail} for f in findings]
+        click.echo(json.dumps({"ok": all(f.ok for f in findings), "checks": table}))
+    else:
+        for finding in findings:
+            click.echo(f"{'ok   ' if finding.ok else 'AMISS'}  {finding.name}: {finding.detail}")
+    return 0 if all(finding.ok for finding in findings) else AMISS
+
+
+def examine(settings: Settings) -> Iterator[Finding]:
+    """Yield what each look found; one that fails does not end the rest."""
+    checks: tuple[tuple[str, Callable[[Settings], str]], ...] = (
+        ("python", _python),
+        ("data files", _data_files),
+        ("solver", _solver),
+        ("planner", _planner),
+        ("disk", _disk),
+        ("database", _database),
+        ("keys", _keys),
+        ("port", _port),
+    )
+    for name, look in checks:
+        try:
+            yield Finding(name, True, look(settings))
+        except (RobomendError, OSError, ImportError, Amiss) as error:
+            yield Finding(name, False, str(error))
+
+
+class Amiss(Exception):
+    """A look found something that the service cannot work with."""
+
+
+def _python(_: Settings) -> str:
+    return f"Python {platform.python_version()} on {platform.system()} {platform.machine()}"
+
+
+def _data_files(_: Settings) -> str:
+    from robomend.resources import resource
+
+    return f"pddl/repair.pddl at {resource('pddl', 'repair.pddl')}"
+
+
+def _solver(_: Settings) -> str:
+    from robomend.diagnosis.engines import make_engine
+    from robomend.model.loading import load_model
+    from robomend.resources import resource
+    from robomend_client.literals import fails
+
+    system = load_model(resource("examples", "tedusar.yaml"))
+    engine = make_engine("sat", system.cnf)
+    try:
+        found = engine.diagnose([fails("ok", "scan")])
+    finally:
+        engine.close()
+    return f"{len(found.diagnoses)} diagnoses of the example in {found.elapsed_s * 1000:.1f} ms"
+
+
+def _planner(_: Settings) -> str:
+    from robomend.model.loading import load_model
+    from robomend.repair.planner_pool import PlannerPool
+    from robomend.repair.planning import PlanOptions
+    from robomend.resources import resource
+    from robomend_client.literals import fails
+
+    parts = load_model(resource("examples", "tedusar.yaml")).parts
+    if parts is None:
+        raise Amiss("the example model has lost its parts")
+    pool = PlannerPool(size=1, spare=0)
+    try:
+        options = PlanOptions(timeout_s=30.0)
+        plan = pool.plans_now(parts, [fails("on", "hokuyo")], [("hokuyo",)], options)[0]
+    finally:
+        pool.close()
+    return f"{plan.outcome} by {plan.planner} in a worker process: {len(plan.steps)} steps"
+
+
+def _disk(settings: Settings) -> str:
+    if settings.database is not None:
+        return "the database is elsewhere"
+    folder = settings.data.expanduser()
+    while not folder.exists():
+        folder = folder.parent
+    free = shutil.disk_usage(folder).free
+    if free < FREE_BYTES:
+        raise Amiss(
+            f"{free >> 20} MB free in {folder}; below {FREE_BYTES >> 20} MB writes will soon be refused"
+        )
+    return f"{free >> 20} MB free in {folder}"
+
+
+def _database(settings: Settings) -> str:
+    from robomend.api.runtime import opened_store
+
+    async def look() -> str:
+        async with opened_store(settings) as store:
+            kept = await store.read(lambda view: view.event_range())
+            return f"{store.url} answers; events {kept.oldest} to {kept.newest}"
+
+    return asyncio.run(look())
+
+
+def _keys(settings: Settings) -> str:
+    from robomend.api.runtime import any_key
+    from robomend.api.server import check_exposure
+
+    found = asyncio.run(any_key(settings))
+    check_exposure(settings, found)
+    return "keys are needed" if found else "none: whoever can reach the port on this computer is admin"
+
+
+def _port(settings: Settings) -> str:
+    family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
+    with socket.socket(family) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((settings.host.strip("[]"), settings.port))
+        except OSError as error:
+            raise Amiss(
+                f"{settings.host}:{settings.port}: {error.strerror}; is the service running, or choose --port"
+            ) from error
+    return f"{settings.host}:{settings.port} can be listened on"

@@ -1,0 +1,90 @@
+"""`robomend export`: everything that is stored, as NDJSON, or a copy of the SQLite database in use."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO
+
+import click
+
+from robomend.errors import Conflict, InputError, StoreError
+
+FORMATS = ("ndjson", "sqlite")
+
+
+@click.command("export")
+@click.option("--database", help="URL of the database; default: the one that `robomend serve` would use.")
+@click.option("--data", type=click.Path(path_type=Path), help="Folder of the SQLite database.")
+@click.option("--config", type=click.Path(path_type=Path), help="YAML file of settings.")
+@click.option("--output", "-o", type=click.Path(path_type=Path), help="A new file, instead of stdout.")
+@click.option(
+    "--format", "format_", type=click.Choice(["ndjson", "sqlite"]), default="ndjson", show_default=True
+)
+def command(
+    database: str | None, data: Path | None, config: Path | None, output: Path | None, format_: str
+) -> None:
+    """Write everything that is stored, while the service runs or not.
+
+    ndjson can be read by `robomend import` into either kind of database; sqlite is a copy of a SQLite
+    database, ready to be used in its place. Both hold hashes of API keys: keep them as safe as the database.
+    """
+    from robomend.store import open_store
+
+    url = database_url(database, data, config)
+    if format_ == "sqlite":
+        if output is None:
+            raise InputError("--format sqlite needs --output FILE")
+        asyncio.run(_copy(url, output))
+        return
+    lines = open_store(url).export()
+    if output is None:
+        sys.stdout.writelines(lines)
+        return
+    with _new_file(output) as file:
+        file.writelines(lines)
+
+
+def database_url(database: str | None, data: Path | None, config: Path | None) -> str:
+    """Return the URL that the service would use with these settings."""
+    from robomend import settings
+    from robomend.store import database_in
+
+    given, _ = settings.load({"database": database, "data": data}, os.environ, config)
+    if given.database is not None:
+        return given.database.get_secret_value()
+    return database_in(given.data)
+
+
+async def _copy(url: str, output: Path) -> None:
+    from robomend.store import open_store
+
+    store = open_store(url)
+    await store.start()
+    try:
+        await store.backup(output)
+    finally:
+        await store.close()
+
+
+@contextmanager
+def _new_file(path: Path) -> Iterator[IO[str]]:
+    """A file that only its owner can read and that appears under its name when it is whole and on disk."""
+    if path.exists():
+        raise Conflict(f"{path} exists; name a new file")
+    partial = path.with_name(f"{path.name}.partial")
+    try:
+        descriptor = os.open(partial, os.O_CREAT | os.O_WRONLY | os.O_TRUNC | os.O_CLOEXEC, 0o600)
+        with os.fdopen(descriptor, "w", encoding="utf-8") as file:
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+        partial.rename(path)
+    except OSError as error:
+        raise StoreError(f"{path}: {error.strerror}") from error
+    finally:
+        partial.unlink(missing_ok=True)

@@ -1,0 +1,174 @@
+"""`robomend plan`: observations in, the repair to make out. Nothing is carried out."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from robomend.cli.models import load
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from robomend.diagnosis.result import DiagnosisResult
+    from robomend.model.system import System
+    from robomend.repair.advice import Situation
+    from robomend.repair.choice import Choice
+    from robomend.repair.plan import Plan
+    from robomend.repair.planning import PlanOptions
+
+
+@click.command("plan")
+@click.argument("model")
+@click.option("--observe", "-o", multiple=True, metavar="SENTENCE", help='E.g. "not ok(scan)"; repeatable.')
+@click.option(
+    "--bad", multiple=True, metavar="COMPONENT", help="Repair this instead of diagnosing; repeatable."
+)
+@click.option(
+    "--planner",
+    default="pyperplan",
+    show_default=True,
+    help="pyperplan, asp, fast-downward, or one installed.",
+)
+@click.option(
+    "--domain",
+    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    help="Your PDDL actions, or domain.",
+)
+@click.option("--engine", default="sat", show_default=True, help="Of the diagnosis.")
+@click.option("--timeout", type=float, default=5.0, show_default=True, help="Seconds to plan; inf: none.")
+@click.option("--expect-stopped", multiple=True, metavar="COMPONENT", help="This is meant to be off.")
+@click.option("--protect", multiple=True, metavar="COMPONENT", help="Never shut this down.")
+@click.option("--unknown", type=click.Choice(("refuse", "keep")), default="refuse", help="Undeclared names.")
+@click.option("--pddl", is_flag=True, help="Show the planning problem too.")
+@click.option("--format", "format_", type=click.Choice(("table", "json")), default="table", show_default=True)
+def command(model: str, **given: Any) -> int:
+    """Plan the repair of MODEL, a component model, for what was observed."""
+    from robomend.repair.advice import advise_now, parts_of, plan_answer
+    from robomend.repair.domain_loading import load_domain
+    from robomend.repair.planner_pool import PlannerPool
+
+    system = load(model)
+    parts_of(system)
+    options = _options(given)
+    load_domain(options.domain, options.domain_file)  # refuse it before the planner is started
+    for warning in system.warnings:
+        click.echo(f"warning: {warning}", err=True)
+    pool = PlannerPool(size=1, spare=0)
+    try:
+        pool.start()  # it warms up while we diagnose
+        situation = _situation(system, given)
+        choice = advise_now(pool, situation, options)
+    finally:
+        pool.close()
+    if given["format_"] == "json":
+        click.echo(json.dumps(plan_answer(choice, situation.model.components), ensure_ascii=False))
+    else:
+        show(choice, situation.result)
+    return 0
+
+
+def _options(given: dict[str, Any]) -> PlanOptions:
+    from robomend.repair.planners import make_planner, planner_names
+    from robomend.repair.planning import PlanOptions
+
+    timeout = given["timeout"]
+    if math.isnan(timeout) or timeout <= 0:
+        raise click.UsageError("--timeout is a number of seconds above 0")
+    if given["planner"] not in planner_names():
+        make_planner(given["planner"])  # says which there are
+    domain: Path | None = given["domain"]
+    return PlanOptions(
+        planner=given["planner"],
+        timeout_s=None if math.isinf(timeout) else timeout,
+        domain=None if domain is None else domain.read_text(encoding="utf-8", errors="replace"),
+        domain_file=None if domain is None else str(domain),
+        expected_stopped=given["expect_stopped"],
+        protected=given["protect"],
+        pddl=given["pddl"],
+    )
+
+
+def _situation(system: System, given: dict[str, Any]) -> Situation:
+    """Return what was observed with its diagnoses, or with the one that was given."""
+    from robomend.cli.diagnosing import Diagnoser, options_for
+    from robomend.diagnosis.result import Diagnosis, DiagnosisResult, Options
+    from robomend.repair.advice import Situation, parts_of
+
+    nodes = [name for name in given["expect_stopped"] if name in parts_of(system).nodes]
+    diagnoser = Diagnoser(
+        system,
+        given["engine"],
+        options_for(system, Options()),
+        unknown=given["unknown"],
+        expect_stopped=nodes,
+    )
+    try:
+        question = diagnoser.question(given["observe"])
+        if given["bad"]:
+            only = Diagnosis(tuple(dict.fromkeys(given["bad"])))
+            result = DiagnosisResult(system.cnf.components, (only,), True, None, (), 0.0)
+        else:
+            result = diagnoser.answer(question)
+    finally:
+        diagnoser.close()
+    return Situation(parts_of(system), tuple(sorted(question.literals)), result)
+
+
+def show(choice: Choice, result: DiagnosisResult) -> None:
+    """Write the choice for people."""
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    console = Console(highlight=False, soft_wrap=True)
+    if result.healthy:
+        console.print("[green]healthy[/]: nothing to repair")
+        return
+    if choice.plan is None or choice.diagnosis is None:
+        console.print(f"[red]nothing to do[/]: {escape(choice.reason)}")
+    else:
+        if choice.probe is not None:
+            console.print(f"[yellow]look first[/] at {escape(str(choice.probe.atom))}")
+        console.print(f"[bold]repair[/] {escape(', '.join(choice.diagnosis.bad))}")
+        console.print(f"because {escape(choice.reason)}")
+        console.print(_steps(choice.plan))
+        _notes(console.print, choice.plan)
+    others = [one for one in choice.alternatives if one.diagnosis != choice.diagnosis]
+    if others:
+        table = Table("instead", "probability", "cost", "actions", title="alternatives", title_justify="left")
+        for one in others:
+            actions = ", ".join(map(str, one.plan.steps)) or "; ".join(one.plan.unreachable)
+            names = escape(", ".join(one.diagnosis.bad))
+            table.add_row(names, f"{one.weight:.2g}", f"{one.plan.cost:g}", escape(actions))
+        console.print(table)
+
+
+def _steps(plan: Plan) -> Any:
+    from rich.markup import escape
+    from rich.table import Table
+
+    table = Table("step", "action", "after", "cost")
+    for step in plan.steps:
+        after = ", ".join(map(str, step.after))
+        table.add_row(str(step.index), escape(str(step)), after, f"{step.cost:g}")
+    return table
+
+
+def _notes(say: Any, plan: Plan) -> None:
+    from rich.markup import escape
+
+    notes: list[tuple[str, Sequence[str]]] = [
+        ("assumed, as nobody observed it", [str(one) for one in plan.assumed]),
+        ("cannot be repaired", plan.unreachable),
+        ("left alone", plan.excluded),
+    ]
+    for title, lines in notes:
+        for line in lines:
+            say(f"{title}: {escape(line)}")
+    for text in plan.pddl or ():
+        say(escape(text))

@@ -1,0 +1,102 @@
+"""Answers of `robomend diagnose`: one compact JSON object, or a table for people."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+
+from robomend.diagnosis.explanations import what_was_learned
+from robomend.diagnosis.result import DiagnosisResult
+
+HEALTHY = '{"diagnoses":[{"bad":[],'
+"""How the object of a healthy set begins."""
+
+SHOWN = 20
+"""Conflicts, cleared suspects and lessons that the table lists; JSON has all of them."""
+
+
+class Renderer:
+    """Results of one model as JSON text; `elapsed_s` stands last."""
+
+    def __init__(self, components: Sequence[str], *, factored: bool) -> None:
+        self._quoted = {name: json.dumps(name, ensure_ascii=False) for name in components}
+        self._factored = factored
+
+    def __call__(self, result: DiagnosisResult) -> str:
+        """Return the object. `good` makes it long, so that it is put together from quoted names."""
+        quoted = self._quoted
+        diagnoses = []
+        for diagnosis in result.diagnoses:
+            bad = ",".join([quoted[name] for name in diagnosis.bad])
+            out = set(diagnosis.bad)
+            good = ",".join([text for name, text in quoted.items() if name not in out])
+            more = f',"modes":{_compact(dict(diagnosis.modes))}' if diagnosis.modes else ""
+            more += f',"resolves":{_compact(diagnosis.resolves)}'
+            probability = json.dumps(diagnosis.probability)
+            diagnoses.append(f'{{"bad":[{bad}],"good":[{good}],"probability":{probability}{more}}}')
+        conflicts = [
+            {
+                "components": conflict.components,
+                "observations": [str(literal) for literal in conflict.observations],
+                "rules": conflict.rules,
+                "text": conflict.text,
+            }
+            for conflict in result.conflicts
+        ]
+        learned = what_was_learned(result.conflicts, result.learned)
+        extra = f',"learned":{_compact(learned)},"cleared":{_compact(dict(result.cleared))}'
+        if self._factored:
+            factored = [
+                [{"component": f.component, "alternatives": f.alternatives} for f in product]
+                for product in result.factored
+            ]
+            extra += f',"factored":{_compact(factored)},"count":{_compact(result.count)}'
+        return (
+            f'{{"diagnoses":[{",".join(diagnoses)}],"complete":{_compact(result.complete)},'
+            f'"stopped_by":{_compact(result.stopped_by)},"conflicts":{_compact(conflicts)}{extra},'
+            f'"elapsed_s":{result.elapsed_s:.6f}}}'
+        )
+
+
+def _compact(value: object) -> str:
+    return json.dumps(value, ensure_ascii=False, separators=(",", ":"))
+
+
+def show(result: DiagnosisResult) -> None:
+    """Write one answer for people."""
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    console = Console(highlight=False, soft_wrap=True)
+    if result.healthy:
+        console.print("[green]healthy[/]: this is what a robot without fault would show")
+    elif not result.diagnoses:
+        console.print("no diagnosis found")
+    else:
+        table = Table("#", "bad", "probability", "resolves", box=None, pad_edge=False)
+        for number, diagnosis in enumerate(result.diagnoses, 1):
+            parts = [f"{c} ({diagnosis.modes[c]})" if c in diagnosis.modes else c for c in diagnosis.bad]
+            probability = "" if diagnosis.probability is None else f"{diagnosis.probability:.4f}"
+            hit = [str(index + 1) for index in diagnosis.resolves[:SHOWN]]
+            more = "…" if len(diagnosis.resolves) > SHOWN else ""
+            table.add_row(str(number), escape(", ".join(parts)), probability, " ".join(hit) + more)
+        console.print(table)
+    for product in result.factored:
+        console.print(" × ".join("{" + escape(", ".join(f.alternatives)) + "}" for f in product))
+    if result.count is not None:
+        console.print(f"{result.count} in all")
+    sentences = [f"conflict {number}: {c.text}" for number, c in enumerate(result.conflicts, 1)]
+    lessons = what_was_learned(result.conflicts, result.learned)
+    sentences_of = {
+        "conflicts": sentences,
+        "lessons": [f"learned from {literal}: {text}" for literal, text in lessons.items()],
+        "cleared suspects": [f"cleared {name}: {why}" for name, why in result.cleared.items()],
+    }
+    for what, lines in sentences_of.items():
+        for line in lines[:SHOWN]:
+            console.print(escape(line))
+        if len(lines) > SHOWN:
+            console.print(f"[dim]and {len(lines) - SHOWN} more {what}: see --format json[/]")
+    ending = "complete" if result.complete else f"incomplete: stopped by {result.stopped_by}"
+    console.print(f"[dim]{ending}; {result.elapsed_s * 1000:.1f} ms[/]")

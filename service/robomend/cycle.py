@@ -1,0 +1,124 @@
+"""The loop, in one function: read this file first.
+
+    observations ─► OBS ─► conflicts ─► diagnoses ─► choice ─► plan ─► execution ─┐
+         ▲                                                                        │
+         └──── the effects are looked for in the next observations ◄──────────────┘
+
+`turn` is one round of it and `mend` a whole repair. What they need of the service around them (OBS,
+engines, planners, executors, the journal) is a `Case`; robomend.case is the real one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Protocol
+
+from robomend.diagnosis.result import DiagnosisResult
+from robomend.repair.choice import Choice
+from robomend.repair.execution import execute
+from robomend.repair.execution_values import Ending, Execution, Setting
+from robomend.repair.plan import Plan
+
+
+class Verdict(StrEnum):
+    """What a turn of the loop came to."""
+
+    HEALTHY = "healthy"  # OBS is what a healthy system would show
+    HELPED = "helped"  # not healthy yet, but the repaired diagnosis is gone
+    NO_HELP = "no-help"  # the diagnosis stands; it is remembered as tried
+    NOTHING_TO_TRY = "nothing-to-try"  # every diagnosis was tried, is in quarantine, or has no plan
+    NOT_APPROVED = "not-approved"
+    HALTED = "halted"  # cancelled, or the global stop
+    ASK = "ask"  # an action that must not be repeated has an unknown outcome, or policy said no
+
+
+GO_ON = frozenset({Verdict.HELPED, Verdict.NO_HELP})
+"""After these the loop turns again."""
+
+
+@dataclass(frozen=True, slots=True)
+class Turn:
+    """The report of one turn."""
+
+    verdict: Verdict
+    before: DiagnosisResult
+    choice: Choice | None = None
+    execution: Execution | None = None
+    after: DiagnosisResult | None = None
+
+
+class Case(Protocol):
+    """One repair of one robot, as the loop sees it."""
+
+    rounds: int  # turns at most, before a person is asked
+
+    async def diagnose(self) -> DiagnosisResult:
+        """Return the minimal diagnoses of OBS as it is now, each configured observer heard."""
+        ...
+
+    async def choose(self, result: DiagnosisResult) -> Choice:
+        """Plan for the leading diagnoses and return what to do first; a cheaper probe is waited for."""
+        ...
+
+    async def approved(self, choice: Choice) -> bool:
+        """Ask the policy, and a person where it says so; False: cancelled, or overtaken by events."""
+        ...
+
+    def setting(self, plan: Plan) -> Setting:
+        """Return what the execution of this plan needs."""
+        ...
+
+    async def look(self, choice: Choice, execution: Execution) -> DiagnosisResult:
+        """Return the diagnosis of the observations that came after the actions."""
+        ...
+
+    async def remember(self, choice: Choice, execution: Execution, *, helped: bool) -> None:
+        """Keep what was tried, which effect was seen, and whether it helped."""
+        ...
+
+
+async def turn(case: Case) -> Turn:
+    """One turn of the loop: diagnose, choose, plan, approve, act, and look whether it helped."""
+    result = await case.diagnose()  # OBS -> conflicts -> minimal diagnoses
+    if result.healthy:
+        return Turn(Verdict.HEALTHY, result)
+    choice = await case.choose(result)  # each planned for; probability over cost
+    if choice.plan is None or choice.diagnosis is None:
+        return Turn(Verdict.NOTHING_TO_TRY, result, choice)
+    if not await case.approved(choice):
+        return Turn(Verdict.NOT_APPROVED, result, choice)
+    execution = await execute(choice.plan, case.setting(choice.plan))  # each effect awaited in OBS
+    if execution.ending is Ending.HALTED:
+        return Turn(Verdict.HALTED, result, choice, execution)
+    after = await case.look(choice, execution)
+    helped = stands_no_more(choice.diagnosis.bad, after)
+    await case.remember(choice, execution, helped=helped)
+    return Turn(_verdict(execution, after, helped), result, choice, execution, after)
+
+
+async def mend(case: Case) -> Turn:
+    """Turn the loop until the robot is healthy or nothing is left to try; return the last turn.
+
+    It ends: each turn that did not help makes one diagnosis less likely to be chosen again, and there are at
+    most `case.rounds` turns.
+    """
+    last = await turn(case)
+    for _ in range(case.rounds - 1):
+        if last.verdict not in GO_ON:
+            return last
+        last = await turn(case)
+    return last
+
+
+def stands_no_more(bad: tuple[str, ...], after: DiagnosisResult) -> bool:
+    """Return whether no diagnosis blames any of the repaired components any more."""
+    return not any(set(bad) & set(diagnosis.bad) for diagnosis in after.diagnoses)
+
+
+def _verdict(execution: Execution, after: DiagnosisResult, helped: bool) -> Verdict:
+    if after.healthy:
+        return Verdict.HEALTHY
+    if execution.ending in {Ending.UNKNOWN_OUTCOME, Ending.NOT_PERMITTED}:
+        return Verdict.ASK
+    return Verdict.HELPED if helped else Verdict.NO_HELP

@@ -1,0 +1,291 @@
+"""Why: conflicts, diagnoses and cleared suspects in sentences.
+
+A minimal conflict says that its components cannot all be healthy, given its observations. Minimal in both,
+it has a handy property: leave out any one of its observations and the rest entails that observation's
+opposite. So a conflict always reads as one expectation that was not met,
+
+    scan should be ok because hokuyo and hokuyo_node are taken to be healthy, but it was seen not ok
+
+whatever shape its rules have and however long the chain between premises and expectation: the chain is
+collapsed by itself. All that is left to choose is which observation is the news. It is the one that a rule
+of the conflict concludes, as its author wrote the rule; failing that, the head of a Horn clause; in a
+circuit, the net at the end of the chain of gates.
+
+Sources: R. Reiter. A theory of diagnosis from first principles. AIJ 32(1), 1987 (conflicts, hitting sets);
+U. Junker. QuickXplain. AAAI 2004 (an explanation is a minimal set of premises).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping, Sequence
+from functools import cached_property
+from typing import TypeVar
+
+from robomend.diagnosis.result import Conflict, Diagnosis
+from robomend.model.cnf import HealthCnf
+from robomend_client.literals import Atom, Literal, quote
+
+Thing = TypeVar("Thing", bound=Hashable)
+
+NAMED_AT_MOST = 8
+"""A sentence names so many things and counts the others."""
+
+STATES = {
+    "ok": ("ok", "not ok"),
+    "on": ("on", "off"),
+    "running": ("running", "not running"),
+    "inc": ("increasing", "not increasing"),
+    "dec": ("decreasing", "not decreasing"),
+    "const": ("constant", "not constant"),
+}
+"""Predicates that read as a state of their one argument: the words for the literal and its negation."""
+
+
+def explain_conflict(
+    cnf: HealthCnf, components: Collection[str], observations: Sequence[Literal], rules: Collection[str]
+) -> str:
+    """Return one sentence that tells a minimal conflict in the model's words.
+
+    Args:
+        cnf: the model; only the clauses of `rules` are looked at, and only if their texts do not settle it.
+        components: cannot all be healthy …
+        observations: … given these. What a what-if assumes is among them, as `ab(c)` or `not ab(c)`.
+        rules: the texts of the rules that the conflict rests on.
+    """
+    seen = [literal for literal in observations if literal.atom.predicate != "ab"]
+    what_if = [literal for literal in observations if literal.atom.predicate == "ab"]
+    assumed = f"{_listed(map(_assumption, what_if))}" if what_if else ""
+    if not seen:
+        if not components:
+            because = f" when {assumed}" if assumed else ", whatever is abnormal and whatever is seen"
+            return f"the rules contradict one another{because}"
+        because = f" when {assumed}" if assumed else ""
+        return f"{_healthy(components)}, but the rules do not allow it{because}, whatever is seen"
+    news = _news(cnf, components, seen, rules)
+    premises = [_healthy(components)] if components else []
+    premises += [assumed] if assumed else []
+    others = [literal for literal in seen if literal != news]
+    premises += [_was_seen(cnf, others)] if others else []
+    because = f" because {' and '.join(premises)}" if premises else " whatever is abnormal"
+    subject, plural = _subject(cnf, news.atom)
+    was = "they were" if plural else "it was"
+    return f"{subject} should {_infinitive(cnf, -news)}{because}, but {was} seen {_seen(cnf, news)}"
+
+
+def resolves(bad: Iterable[str], conflicts: Sequence[Conflict]) -> tuple[int, ...]:
+    """Return the indices of the conflicts that a diagnosis hits: all of them, if it is one."""
+    abnormal = frozenset(bad)
+    return tuple(
+        index for index, conflict in enumerate(conflicts) if not abnormal.isdisjoint(conflict.components)
+    )
+
+
+def explain_diagnosis(diagnosis: Diagnosis, conflicts: Sequence[Conflict]) -> str:
+    """Return what each component explains, e.g. `jaguar explains not on(jaguar) and not ok(odom)`."""
+    if not diagnosis.bad:
+        return "nothing is wrong: what was seen is what a healthy system shows"
+    sentences = []
+    for component in diagnosis.bad:
+        hit = [conflict for conflict in conflicts if component in conflict.components]
+        mode = diagnosis.modes.get(component)
+        name = quote(component) + (f" (in mode {mode})" if mode else "")
+        seen = _distinct(literal for conflict in hit for literal in conflict.observations)
+        if seen:
+            sentences.append(f"{name} explains {_listed(map(str, seen))}")
+        elif hit:
+            sentences.append(f"{name} resolves a conflict between the rules")
+        else:
+            sentences.append(f"{name} is needed by a conflict that was not listed")
+    return "; ".join(sentences)
+
+
+def clear_suspects(diagnoses: Sequence[Collection[str]], conflicts: Sequence[Conflict]) -> dict[str, str]:
+    """Return why each healthy suspect is cleared: in some conflict, yet not blamed by the leading diagnosis.
+
+    Args:
+        diagnoses: what each diagnosis blames, the leading one first.
+        conflicts: the minimal conflicts that were found.
+    """
+    if not diagnoses:
+        return {}
+    leading = frozenset(diagnoses[0])
+    reasons: dict[str, str] = {}
+    for suspect in _distinct(name for conflict in conflicts for name in conflict.components):
+        if suspect in leading:
+            continue
+        named_in = [conflict for conflict in conflicts if suspect in conflict.components]
+        blamed = [name for name in diagnoses[0] if any(name in c.components for c in named_in)]
+        if not blamed:
+            continue  # a diagnosis hits every conflict: this one is of other observations
+        seen = _distinct(literal for conflict in named_in for literal in conflict.observations)
+        about = f" ({_listed(map(str, seen))})" if seen else ""
+        which = "the only conflict" if len(named_in) == 1 else f"all {len(named_in)} conflicts"
+        verb = _verb(blamed, "resolves", "resolve")
+        reason = f"{_listed(map(quote, blamed))} already {verb} {which} naming it{about}"
+        instead = [diagnosis for diagnosis in diagnoses if suspect in diagnosis]
+        if instead:
+            verb = "blames" if len(instead) == 1 else "blame"
+            reason += f"; {len(instead)} of {len(diagnoses)} diagnoses {verb} it instead"
+        reasons[suspect] = reason
+    return reasons
+
+
+class Cleared(Mapping[str, str]):
+    """Healthy suspect -> why it is cleared; worked out when first looked at, as few callers do."""
+
+    def __init__(self, blamed: Sequence[Sequence[str]], conflicts: Sequence[Conflict]) -> None:
+        self._blamed = blamed
+        self._conflicts = conflicts
+
+    @cached_property
+    def _reasons(self) -> dict[str, str]:
+        return clear_suspects(self._blamed, self._conflicts)
+
+    def __getitem__(self, component: str) -> str:
+        return self._reasons[component]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._reasons)
+
+    def __len__(self) -> int:
+        return len(self._reasons)
+
+    def __repr__(self) -> str:
+        return repr(self._reasons)
+
+
+def what_was_learned(conflicts: Sequence[Conflict], observations: Iterable[Literal]) -> dict[str, str]:
+    """Return for each observation what it taught: the suspects it raises, or that it clashes with nothing."""
+    learned: dict[str, str] = {}
+    for literal in observations:
+        raised = [conflict for conflict in conflicts if literal in conflict.observations]
+        if not raised:
+            learned[str(literal)] = "clashes with nothing that is taken to be healthy"
+            continue
+        suspects = [
+            f"{quote(conflict.components[0])} is abnormal"
+            if len(conflict.components) == 1
+            else f"one of {_listed(map(quote, conflict.components))} is abnormal"
+            for conflict in raised
+        ]
+        learned[str(literal)] = _listed(_distinct(suspects))
+    return learned
+
+
+def _news(
+    cnf: HealthCnf, components: Collection[str], observations: Sequence[Literal], rules: Collection[str]
+) -> Literal:
+    """Return the observation that reads best as the unmet expectation."""
+    if len(observations) == 1:
+        return observations[0]
+    conclusions = {
+        conclusion.strip() for rule in rules for _, arrow, conclusion in [rule.rpartition("->")] if arrow
+    }
+    for literal in observations:
+        if str(-literal) in conclusions:
+            return literal
+    clauses = [clause for rule in rules for clause in cnf.clauses_of_rule.get(rule, ())]
+    if cnf.circuit:
+        return _last_net(cnf, components, observations, clauses)
+    heads = {head for clause in clauses if (head := _horn_head(clause)) is not None}
+    for literal in observations:
+        variable = cnf.literal(literal)
+        if variable is not None and -variable in heads:
+            return literal
+    return next((literal for literal in observations if not literal.positive), observations[-1])
+
+
+def _horn_head(clause: Sequence[int]) -> int | None:
+    positive = [literal for literal in clause if literal > 0]
+    return positive[0] if len(positive) == 1 else None
+
+
+def _last_net(
+    cnf: HealthCnf,
+    components: Collection[str],
+    observations: Sequence[Literal],
+    clauses: Sequence[Sequence[int]],
+) -> Literal:
+    """Return the observed net that the conflict's gates drive and read least: the end of their chain."""
+    health = cnf.health
+    gates_at: dict[int, set[int]] = {}  # net -> the gates of the conflict that touch it
+    suspects = {health[component] for component in components}
+    for clause in clauses:
+        gates = suspects.intersection(map(abs, clause))
+        for literal in clause:
+            gates_at.setdefault(abs(literal), set()).update(gates)
+
+    def order(literal: Literal) -> tuple[bool, int]:
+        driven = bool(literal.atom.args) and literal.atom.args[0] in health
+        return (driven, -len(gates_at.get(abs(cnf.literal(literal) or 0), ())))
+
+    return max(observations, key=order)
+
+
+def _healthy(components: Collection[str]) -> str:
+    verb = _verb(components, "is", "are")
+    return f"{_listed(map(quote, components))} {verb} taken to be healthy"
+
+
+def _assumption(literal: Literal) -> str:
+    return f"{quote(literal.atom.args[0])} is assumed {'abnormal' if literal.positive else 'healthy'}"
+
+
+def _was_seen(cnf: HealthCnf, literals: Sequence[Literal]) -> str:
+    parts = []
+    for literal in literals:
+        subject, plural = _subject(cnf, literal.atom)
+        parts.append(f"{subject} {'were' if plural else 'was'} seen {_seen(cnf, literal)}")
+    return _listed(parts)
+
+
+def _subject(cnf: HealthCnf, atom: Atom) -> tuple[str, bool]:
+    """Return what a sentence is about, and whether it is plural."""
+    if atom.predicate in STATES and len(atom.args) == 1:
+        return quote(atom.args[0]), False
+    if atom.predicate == "matched" and len(atom.args) == 2:
+        return f"{quote(atom.args[0])} and {quote(atom.args[1])}", True
+    return str(atom), False
+
+
+def _infinitive(cnf: HealthCnf, literal: Literal) -> str:
+    """Return `be ok`, `not match`, `be 0`: what follows `should`."""
+    atom = literal.atom
+    if atom.predicate in STATES and len(atom.args) == 1:
+        positive, negative = STATES[atom.predicate]
+        if literal.positive:
+            return f"be {positive}"
+        return f"not be {positive}" if negative.startswith("not ") else f"be {negative}"
+    if cnf.circuit:
+        return f"be {int(literal.positive)}"
+    verb = "match" if atom.predicate == "matched" and len(atom.args) == 2 else "hold"
+    return verb if literal.positive else f"not {verb}"
+
+
+def _seen(cnf: HealthCnf, literal: Literal) -> str:
+    """Return `ok`, `off`, `not to match`, `0`: what follows `was seen`."""
+    atom = literal.atom
+    if atom.predicate in STATES and len(atom.args) == 1:
+        return STATES[atom.predicate][not literal.positive]
+    if cnf.circuit:
+        return str(int(literal.positive))
+    verb = "match" if atom.predicate == "matched" and len(atom.args) == 2 else "hold"
+    return f"to {verb}" if literal.positive else f"not to {verb}"
+
+
+def _listed(words: Iterable[str]) -> str:
+    """Return `a`, `a and b`, `a, b and c`; beyond NAMED_AT_MOST, how many more there are."""
+    items = list(words)
+    if len(items) > NAMED_AT_MOST:
+        items = [*items[: NAMED_AT_MOST - 1], f"{len(items) - NAMED_AT_MOST + 1} more"]
+    if len(items) < 2:
+        return "".join(items)
+    return f"{', '.join(items[:-1])} and {items[-1]}"
+
+
+def _verb(things: Collection[str], one: str, many: str) -> str:
+    return one if len(things) == 1 else many
+
+
+def _distinct(things: Iterable[Thing]) -> list[Thing]:
+    return list(dict.fromkeys(things))

@@ -1,0 +1,221 @@
+"""Small faults of a circuit by bit-parallel simulation: thousands of fault sets in one pass, no search.
+
+When all inputs are observed, the members of a minimal diagnosis all give the opposite of what they should:
+one that gives what it should could be dropped. So a set of gates is tried by flipping them, and each bit of
+a Python integer is one trial, a *lane*. One pass over the gates tries all sets of one gate:
+
+    lane           … 3 2 1 0          flip of g1   … 0 0 1 0       lane 0: nothing is flipped
+    net "10"       … 1 0 1 1          flip of g2   … 0 1 0 0       lane i: gate i is flipped
+
+For pairs, one of the two must be in a conflict, the support of one wrong output, and the other in the
+supports of the wrong outputs that this leaves: the lanes are rows × columns. Larger sets are left to SAT.
+
+The pass is a generated function of straight-line integer operations, about 40 ns a gate, with registers that
+are used again as soon as a net is dead, so that long integers stay in the cache.
+
+Source: J. A. Waicukauskauski et al. Fault simulation for structured VLSI. VLSI Systems Design, 1985
+(parallel patterns; here the lanes are fault sets).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any
+
+from robomend.diagnosis.netlist import Netlist
+
+Pass = Callable[[list[int], list[int], list[int], int], int]
+"""(inputs, flips, expected, ones) -> the lanes in which some observed net is wrong."""
+
+LANES = 60_000
+"""Of one pass: longer integers fall out of the cache."""
+
+
+class Flips:
+    """The generated passes of one netlist and one set of observed nets.
+
+    Args:
+        flippable: the gates (indices) that may be abnormal.
+        simulated: the gates to simulate, in topological order: those with a path to an observed net.
+        checks: the observed nets that a gate drives.
+    """
+
+    def __init__(
+        self, netlist: Netlist, flippable: Sequence[int], simulated: Sequence[int], checks: Sequence[int]
+    ) -> None:
+        self.netlist = netlist
+        self.flippable = tuple(flippable)
+        self.checks = tuple(checks)
+        used = {net for index in simulated for net in netlist.gates[index].inputs}
+        self.inputs = tuple(sorted(used & netlist.sources))
+        self._simulated = tuple(simulated)
+        self._pass = self._generate()
+
+    def singles(self, inputs: Sequence[bool], expected: Sequence[bool]) -> tuple[bool, list[int]]:
+        """Return whether nothing need be flipped, and the single gates (indices into flippable) that explain
+        all.
+        """
+        count = len(self.flippable)
+        ones = (1 << (count + 1)) - 1
+        flips = [2 << position for position in range(count)]
+        good = self._good(inputs, flips, expected, ones)
+        return bool(good & 1), list(set_bits(good >> 1))
+
+    def pairs(
+        self,
+        inputs: Sequence[bool],
+        expected: Sequence[bool],
+        supports: Sequence[int],
+        between: Callable[[], None] = lambda: None,
+    ) -> list[tuple[int, int]]:
+        """Return the pairs that explain all.
+
+        A pair with a member that explains all by itself may be among them, when flipping the other changes
+        nothing.
+
+        Args:
+            supports: conflicts as masks over the flippable gates. One member of a pair is in the smallest,
+            and the
+                other in each support that the first is not in.
+            between: called between passes.
+        """
+        smallest = min(supports, key=int.bit_count)
+        everything = (1 << len(self.flippable)) - 1
+        alone: list[int] = []  # in all supports: anything may go with it
+        paired: list[int] = []
+        partners = 0
+        for one in set_bits(smallest):
+            others = everything
+            for support in supports:
+                if not support >> one & 1:
+                    others &= support
+            if others == everything:
+                alone.append(one)
+            elif others:
+                paired.append(one)
+                partners |= others
+        found: set[tuple[int, int]] = set()
+        for rows, columns in ((alone, everything), (paired, partners)):
+            found.update(self._rectangle(inputs, expected, rows, list(set_bits(columns)), between))
+        return sorted(found)
+
+    def _rectangle(
+        self,
+        inputs: Sequence[bool],
+        expected: Sequence[bool],
+        rows: list[int],
+        columns: list[int],
+        between: Callable[[], None],
+    ) -> Iterator[tuple[int, int]]:
+        """Try each row gate with each column gate, in one lane each."""
+        width = len(columns)
+        height = max(1, LANES // max(1, width))
+        for start in range(0, len(rows), height):
+            between()
+            chosen = rows[start : start + height]
+            row = (1 << width) - 1
+            ones = (1 << (width * len(chosen))) - 1
+            comb = ones // row  # the first lane of each row
+            flips = [0] * len(self.flippable)
+            for position, gate in enumerate(columns):
+                flips[gate] = comb << position
+            for index, gate in enumerate(chosen):
+                flips[gate] |= row << (index * width)
+            for lane in set_bits(self._good(inputs, flips, expected, ones)):
+                one, other = chosen[lane // width], columns[lane % width]
+                if one != other:
+                    yield (one, other) if one < other else (other, one)
+
+    def agrees(self, inputs: Sequence[bool], expected: Sequence[bool]) -> bool:
+        """Return whether nothing need be flipped."""
+        return self._good(inputs, [0] * len(self.flippable), expected, 1) == 1
+
+    def _good(self, inputs: Sequence[bool], flips: list[int], expected: Sequence[bool], ones: int) -> int:
+        return ones & ~self._pass(
+            [ones if value else 0 for value in inputs],
+            flips,
+            [ones if value else 0 for value in expected],
+            ones,
+        )
+
+    def _generate(self) -> Pass:
+        """Write the pass as Python source and compile it."""
+        gates = self.netlist.gates
+        flip_of = {gate: position for position, gate in enumerate(self.flippable)}
+        check_of = {net: position for position, net in enumerate(self.checks)}
+        last = {net: step for step, gate in enumerate(self._simulated) for net in gates[gate].inputs}
+        free: list[str] = []
+        register: dict[int, str] = {}
+        registers = 0
+        lines = ["def sweep(I, F, E, M):", " bad = 0"]
+        for position, net in enumerate(self.inputs):
+            register[net] = f"i{position}"
+            lines.append(f" i{position} = I[{position}]")
+        for step, index in enumerate(self._simulated):
+            gate = gates[index]
+            value = gate.expression.format(*(register[net] for net in gate.inputs))
+            if index in flip_of:
+                value = f"F[{flip_of[index]}]^({value})"
+            for net in set(gate.inputs):
+                if last[net] == step and net not in self.netlist.sources:
+                    free.append(register.pop(net))
+            if free:
+                name = free.pop()
+            else:
+                name = f"r{registers}"
+                registers += 1
+            register[gate.output] = name
+            lines.append(f" {name} = {value}")
+            if gate.output in check_of:
+                lines.append(f" bad |= {name}^E[{check_of[gate.output]}]")
+            if gate.output not in last:
+                free.append(register.pop(gate.output))
+        lines.append(" return bad")
+        sweep: Pass = compiled("\n".join(lines), "sweep")
+        return sweep
+
+
+def values_of(
+    netlist: Netlist, simulated: Sequence[int], flippable: Iterable[int]
+) -> Callable[..., dict[int, int]]:
+    """Return a function (inputs by net, flips, ones) -> the value of each simulated net, for inspection."""
+    position = {gate: index for index, gate in enumerate(flippable)}
+    lines = ["def values(V, F, M):"]
+    used = {net for index in simulated for net in netlist.gates[index].inputs} & netlist.sources
+    lines += [f" w{net} = V[{net}]" for net in sorted(used)]
+    nets: list[int] = []
+    for index in simulated:
+        gate = netlist.gates[index]
+        value = gate.expression.format(*(f"w{net}" for net in gate.inputs))
+        if index in position:
+            value = f"F[{position[index]}]^({value})"
+        lines.append(f" w{gate.output} = {value}")
+        nets.append(gate.output)
+    lines += [f" V[{net}] = w{net}" for net in nets]
+    lines.append(" return V")
+    run: Callable[..., dict[int, int]] = compiled("\n".join(lines), "values")
+    return run
+
+
+def compiled(source: str, name: str) -> Any:
+    """Return the function that the source defines. The source is ours: numbers and operators, no names from
+    outside.
+    """
+    scope: dict[str, Any] = {}
+    exec(compile(source, f"<{name} of a circuit>", "exec"), {}, scope)
+    return scope[name]
+
+
+def set_bits(number: int) -> Iterable[int]:
+    """Yield the positions of the ones, ascending; in time linear in the length even for long integers."""
+    if number.bit_length() <= 64:
+        while number:
+            low = number & -number
+            yield low.bit_length() - 1
+            number ^= low
+        return
+    for base, byte in enumerate(number.to_bytes((number.bit_length() + 7) // 8, "little")):
+        while byte:
+            low = byte & -byte
+            yield base * 8 + low.bit_length() - 1
+            byte ^= low

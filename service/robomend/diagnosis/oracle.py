@@ -1,0 +1,181 @@
+"""One persistent SAT solver: clauses once, then questions under assumptions, with a deadline that is kept.
+
+    ask(assumptions) ── small budget of conflicts ──► answer (nearly always)
+                                 │ spent
+                                 ▼
+                     GIL released, alarm set ──► answer, or OutOfTime
+
+Most questions take microseconds, where a thread for the alarm would cost more than the search, so a question
+starts with a budget that bounds it to some milliseconds. Only one that outlives it is asked again with the
+GIL released and a timer that interrupts the solver at the deadline; learnt clauses keep what the first try
+found out.
+
+Only solvers that take assumptions *and* can be interrupted are admitted: kissat ignores assumptions (and
+answers wrongly), the CaDiCaL family never releases the GIL and ignores interrupts, and others have no
+budgets.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterable, Sequence
+from time import perf_counter
+from typing import Any
+
+from pysat.solvers import Solver, SolverNames
+
+from robomend.errors import OptionRefused
+
+INTERRUPTIBLE = (
+    "minisat22",
+    "minisatgh",
+    "minicard",
+    "glucose3",
+    "glucose4",
+    "glucose42",
+    "gluecard3",
+    "gluecard4",
+    "maplesat",
+    "maplecm",
+    "maplechrono",
+)
+
+WHY_NOT = {
+    "kissat404": "it ignores assumptions and would answer wrongly",
+    "cadical103": "it cannot be interrupted",
+    "cadical153": "it cannot be interrupted",
+    "cadical195": "it cannot be interrupted",
+    "cadical300": "it cannot be interrupted",
+    "lingeling": "it has no budgets and cannot be interrupted",
+    "minisatep": "its extra preprocessing is not safe under assumptions",
+}
+
+SHORT_CONFLICTS = 500
+SHORT_PROPAGATIONS = 2_000_000
+
+
+class OutOfTime(Exception):
+    """The deadline passed, or someone called interrupt."""
+
+
+def solver_name(name: str | None, default: str = "minisat22") -> str:
+    """Return the canonical name of a PySAT solver that the engines can use.
+
+    Raises:
+        OptionRefused: unknown, ignores assumptions, or cannot be interrupted.
+    """
+    if name is None:
+        return default
+    for canonical in dir(SolverNames):
+        names = getattr(SolverNames, canonical)
+        if isinstance(names, tuple) and name in names:
+            if canonical in INTERRUPTIBLE:
+                return canonical if canonical in names else str(names[-1])
+            why = WHY_NOT.get(canonical, "it has no budgets or cannot be interrupted")
+            raise OptionRefused(f"solver {name!r}: {why}; choose one of {', '.join(INTERRUPTIBLE)}")
+    raise OptionRefused(f"no solver is named {name!r}; choose one of {', '.join(INTERRUPTIBLE)}")
+
+
+class Clock:
+    """The deadline and the stop button of one engine, shared by its oracles."""
+
+    def __init__(self) -> None:
+        self.deadline: float | None = None
+        self.stopped = False
+        self.running: Any = None  # the solver inside a long call
+        self._lock = threading.Lock()
+
+    def start(self, timeout_s: float | None) -> None:
+        """Begin a call; forgets an interrupt that came while nothing ran."""
+        with self._lock:
+            self.stopped = False
+            self.deadline = None if timeout_s is None else perf_counter() + timeout_s
+
+    def stop(self) -> None:
+        """Stop the running call soon, from any thread."""
+        with self._lock:
+            self.stopped = True
+            if self.running is not None:
+                self.running.interrupt()
+
+    def expire(self) -> None:
+        """Interrupt the long call if its time is up; an alarm that comes late hits nobody else's."""
+        with self._lock:
+            if self.running is not None and self.deadline is not None and perf_counter() >= self.deadline:
+                self.running.interrupt()
+
+    def enter(self, solver: Any) -> None:
+        """The solver is about to start a long call."""
+        with self._lock:
+            if self.stopped:
+                raise OutOfTime
+            self.running = solver
+
+    def leave(self) -> None:
+        """The long call is over."""
+        with self._lock:
+            self.running = None
+
+    def check(self) -> None:
+        """Raise OutOfTime when the time is up."""
+        if self.stopped or (self.deadline is not None and perf_counter() >= self.deadline):
+            raise OutOfTime
+
+
+class Oracle:
+    """A persistent solver. `sat` answers; `core` and `model` tell of the last answer."""
+
+    def __init__(self, clauses: Iterable[Sequence[int]], clock: Clock, solver: str = "minisat22") -> None:
+        self.name = solver
+        self._clock = clock
+        self._solver = Solver(name=solver, bootstrap_with=clauses)
+        inner = self._solver.solver  # the facade costs a call on each question
+        self._inner = inner
+        self.add = inner.add_clause
+        self.at_most = inner.add_atmost  # MiniCard-type solvers only
+        self.core = inner.get_core
+        self.model = inner.get_model
+        self.set_phases = inner.set_phases
+        self.propagate = inner.propagate
+
+    def sat(self, assumptions: list[int]) -> bool:
+        """Return whether the clauses have a model under the assumptions.
+
+        Raises:
+            OutOfTime: the deadline passed, or the clock was stopped.
+        """
+        clock = self._clock
+        if clock.stopped or (clock.deadline is not None and perf_counter() >= clock.deadline):
+            raise OutOfTime
+        inner = self._inner
+        inner.conf_budget(SHORT_CONFLICTS)
+        inner.prop_budget(SHORT_PROPAGATIONS)
+        answer = inner.solve_limited(assumptions)
+        if answer is None:
+            answer = self._long(assumptions)
+        return answer is True
+
+    def _long(self, assumptions: list[int]) -> bool:
+        clock, inner = self._clock, self._inner
+        inner.conf_budget(-1)
+        inner.prop_budget(-1)
+        clock.enter(inner)
+        alarm = None
+        if clock.deadline is not None:
+            alarm = threading.Timer(max(0.0, clock.deadline - perf_counter()), clock.expire)
+            alarm.daemon = True
+            alarm.start()
+        try:
+            answer: bool | None = inner.solve_limited(assumptions, expect_interrupt=True)
+        finally:
+            clock.leave()
+            if alarm is not None:
+                alarm.cancel()
+            inner.clear_interrupt()
+        if answer is None:
+            raise OutOfTime
+        return answer
+
+    def close(self) -> None:
+        """Free the solver's memory."""
+        self._solver.delete()

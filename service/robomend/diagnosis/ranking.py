@@ -1,0 +1,248 @@
+"""How probable each diagnosis is, how much was not looked at, and diagnoses in order of probability.
+
+Components fail independently, c with prior p(c). The weight of a diagnosis Δ is that of the state in which
+just Δ is abnormal, so that among the diagnoses found
+
+    P(Δ | OBS)  ∝  ∏ p(c) for c ∈ Δ · ∏ (1 - p(c)) for c ∉ Δ  ∝  ∏ p(c) / (1 - p(c)) for c ∈ Δ
+
+Only the priors of components that a diagnosis blames matter: the rest cancels. If one of those has no
+prior, there is no probability at all; no default is made up. All sums are in log space: a thousand priors
+of 1e-9 underflow.
+
+What was not enumerated: each state that OBS allows hits every conflict, and each state that extends a
+diagnosis found is accounted for. So at most
+
+    P(every known conflict is hit) - P(some diagnosis found is contained)
+
+is left. The first is bounded by a product over conflicts without a common component, the second from below
+by what each diagnosis adds to those before it. Under fault models in which abnormal parts must misbehave,
+extending a diagnosis may break it, so there each diagnosis accounts for its own state only.
+
+Sources:
+    J. de Kleer, B. Williams. Diagnosing multiple faults. AIJ 32(1), 1987 (priors, posterior).
+    J. de Kleer. Focusing on probable diagnoses. AAAI 1991 (the most probable first).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
+from heapq import heappop, heappush
+from math import exp, expm1, fsum, inf, log, log1p
+
+from robomend.diagnosis.guided import CheapestHittingSets, bits
+from robomend.diagnosis.oracle import Clock, OutOfTime
+from robomend.diagnosis.result import DiagnosisResult, Options
+from robomend.errors import ModelError, OptionRefused
+from robomend.model.cnf import HealthCnf
+
+SCALE = 1 << 20
+"""Log odds as integers: their sum over a hundred components is off by 5e-5 at most."""
+
+
+def check_priors(priors: Mapping[str, float]) -> None:
+    """Refuse priors that are no probabilities, or leave no doubt.
+
+    Raises:
+        ModelError: a prior is not a number between 0 and 1, both excluded.
+    """
+    for component, prior in priors.items():
+        if not 0 < prior < 1:
+            raise ModelError(
+                f"the prior of {component} is {prior:g}: give a probability above 0 and below 1; "
+                "leave out a component that cannot fail, or withdraw one that is known to be broken"
+            )
+
+
+def log_odds(prior: float) -> float:
+    """Return ln(p / (1 - p)), exact for tiny p."""
+    return log(prior) - log1p(-prior)
+
+
+def posterior(
+    diagnoses: Sequence[Collection[str]],
+    priors: Mapping[str, float],
+    given: Collection[str] = (),
+) -> tuple[float, ...] | None:
+    """Return P(Δ | OBS) among the diagnoses found; they sum to 1.
+
+    Args:
+        diagnoses: what each blames.
+        priors: P(AB(c)); checked.
+        given: components that a what-if assumes abnormal: their priors do not count.
+
+    Returns:
+        None if there is no diagnosis, no prior, or a blamed component without one.
+
+    Raises:
+        ModelError: a prior is not strictly between 0 and 1.
+    """
+    check_priors(priors)
+    assumed = frozenset(given)
+    weights = []
+    for blamed in diagnoses:
+        relevant = [component for component in blamed if component not in assumed]
+        if any(component not in priors for component in relevant):
+            return None
+        weights.append(fsum(log_odds(priors[component]) for component in relevant))
+    if not weights or not priors:
+        return None
+    highest = max(weights)
+    shares = [exp(weight - highest) for weight in weights]
+    total = fsum(shares)
+    return tuple(share / total for share in shares)
+
+
+def unexplored_mass(
+    diagnoses: Sequence[Collection[str]],
+    conflicts: Sequence[Collection[str]],
+    priors: Mapping[str, float],
+    *,
+    weak: bool = True,
+    components: Collection[str] = (),
+) -> float | None:
+    """Bound the prior mass of the states that OBS allows and no diagnosis found accounts for.
+
+    Args:
+        diagnoses: those found.
+        conflicts: those known; more of them give a better bound, none gives 1 less what was found.
+        priors: P(AB(c)); a component without one may fail for sure, as far as the bound knows.
+        weak: every superset of a diagnosis is one.
+        components: COMPS; needed only where `weak` is false.
+
+    Returns:
+        None without any priors.
+    """
+    if not priors:
+        return None
+    check_priors(priors)
+    hit = sorted((_any_fails(conflict, priors), tuple(conflict)) for conflict in conflicts)
+    possible = 1.0
+    used: set[str] = set()
+    for chance, conflict in hit:
+        if used.isdisjoint(conflict):
+            used.update(conflict)
+            possible *= chance
+    known = [frozenset(blamed) for blamed in diagnoses if all(c in priors for c in blamed)]
+    found = _contained(known, priors) if weak else _exactly(known, priors, components)
+    return min(1.0, max(0.0, possible - found))
+
+
+def _any_fails(conflict: Collection[str], priors: Mapping[str, float]) -> float:
+    if any(component not in priors for component in conflict):
+        return 1.0
+    return -expm1(fsum(log1p(-priors[component]) for component in conflict))
+
+
+def _all_fail(blamed: Collection[str], priors: Mapping[str, float]) -> float:
+    return exp(fsum(log(priors[component]) for component in blamed))
+
+
+def _contained(diagnoses: Sequence[frozenset[str]], priors: Mapping[str, float]) -> float:
+    """Bound P(some diagnosis ⊆ state) from below: each adds what those before it cannot have taken."""
+    gains = []
+    for index, blamed in enumerate(diagnoses):
+        taken = fsum(_all_fail(earlier - blamed, priors) for earlier in diagnoses[:index])
+        gains.append(_all_fail(blamed, priors) * max(0.0, 1.0 - taken))
+    return fsum(gains)
+
+
+def _exactly(
+    diagnoses: Sequence[frozenset[str]], priors: Mapping[str, float], components: Collection[str]
+) -> float:
+    if any(component not in priors for component in components):
+        return 0.0
+    none = fsum(log1p(-priors[component]) for component in components)
+    return fsum(exp(none + fsum(log_odds(priors[c]) for c in blamed)) for blamed in diagnoses)
+
+
+def rank(result: DiagnosisResult, cnf: HealthCnf, options: Options) -> DiagnosisResult:
+    """Return the result with probabilities and the unexplored mass, where the model has priors.
+
+    The order is kept, or is by probability if that was asked for.
+    """
+    if not cnf.priors:
+        return result
+    blamed = [diagnosis.bad for diagnosis in result.diagnoses]
+    shares = posterior(blamed, cnf.priors, options.abnormal)
+    diagnoses = result.diagnoses
+    if shares is not None:
+        diagnoses = tuple(
+            replace(diagnosis, probability=share) for diagnosis, share in zip(diagnoses, shares, strict=True)
+        )
+        if options.order == "probability":
+            diagnoses = tuple(sorted(diagnoses, key=lambda diagnosis: -(diagnosis.probability or 0.0)))
+    if result.complete and options.minimal == "subset":
+        unexplored: float | None = 0.0
+    elif options.healthy or options.abnormal:
+        unexplored = None  # the priors say nothing of a world that is only supposed
+    else:
+        unexplored = unexplored_mass(
+            blamed,
+            [conflict.components for conflict in result.conflicts],
+            cnf.priors,
+            weak=cnf.weak,
+            components=cnf.components,
+        )
+    return replace(result, diagnoses=diagnoses, unexplored=unexplored)
+
+
+def by_probability(
+    find_conflict: Callable[[int], int | None],
+    components: Sequence[str],
+    priors: Mapping[str, float],
+    clock: Clock,
+) -> Iterator[int]:
+    """Yield every minimal diagnosis as a bit mask, the most probable first.
+
+    Implicit hitting sets whose costs are log odds of being healthy. A component that is more likely broken
+    than not has a negative cost, which a hitting set cannot have: it counts as 0 there, and a diagnosis is
+    held back until nothing that is still to come can be more probable. The same holds back what rounding
+    could have put first.
+
+    Args:
+        find_conflict: takes the mask of the abnormal components; returns a conflict outside it, or None. A
+        conflict
+            of no component must be raised by it as its own error.
+        components: COMPS; bit i is component i.
+        priors: needed for each component that occurs in a conflict.
+        clock: the deadline.
+
+    Raises:
+        OptionRefused: a suspect without a prior.
+        OutOfTime: after yielding those that were held back.
+    """
+    check_priors(priors)
+    exact = [-log_odds(priors[component]) if component in priors else inf for component in components]
+    whole = [max(0, round(cost * SCALE)) if cost < inf else 0 for cost in exact]
+    at_least = fsum(min(cost, 0.0) for cost in exact)
+    sets = CheapestHittingSets(whole, clock)
+    held: list[tuple[float, list[int], int]] = []
+    suspects = 0
+    try:
+        while (candidate := sets.next()) is not None:
+            rounding = 0.5 * suspects.bit_count() / SCALE
+            bound = sets.cost / SCALE + at_least - rounding
+            while held and held[0][0] <= bound:
+                yield heappop(held)[2]
+            conflict = find_conflict(candidate)
+            if conflict is None:
+                numbers = bits(candidate)
+                heappush(held, (fsum(exact[bit] for bit in numbers), numbers, candidate))
+                sets.block(candidate)
+                continue
+            for bit in bits(conflict & ~suspects):
+                if exact[bit] == inf:
+                    raise OptionRefused(
+                        f"order 'probability' needs a prior for each suspect, and {components[bit]} has none"
+                    )
+            suspects |= conflict
+            sets.hit(conflict)
+    except OutOfTime:
+        while held:
+            yield heappop(held)[2]
+        raise
+    finally:
+        sets.close()
+    while held:
+        yield heappop(held)[2]

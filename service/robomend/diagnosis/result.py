@@ -1,0 +1,134 @@
+"""What is asked of an engine, and what it answers. Every answer says whether it is complete.
+
+`Engine` is the whole interface: one object per model, kept warm, asked with sets of literals. An engine that
+cannot honour an option raises OptionRefused; running out of size, count or time is an answer (`stopped_by`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Literal as OneOf
+from typing import Protocol
+
+from robomend_client.literals import Literal
+
+Minimal = OneOf["cardinality", "subset"]
+Order = OneOf["size", "probability"]
+StoppedBy = OneOf["limit", "size", "time"]
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """How far to search. The defaults are those of HTTP and the command line."""
+
+    minimal: Minimal = "subset"
+    max_size: int | None = None
+    limit: int | None = 100  # None: a million, so that the memory is bounded; see `factored`
+    timeout_s: float | None = 5.0
+    order: Order = "size"
+    conflicts: bool = True  # minimal conflicts with their rules and observations
+    factored: bool = (
+        False  # minimal cardinality only: top-level diagnoses × replaceable cones, with the exact count
+    )
+    healthy: frozenset[str] = frozenset()  # what-if: assumed healthy …
+    abnormal: frozenset[str] = frozenset()  # … or abnormal
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosis:
+    """A minimal set of abnormal components; empty: OBS is what a healthy system would show."""
+
+    bad: tuple[str, ...]  # in the order of COMPS
+    probability: float | None = None  # posterior among the diagnoses found; None without priors
+    modes: Mapping[str, str] = field(
+        default_factory=dict
+    )  # abnormal component -> fault mode, where the model has modes
+    resolves: tuple[int, ...] = ()  # indices into DiagnosisResult.conflicts
+
+
+@dataclass(frozen=True, slots=True)
+class Conflict:
+    """Components that cannot all be healthy, given the observations; minimal in both."""
+
+    components: tuple[str, ...]
+    observations: tuple[Literal, ...]
+    rules: tuple[str, ...]
+    text: str  # a sentence
+
+
+@dataclass(frozen=True, slots=True)
+class Factor:
+    """In the factored form: any one of `alternatives`, itself included, may stand in for this component."""
+
+    component: str
+    alternatives: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class DiagnosisResult:
+    """The answer of an engine. `good` of a diagnosis is COMPS without its `bad`."""
+
+    components: tuple[str, ...]
+    diagnoses: tuple[Diagnosis, ...]  # in order of size (or probability, as asked)
+    complete: bool
+    stopped_by: StoppedBy | None
+    conflicts: tuple[Conflict, ...]
+    elapsed_s: float  # the diagnosis alone, without compilation
+    unused: tuple[Literal, ...] = ()  # observations that no rule mentions
+    factored: tuple[tuple[Factor, ...], ...] = ()
+    count: int | None = None  # exact number of diagnoses asked for, where known
+    unexplored: float | None = (
+        None  # upper bound on the prior mass that was not enumerated; None without priors
+    )
+    cleared: Mapping[str, str] = field(default_factory=dict)  # healthy suspect -> why it is cleared
+
+    @property
+    def healthy(self) -> bool:
+        """OBS is what a healthy system would show."""
+        return any(not diagnosis.bad for diagnosis in self.diagnoses)
+
+    @property
+    def learned(self) -> dict[Literal, tuple[int, ...]]:
+        """What was learned from which observation: the conflicts that rest on it, as indices into
+        `conflicts`.
+
+        An observation that is not here clashes with nothing; what_was_learned puts it in words.
+        """
+        found: dict[Literal, tuple[int, ...]] = {}
+        for index, conflict in enumerate(self.conflicts):
+            for literal in conflict.observations:
+                found[literal] = (*found.get(literal, ()), index)
+        return found
+
+    def good(self, diagnosis: Diagnosis) -> tuple[str, ...]:
+        """Return COMPS without the diagnosis, in the order of COMPS."""
+        bad = frozenset(diagnosis.bad)
+        return tuple(component for component in self.components if component not in bad)
+
+
+class Engine(Protocol):
+    """One engine for one model. Not thread-safe: one call at a time; `interrupt` may come from any thread."""
+
+    name: str
+
+    def diagnose(self, observations: Iterable[Literal], options: Options = ...) -> DiagnosisResult:
+        """Return the minimal diagnoses of SD ∪ observations.
+
+        Raises:
+            ContradictoryModel: no model even with every component abnormal.
+            OptionRefused: this engine cannot honour one of the options.
+        """
+        ...
+
+    def consistent(self, observations: Iterable[Literal]) -> bool:
+        """Return whether SD ∪ observations ∪ {all healthy} is consistent: the cheap check."""
+        ...
+
+    def interrupt(self) -> None:
+        """Make a running `diagnose` stop soon with what it has, stopped_by "time"."""
+        ...
+
+    def close(self) -> None:
+        """Free the solver."""
+        ...

@@ -1,0 +1,212 @@
+"""One fault set that explains many snapshots of the same system.
+
+A snapshot is one set of observations; the wires may carry other values in each, but what is broken is
+broken in all of them. A diagnosis of the snapshots is a minimal Δ such that SD ∪ OBS_i ∪ {¬AB(c) | c ∉ Δ}
+is consistent for *every* i. A conflict of any one snapshot is a conflict of all, so implicit hitting sets
+work unchanged:
+
+    hitting set of the conflicts ──► consistent with snapshot 1, 2, … m?  all ──► diagnosis; block it
+              ▲                                │ one is not
+              └──────── new conflict ◄─────────┘
+
+One solver holds SD once and takes each snapshot as assumptions, instead of m copies of SD. The snapshot
+that refuted the last candidate is asked first: it refutes most of the next ones too.
+
+Source: A. Ignatiev, A. Morgado, G. Weissenbacher, J. Marques-Silva. Model-based diagnosis with multiple
+observations. IJCAI 2019.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from time import perf_counter
+
+from robomend.diagnosis.conflicts import Conflicts, Known
+from robomend.diagnosis.explanations import clear_suspects, explain_conflict, resolves
+from robomend.diagnosis.guided import AnyHittingSets, CheapestHittingSets, bits
+from robomend.diagnosis.observed import ObservationReader, Observed, Supposed, check_options, supposed
+from robomend.diagnosis.oracle import Clock, Oracle, OutOfTime, solver_name
+from robomend.diagnosis.reasons import Reasons
+from robomend.diagnosis.result import Conflict, Diagnosis, DiagnosisResult, Options, StoppedBy
+from robomend.errors import ContradictoryModel, OptionRefused
+from robomend.model.cnf import HealthCnf
+from robomend_client.literals import Atom, Literal
+
+DEFAULTS = Options()
+
+
+class SnapshotEngine:
+    """Diagnoses of many snapshots over one model, kept warm. One call at a time, as every engine."""
+
+    def __init__(self, cnf: HealthCnf, *, solver: str | None = None) -> None:
+        self.cnf = cnf
+        self._clock = Clock()
+        self._oracle = Oracle(cnf.clauses, self._clock, solver_name(solver))
+        self._reader = ObservationReader(cnf)
+        self._reasons = Reasons(cnf)
+        self._conflicts = Conflicts(cnf, self._reasons)
+
+    def diagnose(
+        self, snapshots: Iterable[Iterable[Literal]], options: Options = DEFAULTS
+    ) -> DiagnosisResult:
+        """Return the minimal fault sets that explain every snapshot.
+
+        With `minimal="cardinality"` or `max_size` they are searched in order of size. All subset-minimal
+        ones are found in the fastest order and sorted at the end: if that is stopped by count or time,
+        there may be smaller ones than those found. No snapshot at all is explained by the empty diagnosis.
+
+        Raises:
+            ContradictoryModel: one snapshot contradicts SD, whatever is abnormal.
+            OptionRefused: order "probability" and the factored form are for single observations.
+        """
+        started = perf_counter()
+        check_options(options)
+        if options.order == "probability" or options.factored:
+            refused = "order 'probability'" if options.order == "probability" else "the factored form"
+            raise OptionRefused(f"{refused} is not available for several snapshots")
+        what_if = supposed(self.cnf, options)
+        distinct: dict[frozenset[int], Observed] = {}
+        for snapshot in snapshots:
+            observed = self._reader.read(snapshot)
+            distinct.setdefault(frozenset(observed.numbers), observed)
+        self._clock.start(options.timeout_s)
+        search = _Search(self._oracle, self._conflicts, list(distinct.values()), what_if, self.cnf)
+        found: list[int] = []
+        stopped = search.run(found, options, self._clock)
+        if search.contradiction is not None and not what_if.healthy and not what_if.abnormal:
+            raise self._contradiction(*search.contradiction)
+        masks = sorted(found, key=lambda mask: (mask.bit_count(), bits(mask)))
+        blamed = [tuple(self.cnf.components[bit] for bit in bits(mask)) for mask in masks]
+        conflicts = tuple(self._in_words(*pair) for pair in search.known) if options.conflicts else ()
+        unused = dict.fromkeys(literal for observed in distinct.values() for literal in observed.unused)
+        return DiagnosisResult(
+            components=self.cnf.components,
+            diagnoses=tuple(Diagnosis(bad, resolves=resolves(bad, conflicts)) for bad in blamed),
+            complete=stopped is None,
+            stopped_by=stopped,
+            conflicts=conflicts,
+            elapsed_s=perf_counter() - started,
+            unused=tuple(unused),
+            count=len(found) if stopped is None else None,
+            cleared=clear_suspects(blamed, conflicts),
+        )
+
+    def _in_words(self, known: Known, observed: Observed) -> Conflict:
+        cnf = self.cnf
+        components = tuple(cnf.components[variable - 1] for variable in known.components)
+        used = self._reasons.rules([*known.components, *known.observations])
+        rules = tuple(cnf.rules[index].text for index in used)
+        literals = self._literals(known, observed)
+        return Conflict(components, literals, rules, explain_conflict(cnf, components, literals, rules))
+
+    def _literals(self, known: Known, observed: Observed) -> tuple[Literal, ...]:
+        """Return what the conflict rests on: what was seen, and what-ifs as `ab(c)` or its negation."""
+        names = self.cnf.components
+        return tuple(
+            Literal(Atom("ab", (names[abs(number) - 1],)), number < 0)
+            if abs(number) <= len(names)
+            else observed.literal(number)
+            for number in known.observations
+        )
+
+    def _contradiction(self, known: Known, observed: Observed) -> ContradictoryModel:
+        literals = tuple(map(str, self._literals(known, observed)))
+        rules = self._reasons.rules(known.observations)
+        return ContradictoryModel(literals, tuple(self.cnf.rules[index].text for index in rules))
+
+    def interrupt(self) -> None:
+        """Make a running `diagnose` stop soon with what it has."""
+        self._clock.stop()
+
+    def close(self) -> None:
+        """Free the solver."""
+        self._oracle.close()
+        self._reasons.close()
+
+
+class _Search:
+    """One call: the snapshots, and the conflicts that they gave so far."""
+
+    def __init__(
+        self,
+        oracle: Oracle,
+        conflicts: Conflicts,
+        snapshots: list[Observed],
+        what_if: Supposed,
+        cnf: HealthCnf,
+    ) -> None:
+        self.known: list[tuple[Known, Observed]] = []
+        self.contradiction: tuple[Known, Observed] | None = None
+        self._oracle = oracle
+        self._conflicts = conflicts
+        self._snapshots = snapshots  # the one that refuted last comes first
+        self._what_if = what_if
+        self._health = list(range(1, len(cnf.components) + 1))
+        self._forced = sum(1 << (variable - 1) for variable in what_if.abnormal)
+
+    def find_conflict(self, abnormal: int) -> int | None:
+        """Return a minimal conflict that these components do not hit; None: they explain each snapshot."""
+        healthy = [variable for variable in self._health if not abnormal >> (variable - 1) & 1]
+        healthy += [-variable for variable in self._what_if.abnormal]
+        for position, observed in enumerate(self._snapshots):
+            if self._oracle.sat([*observed.numbers, *healthy]):
+                continue
+            self._snapshots.insert(0, self._snapshots.pop(position))
+            core = self._oracle.core() or ()
+            known = self._conflicts.minimise(self._oracle, core, observed, self._what_if)
+            if not known.mask:
+                self.contradiction = (known, observed)
+                raise _Contradiction
+            self.known.append((known, observed))
+            return known.mask
+        return None
+
+    def run(self, found: list[int], options: Options, clock: Clock) -> StoppedBy | None:
+        """Put the diagnoses into `found`; return why the search ended before all were found."""
+        by_size = options.minimal == "cardinality" or options.max_size is not None
+        sets: AnyHittingSets | CheapestHittingSets
+        sets = CheapestHittingSets([1] * len(self._health), clock) if by_size else AnyHittingSets(clock)
+        try:
+            return self._enumerate(found, options, sets)
+        except OutOfTime:
+            return "time"
+        except _Contradiction:
+            return None
+        finally:
+            sets.close()
+
+    def _enumerate(
+        self, found: list[int], options: Options, sets: AnyHittingSets | CheapestHittingSets
+    ) -> StoppedBy | None:
+        forced = self._forced
+        while (candidate := sets.next()) is not None:
+            size = (candidate | forced).bit_count()
+            if options.minimal == "cardinality" and found and size > found[0].bit_count():
+                return None
+            too_large = options.max_size is not None and size > options.max_size
+            conflict = self.find_conflict(candidate | forced)
+            if conflict is not None:
+                sets.hit(conflict)
+                continue
+            if too_large:
+                return "size"
+            if options.limit is not None and len(found) >= options.limit:
+                return "limit"
+            found.append(candidate | forced)
+            sets.block(candidate)
+        return None
+
+
+class _Contradiction(Exception):
+    """A conflict without components: nothing can explain it."""
+
+
+def diagnose_snapshots(
+    cnf: HealthCnf, snapshots: Sequence[Iterable[Literal]], options: Options = DEFAULTS
+) -> DiagnosisResult:
+    """Return the minimal fault sets that explain every snapshot; see SnapshotEngine.diagnose."""
+    engine = SnapshotEngine(cnf)
+    try:
+        return engine.diagnose(snapshots, options)
+    finally:
+        engine.close()

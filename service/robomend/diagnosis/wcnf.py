@@ -1,0 +1,152 @@
+"""The WCNF files of several observations, as published with the IJCAI 2019 paper, read into our values.
+
+    c mutated gates: 16          comments; the first names the gate that was changed to make the observations
+    o 1 -2 -3 0                  one snapshot: literals that were observed
+    p wcnf 17 22 7               variables, clauses, the weight of a hard clause
+    1 7 0                        soft unit clause: variable 7 is true when component "7" is healthy
+    7 -7 -6 -1 -3 0              hard clause
+
+Such files do not name nets, so that a variable is known by its number: component "7", atom v(6). A clause
+is a rule of the component whose health literal it holds.
+"""
+
+from __future__ import annotations
+
+import gzip
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from robomend.errors import ModelError
+from robomend.model.cnf import HealthCnf, Rule
+from robomend_client.literals import Atom, Literal
+
+MAX_BYTES = 256 * 1024 * 1024
+"""Unpacked. A file that is larger is refused before it fills the memory."""
+
+
+@dataclass(frozen=True)
+class SnapshotFile:
+    """A system and the snapshots that were taken of it."""
+
+    cnf: HealthCnf
+    snapshots: tuple[tuple[Literal, ...], ...]
+    mutated: str | None  # as the comment says: a gate's name, not a variable
+
+
+def read_wcnf(path: Path) -> SnapshotFile:
+    """Read a file, plain or packed with gzip (`.gz`).
+
+    Raises:
+        ModelError: with the line.
+        OSError: the file cannot be read.
+    """
+    opened = gzip.open if path.suffix == ".gz" else open
+    try:
+        with opened(path, "rb") as file:
+            data = file.read(MAX_BYTES + 1)
+        text = data.decode()
+    except (EOFError, gzip.BadGzipFile, UnicodeDecodeError) as error:
+        raise ModelError(f"neither a text nor a whole gzip file: {error}", str(path)) from error
+    if len(data) > MAX_BYTES:
+        raise ModelError(f"larger than {MAX_BYTES >> 20} MiB unpacked: split it", str(path))
+    name = path.name.removesuffix(".gz").removesuffix(".wcnf")
+    return parse_wcnf(text.splitlines(), name, str(path))
+
+
+def parse_wcnf(lines: Iterable[str], name: str, file: str | None = None) -> SnapshotFile:
+    """Read the lines of such a file; `file` is named in errors."""
+    top: int | None = None
+    variables = 0
+    mutated: str | None = None
+    hard: list[list[int]] = []
+    health: list[int] = []
+    snapshots: list[list[int]] = []
+    for number, line in enumerate(lines, 1):
+        kind, _, rest = line.strip().partition(" ")
+        if kind == "c":
+            key, colon, value = rest.partition(":")
+            if colon and key.strip() == "mutated gates":
+                mutated = value.strip()
+        elif kind == "p":
+            top, variables = _header(rest, file, number)
+        elif kind == "o":
+            snapshots.append(_integers(rest, file, number))
+        elif kind:
+            if top is None:
+                raise ModelError("a clause before the line 'p wcnf …'", file, number)
+            weight, *clause = _integers(line, file, number)
+            if weight >= top:
+                hard.append(clause)
+            elif len(clause) == 1 and clause[0] > 0:
+                health.append(clause[0])
+            else:
+                raise ModelError("a soft clause must be one positive literal, its component", file, number)
+    if top is None:
+        raise ModelError("no line 'p wcnf …'", file)
+    if len(set(health)) < len(health):
+        raise ModelError("two soft clauses name one component", file)
+    return _compiled(name, hard, health, snapshots, variables, mutated)
+
+
+def _header(rest: str, file: str | None, line: int) -> tuple[int, int]:
+    words = rest.split()
+    if len(words) != 4 or words[0] != "wcnf" or not all(word.isdecimal() for word in words[1:]):
+        raise ModelError("expected 'p wcnf VARIABLES CLAUSES TOP'", file, line)
+    return int(words[3]), int(words[1])
+
+
+def _integers(text: str, file: str | None, line: int) -> list[int]:
+    try:
+        numbers = [int(word) for word in text.split()]
+    except ValueError:
+        raise ModelError(f"expected integers that end in 0, not {text.strip()[:60]!r}", file, line) from None
+    if len(numbers) < 2 or numbers[-1] != 0 or 0 in numbers[:-1]:
+        raise ModelError("expected integers that end in one 0", file, line)
+    return numbers[:-1]
+
+
+def _compiled(
+    name: str,
+    hard: list[list[int]],
+    health: list[int],
+    snapshots: list[list[int]],
+    variables: int,
+    mutated: str | None,
+) -> SnapshotFile:
+    """Number health first, then what is observed, then the rest, as HealthCnf wants it."""
+    mentioned = {abs(literal) for clause in hard for literal in clause}
+    observed = sorted({abs(literal) for snapshot in snapshots for literal in snapshot} - set(health))
+    rest = sorted((mentioned | set(range(1, variables + 1))) - set(health) - set(observed))
+    renamed = {old: new for new, old in enumerate([*health, *observed, *rest], 1)}
+    components = tuple(str(variable) for variable in health)
+    is_health = set(health)
+    origins = []
+    for clause in hard:
+        owner = next((-literal for literal in clause if -literal in is_health), None)
+        origins.append(len(health) if owner is None else renamed[owner] - 1)
+    rules = [
+        Rule(f"the clauses of component {component}", f"component {component}") for component in components
+    ]
+    rules.append(Rule("the clauses of no component", "wcnf"))
+
+    def literal(number: int) -> Literal:
+        predicate = "ok" if abs(number) in is_health else "v"
+        return Literal(Atom(predicate, (str(abs(number)),)), number > 0)
+
+    return SnapshotFile(
+        HealthCnf(
+            name=name,
+            components=components,
+            atoms=tuple(Atom("v", (str(variable),)) for variable in observed),
+            clauses=tuple(
+                tuple(renamed[lit] if lit > 0 else -renamed[-lit] for lit in clause) for clause in hard
+            ),
+            origins=tuple(origins),
+            rules=tuple(rules),
+            variables=len(renamed),
+            weak=not any(number in is_health for clause in hard for number in clause),
+        ),
+        tuple(tuple(literal(number) for number in snapshot) for snapshot in snapshots),
+        mutated,
+    )

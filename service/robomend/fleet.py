@@ -1,0 +1,456 @@
+"""The robots of the service: OBS in, diagnoses out. Read this file to see what happens to an observation.
+
+    observe ──► OBS ⊕ o in memory ──► the store (durable) ──► acknowledged
+                                              │
+                              wake ──► one diagnosis in flight and one pending per robot
+                                              │
+                 changed? ──► the store, with its event ──► long polls, streams, the repair loop
+
+Memory is a cache of the store, keyed by revision: see robot_state. Everything belongs to one event loop.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Callable, Coroutine, Mapping, Sequence
+from functools import partial
+from itertools import chain
+from typing import Any
+
+import structlog
+
+from robomend.batches import Batch, Outcome, ReadBatch, read_batch, stored_assertion
+from robomend.board.link import LinkState
+from robomend.boards import SOURCE, Board, Boards
+from robomend.diagnoser import Diagnoser
+from robomend.diagnosing import Diagnosing, announce, published, same
+from robomend.errors import Conflict, InputError, NotFound, Overloaded, RobomendError, TooLarge
+from robomend.metrics import Metrics
+from robomend.model.system import System
+from robomend.observations.language import parse
+from robomend.observations.obs import Observed
+from robomend.robot_state import Changes, RobotState
+from robomend.robots import RobotConfig
+from robomend.settings import Settings
+from robomend.store import records
+from robomend.store.interface import Store, Transaction, View
+from robomend.store.records import AuditEntry, Json, Once
+from robomend.systems import Systems
+from robomend_client.events import Event, Kind
+from robomend_client.literals import Literal
+
+log = structlog.get_logger("robomend.fleet")
+
+ATTEMPTS = 8
+"""Times that a batch is tried again when another instance was faster."""
+
+
+class Fleet:
+    """See the module."""
+
+    def __init__(self, store: Store, settings: Settings, metrics: Metrics, diagnoser: Diagnoser) -> None:
+        self.models = Systems(store, settings)
+        self._store = store
+        self._settings = settings
+        self._metrics = metrics
+        self._robots: dict[str, RobotState] = {}
+        self._loading: dict[str, asyncio.Lock] = {}
+        self._boards = Boards(self._board_says, self._board_state)
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._unsubscribe: Callable[[], None] | None = None
+        self.diagnosing = Diagnosing(store, settings, metrics, diagnoser, self.robot)
+        self.models.on_change(self._model_changed)
+        metrics.on_demand("robomend_robots", "robots in memory", (), lambda: [((), len(self._robots))])
+        metrics.on_demand(
+            "robomend_board_link",
+            "1 for the state that the link is in",
+            ("robot", "state"),
+            lambda: [((robot, state), 1.0) for robot, state in self._boards.states().items()],
+        )
+
+    # --- life
+
+    async def start(self) -> None:
+        """Take up the robots that work without being asked: those with a board or a period."""
+        self._unsubscribe = self._store.subscribe(self._follow)
+        paging: records.Paging | None = records.Paging(limit=1000)
+        while paging is not None:
+            page = await self._store.read(partial(_page, paging))
+            for stored in page.items:
+                if stored.config.get("board") or stored.config.get("period_s"):
+                    await self.robot(stored.id)
+            paging = records.Paging(page.next, 1000) if page.next is not None else None
+
+    def end_waits(self) -> None:
+        """Let every long poll go, with what there is: the service shuts down."""
+        self.diagnosing.closing = True
+        for state in self._robots.values():
+            state.diagnosed.wake()
+            state.observed.wake()
+
+    async def close(self) -> None:
+        """Stop diagnosing and drop the boards; what was acknowledged is in the store already."""
+        self.end_waits()
+        if self._unsubscribe is not None:
+            self._unsubscribe()
+        await self._boards.close()
+        for state in self._robots.values():
+            state.cancel_timers()
+        await self.diagnosing.close()
+        for task in self._tasks:
+            task.cancel()
+        if self._tasks:
+            await asyncio.wait(self._tasks, timeout=5.0)
+
+    def on_diagnosis(self, callback: Callable[[str], None]) -> None:
+        """Call back with a robot's id after each of its diagnoses, new or confirmed; it must not block."""
+        self.diagnosing.on_diagnosis(callback)
+
+    # --- robots
+
+    async def robot(self, robot: str) -> RobotState:
+        """Return a robot's state, read from the store if it is not in memory. NotFound."""
+        state = self._robots.get(robot)
+        if state is not None and not state.stale:
+            return state
+        try:
+            async with self._loading.setdefault(robot, asyncio.Lock()):
+                state = self._robots.get(robot)
+                if state is None or state.stale:
+                    state = await self._load(robot)
+        finally:
+            self._loading.pop(robot, None)  # also for names that are no robot, of which there is no end
+        return state
+
+    async def latest(self, robot: str) -> RobotState:
+        """Return a robot's state with what other instances wrote, also where their events are still on the
+        way.
+        """
+        state = await self.robot(robot)
+        revision = await self._store.read(lambda view: view.revision(robot))
+        if revision > state.head:
+            state.stale = True
+        return await self.robot(robot)
+
+    async def put_robot(self, robot: str, config: Json, *, expected: str | None, by: str) -> RobotState:
+        """Create or replace a robot's configuration; OBS stays.
+
+        Raises:
+            PreconditionRequired, PreconditionFailed: see store.interface.
+            InputError: what is configured does not fit the model.
+        """
+        _, system = await self.models.current(config["model"])
+        wanted = RobotConfig.from_json(robot, config)
+        _check(wanted, system)
+
+        def put(tx: Transaction) -> records.Robot:
+            before = None if expected is None else tx.robot(robot).config
+            stored = tx.put_robot(robot, config, expected=expected)
+            what = "created" if expected is None else "updated"
+            tx.emit(Kind.ROBOT, robot, {"what": what, "etag": stored.etag, "by": by})
+            tx.note(
+                AuditEntry(
+                    actor=by, action="robot.put", subject=robot, robot=robot, before=before, after=config
+                )
+            )
+            return stored
+
+        await self._store.write(put, robots=(robot,))
+        state = self._robots.get(robot)
+        if state is not None:
+            state.stale = True
+        return await self.robot(robot)
+
+    async def delete_robot(self, robot: str, *, expected: str, by: str) -> None:
+        """Delete a robot; Conflict while a repair is open."""
+
+        def delete(tx: Transaction) -> None:
+            before = tx.robot(robot).config
+            tx.delete_robot(robot, expected=expected)
+            tx.emit(Kind.ROBOT, robot, {"what": "deleted", "by": by})
+            tx.note(AuditEntry(actor=by, action="robot.delete", subject=robot, robot=robot, before=before))
+
+        await self._store.write(delete, robots=(robot,))
+        await self._drop(robot)
+
+    async def _drop(self, robot: str) -> None:
+        state = self._robots.pop(robot, None)
+        await self._boards.remove(robot)
+        if state is not None:
+            state.gone = True
+            state.cancel_timers()
+            if state.task is not None:
+                state.task.cancel()
+            state.diagnosed.wake()
+            state.observed.wake()
+
+    async def _load(self, robot: str) -> RobotState:
+        """Read a robot from the store into memory, keeping those who wait for it."""
+
+        def look(view: View) -> tuple[records.Robot, records.Model, records.Obs, records.Diagnosed | None]:
+            stored = view.robot(robot)
+            return stored, view.model(stored.config["model"]), view.obs(robot), view.diagnosis(robot)
+
+        try:
+            stored, model, obs, diagnosed = await self._store.read(look)
+        except NotFound:
+            await self._drop(robot)
+            raise
+        system = await self.models.compiled(model)
+        fresh = RobotState(stored, model, system)
+        assertions = [
+            assertion
+            for record in obs.assertions
+            if (assertion := stored_assertion(record, system, fresh.config)) is not None
+        ]
+        state = self._robots.get(robot)
+        if state is None:
+            state = self._robots[robot] = fresh
+        else:
+            state.stored, state.config, state.model, state.system = stored, fresh.config, model, system
+        state.reload(obs, assertions)
+        if state.current is None and diagnosed is not None:
+            state.current = published(diagnosed.revision, diagnosed.time_ns, diagnosed.result)
+            state.announced = state.current
+        await self._boards.put(robot, state.config.board, system.parts)
+        self.diagnosing.set_period(state)
+        self.diagnosing.wake(state)
+        return state
+
+    # --- observations
+
+    async def observe(self, robot: str, batch: Batch, *, once: Once | None = None) -> Outcome:
+        """Take in a batch; when this returns, it is on disk. ObservationError names the sentence at fault."""
+        state = await self.robot(robot)
+        return await self._accept(state, lambda: read_batch(state, batch), once)
+
+    async def observe_all(self, robot: str, batches: Sequence[Batch], *, once: Once | None = None) -> Outcome:
+        """Take in several batches as one revision, all or none: what a stream brings."""
+        state = await self.robot(robot)
+
+        def read_all() -> ReadBatch:
+            parts = [read_batch(state, batch) for batch in batches]
+            return ReadBatch(
+                tuple(chain.from_iterable(part.observed for part in parts)),
+                tuple(chain.from_iterable(part.asserted for part in parts)),
+                refused=tuple(chain.from_iterable(part.refused for part in parts)),
+            )
+
+        return await self._accept(state, read_all, once)
+
+    async def withdraw(self, robot: str, assertion: str) -> Outcome:
+        """Withdraw a named assertion."""
+        state = await self.robot(robot)
+        if assertion not in state.assertion_records:
+            raise NotFound(f"robot {robot!r} has no assertion {assertion!r}")
+        return await self._accept(state, lambda: ReadBatch(withdrawn=(assertion,)), None)
+
+    async def _accept(self, state: RobotState, read: Callable[[], ReadBatch], once: Once | None) -> Outcome:
+        """Take a batch into OBS and onto the disk; again from fresh OBS when another instance was faster."""
+        for _ in range(ATTEMPTS):
+            batch = read()
+            if batch.empty:
+                return Outcome(state.revision, (), batch.refused)
+            room = self._settings.max_observed
+            if len(state.obs) + len(batch.observed) > room and len(state.obs) >= room:
+                raise TooLarge(f"OBS of robot {state.id!r} holds {room} literals; max_observed is reached")
+            try:
+                changes = state.apply(
+                    batch.observed,
+                    asserted=batch.asserted,
+                    withdrawn=batch.withdrawn,
+                    forgotten=batch.forgotten,
+                )
+            except InputError:
+                state.stale = True  # part of the batch may be in memory
+                raise
+            try:
+                kept = await self._write(state, changes, once)
+            except Conflict as error:
+                if error.code != "stale-revision":
+                    raise
+                state = await self.robot(state.id)
+                continue
+            way = "board" if batch.observed and batch.observed[0].source == SOURCE else "http"
+            self._metrics.observations.labels(way).inc(len(batch.observed))
+            return Outcome(kept["revision"], tuple(kept["changed"]), batch.refused)
+        raise Overloaded(f"robot {state.id!r} is written to by too many instances at once")
+
+    async def _write(self, state: RobotState, changes: Changes, once: Once | None) -> dict[str, Any]:
+        """Write a batch that memory has already; if that fails, memory is read again from the store.
+
+        The diagnosis goes into the same transaction if it can be had at once; else the robot is woken after
+        it.
+        """
+        before, generation, began = state.head, state.generation, time.perf_counter()
+        accepted_ns = time.time_ns()
+        current = self.diagnosing.at_once(state, before + 1)
+        is_new = current is not None and not same(state.announced, current)
+        if current is not None and is_new:
+            state.announced = current
+        state.head = before + 1
+        ran = False
+
+        def keep(tx: Transaction) -> dict[str, Any]:
+            nonlocal ran
+            ran = True
+            revision = tx.observe(
+                state.id,
+                accepted=changes.accepted,
+                changed=changes.kept,
+                forgotten=changes.forgotten,
+                asserted=changes.asserted,
+                withdrawn=changes.withdrawn,
+                expected=before,
+            )
+            said = {"revision": revision, "changed": changes.text}
+            forgotten = [str(atom) for atom in changes.forgotten]
+            told = {**said, "forgotten": forgotten, "accepted_ns": accepted_ns}
+            tx.emit(Kind.OBSERVATIONS, state.id, told)
+            if current is not None and is_new:
+                announce(state.id, current, tx)
+            return said
+
+        try:
+            kept = await self._store.write(keep, robots=(state.id,), once=once)
+        except BaseException:
+            state.stale, state.announced = True, None
+            raise
+        state.observed.advance(kept["revision"])
+        state.changed_at = began
+        if not ran or state.generation != generation:
+            # A repeated key, or a write that a reload did not see: memory is read again before it is
+            # diagnosed.
+            state.stale, state.announced = True, None
+        if current is not None and not state.stale:
+            self.diagnosing.announced(state, current, time.perf_counter() - began)
+        else:
+            if state.waiting_since is None:
+                state.waiting_since = began
+            self.diagnosing.wake(state)
+        return kept
+
+    def _model_changed(self, name: str) -> None:
+        """Recompile and diagnose anew for every robot in memory that follows the model."""
+        for state in self._robots.values():
+            if state.stored.config.get("model") == name:
+                state.stale = True
+                self.diagnosing.wake(state)
+
+    # --- boards
+
+    async def board(self, robot: str) -> Board:
+        """Return a robot's board; NotFound if it has none."""
+        await self.robot(robot)
+        return self._boards.get(robot)
+
+    async def switch(self, robot: str, channel: int, on: bool, *, by: str, reason: str) -> None:
+        """Switch a channel of a robot's board, with an entry in the audit log before it is sent."""
+        board = await self.board(robot)
+        if board.link.channels is not None and channel >= board.link.channels:
+            raise NotFound(f"the board of {robot!r} has channels 0 to {board.link.channels - 1}")
+        entry = AuditEntry(
+            actor=by,
+            action="channel.on" if on else "channel.off",
+            subject=f"channel {channel}",
+            robot=robot,
+            reason=reason,
+        )
+        await self._store.write(lambda tx: tx.note(entry))
+        await board.switch(channel, on)
+
+    def board_states(self) -> Mapping[str, str]:
+        """Return the link state of each board in memory."""
+        return self._boards.states()
+
+    async def _board_says(self, robot: str, said: frozenset[Literal], time_ns: int) -> None:
+        """Take what a board says into OBS: what is new, and to forget what it no longer says."""
+        try:
+            state = await self.robot(robot)
+            declares = state.system.vocabulary.declares
+            observed = tuple(
+                Observed(literal, SOURCE, time_ns)
+                for literal in sorted(said)
+                if declares(literal.atom)
+                and ((held := state.obs.get(literal.atom)) is None or held.literal != literal)
+            )
+            atoms = {literal.atom for literal in said}
+            forgotten = tuple(
+                entry.literal.atom
+                for entry in state.obs.entries()
+                if entry.source == SOURCE and entry.literal.atom not in atoms
+            )
+            await self._accept(state, lambda: ReadBatch(observed=observed, forgotten=forgotten), None)
+        except RobomendError as error:
+            log.warning("board observation not kept", robot=robot, code=error.code, detail=str(error))
+
+    def _board_state(self, robot: str, link: LinkState, reason: str) -> None:
+        if self.diagnosing.closing:
+            return
+        data = {"link": str(link), "reason": reason}
+        self._spawn(self._store.write(lambda tx: tx.emit(Kind.BOARD, robot, data)), "board event")
+
+    def _spawn(self, work: Coroutine[Any, Any, None], name: str) -> None:
+        async def run() -> None:
+            try:
+                await work
+            except RobomendError as error:
+                log.warning("not kept", what=name, code=error.code, detail=str(error))
+
+        task = asyncio.create_task(run(), name=name)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    # --- what other instances did
+
+    def _follow(self, events: Sequence[Event]) -> None:
+        for event in events:
+            if event.kind is Kind.MODEL:
+                self._follow_model(event)
+            state = None if event.robot is None else self._robots.get(event.robot)
+            if state is not None:
+                self._follow_robot(state, event)
+
+    def _follow_model(self, event: Event) -> None:
+        for state in self._robots.values():
+            if (
+                state.stored.config.get("model") == event.data.get("name")
+                and event.data.get("version") not in (None, state.model.version)
+                and not state.stale
+            ):
+                state.stale = True
+                self.diagnosing.wake(state)
+
+    def _follow_robot(self, state: RobotState, event: Event) -> None:
+        data = event.data
+        if event.kind is Kind.OBSERVATIONS and data["revision"] > state.head:
+            state.stale = True
+            state.observed.wake()  # whoever waits for OBS looks, and reads it anew
+            if state.diagnosed.awaited:  # there is no event if the other's diagnosis says nothing new
+                self.diagnosing.wake(state)
+        elif event.kind is Kind.ROBOT and data.get("etag") not in (None, state.stored.etag):
+            state.stale = True
+            self.diagnosing.wake(state)
+        elif event.kind is Kind.ROBOT and data.get("what") == "deleted":
+            self._spawn(self._drop(state.id), "robot deleted elsewhere")
+        elif event.kind is Kind.DIAGNOSIS:
+            known = -1 if state.announced is None else state.announced.revision
+            if data["revision"] > known:  # ours are announced before they are written
+                state.current = state.announced = published(data["revision"], event.time_ns, data)
+                state.diagnosed.advance(state.diagnosed.value + 1)
+
+
+def _page(paging: records.Paging, view: View) -> records.Page[records.Robot]:
+    return view.robots(paging)
+
+
+def _check(config: RobotConfig, system: System) -> None:
+    """Refuse a configuration that speaks of what the model does not have."""
+    known = frozenset(system.cnf.components)
+    for what, names in (("expected.stopped", config.expected_stopped), ("protected", config.protected)):
+        for name in names:
+            if name not in known:
+                raise InputError(f"{what}: the model {config.model!r} has no component {name!r}")
+    for sentence in config.observed:
+        parse(sentence, system.vocabulary)

@@ -1,0 +1,397 @@
+"""The keeper of one robot: begins its repairs, carries them out, and takes up what a crash left.
+
+    an open repair in the store? ──► carry it out     (after a crash: settle the journal, hear every observer)
+    a reason to begin one?       ──► write it down, carry it out
+    neither                      ──► wait for a diagnosis, a request, the clock
+
+A reason is: the policy is `approve` or `auto`, the diagnosis is not healthy and has held for `hold_s`, no
+stop is active, the time is inside a maintenance window, and it is not what the last repair gave up on. That
+is tried again when the diagnosis changes, a person releases a component, the robot is configured anew, or
+the back-off of a quarantine ends.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import time
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+
+import structlog
+
+from robomend.case import Halted, NotPermitted, Overtaken, RobotCase, Silent
+from robomend.choosing import Chooser
+from robomend.cycle import Turn, Verdict, mend
+from robomend.errors import NotFound, Refused, RobomendError, StoreError
+from robomend.fleet import Fleet
+from robomend.reentry import Reentry, look_first
+from robomend.repair.book import LOOP, Book, Json, repair_json
+from robomend.repair.execution_values import Ending
+from robomend.repair.executors.agent import AgentExecutor, AgentQueue
+from robomend.repair.executors.board import BoardExecutor
+from robomend.repair.executors.configured import executors
+from robomend.repair.executors.once import Once
+from robomend.robot_state import RobotState
+from robomend.signals import Signals
+from robomend.store.interface import Store, Transaction
+from robomend.store.records import AuditEntry, Fence, Paging, Repair, Stop
+from robomend_client.actions import Executor
+from robomend_client.events import Kind
+
+log = structlog.get_logger("robomend.keeper")
+
+IDLE_S = 30.0
+"""An event wakes a keeper; this is for one that was lost."""
+
+RETRY_S = 1.0
+"""After a failure of the store or of a worker."""
+
+Situation = frozenset[tuple[str, ...]]
+"""The diagnoses' bad sets: what a repair gave up on is not tried again until they change."""
+
+
+@dataclass
+class Tools:
+    """What all keepers of an instance share."""
+
+    store: Store
+    fleet: Fleet
+    agents: AgentQueue
+    chooser: Chooser
+    programs: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    stop: Stop = field(default_factory=Stop)
+
+
+class Keeper:
+    """See the module. One task; everything else only wakes it."""
+
+    def __init__(self, tools: Tools, robot: str, fence: Fence) -> None:
+        self.fence = fence
+        self._tools = tools
+        self._robot = robot
+        self._news = asyncio.Event()  # something may have changed
+        self._asked = asyncio.Event()  # there may be a request for the repair that runs
+        self._look_up = True  # there may be an open repair in the store that we do not know of
+        self._signals = Signals()
+        self._given_up: Situation | None = None
+        self._retry_ns: int | None = None  # when what was given up on may be tried again
+        self._unhealthy: tuple[Situation, float] | None = None  # and since when, monotonic
+
+    def poke(self) -> None:
+        """There is a new diagnosis."""
+        self._news.set()
+
+    def asked(self) -> None:
+        """Somebody wrote a repair, or a request for one."""
+        self._look_up = True
+        self._asked.set()
+        self._news.set()
+
+    def reconsider(self) -> None:
+        """A person changed something: what was given up on may be worth another try."""
+        self._given_up = None
+        self._news.set()
+
+    def stopped(self) -> None:
+        """The global stop changed."""
+        stop = self._tools.stop
+        if stop.active:
+            self._signals.end(by=stop.by or LOOP, reason=f"global stop: {stop.reason}", stop=True)
+        self._news.set()
+
+    async def run(self) -> None:
+        """Keep the robot until it is lost, deleted, or the service ends."""
+        await self._recall()
+        while True:
+            self._news.clear()
+            wait_s = IDLE_S
+            try:
+                repair = await self._open_repair()
+                if repair is None:
+                    repair, wait_s = await self._begin()
+                if repair is not None:
+                    self._look_up = True
+                    await self._carry_out(repair)
+                    continue
+            except RobomendError as error:
+                if await self._is_lost(error):
+                    log.info("let go", robot=self._robot, code=error.code, detail=str(error))
+                    return
+                log.warning("keeper", robot=self._robot, code=error.code, detail=str(error))
+                wait_s = RETRY_S
+            except Exception:  # a fault of ours must not leave the robot without a keeper
+                log.exception("keeper", robot=self._robot)
+                wait_s = RETRY_S
+            try:
+                async with asyncio.timeout(wait_s):
+                    await self._news.wait()
+            except TimeoutError:
+                self._look_up = True  # for an event that was lost
+
+    async def _is_lost(self, error: RobomendError) -> bool:
+        """Whether an error says that the robot is no longer ours: another instance has it, or it is gone."""
+        if not isinstance(error, NotFound):
+            return error.code == "fenced"
+        try:
+            await self._tools.store.read(lambda view: view.robot(self._robot))
+        except NotFound:
+            return True
+        except RobomendError:
+            return False
+        return False
+
+    # --- beginning
+
+    async def _recall(self) -> None:
+        """Learn from the store what the last repair gave up on."""
+        with contextlib.suppress(RobomendError):
+            page = await self._tools.store.read(lambda view: view.repairs(self._robot, Paging(limit=1)))
+            if page.items and not page.items[0].open:
+                data = page.items[0].data
+                if data.get("given_up") is not None:
+                    self._given_up = frozenset(tuple(bad) for bad in data["given_up"])
+                    self._retry_ns = data.get("retry_ns")
+
+    async def _open_repair(self) -> Repair | None:
+        """Return the open repair; the store is asked only if there may be one, not at each diagnosis."""
+        if not self._look_up:
+            return None
+        self._look_up = False
+        try:
+            page = await self._tools.store.read(
+                lambda view: view.repairs(self._robot, Paging(limit=1), open_only=True)
+            )
+        except BaseException:
+            self._look_up = True
+            raise
+        return page.items[0] if page.items else None
+
+    async def _begin(self) -> tuple[Repair | None, float]:
+        """Return a new repair if there is a reason for one, and how long to wait if there is none yet."""
+        state = await self._tools.fleet.robot(self._robot)
+        situation = situation_of(state)
+        if situation is None:
+            self._unhealthy = None
+            if is_healthy(state):
+                self._given_up = None
+            return None, IDLE_S
+        now = time.monotonic()
+        if self._unhealthy is None or self._unhealthy[0] != situation:
+            self._unhealthy = (situation, now)
+        policy = self._tools.chooser.policy(state)
+        held_s = now - self._unhealthy[1]
+        if self._retry_ns is not None and time.time_ns() >= self._retry_ns:
+            self._given_up = self._retry_ns = None
+        if (
+            state.config.policy == "observe"
+            or state.system.parts is None
+            or self._tools.stop.active
+            or situation == self._given_up
+        ):
+            return None, IDLE_S
+        if held_s < policy.hold_s:
+            return None, policy.hold_s - held_s + 0.001
+        if not policy.may_begin(time.time_ns()):
+            return None, IDLE_S
+
+        def begin(tx: Transaction) -> Repair:
+            open_ones = tx.repairs(self._robot, Paging(limit=1), open_only=True).items
+            if open_ones:
+                return open_ones[0]  # a person was faster
+            last = tx.repairs(self._robot, Paging(limit=1)).items
+            question = last[0].data.get("question") if last else None  # left by the global stop
+            data = {
+                "policy": state.config.policy,
+                "by": LOOP,
+                "asked": False,
+                "reason": "",
+                "question": question,
+            }
+            repair = tx.create_repair(self._robot, state="waiting", data=data, fence=self.fence)
+            tx.emit(Kind.REPAIR, self._robot, repair_json(repair))
+            tx.note(AuditEntry(LOOP, "repair.create", repair.id, self._robot, "the diagnosis is not healthy"))
+            return repair
+
+        return await self._tools.store.write(begin, robots=(self._robot,)), 0.0
+
+    # --- carrying out
+
+    async def _carry_out(self, repair: Repair) -> None:
+        state = await self._tools.fleet.robot(self._robot)
+        book = Book(self._tools.store, repair, self.fence, state.system.cnf.components)
+        signals = self._signals = Signals()
+        self.stopped()
+        entry = Reentry(self._tools.store, self._tools.agents, self._tools.chooser, book, signals, self.fence)
+        listener = asyncio.create_task(self._listen(repair.id, signals))
+        situation = situation_of(state)
+        try:
+            heard_since = await entry.take_up(state)
+            last = await mend(await self._case(state, book, heard_since))
+            while (doubt := in_doubt(last)) is not None:  # nobody else may send it either: the repair stays
+                heard_since = await entry.ask(look_first(doubt))
+                last = await mend(await self._case(state, book, heard_since))
+            situation = situation_of(state)
+            outcome, reason = conclusion(last, signals, book.data)
+        except Halted:
+            outcome, reason = "cancelled", signals.reason
+        except Overtaken as error:
+            outcome, reason = "cancelled", str(error)
+            situation = None  # the new one may begin a repair of its own
+        except (Silent, NotPermitted) as error:
+            outcome, reason = "escalated", str(error)
+        except StoreError:
+            raise  # the repair stays open and is entered again
+        except RobomendError as error:
+            if await self._is_lost(error):
+                raise
+            log.warning(
+                "repair failed", robot=self._robot, repair=repair.id, code=error.code, detail=str(error)
+            )
+            outcome, reason = "failed", f"{error.code}: {error}"
+        except Exception as error:  # a fault of ours: a person must see it, and the keeper lives on
+            log.exception("repair failed", robot=self._robot, repair=repair.id)
+            outcome, reason = "failed", f"an error in robomend: {type(error).__name__}: {error}"
+        finally:
+            listener.cancel()
+            await asyncio.wait({listener})
+        await self._end(book, signals, outcome, reason, situation)
+
+    async def _end(
+        self, book: Book, signals: Signals, outcome: str, reason: str, situation: Situation | None
+    ) -> None:
+        """Close the repair, and note what it gave up on."""
+        gives_up = outcome != "repaired" and not signals.stopped
+        self._given_up = situation if gives_up else None
+        self._retry_ns = await self._next_try() if outcome == "escalated" else None
+        await book.update(
+            outcome,
+            reason=reason,
+            by=signals.by or LOOP,
+            open=False,
+            answers=signals.answers(),
+            waiting_for=[],
+            question=book.data.get("question") if signals.stopped else None,  # a stop is no answer to it
+            given_up=None if self._given_up is None else [list(bad) for bad in sorted(self._given_up)],
+            retry_ns=self._retry_ns,
+        )
+
+    async def _next_try(self) -> int | None:
+        """Return when the first back-off ends of the components that are in quarantine now."""
+        entries = await self._tools.store.read(lambda view: view.quarantine(self._robot))
+        ends = [entry.until_ns for entry in entries if entry.until_ns and entry.until_ns > time.time_ns()]
+        return min(ends, default=None)
+
+    async def _case(self, state: RobotState, book: Book, heard_since: int | None) -> RobotCase:
+        tools = self._tools
+        return RobotCase(
+            store=tools.store,
+            fleet=tools.fleet,
+            chooser=tools.chooser,
+            state=state,
+            book=book,
+            executors=await self._executors(state),
+            signals=self._signals,
+            heard_since=heard_since,
+        )
+
+    async def _executors(self, state: RobotState) -> dict[str, Executor]:
+        """Return who carries out what for this robot, as it is configured now."""
+        tools = self._tools
+        parts = state.system.parts
+        if parts is None:
+            raise Refused(f"a {state.system.format} model says nothing of what can be repaired")
+        board = None
+        if state.config.board is not None:
+            wired = await tools.fleet.board(state.id)
+            channels = {name: channel for channel, name in wired.components.items()}
+            board = Once(BoardExecutor(wired.link, channels, wired.protected))
+        hosts = {name: node.host for name, node in parts.nodes.items()}
+        return executors(
+            tools.chooser.actions(state),
+            state.config.actions,
+            board=board,
+            agent=AgentExecutor(tools.agents, tools.store, state.id, hosts, self._signals.halt),
+            programs=tools.programs,
+        )
+
+    async def _listen(self, repair: str, signals: Signals) -> None:
+        """Hand requests from the store to the running case."""
+        while True:
+            self._asked.clear()
+            try:
+                await self._hand_over(repair, signals)
+            except RobomendError as error:
+                log.warning("requests", robot=self._robot, code=error.code, detail=str(error))
+            except Exception:  # else nobody could cancel any more
+                log.exception("requests", robot=self._robot)
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(RETRY_S):
+                    await self._asked.wait()
+
+    async def _hand_over(self, repair: str, signals: Signals) -> None:
+        requests = await self._tools.store.read(lambda view: view.repair_requests(self._robot))
+        for request in requests:
+            if request.repair != repair:  # that one has ended
+                await self._tools.store.write(partial(_answer, request.number, self.fence))
+            elif request.what == "approve":
+                signals.approve(by=request.by, request=request.number)
+            else:
+                signals.end(by=request.by, reason=request.reason or "cancelled", request=request.number)
+
+
+def _answer(request: int, fence: Fence, tx: Transaction) -> None:
+    tx.answer(request, fence=fence)
+
+
+def is_healthy(state: RobotState) -> bool:
+    """Return whether the present diagnosis says that all is well; False where there is none."""
+    result = None if state.current is None else state.current.result
+    return result is not None and any(not diagnosis["bad"] for diagnosis in result["diagnoses"])
+
+
+def situation_of(state: RobotState) -> Situation | None:
+    """Return the bad sets of the present diagnoses; None when healthy, or not diagnosed."""
+    result = None if state.current is None else state.current.result
+    if result is None:
+        return None
+    bads = frozenset(tuple(diagnosis["bad"]) for diagnosis in result["diagnoses"])
+    return None if () in bads or not bads else bads
+
+
+def in_doubt(last: Turn) -> str | None:
+    """Return why a person must look: what must not be repeated was sent, and nobody knows if it acted."""
+    done = last.execution
+    if last.verdict is not Verdict.ASK or done is None or done.ending is not Ending.UNKNOWN_OUTCOME:
+        return None
+    return done.reason
+
+
+def conclusion(last: Turn, signals: Signals, written: Json) -> tuple[str, str]:
+    """Return the final state of a repair and the reason, from its last turn and what is written of it."""
+    rounds = [one for one in written.get("rounds", ()) if one.get("reason") and not one.get("helped")]
+    why = last.execution.reason if last.execution is not None else ""
+    match last.verdict:
+        case Verdict.HEALTHY:
+            return "repaired", "every observation is what a healthy robot would show"
+        case Verdict.HALTED | Verdict.NOT_APPROVED:
+            return "cancelled", signals.reason or why or "cancelled"
+        case Verdict.NOTHING_TO_TRY:
+            assert last.choice is not None
+            return "escalated", f"{_tried(rounds)}{last.choice.reason}"
+        case Verdict.ASK:
+            return "escalated", why
+        case _:
+            return "escalated", (
+                f"{_tried(rounds)}that is as many plans as one repair may try (limits.rounds), and the robot "
+                f"is not healthy{': ' + why if not rounds else ''}"
+            )
+
+
+def _tried(rounds: Sequence[Json]) -> str:
+    """Return what the rounds that did not help came to: each end once, with how often, the last one first."""
+    counts = Counter(one["reason"] for one in reversed(rounds))
+    told = [f"{reason} ({count} times)" if count > 1 else str(reason) for reason, count in counts.items()]
+    return "".join(f"{one}; " for one in told)

@@ -1,0 +1,106 @@
+"""What the service counts, for GET /metrics. One registry per application, so that two live in one
+process.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
+from prometheus_client.core import GaugeMetricFamily
+from prometheus_client.registry import Collector
+
+CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
+
+FINE_S = (0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 30.0)
+"""Bucket bounds: the goals are 4, 20 and 200 ms."""
+
+Reading = tuple[tuple[str, ...], float]
+"""Label values, and the value."""
+
+
+class _OnDemand(Collector):
+    """A gauge that is read when somebody asks, so that nothing keeps it up to date meanwhile."""
+
+    def __init__(
+        self, name: str, text: str, labels: tuple[str, ...], read: Callable[[], list[Reading]]
+    ) -> None:
+        self._name, self._text, self._labels, self._read = name, text, labels, read
+
+    def collect(self) -> list[GaugeMetricFamily]:
+        family = GaugeMetricFamily(self._name, self._text, labels=self._labels)
+        for labels, value in self._read():
+            family.add_metric(labels, value)
+        return [family]
+
+
+class Metrics:
+    """The service's instruments; the names are part of the interface and listed in docs/http.md."""
+
+    def __init__(self) -> None:
+        self.registry = CollectorRegistry()
+        self.requests = Counter(
+            "robomend_requests", "HTTP requests", ("method", "route", "status"), registry=self.registry
+        )
+        self.request_s = Histogram(
+            "robomend_request_seconds",
+            "from the head of a request to the end of its answer, streams and long polls left out",
+            ("route",),
+            buckets=FINE_S,
+            registry=self.registry,
+        )
+        self._children: dict[tuple[str, str, int], tuple[Counter, Histogram]] = {}
+        self.observations = Counter(
+            "robomend_observations", "literals accepted and durable", ("way",), registry=self.registry
+        )
+        self.diagnoses = Counter(
+            "robomend_diagnoses", "diagnoses by where they were made", ("place",), registry=self.registry
+        )
+        self.diagnosis_s = Histogram(
+            "robomend_diagnosis_seconds", "of the engine alone", buckets=FINE_S, registry=self.registry
+        )
+        self.published_s = Histogram(
+            "robomend_observation_to_diagnosis_seconds",
+            "from an accepted change to its published diagnosis",
+            buckets=FINE_S,
+            registry=self.registry,
+        )
+        self.failures = Counter(
+            "robomend_diagnosis_failures",
+            "diagnoses that an engine failed to give",
+            ("code",),
+            registry=self.registry,
+        )
+        self.refused = Counter(
+            "robomend_refused", "requests beyond a limit", ("limit",), registry=self.registry
+        )
+        self.streams = Gauge("robomend_event_streams", "open event streams", registry=self.registry)
+        self.repairs = Counter(
+            "robomend_repair_changes",
+            "repairs by the state that they came to",
+            ("state",),
+            registry=self.registry,
+        )
+        self.actions = Counter(
+            "robomend_actions", "actions by name and result code", ("name", "code"), registry=self.registry
+        )
+
+    def request(self, method: str, route: str, status: int, elapsed_s: float | None) -> None:
+        """Count a request; `elapsed_s` is None where its time says nothing, as of a long poll."""
+        children = self._children.get((method, route, status))
+        if children is None:  # looking labels up costs more than counting; there are as many as routes
+            counter = self.requests.labels(method, route, str(status))
+            children = self._children[method, route, status] = counter, self.request_s.labels(route)
+        children[0].inc()
+        if elapsed_s is not None:
+            children[1].observe(elapsed_s)
+
+    def on_demand(
+        self, name: str, text: str, labels: tuple[str, ...], read: Callable[[], list[Reading]]
+    ) -> None:
+        """Register a gauge that is read when /metrics is."""
+        self.registry.register(_OnDemand(name, text, labels, read))
+
+    def text(self) -> bytes:
+        """Return everything in Prometheus' text format."""
+        return generate_latest(self.registry)

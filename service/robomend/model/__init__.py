@@ -1,0 +1,1 @@
+"""The system description: from what the user writes to clauses with provenance."""

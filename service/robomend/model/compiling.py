@@ -1,0 +1,133 @@
+"""A component model to a System: schemes, user rules and fault modes to clauses, and the vocabulary beside
+them."""
+
+from __future__ import annotations
+
+from itertools import zip_longest
+
+from robomend.model.clauses import Modes, compile_rules
+from robomend.model.cnf import Rule
+from robomend.model.components import ComponentModel, Hardware, Node
+from robomend.model.rules import Sentence, read_rules
+from robomend.model.schemes import publishers_of, schemes
+from robomend.model.system import System
+from robomend.model.vocabulary import Vocabulary, for_robot
+from robomend_client.literals import Atom
+
+
+def compile_robot(model: ComponentModel, *, source: str = "", file: str | None = None) -> System:
+    """Return a checked component model, ready to use.
+
+    Raises:
+        ModelError: a rule of the user's that cannot be read, or names what the model does not have.
+    """
+    rules = [
+        Sentence(text, f"rule {number}", line)
+        for number, (text, line) in enumerate(
+            zip_longest(model.rules, model.rule_lines[: len(model.rules)]), start=1
+        )
+    ]
+    parts: tuple[Hardware | Node, ...] = (*model.hardware.values(), *model.nodes.values())
+    mode_sentences = [
+        (part, mode, Sentence(text, f"mode {mode} of {part.name}", part.line))
+        for part in parts
+        for mode, texts in part.modes.items()
+        for text in texts
+    ]
+    formulas, vocabulary, warnings = read_rules(
+        [*rules, *(sentence for _, _, sentence in mode_sentences)], vocabulary_of(model), file
+    )
+    user = [
+        (formula, Rule(rule.text, f"user rule {number}", rule.line))
+        for number, (formula, rule) in enumerate(zip(formulas, rules, strict=False), start=1)
+    ]
+    modes = []
+    said = list(zip(mode_sentences, formulas[len(rules) :], strict=True))
+    for part in parts:
+        if part.modes:
+            modes.append(
+                Modes(
+                    part.name,
+                    {
+                        mode: tuple(f for (owner, m, _), f in said if owner is part and m == mode)
+                        for mode in part.modes
+                    },
+                    part.exhaustive_modes,
+                    part.line,
+                )
+            )
+    cnf = compile_rules(
+        model.name,
+        model.components,
+        [*schemes(model), *user],
+        modes=modes,
+        priors={part.name: part.prior for part in parts if part.prior is not None},
+        costs=observation_costs(model),
+    )
+    return System(
+        name=model.name,
+        format="component",
+        source=source,
+        cnf=cnf,
+        parts=model,
+        vocabulary=vocabulary,
+        warnings=(*doubtful(model), *warnings),
+    )
+
+
+def vocabulary_of(model: ComponentModel) -> Vocabulary:
+    """Return what observations and rules of this robot may speak of, rules of the user's aside."""
+    parts: tuple[Hardware | Node, ...] = (*model.hardware.values(), *model.nodes.values())
+    nodes = model.nodes.values()
+    topics = dict.fromkeys(model.topics)
+    topics.update(dict.fromkeys(topic for node in nodes for topic in node.publishes))
+    reads = {(node.name, topic) for node in nodes for inputs in node.publishes.values() for topic in inputs}
+    return for_robot(
+        hardware=tuple(model.hardware),
+        switchable=tuple(name for name in model.hardware if model.switchable(name)),
+        nodes=tuple(model.nodes),
+        topics=tuple(topics),
+        properties=model.properties,
+        values=tuple(model.values),
+        relations={
+            "drives": frozenset((node.name, device) for node in nodes for device in node.drives),
+            "publishes": frozenset((node.name, topic) for node in nodes for topic in node.publishes),
+            "reads": frozenset(reads),
+            "rests_on": frozenset(
+                (topic, source)
+                for node in nodes
+                for topic, inputs in node.publishes.items()
+                for source in inputs
+            ),
+            "feeds": frozenset(
+                (feeder, device.name) for device in model.hardware.values() for feeder in device.fed_by
+            ),
+            "on_host": frozenset((part.name, part.host) for part in parts if part.host is not None),
+            "carries": frozenset((value.topic, value.name) for value in model.values.values()),
+        },
+    )
+
+
+def observation_costs(model: ComponentModel) -> dict[Atom, float]:
+    """Return what observing costs where the model says so, in seconds."""
+    costs = {topic.name: topic.cost for topic in model.topics.values() if topic.cost is not None}
+    return {Atom("ok", (name,)): cost for name, cost in {**costs, **model.property_costs}.items()}
+
+
+def doubtful(model: ComponentModel) -> list[str]:
+    """Return warnings: what is allowed, and yet seldom what was meant."""
+    publishers = publishers_of(model)
+    found = [
+        f"topic {topic} has {len(nodes)} publishers ({', '.join(node.name for node in nodes)}): "
+        "when it is not ok, each of them is to blame"
+        for topic, nodes in publishers.items()
+        if len(nodes) > 1
+    ]
+    for one, other in model.related:
+        for value in (one, other):
+            topic = model.values[value].topic
+            if topic not in publishers:
+                found.append(
+                    f"related values {one} and {other}: no node publishes {topic}, so nothing can be blamed"
+                )
+    return found

@@ -1,0 +1,345 @@
+"""The component model as users write it: YAML to checked values (design, section 3).
+
+Everything wrong is refused with its file and line, and with what is allowed there. The tables of keys below
+are the whole format; docs and the starter model of `robomend init` follow them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Iterable
+from typing import NoReturn, TypeVar
+
+from robomend.errors import ModelError
+from robomend.model import yaml_tree
+from robomend.model.clauses import UNKNOWN_MODE
+from robomend.model.component_checks import Checks, near, shown
+from robomend.model.components import ComponentModel, Hardware, Node, Topic, Value
+from robomend.model.sentences import plain
+from robomend.model.yaml_tree import Scalar, Sequence, Tree
+
+MODEL_KEYS = (
+    "robomend", "name", "channels", "protected_channels", "hardware", "nodes", "topics", "properties",
+    "values", "related", "rules", "blame_hardware", "inputs_matter",
+)  # fmt: skip
+PART_KEYS = ("prior", "cost", "modes", "exhaustive_modes", "host", "protected")
+HARDWARE_KEYS = ("channel", "fed_by", "blame_hardware", *PART_KEYS)
+NODE_KEYS = ("drives", "publishes", "inputs_matter", "restartable", "tied_to", *PART_KEYS)
+TOPIC_KEYS = ("rate_hz", "tolerance_hz", "cost")
+PROPERTY_KEYS = ("cost",)
+VALUE_KEYS = ("topic", "field")
+
+FORMAT = 1
+MAX_NAME = 200
+MAX_CHANNELS = 255
+TRUE, FALSE = ("true", "True", "yes", "on"), ("false", "False", "no", "off")
+EMPTY = ("", "~", "null", "Null", "NULL")
+
+T = TypeVar("T")
+
+
+def read_model(tree: Tree, name: str | None = None, file: str | None = None) -> ComponentModel:
+    """Return the component model that a YAML document describes.
+
+    Args:
+        name: used when the document gives none.
+
+    Raises:
+        ModelError: with file and line, and what is allowed there.
+    """
+    return _Reader(file).model(tree, name)
+
+
+class _Reader:
+    """Reads entries; holds the file's name for the errors."""
+
+    def __init__(self, file: str | None) -> None:
+        self.file = file
+
+    def fail(self, message: str, line: int) -> NoReturn:
+        raise ModelError(message, self.file, line)
+
+    # --- the whole
+    # ---------------------------------------------------------------------------------------------------
+
+    def model(self, tree: Tree, name: str | None) -> ComponentModel:
+        top = self.mapping(tree, "a model", MODEL_KEYS)
+        version = top.items.get("robomend")
+        if not isinstance(version, Scalar) or version.text != str(FORMAT):
+            self.fail(f"`robomend: {FORMAT}` is the only format known", version.line if version else 1)
+        read_name = self.optional(top, "name", self.text)
+        channels = self.optional(top, "channels", self.whole(1, MAX_CHANNELS)) or 10
+        protected = self.optional(top, "protected_channels", self.list_of(self.whole(0, channels - 1))) or ()
+        blame = self.optional(top, "blame_hardware", self.flag) or False
+        inputs_matter = self.optional(top, "inputs_matter", self.flag) or False
+        hardware = {
+            key: self.hardware(key, entry, line, channels, blame, protected)
+            for key, entry, line in self.named(top, "hardware")
+        }
+        nodes = {
+            key: self.node(key, entry, line, inputs_matter) for key, entry, line in self.named(top, "nodes")
+        }
+        topics = {key: self.topic(key, entry) for key, entry, _ in self.named(top, "topics")}
+        properties: list[str] = []
+        property_costs: dict[str, float] = {}
+        for key, entry, _ in self.named(top, "properties"):
+            properties.append(key)
+            cost = self.optional(
+                self.mapping(entry, f"property {key}", PROPERTY_KEYS), "cost", self.number(0)
+            )
+            if cost is not None:
+                property_costs[key] = cost
+        values = {key: self.value(key, entry, line) for key, entry, line in self.named(top, "values")}
+        rules = self.optional(top, "rules", self.list_of(self.with_line)) or ()
+        model = ComponentModel(
+            name=read_name or name or "model",
+            hardware=hardware,
+            nodes=nodes,
+            topics=topics,
+            properties=tuple(properties),
+            values=values,
+            related=tuple(pair for pair, _ in self.related(top)),
+            rules=tuple(text for text, _ in rules),
+            channels=channels,
+            protected_channels=tuple(dict.fromkeys(protected)),
+            property_costs=property_costs,
+            rule_lines=tuple(line for _, line in rules),
+        )
+        if not model.components:
+            self.fail("the model has no component: give it `hardware:` or `nodes:`", tree.line)
+        Checks(self.file, top, model).all()
+        return model
+
+    # --- its entries
+    # -------------------------------------------------------------------------------------------------
+
+    def hardware(
+        self, name: str, tree: Tree, line: int, channels: int, blame: bool, protected: Collection[int]
+    ) -> Hardware:
+        entry = self.mapping(tree, f"hardware {name}", HARDWARE_KEYS)
+        channel = self.optional(entry, "channel", self.whole(0, channels - 1))
+        own_blame = self.optional(entry, "blame_hardware", self.flag)
+        return Hardware(
+            name=name,
+            channel=channel,
+            fed_by=self.optional(entry, "fed_by", self.names) or (),
+            blame=blame if own_blame is None else own_blame,
+            protected=self.optional(entry, "protected", self.flag) or channel in protected,
+            prior=self.optional(entry, "prior", self.probability),
+            cost=self.optional(entry, "cost", self.number(0)),
+            modes=self.optional(entry, "modes", self.modes) or {},
+            exhaustive_modes=self.optional(entry, "exhaustive_modes", self.flag) or False,
+            host=self.optional(entry, "host", self.name),
+            line=line,
+        )
+
+    def node(self, name: str, tree: Tree, line: int, inputs_matter: bool) -> Node:
+        entry = self.mapping(tree, f"node {name}", NODE_KEYS)
+        own = self.optional(entry, "inputs_matter", self.flag)
+        restartable = self.optional(entry, "restartable", self.flag)
+        return Node(
+            name=name,
+            drives=self.optional(entry, "drives", self.names) or (),
+            publishes={
+                topic: self.names(inputs) for topic, inputs, _ in self.named(entry, "publishes", default=())
+            },
+            inputs_matter=inputs_matter if own is None else own,
+            restartable=True if restartable is None else restartable,
+            tied_to=self.optional(entry, "tied_to", self.names) or (),
+            protected=self.optional(entry, "protected", self.flag) or False,
+            prior=self.optional(entry, "prior", self.probability),
+            cost=self.optional(entry, "cost", self.number(0)),
+            modes=self.optional(entry, "modes", self.modes) or {},
+            exhaustive_modes=self.optional(entry, "exhaustive_modes", self.flag) or False,
+            host=self.optional(entry, "host", self.name),
+            line=line,
+        )
+
+    def topic(self, name: str, tree: Tree) -> Topic:
+        entry = self.mapping(tree, f"topic {name}", TOPIC_KEYS)
+        return Topic(
+            name=name,
+            rate_hz=self.optional(entry, "rate_hz", self.number(0)),
+            tolerance_hz=self.optional(entry, "tolerance_hz", self.number(0)),
+            cost=self.optional(entry, "cost", self.number(0)),
+        )
+
+    def value(self, name: str, tree: Tree, line: int) -> Value:
+        entry = self.mapping(tree, f"value {name}", VALUE_KEYS)
+        for key in VALUE_KEYS:
+            if key not in entry.items:
+                self.fail(f"value {name} needs `{key}:`", line)
+        return Value(name, self.name(entry.items["topic"]), self.text(entry.items["field"]))
+
+    def modes(self, tree: Tree) -> dict[str, tuple[str, ...]]:
+        found: dict[str, tuple[str, ...]] = {}
+        for mode, sentences, line in self.entries(self.mapping(tree, "modes")):
+            if mode == UNKNOWN_MODE:
+                self.fail(
+                    f"mode `{UNKNOWN_MODE}` is there by itself; say `exhaustive_modes: true` to rule it out",
+                    line,
+                )
+            found[mode] = self.list_of(self.text)(sentences)
+        return found
+
+    def related(self, top: yaml_tree.Mapping) -> list[tuple[tuple[str, str], int]]:
+        found = []
+        tree = top.items.get("related")
+        if tree is None or _empty(tree):
+            return []
+        if not isinstance(tree, Sequence):
+            self.fail("`related` is a list of pairs of values, e.g. [[odom_yaw, imu_yaw]]", tree.line)
+        for item in tree.items:
+            names = self.names(item)
+            if len(names) != 2 or names[0] == names[1]:
+                self.fail("a related pair is two different values, e.g. [odom_yaw, imu_yaw]", item.line)
+            found.append(((names[0], names[1]), item.line))
+        return found
+
+    # --- shapes
+    # ------------------------------------------------------------------------------------------------------
+
+    def mapping(self, tree: Tree, what: str, allowed: Collection[str] | None = None) -> yaml_tree.Mapping:
+        if _empty(tree):
+            return yaml_tree.Mapping({}, tree.line)
+        if not isinstance(tree, yaml_tree.Mapping):
+            keys = f" with the keys {', '.join(allowed)}" if allowed else ""
+            self.fail(f"{what} is a mapping{keys}, not {_shape(tree)}", tree.line)
+        if allowed is not None:
+            for key in tree.items:
+                if key not in allowed:
+                    self.fail(
+                        f"{what} has no key {shown(key)}{near(key, allowed)}; "
+                        f"allowed are {', '.join(allowed)}",
+                        tree.lines[key],
+                    )
+        return tree
+
+    def named(
+        self, parent: yaml_tree.Mapping, key: str, default: Iterable[tuple[str, Tree, int]] = ()
+    ) -> Iterable[tuple[str, Tree, int]]:
+        """Return (name, entry, line) of a section; a list of bare names counts as names with empty
+        entries."""
+        tree = parent.items.get(key)
+        if tree is None or _empty(tree):
+            return default
+        if isinstance(tree, Sequence):
+            names = self.names(tree)
+            return [
+                (name, Scalar("", item.line, True), item.line)
+                for name, item in zip(names, tree.items, strict=True)
+            ]
+        return self.entries(self.mapping(tree, f"`{key}`"))
+
+    def entries(self, tree: yaml_tree.Mapping) -> list[tuple[str, Tree, int]]:
+        found: dict[str, tuple[str, Tree, int]] = {}
+        for key, entry in tree.items.items():
+            line = tree.lines[key]
+            name = self.checked_name(key, line)
+            if name in found:
+                self.fail(f"{shown(name)} is written twice (first in line {found[name][2]})", line)
+            found[name] = (name, entry, line)
+        return list(found.values())
+
+    def optional(self, entry: yaml_tree.Mapping, key: str, read: Callable[[Tree], T]) -> T | None:
+        tree = entry.items.get(key)
+        return None if tree is None or _empty(tree) else read(tree)
+
+    def scalar(self, tree: Tree, what: str) -> Scalar:
+        if not isinstance(tree, Scalar):
+            self.fail(f"expected {what}, not {_shape(tree)}", tree.line)
+        return tree
+
+    def text(self, tree: Tree) -> str:
+        return self.scalar(tree, "text").text
+
+    def with_line(self, tree: Tree) -> tuple[str, int]:
+        return self.scalar(tree, "a rule in quotes").text, tree.line
+
+    def name(self, tree: Tree) -> str:
+        return self.checked_name(self.scalar(tree, "a name").text, tree.line)
+
+    def checked_name(self, text: str, line: int) -> str:
+        name = plain(text)
+        if not name or name == "/":
+            self.fail("a name is empty", line)
+        if len(name) > MAX_NAME:
+            self.fail(f"the name {shown(name)} has {len(name)} characters; at most {MAX_NAME}", line)
+        if not name.isprintable():
+            self.fail(f"the name {shown(name)} holds a control character", line)
+        return name
+
+    def names(self, tree: Tree) -> tuple[str, ...]:
+        """Return a list of names; a single name counts as a list of one, and none may come twice."""
+        if _empty(tree):
+            return ()
+        if isinstance(tree, Scalar):
+            return (self.name(tree),)
+        names = self.list_of(self.name)(tree)
+        if len(set(names)) < len(names):
+            twice = next(name for name in names if names.count(name) > 1)
+            self.fail(f"{shown(twice)} is in the list twice", tree.line)
+        return names
+
+    def list_of(self, read: Callable[[Tree], T]) -> Callable[[Tree], tuple[T, ...]]:
+        def reader(tree: Tree) -> tuple[T, ...]:
+            if _empty(tree):
+                return ()
+            if not isinstance(tree, Sequence):
+                self.fail(f"expected a list, not {_shape(tree)}", tree.line)
+            return tuple(read(item) for item in tree.items)
+
+        return reader
+
+    def flag(self, tree: Tree) -> bool:
+        text = self.scalar(tree, "true or false").text
+        if text not in TRUE + FALSE:
+            self.fail(f"expected true or false, not {shown(text)}", tree.line)
+        return text in TRUE
+
+    def whole(self, low: int, high: int) -> Callable[[Tree], int]:
+        def reader(tree: Tree) -> int:
+            text = self.scalar(tree, f"a whole number from {low} to {high}").text
+            if not (
+                text.isascii() and text.lstrip("-").isdigit() and len(text) < 10 and low <= int(text) <= high
+            ):
+                self.fail(f"{shown(text)} is out of range: a whole number from {low} to {high}", tree.line)
+            return int(text)
+
+        return reader
+
+    def number(self, above: float) -> Callable[[Tree], float]:
+        def reader(tree: Tree) -> float:
+            text = self.scalar(tree, f"a number above {above}").text
+            try:
+                number = float(text)
+            except ValueError:
+                number = math.nan
+            if not (number > above and math.isfinite(number)):
+                self.fail(f"expected a number above {above}, not {shown(text)}", tree.line)
+            return number
+
+        return reader
+
+    def probability(self, tree: Tree) -> float:
+        number = self.scalar(tree, "a probability").text
+        try:
+            prior = float(number)
+        except ValueError:
+            prior = math.nan
+        if not 0 < prior < 1:
+            self.fail(
+                f"a prior lies between 0 and 1, both excluded; {shown(number)} does not",
+                tree.line,
+            )
+        return prior
+
+
+def _empty(tree: Tree) -> bool:
+    return isinstance(tree, Scalar) and tree.plain and tree.text in EMPTY
+
+
+def _shape(tree: Tree) -> str:
+    if isinstance(tree, Scalar):
+        return shown(tree.text)
+    return "a list" if isinstance(tree, Sequence) else "a mapping"

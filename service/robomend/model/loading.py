@@ -1,0 +1,66 @@
+"""From a file or text to a System, whatever its format: component model, five-key model or circuit."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from robomend.errors import ModelError
+from robomend.model.bench import circuit
+from robomend.model.compiling import compile_robot
+from robomend.model.component_yaml import read_model
+from robomend.model.five_key import KEYS, read_five_key, system_of
+from robomend.model.system import System
+from robomend.model.yaml_tree import Mapping, read_tree
+
+FORMATS = ("component", "five-key", "bench")
+MAX_BYTES = 256 * 1024 * 1024
+CIRCUIT = re.compile(r"^\s*(?:INPUT|OUTPUT)\s*\(|^\s*[^\s#:=]+\s*=\s*\w+\s*\(", re.MULTILINE | re.IGNORECASE)
+
+
+def load_model(path: str | Path, *, format: str | None = None) -> System:
+    """Return the system description in a file.
+
+    Raises:
+        ModelError: the file cannot be read, or is no model; with file, line and what is allowed.
+    """
+    path = Path(path)
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise ModelError(f"larger than {MAX_BYTES // 2**20} MiB", str(path))
+        text = path.read_bytes().decode("utf-8-sig")
+    except OSError as error:
+        raise ModelError(f"cannot be read: {error.strerror or error}", str(path)) from error
+    except UnicodeDecodeError as error:
+        raise ModelError(f"not UTF-8 text (byte {error.start})", str(path)) from error
+    return load_text(text, name=path.stem, file=str(path), format=format)
+
+
+def load_text(
+    text: str, *, name: str | None = None, file: str | None = None, format: str | None = None
+) -> System:
+    """Return the system description in a text.
+
+    Args:
+        name: of the model, where the text gives none.
+        file: for the places in errors.
+        format: one of FORMATS; without it the text decides.
+
+    Raises:
+        ModelError: with file, line and what is allowed.
+    """
+    if format is not None and format not in FORMATS:
+        raise ModelError(f"no model format is named `{format}`; there are {', '.join(FORMATS)}", file)
+    if format == "bench" or (format is None and CIRCUIT.search(text[:100_000])):
+        return circuit(text, name=name, file=file)
+    tree = read_tree(text, file)
+    if format == "component" or (isinstance(tree, Mapping) and "robomend" in tree.items):
+        return compile_robot(read_model(tree, name, file), source=text, file=file)
+    if format == "five-key" or (isinstance(tree, Mapping) and not tree.items.keys().isdisjoint(KEYS)):
+        return system_of(read_five_key(tree, file), name=name or "model", source=text, file=file)
+    raise ModelError(
+        "no model: a component model begins with `robomend: 1`, a five-key model has the keys "
+        f"{', '.join(KEYS)}, a circuit has lines like INPUT(1)",
+        file,
+        tree.line,
+    )

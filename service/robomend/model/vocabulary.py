@@ -1,0 +1,220 @@
+"""The words that observations of one model may use, and the one spelling of each.
+
+A predicate takes arguments of given sorts (`on` a device, `matched` two values), or an atom is declared by
+itself: the wires of a circuit, the propositions of a five-key file, whatever the user's own rules speak of.
+Everything that reads a sentence asks here, so that `ok(/scan)`, `cons(v)` and `matched(b,a)` are one atom
+with `ok(scan)`, `const(v)` and `matched(a,b)` wherever they came from.
+
+To add a predicate of component models: give it its signatures in `for_robot`; if clauses mention it, add the
+clause in robomend.model.schemes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from functools import cached_property
+
+from robomend.errors import ObservationError
+from robomend_client.literals import Atom, Literal, quote
+
+Signature = tuple[str, ...]
+"""The sorts of a predicate's arguments."""
+
+TRENDS = ("inc", "dec", "const")
+"""Exactly one trend of a value holds: asserting one denies the others."""
+
+SYMMETRIC = frozenset({"matched"})
+SPELLINGS = {"con": "const", "cons": "const"}
+"""The trend word of the released observer and of the released model, and the paper's."""
+
+DECIDED = frozenset({"ab", "AB", "nab", "NAB"})
+"""What a diagnosis decides, so no observation says it."""
+
+
+@dataclass(frozen=True)
+class Vocabulary:
+    """The declared atoms of a model. Immutable and shared by every robot that follows the model."""
+
+    sorts: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """Sort -> its members in the order of the model; the quantifiers of sentences range over these."""
+    predicates: Mapping[str, tuple[Signature, ...]] = field(default_factory=dict)
+    atoms: frozenset[Atom] = frozenset()
+    """Declared one by one: atoms of user rules, five-key propositions, the wires of a circuit."""
+    relations: Mapping[str, frozenset[tuple[str, ...]]] = field(default_factory=dict)
+    """What the model itself fixes, e.g. drives(node, hardware): the `where` of a quantifier joins over
+    these."""
+    negative_prefix: str = "not_"
+
+    def canonical(self, literal: Literal) -> Literal:
+        """Return the literal in the one spelling that OBS, clauses and plans use.
+
+        Names lose a leading `/`, `con` and `cons` become `const`, the arguments of a symmetric predicate are
+        put in order, and `not_ok(scan)` becomes `not ok(scan)` where `ok` is a predicate and `not_ok` is
+        none.
+        """
+        atom = literal.atom
+        predicate, args, positive = atom.predicate, atom.args, literal.positive
+        prefix = self.negative_prefix
+        while prefix and predicate.startswith(prefix) and not self._knows(predicate, args):
+            if not self._knows(predicate[len(prefix) :], args):
+                break
+            predicate, positive = predicate[len(prefix) :], not positive
+        if predicate in SPELLINGS and len(args) == 1:
+            predicate = SPELLINGS[predicate]
+        if any(arg.startswith("/") for arg in args):
+            args = tuple(arg.lstrip("/") or arg for arg in args)
+        if predicate in SYMMETRIC and len(args) == 2 and args[1] < args[0]:
+            args = (args[1], args[0])
+        if predicate == atom.predicate and args == atom.args and positive == literal.positive:
+            return literal
+        return Literal(Atom(predicate, args), positive)
+
+    def declares(self, atom: Atom) -> bool:
+        """Return whether observations may speak of this atom (in its canonical spelling)."""
+        if atom in self.atoms:
+            return True
+        members = self._members
+        for signature in self.predicates.get(atom.predicate, ()):
+            if len(signature) == len(atom.args) and all(
+                arg in members[sort] for arg, sort in zip(atom.args, signature, strict=True)
+            ):
+                return True
+        return False
+
+    def check(self, literal: Literal, sentence: str | None = None, position: int = 0) -> Literal:
+        """Return the canonical literal.
+
+        Raises:
+            ObservationError: the model declares no such atom; the message names what is near, or what is
+            allowed.
+        """
+        canonical = self.canonical(literal)
+        if self.declares(canonical.atom):
+            return canonical
+        message = self._why_undeclared(canonical.atom)
+        raise ObservationError(message, str(literal) if sentence is None else sentence, position)
+
+    @cached_property
+    def cache(self) -> tuple[dict[str, tuple[Literal, ...]], dict[str, tuple[Literal, ...]]]:
+        """Sentences read so far, strictly and with unknown names kept; robomend.observations.language
+        bounds it."""
+        return {}, {}
+
+    @cached_property
+    def _members(self) -> Mapping[str, frozenset[str]]:
+        return {sort: frozenset(names) for sort, names in self.sorts.items()}
+
+    @cached_property
+    def _arities(self) -> frozenset[tuple[str, int]]:
+        """Each known predicate with each number of arguments that it takes."""
+        by_signature = {
+            (name, len(signature)) for name, signatures in self.predicates.items() for signature in signatures
+        }
+        return frozenset(by_signature | {(atom.predicate, len(atom.args)) for atom in self.atoms})
+
+    def _knows(self, predicate: str, args: tuple[str, ...]) -> bool:
+        return (SPELLINGS.get(predicate, predicate), len(args)) in self._arities
+
+    def _why_undeclared(self, atom: Atom) -> str:
+        if atom.predicate in DECIDED and len(atom.args) == 1:
+            return (
+                f"{atom} is what a diagnosis decides, not an observation; to suppose it, "
+                "assume the component healthy or abnormal"
+            )
+        names = sorted({predicate for predicate, _ in self._arities})
+        if atom.predicate not in names:
+            near = _nearest(atom.predicate, names)
+            return f"no predicate is named {quote(atom.predicate)}{near or '; known are ' + _some(names)}"
+        signatures = [s for s in self.predicates.get(atom.predicate, ()) if len(s) == len(atom.args)]
+        alike = [a for a in self.atoms if a.predicate == atom.predicate and len(a.args) == len(atom.args)]
+        if not signatures and not alike:
+            arities = sorted({n for name, n in self._arities if name == atom.predicate})
+            return (
+                f"{quote(atom.predicate)} takes {' or '.join(map(str, arities))} names, not {len(atom.args)}"
+            )
+        for index, arg in enumerate(atom.args):
+            sorts = [signature[index] for signature in signatures]
+            allowed = {name for sort in sorts for name in self.sorts[sort]} | {a.args[index] for a in alike}
+            if arg not in allowed:
+                what = " or ".join(dict.fromkeys(_SINGULAR.get(sort, sort) for sort in sorts)) or "name"
+                near = _nearest(arg, allowed)
+                return f"no {what} is named {quote(arg)}{near or '; declared are ' + _some(sorted(allowed))}"
+        return f"{atom} is not declared: its names do not go together"
+
+    def __getstate__(self) -> dict[str, object]:
+        """Pickle the declarations without what was computed from them."""
+        return {name: getattr(self, name) for name in self.__dataclass_fields__}
+
+
+_SINGULAR = {
+    "components": "component",
+    "nodes": "node",
+    "topics": "topic",
+    "properties": "property",
+    "values": "value",
+    "switchable": "switchable device",
+    "node_resources": "resource",
+    "channel_readings": "reading",
+    "nets": "net",
+}
+
+
+def _nearest(name: str, known: Iterable[str]) -> str:
+    near = get_close_matches(name, sorted(known)[:20_000], n=1)
+    return f"; did you mean {quote(near[0])}?" if near else ""
+
+
+def _some(names: list[str], most: int = 12) -> str:
+    shown = ", ".join(map(quote, names[:most])) or "none"
+    return shown if len(names) <= most else f"{shown}, … ({len(names)} in all)"
+
+
+def for_robot(
+    *,
+    hardware: tuple[str, ...] = (),
+    switchable: tuple[str, ...] = (),
+    nodes: tuple[str, ...] = (),
+    topics: tuple[str, ...] = (),
+    properties: tuple[str, ...] = (),
+    values: tuple[str, ...] = (),
+    atoms: frozenset[Atom] = frozenset(),
+    relations: Mapping[str, frozenset[tuple[str, ...]]] | None = None,
+) -> Vocabulary:
+    """Return the vocabulary of a component model (design, section 4).
+
+    Besides topics and properties, `ok` takes a property of one component, `ok(temperature,arm)`; the
+    resources of a process,
+    `ok(CPU,node)`; and the current of a board channel, written `ok(current(jaguar))` or `ok(current,jaguar)`.
+    """
+    return Vocabulary(
+        sorts={
+            "components": (*hardware, *nodes),
+            "hardware": hardware,
+            "switchable": switchable,
+            "nodes": nodes,
+            "topics": topics,
+            "properties": properties,
+            "values": values,
+            "node_resources": ("CPU", "Mem"),
+            "channel_readings": ("current",),
+        },
+        predicates={
+            "on": (("hardware",),),
+            "running": (("nodes",),),
+            "ok": (
+                ("topics",),
+                ("properties",),
+                ("properties", "components"),
+                ("node_resources", "nodes"),
+                ("channel_readings", "switchable"),
+            ),
+            "inc": (("values",),),
+            "dec": (("values",),),
+            "const": (("values",),),
+            "matched": (("values", "values"),),
+        },
+        atoms=atoms,
+        relations=relations or {},
+    )

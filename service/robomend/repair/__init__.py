@@ -1,0 +1,1 @@
+"""From a diagnosis to a verified repair: problem, plan, choice, policy, execution."""

@@ -1,0 +1,64 @@
+"""power_up and shutdown by the power board; both are idempotent, a channel that is on stays on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Protocol
+
+from robomend.errors import BoardError, BoardRefused, BoardTimeout, BoardUnreachable
+from robomend_client.actions import (
+    FAILED,
+    OK,
+    REFUSED,
+    TIMED_OUT,
+    UNREACHABLE,
+    Action,
+    ActionResult,
+    Feedback,
+)
+
+SWITCHES = {"power_up": True, "shutdown": False}
+"""The domain's actions that a board carries out -> the channel's new state."""
+
+CONNECT_S = 2.0
+"""How long an action waits for a link that is just coming up."""
+
+
+class Switch(Protocol):
+    """What this executor needs of a board link."""
+
+    async def wait_connected(self, timeout_s: float) -> None: ...
+
+    async def switch(self, channel: int, on: bool, timeout_s: float | None = None) -> None: ...
+
+
+class BoardExecutor:
+    """Switches the channels of one robot's board. Protected channels are never switched off, whoever asks."""
+
+    def __init__(self, link: Switch, channels: Mapping[str, int], protected: frozenset[int]) -> None:
+        """`channels`: hardware name -> channel, from 0."""
+        self._link = link
+        self._channels = dict(channels)
+        self._protected = protected
+
+    async def execute(self, action: Action, feedback: Feedback) -> ActionResult:
+        on = SWITCHES.get(action.name)
+        if on is None or len(action.parameters) != 1:
+            return ActionResult(REFUSED, f"a power board cannot do {action}")
+        channel = self._channels.get(action.parameters[0])
+        if channel is None:
+            return ActionResult(REFUSED, f"{action.parameters[0]} has no channel on this board")
+        if not on and channel in self._protected:
+            return ActionResult(REFUSED, f"channel {channel} ({action.parameters[0]}) is protected")
+        try:
+            await self._link.wait_connected(min(CONNECT_S, action.timeout_s))
+            await self._link.switch(channel, on, action.timeout_s)
+        except BoardRefused as error:
+            return ActionResult(FAILED, str(error))
+        except BoardTimeout as error:
+            return ActionResult(TIMED_OUT, str(error))
+        except BoardUnreachable as error:
+            return ActionResult(UNREACHABLE, str(error))
+        except BoardError as error:
+            return ActionResult(FAILED, str(error))
+        return ActionResult(OK, f"channel {channel} is {'on' if on else 'off'}")

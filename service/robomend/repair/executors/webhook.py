@@ -1,0 +1,167 @@
+"""POST an action to a configured address, signed, and take the answer as its result.
+
+    POST <url>                                   application/json
+    X-Robomend-Timestamp: 1761000000             seconds since the epoch
+    X-Robomend-Signature: sha256=<hex>           HMAC-SHA256 of "<timestamp>.<body>" with the shared secret
+    Idempotency-Key: repair-7:2                  the action id: a receiver that has seen it answers as before
+    {"id": "repair-7:2", "name": "reset_usb", "parameters": ["usb1"], "timeout_s": 10}
+
+The receiver answers 2xx with {"code": 0, "message": "…"} when the action is done. A lost connection, 429
+and 5xx are tried again with the same id until the action's time is up. Where a webhook may point is checked
+on every call, after the name was looked up and against the very address that is then connected to, so that
+a name cannot change in between.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import hmac
+import ipaddress
+import json
+import socket
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from urllib.parse import urlsplit
+
+import httpx
+
+from robomend_client.actions import (
+    FAILED,
+    OK,
+    REFUSED,
+    TIMED_OUT,
+    UNREACHABLE,
+    Action,
+    ActionResult,
+    Feedback,
+)
+
+ANSWER_BYTES = 64 * 1024
+
+
+@dataclass(frozen=True, slots=True)
+class Webhook:
+    """One receiver. `secret` never appears in logs or over HTTP."""
+
+    url: str
+    secret: str
+    allow_private: bool = False  # else loopback, private, link-local and metadata addresses are refused
+
+    def __repr__(self) -> str:
+        return f"Webhook(url={self.url!r}, secret=…, allow_private={self.allow_private})"
+
+
+def signature(secret: str, timestamp: str, body: bytes) -> str:
+    """Return the value of X-Robomend-Signature; receivers compare it in constant time."""
+    digest = hmac.new(secret.encode(), timestamp.encode() + b"." + body, hashlib.sha256).hexdigest()
+    return f"sha256={digest}"
+
+
+class WebhookExecutor:
+    """Carries out actions by calling the receivers configured for their names."""
+
+    def __init__(self, hooks: Mapping[str, Webhook]) -> None:
+        """`hooks`: action name -> receiver."""
+        self._hooks = dict(hooks)
+
+    async def execute(self, action: Action, feedback: Feedback) -> ActionResult:
+        hook = self._hooks.get(action.name)
+        if hook is None:
+            return ActionResult(REFUSED, f"no webhook is configured for {action.name!r}")
+        deadline = time.monotonic() + action.timeout_s
+        body = json.dumps(
+            {
+                "id": action.id,
+                "name": action.name,
+                "parameters": list(action.parameters),
+                "timeout_s": action.timeout_s,
+            }
+        ).encode()
+        answer = ActionResult(UNREACHABLE, "not called")
+        sent = False
+        pause_s = 0.2
+        async with httpx.AsyncClient(follow_redirects=False, trust_env=False) as client:
+            while (left := deadline - time.monotonic()) > 0:
+                try:
+                    async with asyncio.timeout(left):
+                        address = await allowed_address(hook)
+                        if address is None:
+                            refusal = f"{hook.url} leads to an address that only allow_private opens"
+                            return ActionResult(REFUSED, refusal)
+                        sent = True
+                        response = await _post(client, hook, address, action.id, body)
+                except (TimeoutError, httpx.TimeoutException):
+                    break
+                except (httpx.HTTPError, OSError, ValueError) as error:
+                    answer = ActionResult(UNREACHABLE, f"{hook.url}: {error}")
+                else:
+                    if response.status_code != 429 and response.status_code < 500:
+                        return _result(hook, response)
+                    answer = ActionResult(FAILED, f"{hook.url} answered {response.status_code}")
+                feedback(0, f"{answer.message}; trying again")
+                await asyncio.sleep(max(0.0, min(pause_s, deadline - time.monotonic())))
+                pause_s = min(2 * pause_s, 5.0)
+        if sent and answer.code == UNREACHABLE:
+            why = f"no answer in {action.timeout_s:g} s ({answer.message})"
+            return ActionResult(TIMED_OUT, f"{hook.url}: {why}")
+        return answer
+
+
+async def allowed_address(hook: Webhook) -> str | None:
+    """Return the address that the hook's name leads to now, or None when it may not be called."""
+    parts = urlsplit(hook.url)
+    port = parts.port or (443 if parts.scheme == "https" else 80)
+    loop = asyncio.get_running_loop()
+    found = await loop.getaddrinfo(parts.hostname, port, type=socket.SOCK_STREAM)
+    for *_, where in found:
+        address = ipaddress.ip_address(where[0])
+        mapped = getattr(address, "ipv4_mapped", None)
+        if hook.allow_private or (mapped or address).is_global:
+            return str(where[0])
+    return None
+
+
+async def _post(
+    client: httpx.AsyncClient, hook: Webhook, address: str, action_id: str, body: bytes
+) -> httpx.Response:
+    url = httpx.URL(hook.url)
+    timestamp = str(int(time.time()))
+    request = client.build_request(
+        "POST",
+        url.copy_with(host=address),
+        content=body,
+        headers={
+            "Host": url.netloc.decode(),
+            "Content-Type": "application/json",
+            "Idempotency-Key": action_id,
+            "X-Robomend-Timestamp": timestamp,
+            "X-Robomend-Signature": signature(hook.secret, timestamp, body),
+        },
+        extensions={"sni_hostname": url.host},
+    )
+    response = await client.send(request, stream=True)
+    try:
+        received = b""
+        async for chunk in response.aiter_raw():
+            received += chunk
+            if len(received) > ANSWER_BYTES:
+                raise ValueError("the answer is longer than 64 KiB")
+        return httpx.Response(response.status_code, content=received)
+    finally:
+        await response.aclose()
+
+
+def _result(hook: Webhook, response: httpx.Response) -> ActionResult:
+    if response.status_code >= 300:
+        return ActionResult(FAILED, f"{hook.url} answered {response.status_code}")
+    try:
+        answer = json.loads(response.content)
+        code = answer["code"]
+        message = str(answer.get("message", ""))[:1000]
+    except (ValueError, KeyError, TypeError, AttributeError):
+        return ActionResult(FAILED, f"{hook.url} answered {response.status_code} without a code")
+    if isinstance(code, bool) or not isinstance(code, int):
+        return ActionResult(FAILED, f"{hook.url}: code {code!r} is no integer")
+    return ActionResult(OK if code == 0 else code, message)

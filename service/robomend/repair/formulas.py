@@ -1,0 +1,89 @@
+"""The formulas of PDDL conditions as values.
+
+Terms are strings: a variable starts with `?`, everything else names an object. `(imply a b)` is read as
+`(or (not a) b)`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+Typed = tuple[tuple[str, str], ...]
+"""Variables with their types, ("?h", "hardware")."""
+
+
+@dataclass(frozen=True, slots=True)
+class Is:
+    """A predicate holds of these terms."""
+
+    predicate: str
+    terms: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Equal:
+    """Two terms are the same object."""
+
+    left: str
+    right: str
+
+
+@dataclass(frozen=True, slots=True)
+class Not:
+    part: Formula
+
+
+@dataclass(frozen=True, slots=True)
+class And:
+    parts: tuple[Formula, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Or:
+    parts: tuple[Formula, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Forall:
+    variables: Typed
+    body: Formula
+
+
+@dataclass(frozen=True, slots=True)
+class Exists:
+    variables: Typed
+    body: Formula
+
+
+Formula = Is | Equal | Not | And | Or | Forall | Exists
+
+TRUE: Formula = And(())
+
+
+def atoms(formula: Formula) -> Iterator[Is]:
+    """Yield every atom of a formula."""
+    if isinstance(formula, Is):
+        yield formula
+    elif isinstance(formula, Not):
+        yield from atoms(formula.part)
+    elif isinstance(formula, And | Or):
+        for part in formula.parts:
+            yield from atoms(part)
+    elif isinstance(formula, Forall | Exists):
+        yield from atoms(formula.body)
+
+
+def negation_normal(formula: Formula, negate: bool = False) -> Formula:
+    """Return an equivalent formula with `not` in front of atoms and equalities only."""
+    if isinstance(formula, Not):
+        return negation_normal(formula.part, not negate)
+    if isinstance(formula, Is | Equal):
+        return Not(formula) if negate else formula
+    if isinstance(formula, And | Or):
+        parts = tuple(negation_normal(part, negate) for part in formula.parts)
+        return Or(parts) if isinstance(formula, And) == negate else And(parts)
+    body = negation_normal(formula.body, negate)
+    if isinstance(formula, Forall) == negate:
+        return Exists(formula.variables, body)
+    return Forall(formula.variables, body)

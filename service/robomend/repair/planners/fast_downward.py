@@ -1,0 +1,46 @@
+"""Fast Downward through Unified Planning: cheapest plans (A* with the LM-cut heuristic).
+
+An extra, `pip install 'robomend[fast-downward]'`: it is GPLv3 and 216 MB. It runs as a process of its own
+for each part, so it is slow for many small ones; it honours its deadline.
+
+Source: M. Helmert. The Fast Downward planning system. JAIR 26, 2006.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from importlib.util import find_spec
+from typing import Any
+
+from robomend.errors import OptionRefused, SolverError
+from robomend.repair.decomposition import Part
+from robomend.repair.planners import Answer
+from robomend.repair.planners.strips import answer, up_problem
+
+
+class FastDownward:
+    """The optimal configuration."""
+
+    name = "fast-downward"
+    max_actions: int | None = None
+
+    def __init__(self) -> None:
+        if find_spec("up_fast_downward") is None:
+            raise OptionRefused(
+                "Fast Downward is not installed: pip install 'robomend[fast-downward]'; asp is optimal too"
+            )
+        from unified_planning.shortcuts import OneshotPlanner, get_environment
+
+        get_environment().credits_stream = None
+        self._engine: Any = OneshotPlanner(name="fast-downward-opt")
+
+    def solve(self, part: Part, timeout_s: float | None) -> Answer:
+        """Return a cheapest plan."""
+        with tempfile.TemporaryFile("w") as silence:
+            try:
+                result = self._engine.solve(
+                    up_problem(part, costs=True), timeout=timeout_s, output_stream=silence
+                )
+            except (OSError, AssertionError, RuntimeError) as error:
+                raise SolverError(f"Fast Downward failed: {error}") from error
+        return answer(result, optimal=True)

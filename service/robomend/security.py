@@ -1,0 +1,133 @@
+"""Who may do what: bearer keys, roles, and the one table that every route is checked against.
+
+A key reads `rm_` and 43 characters, 256 random bits. Stored is its SHA-256. A slow password hash would add
+nothing: there is no dictionary to try for 256 random bits, and every request would pay for it.
+
+    viewer     reads everything but the audit log
+    robot      one robot's own resources: its observations, actions and events, and nothing else
+    operator   viewer, and approves, cancels, switches, stops, changes robots and models
+    admin      operator, the audit log, and whatever else there is
+
+RULES is the policy. A route that is not in it is refused to everyone, so a new route cannot be forgotten;
+tests/api/test_roles.py walks every route × role. To add a route: a line here, a line in docs/http.md.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import ipaddress
+import re
+import secrets
+from dataclasses import dataclass
+from enum import StrEnum
+
+KEY = re.compile(r"rm_[A-Za-z0-9_-]{43}\Z")
+"""Anything else in an Authorization header is refused before the store is asked."""
+
+
+class Role(StrEnum):
+    """What a key is for; each is a set of rights, not a rank."""
+
+    VIEWER = "viewer"
+    ROBOT = "robot"
+    OPERATOR = "operator"
+    ADMIN = "admin"
+
+
+@dataclass(frozen=True, slots=True)
+class Principal:
+    """Whoever makes a request: a key, or the person at this computer when there is no key at all."""
+
+    name: str  # of the key, never its text; goes to the audit log
+    role: Role
+    robot: str | None = None  # of role robot: its own id
+
+    def __post_init__(self) -> None:
+        if (self.role is Role.ROBOT) != (self.robot is not None):
+            raise ValueError("a key of role robot names its robot, and no other key does")
+
+
+LOCAL = Principal("local", Role.ADMIN)
+"""Loopback, and no key was ever created: whoever can reach the port owns this computer's account already."""
+
+
+def new_key() -> str:
+    """Return the text of a fresh key. It is shown once and stored nowhere."""
+    return "rm_" + secrets.token_urlsafe(32)
+
+
+def digest(key: str) -> str:
+    """Return what is stored of a key."""
+    return hashlib.sha256(key.encode()).hexdigest()
+
+
+READ = frozenset({Role.VIEWER, Role.OPERATOR, Role.ADMIN})
+ACT = frozenset({Role.OPERATOR, Role.ADMIN})
+OWN = frozenset({Role.ROBOT})  # and only where the path's robot (or the action's) is the key's own
+EVERYONE: frozenset[Role] | None = None  # no key needed
+
+API = "/api/v1"
+
+RULES: dict[tuple[str, str], frozenset[Role] | None] = {
+    ("GET", f"{API}/models"): READ,
+    ("GET", f"{API}/models/{{name}}"): READ,
+    ("PUT", f"{API}/models/{{name}}"): ACT,
+    ("DELETE", f"{API}/models/{{name}}"): ACT,
+    ("GET", f"{API}/models/{{name}}/versions"): READ,
+    ("GET", f"{API}/robots"): READ,
+    ("GET", f"{API}/robots/{{robot}}"): READ | OWN,
+    ("PUT", f"{API}/robots/{{robot}}"): ACT,
+    ("DELETE", f"{API}/robots/{{robot}}"): ACT,
+    ("POST", f"{API}/robots/{{robot}}/observations"): ACT | OWN,
+    ("GET", f"{API}/robots/{{robot}}/observations"): READ | OWN,
+    ("DELETE", f"{API}/robots/{{robot}}/assertions/{{assertion}}"): ACT | OWN,
+    ("GET", f"{API}/robots/{{robot}}/diagnosis"): READ | OWN,
+    ("GET", f"{API}/robots/{{robot}}/probes"): READ | OWN,
+    ("POST", f"{API}/robots/{{robot}}/plans"): READ,
+    ("POST", f"{API}/robots/{{robot}}/repairs"): ACT,
+    ("GET", f"{API}/robots/{{robot}}/repairs"): READ | OWN,
+    ("GET", f"{API}/repairs/{{repair}}"): READ,
+    ("POST", f"{API}/repairs/{{repair}}"): ACT,
+    ("GET", f"{API}/robots/{{robot}}/board"): READ | OWN,
+    ("PUT", f"{API}/robots/{{robot}}/board/channels/{{channel}}"): ACT,
+    ("GET", f"{API}/robots/{{robot}}/actions/next"): OWN | frozenset({Role.ADMIN}),
+    ("POST", f"{API}/actions/{{action}}/feedback"): OWN | frozenset({Role.ADMIN}),
+    ("POST", f"{API}/actions/{{action}}/result"): OWN | frozenset({Role.ADMIN}),
+    ("GET", f"{API}/robots/{{robot}}/history"): READ,
+    ("GET", f"{API}/audit"): frozenset({Role.ADMIN}),
+    ("GET", f"{API}/stop"): READ | OWN,
+    ("POST", f"{API}/stop"): ACT,
+    ("DELETE", f"{API}/stop"): ACT,
+    ("GET", f"{API}/robots/{{robot}}/quarantine"): READ,
+    ("POST", f"{API}/robots/{{robot}}/quarantine/{{component}}/release"): ACT,
+    ("GET", f"{API}/events"): READ,
+    ("GET", f"{API}/robots/{{robot}}/events"): READ | OWN,
+    ("POST", f"{API}/diagnoses"): READ,
+    ("POST", f"{API}/plans"): READ,
+    ("GET", "/healthz"): EVERYONE,
+    ("GET", "/readyz"): EVERYONE,
+    ("GET", "/metrics"): READ,
+    ("GET", "/version-info"): EVERYONE,
+    ("GET", "/docs"): EVERYONE,
+    ("GET", "/docs/{file}"): EVERYONE,
+    ("GET", "/openapi.json"): EVERYONE,
+}
+"""(method, path template) -> the roles that may; EVERYONE needs no key."""
+
+
+def loopback(host: str) -> bool:
+    """Return whether listening on `host` is reachable from this computer only."""
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host.strip("[]")).is_loopback
+    except ValueError:
+        return False
+
+
+def host_name(header: str) -> str:
+    """Return the name in a Host header or an origin's authority, without the port, in lower case."""
+    name = header.rsplit("@", 1)[-1].strip().lower()
+    if name.startswith("["):
+        return name[1:].split("]", 1)[0]
+    return name.rsplit(":", 1)[0] if ":" in name else name

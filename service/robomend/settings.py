@@ -1,0 +1,166 @@
+"""The service's settings: flags over environment (ROBOMEND_*) over a YAML file over the defaults below.
+
+Every limit of the service is here, with its unit in its name. `robomend config` prints each value with
+where it came from. A setting that nobody knows is refused, so that a misspelt one is not silently without
+effect.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, SecretStr, ValidationError
+
+from robomend.errors import InputError
+
+ENVIRONMENT_PREFIX = "ROBOMEND_"
+
+
+class SettingsError(InputError):
+    """A setting with an unknown name or a value out of range; says where it came from."""
+
+    code = "bad-setting"
+
+
+def data_folder() -> Path:
+    """Return where data lives unless told: XDG_DATA_HOME/robomend."""
+    root = os.environ.get("XDG_DATA_HOME") or Path.home() / ".local" / "share"
+    return Path(root) / "robomend"
+
+
+class Settings(BaseModel):
+    """Everything that `create_app` and `robomend serve` may be told."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    host: str = Field("127.0.0.1", description="address to listen on; any but loopback needs keys")
+    port: int = Field(8600, ge=0, le=65535, description="0: a free one is chosen and announced")
+    workers: int = Field(
+        1,
+        ge=1,
+        le=64,
+        description="service processes on one port and one database; one that dies is replaced",
+    )
+    data: Path = Field(default_factory=data_folder, description="folder of the SQLite database")
+    database: SecretStr | None = Field(None, description="URL of a database, instead of SQLite in `data`")
+    allowed_hosts: tuple[str, ...] = Field(
+        (), description="further names that a Host header may carry while there are no keys"
+    )
+    tls_certificate: Path | None = Field(None, description="PEM file; with tls_key, serves HTTPS")
+    tls_key: Path | None = Field(None, description="PEM file of the private key")
+
+    programs: dict[str, tuple[str, ...]] = Field(
+        default_factory=dict,
+        description="name -> argument list: what a robot's `process` executors may run on this computer",
+    )
+
+    max_body_bytes: int = Field(1 << 20, ge=1 << 10, description="of a JSON body; more is a 413")
+    max_model_bytes: int = Field(4 << 20, ge=1 << 10, description="of a model's source; more is a 413")
+    max_stream_bytes: int = Field(1 << 30, ge=1 << 10, description="of an NDJSON body; more is a 413")
+    max_line_bytes: int = Field(64 << 10, ge=1 << 10, description="of one NDJSON line")
+    max_nesting: int = Field(32, ge=4, le=200, description="of JSON arrays and objects")
+    max_components: int = Field(100_000, ge=1, description="of a model")
+    max_clauses: int = Field(1_000_000, ge=1, description="of a compiled model")
+    max_observed: int = Field(50_000, ge=1, description="literals in one robot's OBS")
+    body_timeout_s: float = Field(30.0, gt=0, description="longest pause within a body before a 408")
+    send_timeout_s: float = Field(60.0, gt=0, description="longest stall of a client that reads a stream")
+
+    solver_timeout_s: float = Field(5.0, gt=0, description="of a diagnosis unless the request says")
+    max_solver_timeout_s: float = Field(60.0, gt=0, description="longest that a request may ask for")
+    inline_components: int = Field(
+        120, ge=0, description="models up to this size are diagnosed on the event loop; larger in workers"
+    )
+    inline_budget_s: float = Field(
+        0.005, gt=0, description="a diagnosis on the event loop that takes longer moves to a worker"
+    )
+    solver_workers: int = Field(1, ge=1, le=64, description="processes for slow diagnoses and one-shots")
+    planner_workers: int = Field(1, ge=1, le=64, description="processes for planning")
+    one_shots: int = Field(8, ge=1, description="one-shots that may wait for a worker; more are a 503")
+
+    max_streams: int = Field(1000, ge=1, description="open event streams; more are a 503")
+    max_waiters: int = Field(2000, ge=1, description="requests in a long poll; more are a 503")
+    requests_per_s: float = Field(5000.0, gt=0, description="per key, sustained; more is a 429")
+    burst: int = Field(10_000, ge=1, description="requests that may come at once, per key")
+    max_wait_s: float = Field(60.0, gt=0, description="longest long poll")
+    ping_s: float = Field(
+        15.0, gt=0, description="a comment on an idle event stream keeps proxies from closing it"
+    )
+    graceful_s: float = Field(5.0, gt=0, description="for requests to end at shutdown")
+
+    observations_days: float = Field(30.0, gt=0, description="accepted batches are kept this long")
+    diagnoses_days: float = Field(365.0, gt=0, description="diagnoses are kept this long")
+    events_days: float = Field(7.0, gt=0, description="events are kept this long: how far streams replay")
+    repairs_days: float = Field(365.0, gt=0, description="repairs that ended are kept this long")
+    log_level: Literal["debug", "info", "warning", "error"] = "info"
+    log_format: Literal["json", "text"] = "json"
+
+
+def load(
+    flags: Mapping[str, Any], environment: Mapping[str, str], file: Path | None
+) -> tuple[Settings, dict[str, str]]:
+    """Return the settings and, for each, the source of its value.
+
+    Args:
+        flags: what the command line said; None means not said.
+        environment: os.environ or the like.
+        file: a YAML mapping of setting names to values.
+
+    Raises:
+        SettingsError: an unknown name, or a value that does not fit, with its source.
+    """
+    values: dict[str, Any] = {}
+    sources = dict.fromkeys(Settings.model_fields, "default")
+    for source, given in (
+        (str(file), _from_file(file) if file else {}),
+        *(
+            (f"environment {ENVIRONMENT_PREFIX}{name.upper()}", {name: value})
+            for name, value in _from_environment(environment).items()
+        ),
+        ("flag", {name: value for name, value in flags.items() if value is not None}),
+    ):
+        for name, value in given.items():
+            if name not in Settings.model_fields:
+                raise SettingsError(f"{source}: there is no setting {name!r}; see `robomend config`")
+            values[name] = value
+            sources[name] = source
+    try:
+        return Settings.model_validate(values), sources
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        name = str(first["loc"][0]) if first["loc"] else "settings"
+        raise SettingsError(f"{name} (from {sources.get(name, 'settings')}): {first['msg']}") from error
+
+
+def shown(settings: Settings) -> dict[str, Any]:
+    """Return the settings as JSON values, secrets masked."""
+    return settings.model_dump(mode="json")
+
+
+def _from_environment(environment: Mapping[str, str]) -> dict[str, Any]:
+    """Return the settings that the environment names; other ROBOMEND_ variables belong to other tools."""
+    found: dict[str, Any] = {}
+    for name in Settings.model_fields:
+        text = environment.get(f"{ENVIRONMENT_PREFIX}{name.upper()}")
+        if text is not None:
+            found[name] = tuple(filter(None, text.split(","))) if name == "allowed_hosts" else text
+    return found
+
+
+def _from_file(file: Path) -> dict[str, Any]:
+    import yaml
+
+    try:
+        text = file.read_text(encoding="utf-8")
+        values = yaml.safe_load(text)
+    except OSError as error:
+        raise SettingsError(f"{file}: {error.strerror}") from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise SettingsError(f"{file}: not YAML: {error}") from error
+    if values is None:
+        return {}
+    if not isinstance(values, dict) or not all(isinstance(name, str) for name in values):
+        raise SettingsError(f"{file}: expected a mapping of setting names to values")
+    return values

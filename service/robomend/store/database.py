@@ -1,0 +1,233 @@
+"""Connections, and everything in which SQLite and PostgreSQL differ.
+
+What "acknowledged" rests on:
+
+- SQLite: write-ahead log with synchronous=FULL, so that COMMIT returns after the log is fsynced. (NORMAL,
+which is
+  often recommended with WAL, fsyncs at checkpoints only: a power cut would take back the last commits.)
+- PostgreSQL: synchronous_commit is switched on for our sessions if the server has it off; stronger settings
+  (remote_write, remote_apply) are left as they are.
+"""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, TypeGuard
+
+from sqlalchemy import URL, Connection, Engine, create_engine, event, exc, make_url, select, text
+from sqlalchemy.pool import ConnectionPoolEntry
+
+from robomend.errors import Conflict, InputError, OptionRefused, RobomendError, StoreError, StoreFull
+from robomend.store import schema
+
+BUSY_TIMEOUT_S = 10.0
+"""How long a SQLite writer waits for a writer in another process."""
+
+_POSTGRES_OPTIONS = {
+    # Every wait has an end: for a server, for a row, for an answer, for a peer that fell silent.
+    "connect_timeout": "3",
+    "tcp_user_timeout": "8000",
+    "keepalives_idle": "5",
+    "keepalives_interval": "2",
+    "keepalives_count": "2",
+    "application_name": "robomend",
+}
+_POSTGRES_SETTINGS = (
+    "-c lock_timeout=5s -c statement_timeout=30s -c idle_in_transaction_session_timeout=60s"
+    " -c client_min_messages=warning"
+)
+_DISK_FULL = "53100"
+_RETRY = frozenset({"40001", "40P01"})  # serialization failure, deadlock
+_SCHEMA_LOCK = 0x726F626F6D656E64  # "robomend": who creates or migrates
+
+
+class Database:
+    """One database: an engine to read, an engine to write, and a schema that is brought up to date."""
+
+    def __init__(self, url: str) -> None:
+        try:
+            parsed = make_url(url)
+        except exc.ArgumentError as error:
+            raise OptionRefused(f"{url!r} is no database URL; try sqlite:///robomend.db") from error
+        kind = parsed.get_backend_name()
+        if kind == "sqlite" and parsed.database and parsed.database != ":memory:":
+            self.path: Path | None = Path(parsed.database)
+            self.url = parsed
+        elif kind == "postgresql":
+            self.path = None
+            self.url = _postgres_url(parsed)
+        else:
+            raise OptionRefused(
+                f"no store for {parsed.render_as_string()!r}:"
+                " it is sqlite:///path/to/file.db or postgresql://…"
+            )
+        self.kind = kind
+        self.shown = parsed.render_as_string(hide_password=True)
+        self._engine = _sqlite_engine(self.url) if self.path else _postgres_engine(self.url)
+        self._reading = self._engine
+        if self.path is None:
+            self._reading = self._engine.execution_options(
+                isolation_level="REPEATABLE READ", postgresql_readonly=True
+            )
+
+    @contextmanager
+    def reading(self) -> Iterator[Connection]:
+        """A read-only snapshot."""
+        with translated(), self._reading.connect() as connection, connection.begin():
+            yield connection
+
+    def open_writer(self) -> Connection:
+        """Return a connection whose transactions may write; on SQLite they lock out other writers at once."""
+        with translated():
+            return self._engine.connect().execution_options(robomend_writes=True)
+
+    def prepare(self) -> None:
+        """Create or migrate the schema; quick when it is current.
+
+        Raises:
+            StoreError: the database cannot be reached, or a newer robomend has written it.
+        """
+        if self.path is not None:
+            _make_private(self.path)
+        with translated(), self._engine.connect() as connection:
+            if _version(connection) == schema.HEAD:
+                return
+            connection.rollback()
+            connection = connection.execution_options(robomend_writes=True)
+            with connection.begin():
+                if self.path is None:  # on SQLite the transaction itself locks others out
+                    # A migration may take its time, and so may the instance that is before us.
+                    connection.execute(text("SET LOCAL statement_timeout = '1h'"))
+                    connection.execute(text("SET LOCAL lock_timeout = '10min'"))
+                    connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": _SCHEMA_LOCK})
+                found = _version(connection)
+                if found is None:
+                    schema.metadata.create_all(connection, checkfirst=False)
+                    connection.execute(schema.version.insert().values(version_num=schema.HEAD))
+                    names = ({"name": name, "value": 0} for name in ("event", "audit"))
+                    connection.execute(schema.counters.insert(), list(names))
+                elif found != schema.HEAD:
+                    _migrate(connection, found)
+
+    def dispose(self) -> None:
+        """Close the connections that nobody uses."""
+        self._engine.dispose()
+
+
+def _version(connection: Connection) -> str | None:
+    """Return the version that the database has, None for an empty one."""
+    if connection.dialect.name == "sqlite":
+        exists = "SELECT 1 FROM sqlite_master WHERE name = 'alembic_version'"
+    else:
+        exists = "SELECT 1 WHERE to_regclass('alembic_version') IS NOT NULL"
+    if connection.execute(text(exists)).first() is None:
+        return None
+    return connection.execute(select(schema.version.c.version_num)).scalar()
+
+
+def _migrate(connection: Connection, found: str) -> None:
+    from robomend.store.migrations import upgrade  # Alembic takes seconds to load, and is seldom needed
+
+    upgrade(connection, found)
+
+
+def _make_private(path: Path) -> None:
+    """Create the directory and an empty database that only its owner can read: it holds hashes of keys."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        os.close(os.open(path, os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o600))
+    except OSError as error:
+        raise StoreError(f"{path}: {error.strerror}; name a database file that can be written") from error
+
+
+def _sqlite_engine(url: URL) -> Engine:
+    # Python's own transactions are off (isolation_level None): BEGIN is ours, so that a writer starts
+    # IMMEDIATE and waits its turn, where a reader that turns into a writer would fail at once.
+    connect_args = {"isolation_level": None, "check_same_thread": False, "timeout": BUSY_TIMEOUT_S}
+    engine = create_engine(url, connect_args=connect_args, pool_size=6, max_overflow=10)
+
+    @event.listens_for(engine, "connect")
+    def _configure(connection: sqlite3.Connection, _entry: ConnectionPoolEntry) -> None:
+        for pragma in (
+            "journal_mode=WAL",
+            "synchronous=FULL",
+            "cache_size=-4000",  # KiB a connection
+            "journal_size_limit=67108864",
+            "temp_store=MEMORY",
+        ):
+            connection.execute(f"PRAGMA {pragma}")
+
+    @event.listens_for(engine, "begin")
+    def _begin(connection: Connection) -> None:
+        writes = connection.get_execution_options().get("robomend_writes")
+        connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
+
+    return engine
+
+
+def _postgres_url(url: URL) -> URL:
+    options = dict(_POSTGRES_OPTIONS)
+    given = {name: str(value) for name, value in url.query.items() if isinstance(value, str)}
+    settings = f"{_POSTGRES_SETTINGS} {given.pop('options', '')}".strip()
+    return url.set(drivername="postgresql+psycopg", query=options | given | {"options": settings})
+
+
+def _postgres_engine(url: URL) -> Engine:
+    engine = create_engine(url, pool_size=6, max_overflow=10, pool_pre_ping=True, use_native_hstore=False)
+
+    @event.listens_for(engine, "connect")
+    def _configure(connection: Any, _entry: ConnectionPoolEntry) -> None:
+        with connection.cursor() as cursor:
+            cursor.execute(
+                "SELECT set_config('synchronous_commit', 'on', false)"
+                " WHERE current_setting('synchronous_commit') = 'off'"
+            )
+        connection.commit()
+
+    return engine
+
+
+@contextmanager
+def translated() -> Iterator[None]:
+    """Turn the database library's errors into ours. The messages leave out statements and their values."""
+    try:
+        yield
+    except exc.DBAPIError as error:
+        raise translate(error) from error
+    except exc.TimeoutError as error:
+        raise StoreError("no database connection became free in time; try again") from error
+
+
+def translate(error: exc.DBAPIError) -> RobomendError:
+    """Return the error of ours that says the same."""
+    cause = error.orig
+    said = str(cause).strip().splitlines()[0] if str(cause).strip() else type(cause).__name__
+    if _is_full(cause):
+        return StoreFull(f"the database's disk is full ({said}); make room: reading goes on meanwhile")
+    if isinstance(error, exc.IntegrityError):
+        return Conflict(f"somebody else wrote the same at the same moment; try again ({said})")
+    if isinstance(error, exc.DataError):
+        return InputError(f"the database cannot hold this value: {said}")
+    code = getattr(cause, "sqlite_errorcode", None)
+    if code is not None and code & 0xFF in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
+        return StoreError(f"another process kept the database locked for {BUSY_TIMEOUT_S:g} s; try again")
+    return StoreError(f"the database does not answer as it should: {said}")
+
+
+def repeatable(error: BaseException) -> TypeGuard[exc.DBAPIError]:
+    """Return whether a transaction that ended in this error, before its COMMIT, is worth another try."""
+    if not isinstance(error, exc.DBAPIError):
+        return False
+    if error.connection_invalidated or isinstance(error, exc.IntegrityError):
+        return True
+    return getattr(error.orig, "sqlstate", None) in _RETRY
+
+
+def _is_full(cause: BaseException | None) -> bool:
+    if getattr(cause, "sqlite_errorcode", 0) & 0xFF == sqlite3.SQLITE_FULL:
+        return True
+    return getattr(cause, "sqlstate", None) == _DISK_FULL

@@ -1,0 +1,130 @@
+"""Values to columns and back: JSON text, atoms, ETags, and the limits of what a database column can hold."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import secrets
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from typing import Any, cast
+
+from robomend.errors import InputError
+from robomend.store.records import Assertion, Entry, Json
+from robomend_client.literals import Atom
+
+_COMPACT = json.JSONEncoder(separators=(",", ":"), allow_nan=False)
+_CANONICAL = json.JSONEncoder(separators=(",", ":"), allow_nan=False, sort_keys=True)
+_ID_LETTERS = "23456789abcdefghjkmnpqrstvwxyz"  # none that look like another
+_INT64 = 2**63
+
+
+class Encoded(dict[str, Any]):
+    """A JSON object that brings its compact text, so that tables and streams do not each make their own.
+
+    It must not be changed after it was made.
+    """
+
+    __slots__ = ("text",)
+
+    def __init__(self, value: Mapping[str, Any], text: str | None = None) -> None:
+        super().__init__(value)
+        self.text = _COMPACT.encode(value) if text is None else text
+
+
+def to_json(value: object) -> str:
+    """Return compact JSON; all of it ASCII, so that any string, NUL included, fits a text column."""
+    if type(value) is Encoded:
+        return value.text
+    try:
+        return _COMPACT.encode(value)
+    except (ValueError, TypeError, RecursionError) as error:
+        raise InputError(f"this cannot be kept as JSON: {error}") from error
+
+
+def from_json(text: str) -> Any:
+    """Return the value of a JSON column."""
+    return json.loads(text)
+
+
+def optional_json(value: Json | None) -> str | None:
+    """Return JSON, or None for None."""
+    return None if value is None else to_json(value)
+
+
+def etag(value: Mapping[str, Any]) -> str:
+    """Return a hash of the object, the same for any order of its keys."""
+    try:
+        canonical = _CANONICAL.encode(value)
+    except (ValueError, TypeError, RecursionError) as error:
+        raise InputError(f"this cannot be kept as JSON: {error}") from error
+    return hashlib.sha256(canonical.encode()).hexdigest()[:20]
+
+
+def new_id(prefix: str) -> str:
+    """Return a short id that was never given before: 30^10 of them, and the table refuses a repeat."""
+    return prefix + "".join(secrets.choice(_ID_LETTERS) for _ in range(10))
+
+
+def checked(text: str) -> str:
+    """Return a text that goes into a column of its own.
+
+    Raises:
+        InputError: it holds a NUL, which PostgreSQL has no place for, or half of a surrogate pair.
+    """
+    if "\x00" in text or not (text.isascii() or _encodable(text)):
+        raise InputError(f"{text[:80]!a} holds what no column can: NUL, or half a surrogate pair")
+    return text
+
+
+def checked_or_none(text: str | None) -> str | None:
+    """Return `checked(text)`, or None for None."""
+    return None if text is None else checked(text)
+
+
+def checked_ns(time_ns: int) -> int:
+    """Return a time that fits 64 bits; InputError for others."""
+    if not -_INT64 <= time_ns < _INT64:
+        raise InputError(f"the time {time_ns} ns does not fit 64 bits; nanoseconds since 1970 end in 2262")
+    return time_ns
+
+
+def _encodable(text: str) -> bool:
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
+@lru_cache(maxsize=16384)
+def atom_to_text(atom: Atom) -> str:
+    """Return the atom as a JSON array."""
+    return _COMPACT.encode([atom.predicate, *atom.args])
+
+
+@lru_cache(maxsize=16384)
+def atom_from_text(text: str) -> Atom:
+    """Return the atom of a JSON array."""
+    predicate, *arguments = json.loads(text)
+    return Atom(predicate, tuple(arguments))
+
+
+def batch_to_text(entries: Sequence[Entry], asserted: Sequence[Assertion], withdrawn: Sequence[str]) -> str:
+    """Return one accepted batch as JSON: arrays, as names would take most of the space."""
+    rows: dict[str, Any] = {
+        "e": [[e.atom.predicate, e.atom.args, e.positive, e.source, e.time_ns, e.expires_ns] for e in entries]
+    }
+    if asserted:
+        rows["a"] = [[a.name, a.sentence, a.source, a.time_ns, a.expires_ns] for a in asserted]
+    if withdrawn:
+        rows["w"] = list(withdrawn)
+    return to_json(rows)
+
+
+def batch_from_text(text: str) -> tuple[tuple[Entry, ...], tuple[Assertion, ...], tuple[str, ...]]:
+    """Return entries, assertions and withdrawn names of a batch."""
+    rows = cast(dict[str, Any], json.loads(text))
+    entries = tuple(Entry(Atom(p, tuple(args)), *rest) for p, args, *rest in rows["e"])
+    asserted = tuple(Assertion(*row) for row in rows.get("a", ()))
+    return entries, asserted, tuple(rows.get("w", ()))

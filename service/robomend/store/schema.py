@@ -1,0 +1,313 @@
+"""The tables. What they mean is said in records.py; here is how they are kept.
+
+- JSON is text: the store never looks inside, and it is the same text on both databases.
+- An atom is the JSON array of its predicate and arguments, so that no parser stands between OBS and the disk.
+- Ids of events and audit entries come from `counters`, in the transaction that writes them: they have no gaps
+and are
+  committed in their order (a database sequence promises neither). Other numbers are the database's own.
+- A row of `robot_state` outlives its robot: revisions and fencing numbers never go back.
+
+A change here needs a migration beside migrations/versions/0001_initial.py and HEAD set to it; a test compares
+the two.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from sqlalchemy import (
+    BigInteger,
+    Boolean,
+    Column,
+    Float,
+    Index,
+    Integer,
+    MetaData,
+    String,
+    Table,
+    Text,
+    UniqueConstraint,
+    text,
+)
+
+HEAD = "0001"
+"""The schema version that this program reads and writes."""
+
+metadata = MetaData()
+
+_UNSETTLED = text("settled_ns IS NULL")
+_OPEN = text("open")
+_NOT_DONE = text("NOT done")
+
+_NUMBER = BigInteger().with_variant(Integer(), "sqlite")  # SQLite counts up INTEGER keys only
+
+
+# Bytewise order on both databases, so that lists and their cursors agree whatever the server's locale is.
+_TEXT = Text().with_variant(Text(collation="C"), "postgresql")
+
+
+def _name(column: str, **options: bool) -> Column[str]:
+    return Column(column, _TEXT, **options)  # type: ignore[arg-type]  # flags of Column, by name
+
+
+def _time(column: str, *, nullable: bool = False) -> Column[int]:
+    return Column(column, BigInteger, nullable=nullable)
+
+
+def _numbered(table: str, *parts: Column[Any] | Index | UniqueConstraint, key: str = "number") -> Table:
+    """A table that the database numbers; a number is not used twice, even after its row was removed."""
+    number = Column(key, _NUMBER, primary_key=True, autoincrement=True)
+    return Table(table, metadata, number, *parts, sqlite_autoincrement=True)
+
+
+version = Table("alembic_version", metadata, Column("version_num", String(32), primary_key=True))
+
+counters = Table("counters", metadata, _name("name", primary_key=True), _time("value"))
+
+models = Table(
+    "models",
+    metadata,
+    _name("name", primary_key=True),
+    Column("current", Integer, nullable=False),  # the number of the version in use
+)
+
+model_versions = Table(
+    "model_versions",
+    metadata,
+    _name("name", primary_key=True),
+    Column("number", Integer, primary_key=True, autoincrement=False),
+    _name("version", nullable=False),
+    _name("format", nullable=False),
+    _name("source", nullable=False),
+    _time("created_ns"),
+    _name("by", nullable=False),
+)
+
+robots = Table(
+    "robots",
+    metadata,
+    _name("id", primary_key=True),
+    _name("config", nullable=False),
+    _name("etag", nullable=False),
+    _name("model", index=True),
+    _time("created_ns"),
+    _time("updated_ns"),
+)
+
+robot_state = Table(
+    "robot_state",
+    metadata,
+    _name("robot", primary_key=True),
+    _time("revision"),
+    _time("fence"),
+    _name("owner", index=True),  # the instance, None when nobody owns it
+)
+
+observations = _numbered(
+    "observations",
+    _name("robot", nullable=False),
+    _time("revision"),
+    _time("time_ns"),
+    _name("data", nullable=False),
+    UniqueConstraint("robot", "revision", name="uq_observations_robot_revision"),
+)
+
+obs = Table(
+    "obs",
+    metadata,
+    _name("robot", primary_key=True),
+    _name("atom", primary_key=True),
+    Column("positive", Boolean, nullable=False),
+    _name("source", nullable=False),
+    _time("time_ns"),
+    _time("expires_ns", nullable=True),
+    sqlite_with_rowid=False,
+)
+
+assertions = Table(
+    "assertions",
+    metadata,
+    _name("robot", primary_key=True),
+    _name("name", primary_key=True),
+    _name("sentence", nullable=False),
+    _name("source", nullable=False),
+    _time("time_ns"),
+    _time("expires_ns", nullable=True),
+    sqlite_with_rowid=False,
+)
+
+diagnoses = _numbered(
+    "diagnoses",
+    _name("robot", nullable=False),
+    _time("revision"),
+    _name("model_version", nullable=False),
+    _time("time_ns"),
+    _name("result", nullable=False),
+    Index("ix_diagnoses_robot", "robot", "number"),
+    Index("ix_diagnoses_time", "time_ns"),
+)
+
+events = Table(
+    "events",
+    metadata,
+    Column("id", _NUMBER, primary_key=True, autoincrement=False),
+    _time("time_ns"),
+    _name("kind", nullable=False),
+    _name("robot"),
+    _name("data", nullable=False),
+    Index("ix_events_robot", "robot", "id"),
+)
+
+audit = Table(
+    "audit",
+    metadata,
+    Column("id", _NUMBER, primary_key=True, autoincrement=False),
+    _time("time_ns"),
+    _name("actor", nullable=False),
+    _name("action", nullable=False),
+    _name("subject", nullable=False),
+    _name("robot"),
+    _name("reason", nullable=False),
+    _name("before"),
+    _name("after"),
+    Index("ix_audit_robot", "robot", "id"),
+)
+
+idempotency = Table(
+    "idempotency",
+    metadata,
+    _name("scope", primary_key=True),
+    _name("key", primary_key=True),
+    _name("request", nullable=False),
+    _name("response", nullable=False),
+    _time("expires_ns"),
+    Index("ix_idempotency_expires", "expires_ns"),
+)
+
+repairs = _numbered(
+    "repairs",
+    _name("id", nullable=False, unique=True),
+    _name("robot", nullable=False),
+    _name("state", nullable=False),
+    Column("open", Boolean, nullable=False),
+    _name("data", nullable=False),
+    _time("created_ns"),
+    _time("updated_ns"),
+    Index("ix_repairs_robot", "robot", "number"),
+    Index("ix_repairs_open", "robot", postgresql_where=_OPEN, sqlite_where=_OPEN),
+)
+
+repair_requests = _numbered(
+    "repair_requests",
+    _name("repair", nullable=False, index=True),
+    _name("robot", nullable=False),
+    _name("what", nullable=False),
+    _name("by", nullable=False),
+    _name("reason", nullable=False),
+    _time("time_ns"),
+    Column("done", Boolean, nullable=False),
+    Index("ix_repair_requests_open", "robot", postgresql_where=_NOT_DONE, sqlite_where=_NOT_DONE),
+)
+
+repair_steps = Table(
+    "repair_steps",
+    metadata,
+    _name("repair", primary_key=True),
+    Column("step", Integer, primary_key=True, autoincrement=False),
+    _name("state", nullable=False),
+    _name("data", nullable=False),
+    _time("updated_ns"),
+)
+
+journal = _numbered(
+    "journal",
+    _name("id", nullable=False, unique=True),
+    _name("repair", nullable=False, index=True),
+    Column("step", Integer, nullable=False),
+    _name("robot", nullable=False),
+    _name("name", nullable=False),
+    _name("parameters", nullable=False),
+    Column("timeout_s", Float, nullable=False),
+    _time("fence"),
+    _time("intended_ns"),
+    Column("code", BigInteger),
+    _name("message", nullable=False),
+    _time("settled_ns", nullable=True),
+    Index("ix_journal_unsettled", "robot", postgresql_where=_UNSETTLED, sqlite_where=_UNSETTLED),
+)
+
+tried = _numbered(
+    "tried",
+    _name("robot", nullable=False),
+    _name("bad", nullable=False),
+    _name("actions", nullable=False),
+    Column("helped", Boolean, nullable=False),
+    Column("effect_seen", Boolean, nullable=False),
+    _name("repair"),
+    _time("time_ns"),
+    _name("data", nullable=False),
+    Index("ix_tried_robot", "robot", "number"),
+)
+
+quarantine = Table(
+    "quarantine",
+    metadata,
+    _name("robot", primary_key=True),
+    _name("component", primary_key=True),
+    _name("reason", nullable=False),
+    Column("failures", Integer, nullable=False),
+    _time("since_ns"),
+    _time("until_ns", nullable=True),
+)
+
+attempts = _numbered(
+    "attempts",
+    _name("robot", nullable=False),
+    _name("component", nullable=False),
+    _name("repair", nullable=False),
+    _time("time_ns"),
+    Index("ix_attempts_robot", "robot", "time_ns"),
+)
+
+api_keys = _numbered(
+    "api_keys",
+    _name("id", nullable=False, unique=True),
+    _name("name", nullable=False),
+    _name("hash", nullable=False, unique=True),
+    _name("role", nullable=False),
+    _name("robot"),
+    _time("created_ns"),
+    _name("by", nullable=False),
+    _time("revoked_ns", nullable=True),
+)
+
+settings = Table("settings", metadata, _name("name", primary_key=True), _name("value", nullable=False))
+
+agent_actions = _numbered(
+    "agent_actions",
+    _name("id", nullable=False, unique=True),
+    _name("robot", nullable=False),
+    _name("host"),
+    _name("name", nullable=False),
+    _name("parameters", nullable=False),
+    Column("timeout_s", Float, nullable=False),
+    _time("queued_ns"),
+    _time("expires_ns"),
+    _name("taken_by"),
+    _time("taken_ns", nullable=True),
+    Column("answered", Boolean, nullable=False),
+    Column("code", BigInteger),
+    _name("message", nullable=False),
+    _time("settled_ns", nullable=True),
+    Index("ix_agent_actions_waiting", "robot", postgresql_where=_UNSETTLED, sqlite_where=_UNSETTLED),
+)
+
+instances = Table(
+    "instances",
+    metadata,
+    _name("id", primary_key=True),
+    _name("host", nullable=False),
+    Column("pid", Integer, nullable=False),
+    _time("started_ns"),
+    _time("heartbeat_ns"),
+)

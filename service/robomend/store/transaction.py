@@ -1,0 +1,335 @@
+"""One database transaction for a group of changes, and the transaction that each change sees.
+
+    change ──► rows in memory (observations, events, audit, idempotency keys) ──┐
+           ──► anything else: at once, inside a savepoint of its own            │
+                                                                                ▼
+    group: lock the robots ─► change ─► change ─► … ─► all rows, one statement a table ─► ids ─► COMMIT
+
+The hot path, observations, thus costs no statement of its own: a group of a hundred costs the statements of
+one. A change that asks the database something first has the rows put there, so it sees them.
+
+Locks are taken in one order by every instance, so that none waits in a circle: robots by name, then what the
+changes touch, then the counters of audit and events. The counters come last because they stop every other
+writer until the COMMIT: that is what makes event ids gapless and committed in their order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any, NamedTuple, TypeVar
+
+from sqlalchemy import Connection, Delete, Insert, Select, Table, Update, bindparam, select, text
+from sqlalchemy.dialects import postgresql, sqlite
+
+from robomend.errors import Conflict, Fenced, NotFound
+from robomend.store import schema
+from robomend.store.encoding import checked, checked_or_none, from_json, optional_json, to_json
+from robomend.store.reading import SqlView
+from robomend.store.records import AuditEntry, Fence, Json, Once
+from robomend.store.snapshot import AnyRow
+from robomend_client.events import Event, Kind
+
+T = TypeVar("T")
+Item = TypeVar("Item", bound="SqlItem")
+Values = dict[str, Any]
+
+CHANNEL = "robomend_events"
+"""PostgreSQL's notification channel; the payload is the newest id."""
+
+
+class RobotState(NamedTuple):
+    """The locked row of a robot."""
+
+    revision: int
+    fence: int
+    owner: str | None
+    exists: bool
+
+
+@dataclass(slots=True)
+class Rows:
+    """Rows that wait in memory, and what is known of the locked robots."""
+
+    states: dict[str, RobotState] = field(default_factory=dict)
+    revised: set[str] = field(default_factory=set)
+    history: list[Values] = field(default_factory=list)
+    obs: dict[tuple[str, str], Values | None] = field(default_factory=dict)  # None: forgotten
+    once: dict[tuple[str, str], Values] = field(default_factory=dict)
+    diagnoses: list[Values] = field(default_factory=list)
+    audit: list[Values] = field(default_factory=list)
+    events: list[tuple[Kind, str | None, Json, str]] = field(default_factory=list)
+
+    def absorb(self, other: Rows) -> None:
+        """Take over the rows of a change that went well."""
+        self.states.update(other.states)
+        self.revised |= other.revised
+        self.history += other.history
+        self.obs.update(other.obs)
+        self.once.update(other.once)
+        self.diagnoses += other.diagnoses
+        self.audit += other.audit
+        self.events += other.events
+
+
+@cache
+def upsert(kind: str, table: Table) -> Insert:
+    """Return the statement that inserts a row or replaces the one with its primary key."""
+    keys = [column.name for column in table.primary_key]
+    others = [column.name for column in table.columns if column.name not in keys]
+    if kind == "sqlite":
+        into_sqlite = sqlite.insert(table)
+        return into_sqlite.on_conflict_do_update(keys, set_={n: into_sqlite.excluded[n] for n in others})
+    into_postgres = postgresql.insert(table)
+    replaced = {name: into_postgres.excluded[name] for name in others}
+    return into_postgres.on_conflict_do_update(index_elements=keys, set_=replaced)
+
+
+_FORGET = schema.obs.delete().where(
+    schema.obs.c.robot == bindparam("of_robot"), schema.obs.c.atom == bindparam("of_atom")
+)
+_REVISE = (
+    schema.robot_state.update()
+    .where(schema.robot_state.c.robot == bindparam("of_robot"))
+    .values(revision=bindparam("to_revision"))
+)
+_STATES = select(schema.robot_state, schema.robots.c.id).outerjoin(
+    schema.robots, schema.robots.c.id == schema.robot_state.c.robot
+)
+
+
+class Group:
+    """The transaction that a group of changes shares. `connection` is in a transaction already."""
+
+    def __init__(
+        self, connection: Connection, robots: Iterable[str], onces: Iterable[Once], now_ns: int
+    ) -> None:
+        self.connection = connection
+        self.kind = connection.dialect.name
+        self.now_ns = now_ns
+        self.rows = Rows()
+        self.rows.states.update(self.lock(robots))
+        self.answers = self._answers(onces)
+
+    def run(self, change: Callable[[Item], T], make: Callable[[Group], Item], once: Once | None) -> T:
+        """Run one change; if it raises, nothing of it is left."""
+        if once is not None and (answer := self.answers.get((once.scope, once.key))) is not None:
+            request, response = answer
+            if request != once.request:
+                error = Conflict(
+                    f"the idempotency key {once.key!r} was used for another request; take a new one"
+                )
+                error.code = "idempotency-key-reused"
+                raise error
+            answered: T = from_json(response)
+            return answered
+        item = make(self)
+        try:
+            result = change(item)
+            if once is not None:
+                item.answer_once(once, to_json(result))
+        except Exception:
+            item.undo()
+            raise
+        item.done()
+        return result
+
+    def lock(self, robots: Iterable[str]) -> dict[str, RobotState]:
+        """Lock robots, in the order of their names, and return what is known of them."""
+        names = sorted({checked(robot) for robot in robots})
+        found: dict[str, RobotState] = {}
+        state = schema.robot_state
+        for start in range(0, len(names), 500):
+            some = names[start : start + 500]
+            query = _STATES.where(state.c.robot.in_(some)).order_by(state.c.robot).with_for_update(of=state)
+            for row in self.connection.execute(query):
+                found[row.robot] = RobotState(row.revision, row.fence, row.owner, row.id is not None)
+        return found
+
+    def _answers(self, onces: Iterable[Once]) -> dict[tuple[str, str], tuple[str, str]]:
+        keys = sorted({checked(once.key) for once in onces})
+        table = schema.idempotency
+        answers = {}
+        for start in range(0, len(keys), 500):
+            query = select(table).where(
+                table.c.key.in_(keys[start : start + 500]), table.c.expires_ns > self.now_ns
+            )
+            for row in self.connection.execute(query):
+                answers[row.scope, row.key] = (row.request, row.response)
+        return answers
+
+    def flush(self, rows: Rows) -> None:
+        """Write the rows that have no id yet to get: all but audit and events."""
+        execute = self.connection.execute
+        if rows.history:
+            execute(schema.observations.insert(), rows.history)
+        kept = [values for values in rows.obs.values() if values is not None]
+        if kept:
+            execute(upsert(self.kind, schema.obs), kept)
+        if len(kept) < len(rows.obs):
+            gone = [key for key, values in rows.obs.items() if values is None]
+            execute(_FORGET, [{"of_robot": robot, "of_atom": atom} for robot, atom in gone])
+        if rows.revised:
+            states = rows.states
+            execute(
+                _REVISE, [{"of_robot": r, "to_revision": states[r].revision} for r in sorted(rows.revised)]
+            )
+        if rows.diagnoses:
+            execute(schema.diagnoses.insert(), rows.diagnoses)
+        if rows.once:
+            execute(upsert(self.kind, schema.idempotency), list(rows.once.values()))
+        rows.history, rows.obs, rows.revised, rows.once, rows.diagnoses = [], {}, set(), {}, []
+
+    def finish(self) -> tuple[Event, ...]:
+        """Write what is left, give the ids, and return the events. The COMMIT comes next."""
+        self.flush(self.rows)
+        audit, pending = self.rows.audit, self.rows.events
+        if audit:
+            last = self._count("audit", len(audit))
+            for id_, values in enumerate(audit, last - len(audit) + 1):
+                values["id"] = id_
+            self.connection.execute(schema.audit.insert(), audit)
+        if not pending:
+            return ()
+        last = self._count("event", len(pending))
+        events = tuple(
+            Event(id_, self.now_ns, kind, robot, data)
+            for id_, (kind, robot, data, _) in enumerate(pending, last - len(pending) + 1)
+        )
+        self.connection.execute(
+            schema.events.insert(),
+            [
+                {"id": e.id, "time_ns": e.time_ns, "kind": e.kind.value, "robot": e.robot, "data": row[3]}
+                for e, row in zip(events, pending, strict=True)
+            ],
+        )
+        if self.kind == "postgresql":
+            self.connection.execute(text("SELECT pg_notify(:c, :id)"), {"c": CHANNEL, "id": str(last)})
+        return events
+
+    def _count(self, counter: str, by: int) -> int:
+        table = schema.counters
+        counted = table.update().where(table.c.name == counter).values(value=table.c.value + by)
+        return int(self.connection.execute(counted.returning(table.c.value)).scalar_one())
+
+
+class SqlItem(SqlView):
+    """The transaction as one change sees it."""
+
+    def __init__(self, group: Group) -> None:
+        super().__init__(group.connection)
+        self._group = group
+        self._own = Rows()
+        self._saved = False  # whether the savepoint is there
+
+    @property
+    def now_ns(self) -> int:
+        return self._group.now_ns
+
+    def emit(self, kind: Kind, robot: str | None, data: Json) -> None:
+        self._own.events.append((kind, checked_or_none(robot), data, to_json(data)))
+
+    def note(self, entry: AuditEntry) -> None:
+        self._own.audit.append(
+            {
+                "time_ns": self.now_ns,
+                "actor": checked(entry.actor),
+                "action": checked(entry.action),
+                "subject": checked(entry.subject),
+                "robot": checked_or_none(entry.robot),
+                "reason": checked(entry.reason),
+                "before": optional_json(entry.before),
+                "after": optional_json(entry.after),
+            }
+        )
+
+    def revision(self, robot: str) -> int:
+        state = self.state(robot)
+        return 0 if state is None else state.revision
+
+    def answer_once(self, once: Once, response: str) -> None:
+        """Keep the answer of an idempotent change beside its effect."""
+        self._own.once[once.scope, once.key] = {
+            "scope": checked(once.scope),
+            "key": checked(once.key),
+            "request": checked(once.request),
+            "response": response,
+            "expires_ns": self.now_ns + int(once.ttl_s * 1e9),
+        }
+
+    def done(self) -> None:
+        """Hand the rows on to the group."""
+        if self._saved:
+            self._connection.exec_driver_sql("RELEASE SAVEPOINT change")
+        for key, values in self._own.once.items():
+            self._group.answers[key] = (values["request"], values["response"])
+        self._group.rows.absorb(self._own)
+
+    def undo(self) -> None:
+        """Take back what was written at once; the rows in memory go with this object."""
+        if self._saved:
+            self._connection.exec_driver_sql("ROLLBACK TO SAVEPOINT change")
+            self._connection.exec_driver_sql("RELEASE SAVEPOINT change")
+
+    # --- for the methods that write
+
+    def _settle(self) -> None:
+        """Put all rows where a statement sees them, and a savepoint before those of this change."""
+        if not self._saved:
+            self._group.flush(self._group.rows)
+            self._connection.exec_driver_sql("SAVEPOINT change")
+            self._saved = True
+        self._group.flush(self._own)
+
+    def rows(self, query: Select[Any]) -> list[AnyRow]:
+        self._settle()
+        return super().rows(query)
+
+    def change(self, statement: Insert | Update | Delete, values: Mapping[str, Any] | None = None) -> int:
+        """Run a statement now and return how many rows it touched."""
+        self._settle()
+        result = self._connection.execute(statement, dict(values) if values is not None else None)
+        return int(result.rowcount)
+
+    def _insert(self, table: Table, values: Values) -> int:
+        """Insert into a numbered table and return the number."""
+        self._settle()
+        result = self._connection.execute(table.insert(), values)
+        key = result.inserted_primary_key
+        assert key is not None
+        return int(key[0])
+
+    def replace(self, table: Table, values: Values) -> None:
+        """Insert a row, or replace the one with its primary key."""
+        self.change(upsert(self._group.kind, table), values)
+
+    def now_is(self, robot: str, state: RobotState) -> None:
+        """Tell those who come after, in this transaction, what the robot's row has become."""
+        self._own.states[robot] = state
+
+    def state(self, robot: str) -> RobotState | None:
+        """Lock the robot's row, unless it is, and return it; None if the robot was never there."""
+        state = self._own.states.get(robot) or self._group.rows.states.get(robot)
+        if state is None:
+            self._settle()
+            state = self._group.lock([robot]).get(robot)
+            if state is not None:
+                self._own.states[robot] = state
+        return state
+
+    def existing(self, robot: str) -> RobotState:
+        """Lock the row of a robot that must be there, and return it."""
+        state = self.state(robot)
+        if state is None or not state.exists:
+            raise NotFound(f"there is no robot {robot!r}")
+        return state
+
+    def _check_fence(self, robot: str, fence: Fence) -> None:
+        if fence.robot != robot:
+            raise Fenced(f"the fence of {fence.robot!r} gives no right to write about {robot!r}")
+        latest = self.existing(robot).fence
+        if fence.number != latest:
+            raise Fenced(
+                f"{robot!r} was taken over by another instance (fence {latest}, yours is {fence.number})"
+            )

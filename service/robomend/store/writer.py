@@ -1,0 +1,249 @@
+"""One thread that writes: whatever is queued goes into one transaction, with one fsync (group commit).
+
+    await write ──► queue (bounded) ──► take all ──► one transaction ──► COMMIT ──► results, events to the
+    event loop
+
+Nobody waits for a group to fill: while one group is being committed the next one gathers. The busier the
+store, the larger the groups and the cheaper each write.
+
+What goes wrong ends with those whom it concerns:
+
+- A change that raises: its own savepoint is rolled back; the others go on.
+- A deadlock, a unique key that another instance was faster with, a connection found dead: the group is
+repeated.
+- Rows that the database refuses at the end of the group: the group is repeated one by one, to find the
+culprit.
+- No connection: everything queued fails at once, and the next write tries again.
+- Lost during COMMIT: nobody knows; StoreError says so, and idempotency keys make a repeat safe.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from sqlalchemy import Connection, exc
+
+from robomend.errors import StoreError, StoreOverloaded
+from robomend.store.database import Database, repeatable, translate
+from robomend.store.records import Once
+from robomend.store.transaction import Group
+from robomend.store.writing import SqlTransaction
+from robomend_client.events import Event
+
+MAX_QUEUED = 10_000
+MAX_GROUP = 512
+GROUP_TIME_S = 0.1
+"""A group is committed after so long, however much is queued: the first in it waits for the last."""
+ATTEMPTS = 4
+
+
+@dataclass(slots=True, eq=False)
+class Job:
+    """A queued change and where its result goes."""
+
+    change: Callable[[SqlTransaction], Any]
+    robots: tuple[str, ...]
+    once: Once | None
+    future: asyncio.Future[Any]
+    queued_s: float
+    result: Any = None
+    error: BaseException | None = None
+
+
+Finished = Callable[[Sequence[Job], tuple[Event, ...]], None]
+"""Called in the writer's thread with jobs that have a result or an error, and the events of their commit."""
+
+
+class Writer:
+    """The thread and its queue."""
+
+    def __init__(self, database: Database, finished: Finished) -> None:
+        self._database = database
+        self._finished = finished
+        self._jobs: deque[Job] = deque()
+        self._wake = threading.Condition()
+        self._closing = False
+        self._connection: Connection | None = None
+        self._thread = threading.Thread(target=self._run, name="store-writer", daemon=True)
+        self.commits = 0
+        self.writes = 0
+        self.last_commit_s = 0.0
+
+    def start(self) -> None:
+        """Start the thread."""
+        self._thread.start()
+
+    def close(self, timeout_s: float = 30.0) -> None:
+        """Write what is queued, then end the thread. Blocking."""
+        with self._wake:
+            self._closing = True
+            self._wake.notify()
+        if self._thread.is_alive():
+            self._thread.join(timeout_s)
+
+    def submit(self, job: Job) -> None:
+        """Queue a change.
+
+        Raises:
+            StoreOverloaded: too many wait already.
+            StoreError: the store is closed.
+        """
+        with self._wake:
+            if self._closing:
+                raise StoreError("the store is closed")
+            if len(self._jobs) >= MAX_QUEUED:
+                raise StoreOverloaded(f"{MAX_QUEUED} writes are waiting for the disk; try again in a moment")
+            self._jobs.append(job)
+            self._wake.notify()
+
+    def waiting(self) -> tuple[int, float]:
+        """Return how many changes wait, and how long the oldest has, in seconds."""
+        with self._wake:
+            if not self._jobs:
+                return 0, 0.0
+            return len(self._jobs), time.monotonic() - self._jobs[0].queued_s
+
+    def _run(self) -> None:
+        while jobs := self._take():
+            self._write(jobs)
+        self._drop_connection()
+
+    def _take(self) -> list[Job]:
+        with self._wake:
+            while not self._jobs and not self._closing:
+                self._wake.wait()
+            return [self._jobs.popleft() for _ in range(min(len(self._jobs), MAX_GROUP))]
+
+    def _write(self, jobs: list[Job]) -> None:
+        """Write a group, again where that may help, until each of its jobs has a result or an error."""
+        for attempt in range(ATTEMPTS):
+            try:
+                left = self._transact(jobs)
+            except _NoConnection as failure:
+                self._fail([*jobs, *self._take_all()], failure.error)
+                return
+            except _Repeat as failure:
+                if attempt + 1 == ATTEMPTS:
+                    self._fail(jobs, failure.error)
+                continue
+            except exc.OperationalError as error:  # the database's fault, not a row's
+                self._fail(jobs, translate(error))
+                return
+            except Exception as error:  # noqa: BLE001  # whatever a row held that no column takes
+                if len(jobs) == 1:
+                    self._fail(jobs, translate(error) if isinstance(error, exc.DBAPIError) else error)
+                else:
+                    for job in jobs:
+                        self._write([job])
+                return
+            with self._wake:
+                self._jobs.extendleft(reversed(left))
+            return
+
+    def _transact(self, jobs: list[Job]) -> list[Job]:
+        """Run and commit a group; return those for which there was no time."""
+        begun = time.monotonic()
+        for job in jobs:
+            job.error = None
+        connection = self._connect()
+        try:
+            transaction = connection.begin()
+            group = Group(
+                connection,
+                (robot for job in jobs for robot in job.robots),
+                (job.once for job in jobs if job.once is not None),
+                time.time_ns(),
+            )
+            count = 0
+            for job in jobs:
+                self._run_job(group, job)
+                count += 1
+                if time.monotonic() - begun > GROUP_TIME_S:
+                    break
+            events = group.finish()
+        except BaseException as error:
+            self._roll_back(error)
+            if repeatable(error):
+                raise _Repeat(translate(error)) from error
+            raise
+        try:
+            transaction.commit()
+        except exc.DBAPIError as error:
+            self._roll_back(error)
+            if error.connection_invalidated:
+                raise _NoConnection(
+                    StoreError(
+                        "the connection was lost during a commit: it may be kept or not; repeat with its key"
+                    )
+                ) from error
+            raise
+        self.commits += 1
+        self.writes += count
+        self.last_commit_s = time.monotonic() - begun
+        self._finished(jobs[:count], events)
+        return jobs[count:]
+
+    def _run_job(self, group: Group, job: Job) -> None:
+        try:
+            job.result = group.run(job.change, SqlTransaction, job.once)
+        except exc.OperationalError:
+            raise  # the transaction is lost, and with it the group
+        except exc.DBAPIError as error:
+            job.error = translate(error)
+        except Exception as error:  # noqa: BLE001  # the caller's own, handed back to it
+            job.error = error
+
+    def _connect(self) -> Connection:
+        if self._connection is None:
+            try:
+                self._connection = self._database.open_writer()
+            except StoreError as error:
+                raise _NoConnection(error) from error
+        return self._connection
+
+    def _roll_back(self, error: BaseException) -> None:
+        if isinstance(error, exc.DBAPIError) and error.connection_invalidated:
+            self._drop_connection()
+            return
+        try:
+            if self._connection is not None and (transaction := self._connection.get_transaction()):
+                transaction.rollback()
+        except exc.SQLAlchemyError:
+            self._drop_connection()
+
+    def _drop_connection(self) -> None:
+        if self._connection is not None:
+            try:
+                self._connection.close()
+            except exc.SQLAlchemyError:
+                self._connection.invalidate()
+            self._connection = None
+
+    def _take_all(self) -> list[Job]:
+        with self._wake:
+            jobs = list(self._jobs)
+            self._jobs.clear()
+            return jobs
+
+    def _fail(self, jobs: Sequence[Job], error: BaseException) -> None:
+        for job in jobs:
+            job.error = error
+        self._finished(jobs, ())
+
+
+class _Repeat(Exception):
+    """The group was rolled back and is worth another try."""
+
+    def __init__(self, error: BaseException) -> None:
+        super().__init__(error)
+        self.error = error
+
+
+class _NoConnection(_Repeat):
+    """There is no database to try it on."""

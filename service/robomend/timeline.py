@@ -1,0 +1,193 @@
+"""The timeline of a repair as SVG, in the manner of the paper's figures 5 and 6.
+
+    actions      ▭ power_up(hokuyo)   ▭ start_node(hokuyo_node)      lanes: side by side shows as such
+    components   ████████▬▬▬▬▬▬▬▬▬▬▬▬▬▬▬▬                            tall is bad, thin good, a gap unknown;
+                                                                     between: blamed by some diagnosis only
+                         0 s      1 s      2 s
+
+State is told by height as well as by colour, so that the figure reads in grey and by people who do not tell
+red from green. One renderer serves the demo's report, the dashboard and the docs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from html import escape
+from math import ceil
+
+BAD, SUSPECT, GOOD = "#c8553d", "#e3a690", "#2a7f77"
+INK, MUTED, GRID, ACTION, FAILED = "#1f2933", "#616e7c", "#e4e7eb", "#3d5a80", "#b23a48"
+FONT = "font-family='system-ui, Segoe UI, Roboto, Helvetica, Arial, sans-serif'"
+
+WIDTH, LABELS, RIGHT = 1080, 190, 24  # pixels
+ROW, LANE = 20, 22
+TOP = 64  # title and subtitle
+
+
+STATES = {"bad": (13, BAD), "suspect": (8, SUSPECT), "good": (4, GOOD)}
+"""What a component may be -> height in pixels and colour."""
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """A component that is good or bad from `start_s` to `end_s`, seconds from the figure's zero.
+
+    `only_suspect`: it is bad in some of the minimal diagnoses and good in others.
+    """
+
+    start_s: float
+    end_s: float
+    bad: bool
+    only_suspect: bool = False
+
+    @property
+    def state(self) -> str:
+        """One of STATES."""
+        return ("suspect" if self.only_suspect else "bad") if self.bad else "good"
+
+
+@dataclass(frozen=True, slots=True)
+class ActionBar:
+    """One action, from being sent until its effect was seen (or not: `ok` false)."""
+
+    start_s: float
+    end_s: float
+    label: str
+    ok: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """A moment worth a dashed line: a fault, a diagnosis."""
+
+    at_s: float
+    label: str
+
+
+@dataclass(frozen=True, slots=True)
+class Timeline:
+    """Everything the figure shows."""
+
+    title: str
+    subtitle: str
+    rows: Sequence[tuple[str, Sequence[Span]]]  # component -> spans, top to bottom
+    actions: Sequence[ActionBar]
+    marks: Sequence[Mark]
+    end_s: float
+
+
+def lanes(actions: Iterable[ActionBar], per_second: float) -> list[tuple[int, ActionBar]]:
+    """Return each action with the topmost lane in which neither its bar nor its label meets another's."""
+    free: list[float] = []
+    placed = []
+    for action in sorted(actions, key=lambda a: (a.start_s, a.end_s, a.label)):
+        needs = max(action.end_s, action.start_s + (6.4 * len(action.label) + 14) / per_second)
+        lane = next((i for i, until in enumerate(free) if until <= action.start_s), len(free))
+        free[lane : lane + 1] = [needs]
+        placed.append((lane, action))
+    return placed
+
+
+def svg(timeline: Timeline) -> str:
+    """Return the figure as a standalone SVG document; its height follows from what it shows."""
+    end_s = max(timeline.end_s, 0.001)
+    per_second = (WIDTH - LABELS - RIGHT) / end_s
+
+    def x(at_s: float) -> float:
+        return round(LABELS + min(max(at_s, 0.0), end_s) * per_second, 2)
+
+    placed = lanes(timeline.actions, per_second)
+    lane_count = max((lane for lane, _ in placed), default=-1) + 1
+    marks_height = 18 * len(timeline.marks)
+    actions_top = TOP + marks_height
+    rows_top = actions_top + LANE * lane_count + (14 if lane_count else 4)
+    bottom = rows_top + ROW * len(timeline.rows)
+    height = bottom + 58
+
+    out = [
+        f"<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 {WIDTH} {height}' width='{WIDTH}' "
+        f"height='{height}' role='img' aria-label='{_attribute(timeline.title)}' {FONT}>",
+        f"<rect width='{WIDTH}' height='{height}' fill='#ffffff'/>",
+        _text(16, 28, timeline.title, size=17, weight=600),
+        _text(16, 48, timeline.subtitle, size=12, fill=MUTED),
+    ]
+    step = _grid_step(end_s)
+    for tick in range(int(end_s / step + 1e-9) + 1):
+        at = x(tick * step)
+        out.append(f"<line x1='{at}' x2='{at}' y1='{actions_top - 4}' y2='{bottom + 4}' stroke='{GRID}'/>")
+        out.append(_text(at, bottom + 20, f"{tick * step:g} s", size=11, fill=MUTED, anchor="middle"))
+    for index, mark in enumerate(sorted(timeline.marks, key=lambda m: m.at_s)):
+        at, y = x(mark.at_s), TOP + 18 * index + 8
+        out.append(
+            f"<line x1='{at}' x2='{at}' y1='{y}' y2='{bottom + 4}' stroke='{MUTED}' stroke-dasharray='3 3'/>"
+        )
+        flip = at > WIDTH * 0.7
+        out.append(
+            _text(
+                at + (-5 if flip else 5),
+                y + 3,
+                mark.label,
+                size=11,
+                fill=MUTED,
+                anchor="end" if flip else "start",
+            )
+        )
+    if lane_count:
+        out.append(_text(16, actions_top + 15, "repair actions", size=12, fill=MUTED))
+    for lane, action in placed:
+        left, right, y = x(action.start_s), x(action.end_s), actions_top + LANE * lane
+        colour = ACTION if action.ok else FAILED
+        out.append(
+            f"<rect class='action' x='{left}' y='{y + 2}' width='{round(max(right - left, 3), 2)}' "
+            f"height='{LANE - 6}' rx='3' fill='{colour}' fill-opacity='0.22'/>"
+        )
+        out.append(f"<rect x='{left}' y='{y + 2}' width='3' height='{LANE - 6}' fill='{colour}'/>")
+        flip = left + 6.4 * len(action.label) + 14 > WIDTH
+        out.append(
+            _text(
+                left + (-5 if flip else 7), y + 14, action.label, size=11, anchor="end" if flip else "start"
+            )
+        )
+    for index, (component, spans) in enumerate(timeline.rows):
+        middle = rows_top + ROW * index + ROW / 2
+        out.append(_text(16, middle + 4, component, size=12))
+        for span in spans:
+            left, right = x(span.start_s), x(span.end_s)
+            thick, colour = STATES[span.state]
+            out.append(
+                f"<rect class='{span.state}' x='{left}' y='{middle - thick / 2}' "
+                f"width='{round(right - left, 2)}' height='{thick}' fill='{colour}'>"
+                f"<title>{escape(component)}: {span.state}, "
+                f"{span.start_s:.2f} s to {span.end_s:.2f} s</title></rect>"
+            )
+    y = bottom + 44
+    shown = {span.state for _, spans in timeline.rows for span in spans} | {"bad", "good"}
+    for index, state in enumerate(state for state in STATES if state in shown):
+        left = LABELS + 110 * index
+        thick, colour = STATES[state]
+        out.append(f"<rect x='{left}' y='{y - thick / 2}' width='28' height='{thick}' fill='{colour}'/>")
+        out.append(_text(left + 36, y + 4, state, size=11, fill=MUTED))
+    out.append("</svg>\n")
+    return "\n".join(out)
+
+
+def _grid_step(end_s: float) -> float:
+    """Return a round distance between grid lines that gives at most fifteen of them."""
+    for step in (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 30, 60, 120, 300, 600):
+        if end_s / step <= 15:
+            return step
+    return float(ceil(end_s / 15 / 600) * 600)
+
+
+def _text(
+    x: float, y: float, text: str, *, size: int, fill: str = INK, weight: int = 400, anchor: str = "start"
+) -> str:
+    return (
+        f"<text x='{x}' y='{y}' font-size='{size}' fill='{fill}' font-weight='{weight}' "
+        f"text-anchor='{anchor}'>{escape(text)}</text>"
+    )
+
+
+def _attribute(text: str) -> str:
+    return escape(text).replace("'", "&#39;")

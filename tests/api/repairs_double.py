@@ -1,0 +1,99 @@
+"""The repair loop as the routers see it, with calls written down and answers made up: it repairs nothing."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from robomend.errors import Conflict, NotFound
+from robomend.repair.service_interface import Json
+
+REPAIR = {"id": "r-1", "robot": "r1", "state": "awaiting-approval", "plan": [], "by": "local"}
+
+
+class RepairsDouble:
+    """Implements robomend.repair.service_interface.Repairs."""
+
+    def __init__(self) -> None:
+        self.calls: list[tuple[Any, ...]] = []
+        self.queue: dict[str, Json] = {}
+        self.owners: dict[str, str] = {}
+        self.first: dict[str, Json] = {}
+
+    async def start(self) -> None:
+        self.calls.append(("start",))
+
+    async def close(self) -> None:
+        self.calls.append(("close",))
+
+    def end_waits(self) -> None:
+        self.calls.append(("end_waits",))
+
+    async def plan(
+        self, robot: str, *, bad: Sequence[str] | None, planner: str | None, timeout_s: float, pddl: bool
+    ) -> Json:
+        self.calls.append(("plan", robot, bad, planner, timeout_s, pddl))
+        return {"choice": {"bad": bad or []}, "plan": {"steps": []}, "alternatives": [], "probe": None}
+
+    async def create(self, robot: str, *, bad: Sequence[str] | None, by: str, reason: str) -> Json:
+        self.calls.append(("create", robot, bad, by, reason))
+        if robot != "r1":
+            raise Conflict(f"a repair of {robot!r} is open")
+        return REPAIR
+
+    async def repairs(self, robot: str, *, before: str | None, limit: int) -> Sequence[Json]:
+        self.calls.append(("repairs", robot, before, limit))
+        return [REPAIR]
+
+    async def repair(self, repair_id: str) -> Json:
+        if repair_id != "r-1":
+            raise NotFound(f"there is no repair {repair_id!r}")
+        return REPAIR
+
+    async def approve(self, repair_id: str, *, by: str, reason: str) -> Json:
+        self.calls.append(("approve", repair_id, by, reason))
+        return {**await self.repair(repair_id), "state": "running"}
+
+    async def cancel(self, repair_id: str, *, by: str, reason: str) -> Json:
+        self.calls.append(("cancel", repair_id, by, reason))
+        return {**await self.repair(repair_id), "state": "cancelled"}
+
+    async def next_action(self, robot: str, *, host: str | None, wait_s: float) -> Json | None:
+        self.calls.append(("next_action", robot, host, wait_s))
+        if robot not in self.queue and wait_s:
+            await asyncio.sleep(min(wait_s, 0.05))
+        return self.queue.get(robot)
+
+    async def action_robot(self, action_id: str) -> str:
+        if action_id not in self.owners:
+            raise NotFound(f"there is no action {action_id!r}")
+        return self.owners[action_id]
+
+    async def feedback(self, action_id: str, *, code: int, message: str, by: str) -> None:
+        await self.action_robot(action_id)
+        self.calls.append(("feedback", action_id, code, message, by))
+
+    async def result(self, action_id: str, *, code: int, message: str, by: str) -> Json:
+        await self.action_robot(action_id)
+        self.calls.append(("result", action_id, code, message, by))
+        return self.first.setdefault(action_id, {"code": code, "message": message})
+
+    async def stopped(self) -> Json:
+        return {"active": False, "by": None, "reason": "", "since_ns": None}
+
+    async def stop(self, *, by: str, reason: str) -> Json:
+        self.calls.append(("stop", by, reason))
+        return {"active": True, "by": by, "reason": reason, "since_ns": 1}
+
+    async def resume(self, *, by: str, reason: str) -> Json:
+        self.calls.append(("resume", by, reason))
+        return await self.stopped()
+
+    async def quarantined(self, robot: str) -> Mapping[str, str]:
+        return {"jaguar": "three attempts did not help"}
+
+    async def release(self, robot: str, component: str, *, by: str, reason: str) -> None:
+        self.calls.append(("release", robot, component, by, reason))
+        if component != "jaguar":
+            raise NotFound(f"{component!r} is not in quarantine")

@@ -1,0 +1,176 @@
+"""Whatever comes in, the answer is a problem with a stable code, and never a 500."""
+
+from __future__ import annotations
+
+import json
+import socket
+import time
+from typing import Any
+
+import pytest
+from tests.api.conftest import Service, StartService
+
+from robomend.api.problems import Problem
+from robomend.api.strict_json import loads
+
+JSON = {"Content-Type": "application/json"}
+PLACE = "/robots/r1/observations"
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _robot(service: Service) -> None:
+    service.with_robot("r1")
+
+
+@pytest.mark.parametrize(
+    ("body", "status", "code"),
+    [
+        (b"", 400, "malformed-json"),
+        (b"{", 400, "malformed-json"),
+        (b'{"observations": ["ok(scan)"],}', 400, "malformed-json"),
+        (b'{"observations": [NaN]}', 400, "malformed-json"),
+        (b'{"lifetime_s": -Infinity}', 400, "malformed-json"),
+        (b'{"lifetime_s": 1e999}', 422, "bad-input"),
+        (b'{"observations": ["\xff\xfe"]}', 400, "malformed-json"),
+        (b'{"observations": ["\\ud800"]}', 422, "bad-input"),
+        (b'{"observations": ["ok(a\\u0000b)"]}', 422, "bad-input"),
+        (b'{"time": ' + b"9" * 5000 + b"}", 422, "bad-input"),
+        (b'{"time": 99999999999999999999999}', 422, "bad-input"),
+        (b'{"time": -1}', 422, "bad-input"),
+        (b"[" * 100_000, 422, "too-deep"),
+        (b'{"observations": ' + b"[" * 40 + b"]" * 40 + b"}", 422, "too-deep"),
+        (b'{"observations": "ok(scan)"}', 422, "bad-input"),
+        (b'{"observations": [1]}', 422, "bad-input"),
+        (b'{"observations": [""]}', 422, "bad-input"),
+        (b'{"obsrevations": []}', 422, "bad-input"),
+        (b"[]", 422, "bad-input"),
+        (b"null", 422, "bad-input"),
+        (b'{"observations": ["ok("]}', 422, "bad-observation"),
+        (b'{"observations": ["ab(jaguar)"]}', 422, "bad-observation"),
+        (b'{"observations": ["ok(scan) and not ok(scan)"]}', 422, "bad-observation"),
+        (b'{"observations": ["' + b"(" * 3000 + b'"]}', 422, "bad-observation"),
+    ],
+    ids=lambda value: str(value)[:30],
+)
+def test_a_malformed_body_is_told_apart(service: Service, body: bytes, status: int, code: str) -> None:
+    answer = service.api("POST", PLACE, content=body, headers=JSON)
+    assert (answer.status_code, answer.json()["code"]) == (status, code)
+    assert answer.headers["content-type"] == "application/problem+json"
+    assert answer.json()["request_id"] == answer.headers["x-request-id"]
+
+
+@pytest.mark.parametrize("kind", ["text/plain", "application/xml", "multipart/form-data", ""])
+@pytest.mark.parametrize("path", [PLACE, "/stop"])
+def test_another_kind_of_body_is_a_415(service: Service, kind: str, path: str) -> None:
+    answer = service.api("POST", path, content=b"{}", headers={"Content-Type": kind})
+    assert (answer.status_code, answer.json()["code"]) == (415, "unsupported-media-type")
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "status"),
+    [
+        ("GET", "/nothing", 404),
+        ("GET", "/robots/none", 404),
+        ("GET", "/robots/none/diagnosis", 404),
+        ("GET", "/robots/none/events", 404),
+        ("GET", "/robots/none/history", 404),
+        ("GET", "/repairs/none", 404),
+        ("GET", "/models/none", 404),
+        ("GET", "/models/none/versions", 404),
+        ("GET", "/robots/r1/board", 404),
+        ("PATCH", "/robots/r1", 405),
+        ("GET", "/robots/%00", 422),
+        ("GET", "/robots/a%2Fb", 404),
+        ("GET", "/robots/" + "x" * 100, 422),
+        ("GET", "/robots?limit=0", 422),
+        ("GET", "/robots?limit=x", 422),
+        ("GET", "/audit?cursor=nonsense", 422),
+        ("GET", "/robots/r1/history?cursor=nonsense", 422),
+        ("GET", "/robots/r1/history?kind=other", 422),
+        ("GET", "/robots/r1/diagnosis?wait_s=nan", 422),
+        ("GET", "/robots/r1/diagnosis?after=99999999999999999999", 422),
+        ("DELETE", "/robots/r1/assertions/none", 404),
+        ("DELETE", "/robots/r1", 428),
+    ],
+)
+def test_a_place_or_a_query_that_is_none(service: Service, method: str, path: str, status: int) -> None:
+    answer = service.api(method, path)
+    assert answer.status_code == status, answer.text
+    assert set(answer.json()) >= {"type", "title", "status", "code", "detail"}
+
+
+def test_a_body_beyond_its_limit_is_a_413_before_it_is_read(start: StartService) -> None:
+    service = start(max_body_bytes=2000, max_model_bytes=3000)
+    service.http.timeout = 20
+    answer = service.api("POST", "/stop", content=b" " * 5000, headers=JSON)
+    assert (answer.status_code, answer.json()["code"]) == (413, "too-large")
+    chunks = (b" " * 500 for _ in range(100))  # without a length: cut off on the way
+    assert service.api("POST", "/stop", content=chunks, headers=JSON).status_code == 413
+    answer = service.api("PUT", "/models/m", json={"source": "# " + "x" * 3500})
+    assert (answer.status_code, answer.json()["code"]) == (413, "too-large")
+
+
+def test_a_model_with_too_many_parts_is_refused(start: StartService) -> None:
+    service = start(max_components=3)
+    source = "robomend: 1\nname: many\nhardware: {a: {}, b: {}, c: {}, d: {}}\nnodes: {}\n"
+    answer = service.api("PUT", "/models/many", json={"source": source})
+    assert (answer.status_code, answer.json()["code"]) == (413, "too-large")
+
+
+def test_a_yaml_bomb_is_refused_quickly(service: Service) -> None:
+    bomb = "a: &a [x,x,x,x,x,x,x,x,x]\n" + "".join(
+        f"{chr(98 + n)}: &{chr(98 + n)} [{','.join(['*' + chr(97 + n)] * 9)}]\n" for n in range(20)
+    )
+    for source in (
+        bomb,
+        "a: &a [*a]\n",
+        "[" * 5000,
+        "robomend: 1\n" * 3,
+        "\x00",
+        "!!python/object:os.system x",
+    ):
+        began = time.monotonic()
+        answer = service.api("PUT", "/models/bomb", json={"source": source})
+        assert answer.status_code == 422, source[:30]
+        assert time.monotonic() - began < 10
+
+
+def test_a_body_that_stalls_is_given_up(start: StartService) -> None:
+    service = start(body_timeout_s=0.2)
+    with socket.create_connection(("127.0.0.1", int(service.url.rsplit(":", 1)[1]))) as slow:
+        slow.settimeout(10)
+        slow.sendall(
+            b"POST /api/v1/stop HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
+            b"Content-Length: 100\r\n\r\n{"
+        )
+        assert slow.recv(1000).startswith(b"HTTP/1.1 408 ")
+
+
+def test_too_many_requests_are_told_when_to_come_back(start: StartService) -> None:
+    service = start(requests_per_s=1.0, burst=3)
+    answers = [service.api("GET", "/robots") for _ in range(4)]
+    assert [answer.status_code for answer in answers] == [200, 200, 200, 429]
+    assert answers[-1].json()["code"] == "too-many-requests"
+    assert int(answers[-1].headers["retry-after"]) >= 1
+    assert service.http.get("/healthz").status_code == 200
+
+
+def test_a_secret_is_not_said_back(service: Service) -> None:
+    key = "rm_" + "s" * 43
+    answer = service.api("GET", "/robots", headers={"Authorization": f"Bearer {key}"})
+    assert answer.status_code == 401
+    assert key not in answer.text
+
+
+@pytest.mark.parametrize(
+    "text", ['{"a": [1, 2.5, "x", null, true]}', '"\\u00e9\\ud83d\\ude00"', "[" * 32 + "]" * 32]
+)
+def test_good_json_is_read_as_it_is(text: str) -> None:
+    assert loads(text.encode(), 32) == json.loads(text)
+
+
+def test_brackets_in_strings_do_not_count_as_depth() -> None:
+    value: Any = ["[" * 100, '"[{' * 30]
+    assert loads(json.dumps(value).encode(), 4) == value
+    with pytest.raises(Problem):
+        loads(b'["' + b"[" * 100 + b'", [[[[[]]]]]]', 4)

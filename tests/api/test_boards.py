@@ -1,0 +1,78 @@
+"""A robot's board: its channels in OBS, switched over HTTP, and never against a protection."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+
+import pytest
+from tests.api.conftest import Service, StartService
+
+
+@pytest.fixture
+def board() -> Iterator[int]:
+    """An emulated board as a process; yields its port. Channels 2 and 7 are on at power-up."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", "from robomend_board.main import main; main()", "--port", "0", "--on", "2,7"],
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert process.stdout is not None
+        yield int(json.loads(process.stdout.readline())["port"])
+    finally:
+        process.kill()
+        process.wait(10)
+
+
+def until(service: Service, *wanted: str) -> None:
+    """Wait until OBS holds these literals."""
+    deadline = time.monotonic() + 20
+    while True:
+        found = service.api("GET", "/robots/r1/observations").json()["observations"]
+        held = {one["literal"] for one in found if one["source"] == "board"}
+        if held >= set(wanted):
+            return
+        assert time.monotonic() < deadline, (wanted, held)
+        time.sleep(0.02)
+
+
+def test_channels_are_observed_switched_and_protected(start: StartService, board: int) -> None:
+    service = start()
+    service.with_robot(board={"host": "127.0.0.1", "port": board, "rate_hz": 20, "protected": [2, 7]})
+    until(service, "on(jaguar)", "not on(hokuyo)")
+    shown = service.api("GET", "/robots/r1/board").json()
+    assert shown["state"] == "connected"
+    assert shown["channels"][7]["component"] == "jaguar"
+    assert shown["channels"][7]["protected"]
+
+    assert service.api("PUT", "/robots/r1/board/channels/3", json={"on": True}).status_code == 204
+    until(service, "on(hokuyo)")
+    refused = service.api("PUT", "/robots/r1/board/channels/7", json={"on": False})
+    assert (refused.status_code, refused.json()["code"]) == (403, "refused")
+    assert service.api("PUT", "/robots/r1/board/channels/99", json={"on": True}).status_code == 404
+    noted = service.api("GET", "/audit", params={"robot": "r1"}).json()["items"]
+    assert "channel.on" in {entry["action"] for entry in noted}
+    assert 'robomend_board_link{robot="r1",state="connected"} 1.0' in service.http.get("/metrics").text
+
+
+def test_a_board_that_is_gone_is_unknown_and_does_not_stop_the_service(
+    start: StartService, board: int
+) -> None:
+    service = start()
+    service.with_robot(board={"host": "127.0.0.1", "port": board, "rate_hz": 20})
+    until(service, "on(jaguar)")
+    away = {"host": "127.0.0.1", "port": 1}
+    body = {"model": "tedusar", "board": away}
+    assert service.api("PUT", "/robots/r1", json=body, headers={"If-Match": "*"}).status_code == 200
+    answer = service.api("PUT", "/robots/r1/board/channels/3", json={"on": True})
+    assert (answer.status_code, answer.json()["code"]) == (503, "board-unreachable")
+    assert service.http.get("/readyz").json()["checks"]["boards"]["ok"] is False
+    deadline = time.monotonic() + 20
+    while service.api("GET", "/robots/r1/observations").json()["observations"]:
+        assert time.monotonic() < deadline, "a board that is gone still says what is on"
+        time.sleep(0.02)
+    assert service.http.get("/readyz").status_code == 200

@@ -1,0 +1,67 @@
+"""The routes of repair and actions translate and delegate: what was asked is what the loop is told."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from tests.api.conftest import Service
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _robot(service: Service) -> None:
+    service.with_robot("r1")
+
+
+def test_plans_and_repairs(service: Service) -> None:
+    calls: list[Any] = service.repairs.calls
+    service.api("POST", "/robots/r1/plans", json={"bad": ["jaguar"], "timeout_s": 2})
+    assert calls[-1] == ("plan", "r1", ["jaguar"], None, 2.0, False)
+    made = service.api("POST", "/robots/r1/repairs", json={"reason": "it limps"})
+    assert (made.status_code, made.headers["location"]) == (202, "/api/v1/repairs/r-1")
+    assert calls[-1] == ("create", "r1", None, "local", "it limps")
+    service.api("GET", "/robots/r1/repairs", params={"limit": 1, "cursor": "r-9"})
+    assert calls[-1] == ("repairs", "r1", "r-9", 1)
+    for decision, state in (("approve", "running"), ("cancel", "cancelled")):
+        answer = service.api("POST", "/repairs/r-1", json={"decision": decision, "reason": "so"})
+        assert answer.json()["state"] == state
+        assert calls[-1] == (decision, "r-1", "local", "so")
+    assert service.api("POST", "/repairs/r-1", json={"decision": "maybe"}).status_code == 422
+    assert service.api("POST", "/repairs/none", json={"decision": "cancel"}).status_code == 404
+
+
+def test_a_conflict_of_the_loop_is_a_409(service: Service) -> None:
+    service.with_robot("busy")
+    answer = service.api("POST", "/robots/busy/repairs", json={})
+    assert (answer.status_code, answer.json()["code"]) == (409, "conflict")
+
+
+def test_an_agent_pulls_its_action_and_reports(service: Service) -> None:
+    loop = service.repairs
+    calls: list[Any] = loop.calls
+    assert service.api("GET", "/robots/r1/actions/next").status_code == 204
+    action = {"id": "r-1:2", "name": "start_node", "parameters": ["rviz"], "timeout_s": 5.0, "host": "pc"}
+    loop.queue["r1"] = action
+    loop.owners["r-1:2"] = "r1"
+    asked = service.api("GET", "/robots/r1/actions/next", params={"wait_s": 5, "host": "pc"})
+    assert asked.json() == action
+    assert calls[-1] == ("next_action", "r1", "pc", 5.0)
+    told = service.api("POST", "/actions/r-1:2/feedback", json={"code": 50, "message": "half"})
+    assert told.status_code == 204
+    assert calls[-1] == ("feedback", "r-1:2", 50, "half", "local")
+    first = service.api("POST", "/actions/r-1:2/result", json={"code": 0}).json()
+    again = service.api("POST", "/actions/r-1:2/result", json={"code": 1, "message": "late"}).json()
+    assert first == again == {"code": 0, "message": ""}
+    assert service.api("POST", "/actions/r-1:9/result", json={"code": 0}).status_code == 404
+
+
+def test_a_persons_brakes(service: Service) -> None:
+    calls: list[Any] = service.repairs.calls
+    assert service.api("POST", "/stop", json={"reason": "fire"}).json()["active"]
+    assert calls[-1] == ("stop", "local", "fire")
+    assert not service.api("DELETE", "/stop").json()["active"]
+    assert service.api("GET", "/robots/r1/quarantine").json() == {"jaguar": "three attempts did not help"}
+    freed = service.api("POST", "/robots/r1/quarantine/jaguar/release", json={"reason": "mended"})
+    assert freed.status_code == 204
+    assert calls[-1] == ("release", "r1", "jaguar", "local", "mended")
+    assert service.api("POST", "/robots/r1/quarantine/rviz/release", json={}).status_code == 404

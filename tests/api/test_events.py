@@ -1,0 +1,186 @@
+"""Event streams: nothing is missed, whoever comes back goes on where he was, and nobody holds up the rest."""
+
+from __future__ import annotations
+
+import json
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import httpx
+import pytest
+from tests.api.conftest import Service, StartService
+
+from robomend.api import ingestion, streams
+
+
+@contextmanager
+def following(
+    service: Service, path: str = "/events", last: str | None = None
+) -> Iterator[Iterator[dict[str, Any]]]:
+    """Open a stream; its head has come, so whatever happens from now on must come."""
+    headers = {} if last is None else {"Last-Event-ID": last}
+    with httpx.stream("GET", f"{service.url}/api/v1{path}", headers=headers, timeout=20) as answer:
+        assert answer.headers["content-type"].startswith("text/event-stream")
+        yield parsed(answer.iter_lines())
+
+
+def parsed(lines: Iterator[str]) -> Iterator[dict[str, Any]]:
+    """Yield the events of a stream, by the rules of the standard as far as we need them."""
+    fields: dict[str, str] = {}
+    for line in lines:
+        if not line and "data" in fields:
+            yield {**fields, "data": json.loads(fields["data"])}
+        if not line:
+            fields = {}
+        name, _, value = line.partition(": ")
+        if name:
+            fields[name] = value
+
+
+def take(events: Iterator[dict[str, Any]], kind: str, count: int) -> list[dict[str, Any]]:
+    """Return the next events of one kind."""
+    found: list[dict[str, Any]] = []
+    while len(found) < count:
+        event = next(events)
+        if event["event"] == kind:
+            found.append(event)
+    return found
+
+
+def test_a_change_and_its_diagnosis_come_in_order(start: StartService) -> None:
+    service = start()
+    service.with_robot()
+    with following(service) as events:
+        service.observe("not ok(scan)")
+        observed = take(events, "observations", 1)[0]
+        diagnosed = take(events, "diagnosis", 1)[0]
+    assert observed["data"]["robot"] == diagnosed["data"]["robot"] == "r1"
+    assert observed["data"]["data"]["changed"] == ["not ok(scan)"]
+    assert int(observed["id"]) < int(diagnosed["id"])
+    assert diagnosed["data"]["data"]["result"]["diagnoses"][0]["bad"] == ["hokuyo"]
+
+
+def test_a_robots_stream_is_about_that_robot(start: StartService) -> None:
+    service = start()
+    service.with_robot("r1")
+    service.with_robot("r2")
+    with following(service, "/robots/r2/events") as events:
+        service.observe("not ok(scan)", robot="r1")
+        service.observe("not ok(map)", robot="r2")
+        assert take(events, "observations", 1)[0]["data"]["robot"] == "r2"
+
+
+def test_whoever_comes_back_misses_nothing_and_gets_nothing_twice(start: StartService) -> None:
+    service = start()
+    service.with_robot()
+    with following(service) as events:
+        service.observe("not ok(scan)")
+        last = take(events, "observations", 1)[0]["id"]
+    for number in range(30):
+        service.observe("ok(map)" if number % 2 else "not ok(map)")
+    with following(service, last=last) as events:
+        service.observe("on(jaguar)")
+        found = take(events, "observations", 31)
+    assert [event["data"]["data"]["revision"] for event in found] == list(range(2, 33))
+
+
+@pytest.mark.parametrize("asked", ["junk", "-5", "999999999", "1" * 40, "1.5", "0x1"])
+def test_an_id_that_nobody_gave_replays_from_the_oldest_after_a_gap(start: StartService, asked: str) -> None:
+    service = start()
+    service.with_robot()
+    service.observe("not ok(scan)")
+    with following(service, last=asked) as events:
+        first, second = next(events), next(events)
+    assert first["event"] == "gap"
+    assert first["data"]["asked"] == asked
+    assert second["event"] == "model"
+    assert int(second["id"]) == first["data"]["oldest"]
+
+
+def test_a_slow_reader_is_served_from_the_log(start: StartService, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(streams, "PENDING", 5)
+    monkeypatch.setattr(streams, "PAGE", 7)
+    monkeypatch.setattr(ingestion, "GROUP", 10)  # 120 revisions, faster than one write each
+    service = start()
+    service.with_robot()
+    sock = socket.create_connection(("127.0.0.1", int(service.url.rsplit(":", 1)[1])))
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
+    with sock:
+        sock.sendall(b"GET /api/v1/robots/r1/events HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        received = sock.recv(1)
+        lines = "".join(
+            json.dumps({"observations": ["ok(map)" if n % 2 else "not ok(map)"]}) + "\n" for n in range(400)
+        )
+        for _ in range(3):
+            service.api(
+                "POST",
+                "/robots/r1/observations",
+                content=lines,
+                headers={"Content-Type": "application/x-ndjson"},
+            )
+        last = service.api("GET", "/robots/r1").json()["revision"]
+        sock.settimeout(20)
+        while f'"revision":{last},'.encode() not in received:
+            received += sock.recv(1 << 20)
+    ids = [int(line[4:]) for line in received.split(b"\n") if line.startswith(b"id: ")]
+    assert ids == sorted(set(ids))
+    revisions = received.count(b"event: observations")
+    assert revisions == last
+
+
+def test_too_many_streams_are_refused_and_room_comes_back(start: StartService) -> None:
+    service = start(max_streams=2)
+    with following(service), following(service):
+        answer = service.api("GET", "/events")
+        assert answer.status_code == 503
+        assert answer.json()["code"] == "overloaded"
+        assert "retry-after" in answer.headers
+    deadline = time.monotonic() + 10
+    while service.runtime.hub.count:
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    with following(service):
+        pass
+
+
+def test_an_idle_stream_is_kept_alive(start: StartService) -> None:
+    service = start(ping_s=0.05)
+    with httpx.stream("GET", f"{service.url}/api/v1/events", timeout=10) as answer:
+        lines = answer.iter_lines()
+        assert [line for line in (next(lines) for _ in range(9)) if line == ": ping"]
+
+
+def test_open_streams_and_long_polls_do_not_hold_up_the_end(tmp_path: Any) -> None:
+    from tests.api.conftest import running
+
+    from robomend.settings import Settings
+
+    ended: list[str] = []
+    with running(Settings(port=0, data=tmp_path, graceful_s=30)) as service:
+        service.with_robot()
+
+        def follow() -> None:
+            with following(service) as events:
+                for _ in events:
+                    pass
+            ended.append("stream")
+
+        def wait() -> None:
+            service.diagnosis(wait_s=50, after=1000)  # the robot's first diagnosis may still be on its way
+            ended.append("long poll")
+
+        threads = [threading.Thread(target=follow), threading.Thread(target=wait)]
+        for thread in threads:
+            thread.start()
+        while not service.runtime.hub.count or not service.runtime.fleet.diagnosing.waits:
+            time.sleep(0.01)
+        began = time.monotonic()
+        service.loop.call_soon_threadsafe(service.runtime.end_waits)
+        for thread in threads:
+            thread.join(10)
+        assert time.monotonic() - began < 10
+    assert sorted(ended) == ["long poll", "stream"]

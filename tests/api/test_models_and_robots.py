@@ -1,0 +1,139 @@
+"""Models and robots as resources: versions, ETags, pages, and what a change does to a running robot."""
+
+from __future__ import annotations
+
+import pytest
+from tests.api.conftest import TEDUSAR, Service, StartService, bad_sets
+
+
+def test_a_model_is_created_read_and_replaced_with_its_etag(start: StartService) -> None:
+    service = start()
+    made = service.api("PUT", "/models/tedusar", json={"source": TEDUSAR})
+    assert made.status_code == 201
+    etag = made.headers["etag"]
+    read = service.api("GET", "/models/tedusar")
+    assert read.headers["etag"] == etag
+    assert read.json()["source"] == TEDUSAR
+    assert "jaguar" in read.json()["components"]
+
+    changed = {"source": TEDUSAR + "\n# a remark\n"}
+    assert service.api("PUT", "/models/tedusar", json=changed).status_code == 428
+    stale = service.api("PUT", "/models/tedusar", json=changed, headers={"If-Match": '"x"'})
+    assert (stale.status_code, stale.json()["code"]) == (412, "precondition-failed")
+    again = service.api("PUT", "/models/tedusar", json=changed, headers={"If-Match": etag})
+    assert again.status_code == 200
+    assert again.headers["etag"] != etag
+    versions = service.api("GET", "/models/tedusar/versions").json()["items"]
+    assert [version["number"] for version in versions] == [2, 1]
+
+
+def test_a_bad_model_is_refused_with_its_line_and_the_old_one_stays(start: StartService) -> None:
+    service = start()
+    service.with_robot()
+    bad = "robomend: 1\nname: x\nhardware:\n  a: {channel: 1}\n  b: {channel: 1}\n"
+    answer = service.api("PUT", "/models/tedusar", json={"source": bad}, headers={"If-Match": "*"})
+    assert answer.status_code == 422
+    assert answer.json()["code"] == "bad-model"
+    assert answer.json()["line"] in {4, 5}
+    assert service.api("GET", "/models/tedusar").json()["source"] == TEDUSAR
+
+
+def test_a_model_in_use_is_not_deleted(start: StartService) -> None:
+    service = start()
+    service.with_robot()
+    assert service.api("DELETE", "/models/tedusar").status_code == 428
+    assert service.api("DELETE", "/models/tedusar", headers={"If-Match": "*"}).status_code == 409
+    assert service.api("DELETE", "/robots/r1", headers={"If-Match": "*"}).status_code == 204
+    assert service.api("DELETE", "/models/tedusar", headers={"If-Match": "*"}).status_code == 204
+    assert service.api("GET", "/models/tedusar").status_code == 404
+    assert service.api("GET", "/robots/r1/diagnosis").status_code == 404
+
+
+def test_lists_come_in_pages(start: StartService) -> None:
+    service = start()
+    for number in range(5):
+        service.with_robot(f"r{number}")
+    found: list[str] = []
+    cursor: str | None = None
+    while True:
+        query = {"limit": 2} | ({"cursor": cursor} if cursor else {})
+        page = service.api("GET", "/robots", params=query).json()
+        assert len(page["items"]) <= 2
+        found += [robot["id"] for robot in page["items"]]
+        cursor = page["next"]
+        if cursor is None:
+            break
+    assert found == [f"r{number}" for number in range(5)]
+
+
+def test_a_robot_is_checked_against_its_model(service: Service) -> None:
+    service.with_robot("known")
+    for wrong, words in (
+        ({"expected": {"stopped": ["nobody"]}}, "nobody"),
+        ({"protected": ["nobody"]}, "nobody"),
+        ({"observed": ["on(nobody)"]}, "nobody"),
+        ({"policy": "never"}, "policy"),
+        ({"polcy": "auto"}, "polcy"),
+        ({"model": "unheard-of"}, "unheard-of"),
+    ):
+        answer = service.api("PUT", "/robots/r9", json={"model": "tedusar", **wrong})
+        assert answer.status_code in {404, 422}
+        assert words in answer.text
+    assert service.api("GET", "/robots/r9").status_code == 404
+
+
+def test_a_new_version_diagnoses_anew_without_losing_obs(start: StartService) -> None:
+    service = start()
+    service.with_robot()
+    service.observe("not on(jaguar)", "ok(odom)")
+    before = service.diagnosis(wait_s=5, after=0)
+    assert before["result"]["diagnoses"][0]["bad"] == ["jaguar"]
+    more = TEDUSAR.rstrip() + '\nrules:\n  - "not ab(imu) -> on(jaguar)"\n'
+    service.api("PUT", "/models/tedusar", json={"source": more}, headers={"If-Match": "*"})
+    for _ in range(100):
+        after = service.diagnosis(wait_s=0.1)
+        if after["model_version"] != before["model_version"]:
+            break
+    assert after["revision"] == before["revision"]
+    assert bad_sets(after) == [{"jaguar", "imu"}]
+
+
+def test_replacing_a_robot_keeps_obs_and_tells_its_followers(start: StartService) -> None:
+    service = start()
+    service.with_robot()
+    service.observe("not ok(scan)")
+    etag = service.api("GET", "/robots/r1").headers["etag"]
+    body = {"model": "tedusar", "policy": "observe"}
+    answer = service.api("PUT", "/robots/r1", json=body, headers={"If-Match": etag})
+    assert answer.status_code == 200
+    assert answer.json()["config"]["policy"] == "observe"
+    assert answer.json()["revision"] == 1
+    assert (
+        service.api("GET", "/robots/r1/observations").json()["observations"][0]["literal"] == "not ok(scan)"
+    )
+    noted = service.api("GET", "/audit", params={"robot": "r1"}).json()["items"]
+    assert [entry["action"] for entry in noted] == ["robot.put", "robot.put"]
+    assert noted[0]["before"]["policy"] == "approve"
+
+
+@pytest.mark.parametrize("kind", ["application/yaml", "text/yaml", "application/x-yaml", "text/plain"])
+def test_a_model_may_come_as_the_text_itself(service: Service, kind: str) -> None:
+    name = "raw-" + kind.replace("/", "-")
+    headers = {"Content-Type": f"{kind}; charset=utf-8"}
+    made = service.api("PUT", f"/models/{name}", content=TEDUSAR.encode(), headers=headers)
+    assert made.status_code == 201
+    assert made.json()["source"] == TEDUSAR
+    assert service.api("GET", f"/models/{name}").json()["components"] == made.json()["components"]
+
+
+def test_a_text_that_is_none_or_no_model_is_refused(service: Service) -> None:
+    headers = {"Content-Type": "application/yaml"}
+    for body, status in ((b"", 422), (b"\xff\xfe", 400), (b"robomend: 1\nhardware: [", 422)):
+        answer = service.api("PUT", "/models/raw-bad", content=body, headers=headers)
+        assert answer.status_code == status, answer.text
+    assert (
+        service.api(
+            "PUT", "/models/raw-bad", content=b"<a/>", headers={"Content-Type": "text/xml"}
+        ).status_code
+        == 415
+    )

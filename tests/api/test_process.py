@@ -1,0 +1,156 @@
+"""`robomend serve` as a process: announced, refused, ended, killed."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import httpx
+from tests.api.conftest import TEDUSAR
+
+
+def command(*arguments: str) -> list[str]:
+    """Return the command line of one robomend command."""
+    return [sys.executable, "-c", "from robomend.cli.main import main; main()", *arguments]
+
+
+@contextmanager
+def served(data: Path, *arguments: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """Run the service and yield its process and URL."""
+    log = (data / "log").open("w")
+    process = subprocess.Popen(
+        command("serve", "--port", "0", "--announce", "--data", str(data), *arguments),
+        stdout=subprocess.PIPE,
+        stderr=log,
+        text=True,
+    )
+    try:
+        assert process.stdout is not None
+        line = process.stdout.readline()
+        assert line, (data / "log").read_text()
+        yield process, json.loads(line)["url"]
+    finally:
+        process.kill()
+        process.wait(10)
+        log.close()
+
+
+def workers_of(pid: int) -> list[int]:
+    """Return the processes whose parent is `pid`."""
+    found = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            fields = stat.read_text().rpartition(")")[2].split()
+        except OSError:
+            continue  # it ended meanwhile
+        if int(fields[1]) == pid:
+            found.append(int(stat.parent.name))
+    return found
+
+
+def alive(pid: int) -> bool:
+    """Return whether a process runs and is no zombie."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def test_a_signal_ends_it_in_order_with_open_streams(tmp_path: Path) -> None:
+    with (
+        served(tmp_path) as (process, url),
+        httpx.stream("GET", f"{url}/api/v1/events", timeout=20) as stream,
+    ):
+        lines = stream.iter_lines()
+        next(lines)
+        process.send_signal(signal.SIGTERM)
+        assert list(lines)[-1] == ""  # the stream was ended, not broken
+        assert process.wait(15) == 0
+
+
+def test_a_kill_ends_its_workers_too_and_loses_nothing(tmp_path: Path) -> None:
+    with served(tmp_path) as (process, url), httpx.Client(base_url=f"{url}/api/v1", timeout=30) as http:
+        http.put("/models/tedusar", json={"source": TEDUSAR})
+        http.put("/robots/r1", json={"model": "tedusar"})
+        question = {"model": "tedusar", "observations": ["not ok(scan)"]}
+        assert http.post("/diagnoses", json=question).status_code == 200
+        workers = workers_of(process.pid)
+        assert workers
+        for number in range(20):
+            sentence = "ok(map)" if number % 2 else "not ok(map)"
+            answer = http.post("/robots/r1/observations", json={"observations": [sentence]})
+            assert answer.status_code == 200
+        os.kill(process.pid, signal.SIGKILL)
+        process.wait(10)
+        deadline = time.monotonic() + 5
+        while any(map(alive, workers)):
+            assert time.monotonic() < deadline, "a worker outlived the service"
+            time.sleep(0.02)
+    with served(tmp_path) as (process, url):
+        found = httpx.get(f"{url}/api/v1/robots/r1", timeout=20).json()
+        assert found["revision"] == 20
+        current = httpx.get(f"{url}/api/v1/robots/r1/diagnosis?after=19&wait_s=10", timeout=20).json()
+        assert current["result"]["diagnoses"][0]["bad"] == []
+
+
+def test_it_does_not_listen_to_others_without_a_key(tmp_path: Path) -> None:
+    arguments = ("serve", "--port", "0", "--host", "0.0.0.0", "--data", str(tmp_path), "--announce")
+    refused = subprocess.run(command(*arguments), capture_output=True, text=True, timeout=60)
+    assert refused.returncode == 2
+    assert "robomend keys create" in refused.stderr
+    made = subprocess.run(
+        command("keys", "create", "--role", "viewer", "--data", str(tmp_path)),
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    key = made.stdout.strip()
+    with served(tmp_path, "--host", "0.0.0.0") as (_, url):
+        assert httpx.get(f"{url}/api/v1/robots", timeout=20).status_code == 401
+        head = {"Authorization": f"Bearer {key}"}
+        assert httpx.get(f"{url}/api/v1/robots", headers=head, timeout=20).status_code == 200
+        stopped = httpx.post(f"{url}/api/v1/stop", headers=head, json={}, timeout=20)
+        assert stopped.status_code == 403
+    assert key not in (tmp_path / "log").read_text()
+
+
+def test_config_tells_where_each_value_comes_from(tmp_path: Path) -> None:
+    file = tmp_path / "robomend.yaml"
+    file.write_text("port: 1234\nlog_level: debug\ndatabase: postgresql://u:secret@h/d\n")
+    shown = subprocess.run(
+        command("config", "--config", str(file), "--data", str(tmp_path), "--format", "json"),
+        capture_output=True,
+        text=True,
+        timeout=60,
+        env={**os.environ, "ROBOMEND_PORT": "4321"},
+    )
+    table = json.loads(shown.stdout)
+    assert table["port"] == {"value": 4321, "source": "environment ROBOMEND_PORT"}
+    assert table["log_level"] == {"value": "debug", "source": str(file)}
+    assert table["data"]["source"] == "flag"
+    assert table["max_streams"]["source"] == "default"
+    assert "secret" not in shown.stdout
+
+
+def test_a_wrong_setting_is_bad_input_with_its_source(tmp_path: Path) -> None:
+    file = tmp_path / "robomend.yaml"
+    for text, words in (
+        ("prot: 1\n", "prot"),
+        ("port: 99999\n", "port"),
+        ("- a\n", "mapping"),
+        ("{\n", "YAML"),
+    ):
+        file.write_text(text)
+        answer = subprocess.run(
+            command("config", "--config", str(file)), capture_output=True, text=True, timeout=60
+        )
+        assert answer.returncode == 2
+        assert words in answer.stderr
+        assert "Traceback" not in answer.stderr

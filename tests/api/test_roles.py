@@ -1,0 +1,151 @@
+"""Every route × every role, against the table; and what keys open and do not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx
+import pytest
+from tests.api.conftest import Service, StartService, running
+
+from robomend.api.app import routes
+from robomend.security import OWN, RULES, Role, digest, host_name, loopback, new_key
+from robomend.settings import Settings
+
+PLACES = {
+    "name": "tedusar",
+    "robot": "r1",
+    "repair": "r-1",
+    "action": "r-1:0",
+    "assertion": "a",
+    "channel": "3",
+    "component": "jaguar",
+    "file": "start.js",
+}
+
+STREAMS = {"/api/v1/events", "/api/v1/robots/{robot}/events"}
+
+
+class Keyed:
+    """A service with one key for each role, the robot's for r1."""
+
+    def __init__(self, service: Service) -> None:
+        self.service = service
+        service.with_robot("r1")
+        service.with_robot("r2")
+        service.repairs.owners.update({"r-1:0": "r1", "r-2:0": "r2"})
+        self.keys = {role: service.key(role, "r1" if role is Role.ROBOT else None) for role in Role}
+
+    def ask(self, method: str, path: str, role: Role | None) -> int:
+        """Return the status of a request; of a stream, only its head is read."""
+        headers = {} if role is None else {"Authorization": f"Bearer {self.keys[role]}"}
+        with self.service.http.stream(method, path, headers=headers) as answer:
+            return answer.status_code
+
+
+@pytest.fixture(scope="module")
+def keyed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Keyed]:
+    with running(Settings(port=0, data=tmp_path_factory.mktemp("keyed"))) as service:
+        yield Keyed(service)
+
+
+def test_every_route_is_in_the_table_and_no_other(keyed: Keyed) -> None:
+    there = {
+        (method, route.path_format)
+        for route in routes(keyed.service.runtime.app)
+        for method in route.methods or ()
+    }
+    assert there == RULES.keys()
+
+
+@pytest.mark.parametrize("role", [None, *Role], ids=str)
+@pytest.mark.parametrize("rule", RULES, ids=" ".join)
+def test_roles_decide_who_may(keyed: Keyed, rule: tuple[str, str], role: Role | None) -> None:
+    method, template = rule
+    status = keyed.ask(method, template.format(**PLACES), role)
+    roles = RULES[rule]
+    if roles is None:  # EVERYONE
+        assert status not in {401, 403}
+    elif role is None:
+        assert status == 401
+    elif role in roles:
+        assert status not in {401, 403}
+    else:
+        assert status == 403
+
+
+@pytest.mark.parametrize(
+    "rule", [rule for rule, roles in RULES.items() if roles and roles & OWN], ids=" ".join
+)
+def test_a_robots_key_opens_no_other_robot(keyed: Keyed, rule: tuple[str, str]) -> None:
+    method, template = rule
+    if "{robot}" not in template and "{action}" not in template:
+        return  # about no robot
+    headers = {"Authorization": f"Bearer {keyed.keys[Role.ROBOT]}"}
+    path = template.format(**{**PLACES, "robot": "r2", "action": "r-2:0"})
+    answer = keyed.service.http.request(method, path, headers=headers, json={"code": 0})
+    assert answer.status_code in {403, 404}
+
+
+def test_a_revoked_or_unknown_key_opens_nothing(keyed: Keyed) -> None:
+    for text in ("", "Bearer", "Bearer x", f"Bearer {new_key()}", f"Basic {keyed.keys[Role.ADMIN]}"):
+        answer = keyed.service.http.get("/api/v1/robots", headers={"Authorization": text})
+        assert answer.status_code == 401
+        assert answer.headers["www-authenticate"].startswith("Bearer")
+
+
+def test_revoking_the_last_key_does_not_open_the_door(start: StartService) -> None:
+    service = start()
+    key = service.key("admin")
+    head = {"Authorization": f"Bearer {key}"}
+    assert service.api("GET", "/robots", headers=head).status_code == 200
+    found = service.run(service.runtime.store.read(lambda view: view.keys()))
+    service.run(service.runtime.store.write(lambda tx: tx.revoke_key(found[0].id) and None))
+    service.runtime.app.state.gate.ring.forget()
+    assert service.api("GET", "/robots", headers=head).status_code == 401
+    assert service.api("GET", "/robots").status_code == 401
+
+
+def test_only_the_hash_of_a_key_is_stored(start: StartService, tmp_path: Path) -> None:
+    service = start()
+    key = service.key("viewer")
+    stored = service.run(service.runtime.store.read(lambda view: view.keys()))
+    assert stored[0].hash == digest(key)
+    assert not any(key.encode() in file.read_bytes() for file in tmp_path.iterdir() if file.is_file())
+
+
+def test_without_keys_a_foreign_host_name_is_refused(start: StartService) -> None:
+    """DNS rebinding: a page's own name may point at 127.0.0.1, but its Host header tells."""
+    service = start(allowed_hosts=("robot.lan",))
+    for host, status in (
+        ("evil.example", 421),
+        ("robot.lan:8600", 200),
+        ("localhost", 200),
+        ("[::1]:1", 200),
+    ):
+        assert service.api("GET", "/robots", headers={"Host": host}).status_code == status
+
+
+def test_a_change_from_another_origin_is_refused(service: Service) -> None:
+    def put(**headers: str) -> httpx.Response:
+        return service.api("POST", "/stop", json={}, headers=headers)
+
+    assert put(Origin="https://evil.example").json()["code"] == "cross-origin"
+    assert put(Origin="null").status_code == 403
+    assert put(**{"Sec-Fetch-Site": "cross-site"}).status_code == 403
+    assert put(Origin=service.url).status_code == 200
+    assert put().status_code == 200
+
+
+@pytest.mark.parametrize(
+    ("header", "name"),
+    [("a.b:80", "a.b"), ("[::1]:80", "::1"), ("LOCALHOST", "localhost"), ("u@h:1", "h"), ("", "")],
+)
+def test_host_names_are_read_from_headers(header: str, name: str) -> None:
+    assert host_name(header) == name
+
+
+def test_loopback_is_known() -> None:
+    assert all(map(loopback, ("127.0.0.1", "::1", "localhost", "127.8.9.1", "[::1]")))
+    assert not any(map(loopback, ("0.0.0.0", "::", "10.0.0.1", "example.org", "")))

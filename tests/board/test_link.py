@@ -1,0 +1,446 @@
+"""The link against a real socket: the emulator in the same loop, or a server that behaves worse than it can.
+
+Nothing here asserts how long something took; waits only have a generous end.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import itertools
+import socket
+from collections.abc import AsyncIterator, Awaitable, Callable
+
+import pytest
+
+from robomend.board.codec import (
+    Acknowledge,
+    Broadcast,
+    ChannelLimits,
+    ChannelReading,
+    Code,
+    Measurements,
+    Specification,
+    encode,
+)
+from robomend.board.link import BoardLink, LinkState, backoff
+from robomend.board.snapshot import Snapshot
+from robomend.errors import BoardRefused, BoardTimeout, BoardUnreachable
+from robomend_board.board import Board
+from robomend_board.faults import parse_fault
+from robomend_board.loads import default_rig
+from robomend_board.server import Emulator
+
+pytestmark = pytest.mark.anyio
+
+END_S = 20.0
+
+
+@pytest.fixture(scope="module", params=[False, True], ids=["asyncio", "uvloop"])
+def anyio_backend(request: pytest.FixtureRequest) -> tuple[str, dict[str, bool]]:
+    """Both loops: the service runs on uvloop, tools and the emulator on asyncio's own."""
+    return ("asyncio", {"use_uvloop": request.param})
+
+
+async def until(condition: Callable[[], bool]) -> None:
+    """Wait until it is so; the test fails if it never is."""
+    async with asyncio.timeout(END_S):
+        while not condition():
+            await asyncio.sleep(0.005)
+
+
+@contextlib.asynccontextmanager
+async def emulated(channels: int = 10, on: tuple[int, ...] = (2,)) -> AsyncIterator[Emulator]:
+    emulator = Emulator(Board(default_rig(channels), on))
+    await emulator.listen("127.0.0.1", 0)
+    try:
+        yield emulator
+    finally:
+        await emulator.close()
+
+
+async def fault(emulator: Emulator, name: str, **parameters: object) -> None:
+    await emulator.set_fault(parse_fault({"fault": name, **parameters}, len(emulator.board.channels)))
+
+
+def on(snapshot: Snapshot, channel: int) -> bool:
+    assert snapshot.channels is not None
+    return snapshot.channels[channel].on
+
+
+def link_to(port: int, **options: object) -> BoardLink:
+    defaults: dict[str, object] = {"broadcast_hz": 100, "command_timeout_s": END_S, "backoff_s": (0.01, 0.05)}
+    return BoardLink("127.0.0.1", port, **{**defaults, **options})  # type: ignore[arg-type]  # mixed kinds
+
+
+Handler = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
+
+
+@contextlib.asynccontextmanager
+async def badly_behaved(handler: Handler) -> AsyncIterator[int]:
+    """A server that does with each connection what `handler` does."""
+
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        with contextlib.suppress(OSError, asyncio.IncompleteReadError):
+            await handler(reader, writer)
+        writer.transport.abort()
+
+    server = await asyncio.start_server(serve, "127.0.0.1", 0)
+    try:
+        yield server.sockets[0].getsockname()[1]
+    finally:
+        server.close()
+        await asyncio.sleep(0.01)
+
+
+SPECIFICATION = encode(Specification((ChannelLimits(10.0, 24.0),) * 8))
+MEASUREMENTS = encode(Measurements((ChannelReading(False, 0.0, 0.0),) * 8))
+
+
+async def open_politely(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    writer.write(SPECIFICATION)
+    assert await reader.readexactly(5) == encode(Broadcast(100))
+    writer.write(encode(Acknowledge(Code.OK)) + MEASUREMENTS)
+
+
+# --- what works ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("channels", [8, 10])
+async def test_measurements_come_with_as_many_channels_as_the_board_has(channels: int) -> None:
+    async with emulated(channels) as emulator, link_to(emulator.port) as link:
+        await until(lambda: link.snapshot.channels is not None)
+        assert link.channels == channels
+        assert link.state is LinkState.CONNECTED
+        assert [reading.on for reading in link.snapshot.channels or ()] == [n == 2 for n in range(channels)]
+
+
+async def test_switching_acts_and_shows_and_may_be_repeated() -> None:
+    async with emulated() as emulator, link_to(emulator.port) as link:
+        await link.switch(7, True)
+        await link.switch(7, True)
+        assert emulator.board.relays()[7]
+        assert on(await link.request(), 7)
+        await link.switch(7, False)
+        assert not emulator.board.relays()[7]
+
+
+async def test_a_change_that_nobody_asked_for_shows_in_the_measurements() -> None:
+    async with emulated(on=(7,)) as emulator, link_to(emulator.port) as link:
+        snapshots = link.measurements()
+        async with asyncio.timeout(END_S):
+            async for snapshot in snapshots:
+                if snapshot.channels is not None and not snapshot.channels[7].on:
+                    break
+                emulator.switch(7, False)
+        await snapshots.aclose()
+
+
+async def test_commands_of_many_callers_are_queued_and_each_gets_its_answer() -> None:
+    async with emulated() as emulator, link_to(emulator.port) as link:
+        await asyncio.gather(*(link.switch(n, True) for n in range(10)))
+        results = await asyncio.gather(
+            link.switch(3, False), link.switch(12, True), link.switch(4, False), return_exceptions=True
+        )
+        assert results[0] is None
+        assert isinstance(results[1], BoardRefused)
+        assert results[2] is None
+        assert emulator.board.relays() == tuple(n not in (3, 4) for n in range(10))
+
+
+async def test_several_boards_live_in_one_loop_and_one_that_fails_holds_up_no_other() -> None:
+    async with emulated() as one, emulated(8) as two, link_to(one.port) as first, link_to(two.port) as second:
+        await first.wait_connected(END_S)
+        await second.wait_connected(END_S)
+        await fault(one, "mute")
+        await until(lambda: first.snapshot.channels is None)
+        await second.switch(1, True)
+        assert second.state is LinkState.CONNECTED
+        assert not one.board.relays()[1]
+
+
+async def test_a_reader_that_lags_misses_the_oldest_and_gets_the_newest() -> None:
+    seen: list[Snapshot] = []
+    async with emulated() as emulator, link_to(emulator.port, on_snapshot=seen.append) as link:
+        await link.wait_connected(END_S)
+        lagging = link.measurements()
+        await anext(lagging)
+        seen.clear()
+        await until(lambda: len(seen) > 100)
+        await link.close()
+        rest = [snapshot async for snapshot in lagging]
+        assert 0 < len(rest) <= 64
+        assert rest[-1].channels is None  # closing is unknown too
+
+
+# --- what the board refuses ----------------------------------------------------------------------------
+
+
+async def test_a_refusal_says_which_board_what_and_why() -> None:
+    async with emulated() as emulator, link_to(emulator.port) as link:
+        await fault(emulator, "stuck", channel=7)
+        with pytest.raises(BoardRefused, match=r"127\.0\.0\.1:\d+ refused to switch channel 7 .*faulty"):
+            await link.switch(7, True)
+        with pytest.raises(BoardRefused, match="no such channel"):
+            await link.switch(10, True)
+        with pytest.raises(BoardRefused, match="no such channel"):
+            await link.switch(1000, True)
+        assert link.state is LinkState.CONNECTED
+
+
+async def test_a_board_that_refuses_to_broadcast_is_said_to() -> None:
+    async def refuse(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        writer.write(SPECIFICATION)
+        await reader.readexactly(5)
+        writer.write(encode(Acknowledge(Code.BAD_VALUE)))
+        await reader.read()
+
+    async with badly_behaved(refuse) as port, link_to(port) as link:
+        await until(lambda: link.state is LinkState.DISCONNECTED)
+        assert "refused to broadcast at 100 Hz" in link.reason
+
+
+# --- silence and loss ----------------------------------------------------------------------------------
+
+
+async def test_silence_is_unknown_and_the_board_is_known_again_when_it_speaks() -> None:
+    states: list[LinkState] = []
+    async with emulated() as emulator, link_to(emulator.port, on_state=lambda s, _: states.append(s)) as link:
+        await until(lambda: link.snapshot.channels is not None)
+        emulator.line.mute = True
+        await until(lambda: link.snapshot.channels is None)
+        assert link.state is LinkState.SILENT
+        assert "no measurements for 0.5 s" in link.snapshot.reason
+        emulator.line.mute = False
+        await until(lambda: link.snapshot.channels is not None)
+        assert states == [LinkState.CONNECTED, LinkState.SILENT, LinkState.CONNECTED]
+
+
+async def test_lasting_silence_replaces_the_connection() -> None:
+    async with emulated() as emulator, link_to(emulator.port, silence_s=0.05) as link:
+        await link.wait_connected(END_S)
+        [connection] = emulator.clients
+        emulator.line.mute = True
+        await until(lambda: connection not in emulator.clients)
+        emulator.line.mute = False
+        await until(lambda: link.state is LinkState.CONNECTED)
+
+
+async def test_a_lost_acknowledge_is_a_timeout_whose_outcome_the_measurements_show() -> None:
+    async with emulated() as emulator, link_to(emulator.port) as link:
+        await link.wait_connected(END_S)
+        emulator.line.mute = True
+        with pytest.raises(BoardTimeout, match="whether it acted is unknown"):
+            await link.switch(7, True, timeout_s=0.1)
+        assert link.snapshot.channels is None
+        emulator.line.mute = False
+        await until(lambda: link.snapshot.channels is not None)
+        assert on(link.snapshot, 7)
+
+
+async def test_a_late_acknowledge_is_never_taken_for_the_next_commands() -> None:
+    async with emulated() as emulator, link_to(emulator.port) as link:
+        await link.wait_connected(END_S)
+        await fault(emulator, "stuck", channel=7)
+        await fault(emulator, "late", delay_s=0.3)
+        with pytest.raises(BoardTimeout):
+            await link.switch(7, True, timeout_s=0.05)  # its refusal is on the way
+        await link.switch(3, True)
+        assert emulator.board.relays()[3]
+
+
+async def test_a_cancelled_command_spoils_nothing_for_the_next() -> None:
+    async with emulated() as emulator, link_to(emulator.port) as link:
+        await link.wait_connected(END_S)
+        await fault(emulator, "late", delay_s=0.2)
+        task = asyncio.create_task(link.switch(7, True))
+        await until(lambda: emulator.board.relays()[7])
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+        await emulator.clear("all", None)
+        with pytest.raises(BoardRefused):
+            await link.switch(11, True)
+        await link.switch(3, True)
+
+
+async def test_a_connection_lost_in_mid_command_is_an_unknown_outcome() -> None:
+    async with emulated() as emulator, link_to(emulator.port) as link:
+        await link.wait_connected(END_S)
+        emulator.line.mute = True
+        task = asyncio.create_task(link.switch(7, True))
+        await until(lambda: emulator.board.relays()[7])
+        await fault(emulator, "drop")
+        with pytest.raises(BoardTimeout, match="whether the board acted is unknown"):
+            await task
+
+
+async def test_a_dropped_connection_is_unknown_and_comes_back() -> None:
+    snapshots: list[Snapshot] = []
+    async with emulated() as emulator, link_to(emulator.port, on_snapshot=snapshots.append) as link:
+        await until(lambda: link.snapshot.channels is not None)
+        await fault(emulator, "drop")
+        await until(lambda: any(snapshot.channels is None for snapshot in snapshots))
+        await until(lambda: link.snapshot.channels is not None)
+
+
+async def test_a_board_that_refuses_connections_is_reached_when_it_accepts_them_again() -> None:
+    async with emulated() as emulator, link_to(emulator.port) as link:
+        await link.wait_connected(END_S)
+        await fault(emulator, "refuse")
+        await fault(emulator, "drop")
+        await until(lambda: link.state is LinkState.DISCONNECTED)
+        with pytest.raises(BoardUnreachable, match=f"127.0.0.1:{emulator.port}"):
+            await link.switch(7, True, timeout_s=0.2)
+        await emulator.clear("refuse", None)
+        await link.switch(7, True)
+
+
+@pytest.mark.parametrize("size", [1, 3, 50])
+async def test_split_frames_are_understood(size: int) -> None:
+    async with emulated() as emulator, link_to(emulator.port, broadcast_hz=5) as link:
+        await fault(emulator, "split", size=size)
+        for channel in range(5):
+            await link.switch(channel, True)
+        assert [r.on for r in (await link.request()).channels or ()] == [n < 5 for n in range(10)]
+
+
+async def test_late_frames_delay_and_disturb_nothing() -> None:
+    async with emulated() as emulator, link_to(emulator.port) as link:
+        await fault(emulator, "late", delay_s=0.1)
+        await link.switch(7, True)
+        assert on(await link.request(), 7)
+
+
+async def test_garbage_costs_the_connection_and_not_the_link() -> None:
+    states: list[tuple[LinkState, str]] = []
+    async with (
+        emulated() as emulator,
+        link_to(emulator.port, on_state=lambda s, r: states.append((s, r))) as link,
+    ):
+        await link.wait_connected(END_S)
+        await fault(emulator, "garbage")
+        await until(lambda: any(s is LinkState.DISCONNECTED and "not 0x02" in r for s, r in states))
+        await link.switch(7, True)
+        assert emulator.board.relays()[7]
+
+
+# --- who is not a board --------------------------------------------------------------------------------
+
+
+def a_free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
+async def test_a_board_that_is_not_there_is_named_with_the_reason() -> None:
+    port = a_free_port()
+    async with link_to(port) as link:
+        with pytest.raises(BoardUnreachable, match=f"127.0.0.1:{port}.*(refused|Connect)"):
+            await link.switch(7, True, timeout_s=0.3)
+        with pytest.raises(BoardUnreachable):
+            await link.wait_connected(0.05)
+        assert link.snapshot.channels is None
+
+
+async def test_a_server_that_says_nothing_is_given_up_in_time() -> None:
+    async def silent(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.read()
+
+    async with badly_behaved(silent) as port, link_to(port, connect_timeout_s=0.1) as link:
+        await until(lambda: "is it a power board?" in link.reason)
+
+
+@pytest.mark.parametrize(
+    "greeting",
+    [
+        b"HTTP/1.1 400 Bad Request\r\n\r\n",
+        MEASUREMENTS,
+        encode(Acknowledge(0)),
+        encode(Specification(())),
+        SPECIFICATION + SPECIFICATION,
+        SPECIFICATION + encode(Measurements((ChannelReading(False, 0.0, 0.0),) * 10)),
+        bytes.fromhex("02 00 FF FF"),
+        bytes.fromhex("02 63 00 00"),
+    ],
+)
+async def test_whoever_breaks_the_protocol_is_dropped_with_the_reason(greeting: bytes) -> None:
+    async def greet(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        writer.write(greeting)
+        await reader.read()
+
+    async with badly_behaved(greet) as port, link_to(port) as link:
+        await until(lambda: link.state is LinkState.DISCONNECTED)
+        assert link.reason != "not yet connected"
+        with pytest.raises(BoardUnreachable):
+            await link.switch(1, True, timeout_s=0.05)
+
+
+async def test_an_acknowledge_that_nobody_waits_for_breaks_the_protocol() -> None:
+    async def acknowledge_twice(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await open_politely(reader, writer)
+        writer.write(encode(Acknowledge(Code.OK)))
+        await reader.read()
+
+    async with badly_behaved(acknowledge_twice) as port, link_to(port) as link:
+        await until(lambda: link.state is LinkState.DISCONNECTED)
+        assert "came in state ready" in link.reason
+
+
+def test_the_waits_between_attempts_double_up_to_the_most_and_differ() -> None:
+    longest = [0.1, 0.2, 0.4, 0.8, 1.0, 1.0]
+    runs = [list(itertools.islice(backoff(0.1, 1.0), 6)) for _ in range(20)]
+    assert all(most / 2 <= wait <= most for run in runs for wait, most in zip(run, longest, strict=True))
+    assert len({tuple(run) for run in runs}) == 20
+
+
+# --- the end -------------------------------------------------------------------------------------------
+
+
+async def test_closing_ends_every_wait_and_may_be_repeated() -> None:
+    async with emulated() as emulator:
+        link = link_to(emulator.port)
+        link.start()
+        await link.wait_connected(END_S)
+        emulator.line.mute = True
+        waiting = asyncio.create_task(link.switch(7, True))
+        queued = asyncio.create_task(link.switch(8, True))
+        reading = asyncio.create_task(_read_all(link))
+        await until(lambda: emulator.board.relays()[7])
+        await link.close()
+        await link.close()
+        with pytest.raises(BoardTimeout):
+            await waiting
+        with pytest.raises(BoardUnreachable, match="closed"):
+            await queued
+        assert (await reading)[-1].channels is None
+        assert link.state is LinkState.CLOSED
+        await until(lambda: not emulator.clients)
+        with pytest.raises(BoardUnreachable, match="closed"):
+            await link.switch(7, False)
+        assert await _read_all(link) == []
+
+
+async def _read_all(link: BoardLink) -> list[Snapshot]:
+    return [snapshot async for snapshot in link.measurements()]
+
+
+async def test_a_link_that_was_never_started_can_be_closed() -> None:
+    await link_to(1).close()
+
+
+async def test_a_callback_that_fails_does_not_end_the_link() -> None:
+    def fail(*_: object) -> None:
+        raise RuntimeError("a bug of the caller")
+
+    async with emulated() as emulator, link_to(emulator.port, on_snapshot=fail, on_state=fail) as link:
+        await until(lambda: link.snapshot.channels is not None)
+        await link.switch(7, True)
+
+
+@pytest.mark.parametrize(("port", "hz"), [(5000, 0), (5000, 256), (0, 5), (70000, 5)])
+def test_options_that_no_board_takes_are_refused_at_once(port: int, hz: int) -> None:
+    with pytest.raises(ValueError, match=r"broadcast_hz|port"):
+        BoardLink("127.0.0.1", port, broadcast_hz=hz)

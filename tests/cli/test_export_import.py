@@ -1,0 +1,76 @@
+"""`robomend export` and `import`, as a user calls them."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+import pytest
+from tests.store.examples import entry, observe, with_robots
+
+from robomend.cli.main import run
+from robomend.store import database_in, open_store
+
+Capture = pytest.CaptureFixture[str]
+
+
+@pytest.fixture
+def data(tmp_path: Path) -> Path:
+    """A data folder with a robot that was observed."""
+    folder = tmp_path / "data"
+
+    async def fill() -> None:
+        store = open_store(database_in(folder))
+        await store.start()
+        await with_robots(store, "r1")
+        await observe(store, "r1", entry("scan"))
+        await store.close()
+
+    asyncio.run(fill())
+    return folder
+
+
+def exported(capsys: Capture, folder: Path) -> list[str]:
+    assert run(["export", "--data", str(folder)]) == 0
+    return capsys.readouterr().out.splitlines()
+
+
+def test_what_is_exported_can_be_imported_elsewhere(data: Path, tmp_path: Path, capsys: Capture) -> None:
+    file, other = tmp_path / "all.ndjson", tmp_path / "other"
+    assert run(["export", "--data", str(data), "--output", str(file)]) == 0
+    assert file.stat().st_mode & 0o077 == 0
+    assert run(["import", str(file), "--data", str(other)]) == 0
+    assert "records into sqlite://" in capsys.readouterr().err
+    assert exported(capsys, other) == exported(capsys, data)
+
+
+def test_a_copy_of_sqlite_takes_the_place_of_the_database(
+    data: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    copy = tmp_path / "copied" / "robomend.db"
+    copy.parent.mkdir()
+    assert run(["export", "--data", str(data), "--format", "sqlite", "--output", str(copy)]) == 0
+    assert [line for line in exported(capsys, copy.parent) if '"events"' in line]
+
+
+def test_nothing_is_overwritten(data: Path, tmp_path: Path, capsys: Capture) -> None:
+    file = tmp_path / "precious"
+    file.write_text("precious")
+    for format_ in ("ndjson", "sqlite"):
+        assert run(["export", "--data", str(data), "--format", format_, "-o", str(file)]) == 2
+    assert run(["import", str(file), "--data", str(data)]) == 2
+    assert "not empty" in capsys.readouterr().err
+    assert file.read_text() == "precious"
+
+
+def test_bad_input_is_named(data: Path, tmp_path: Path, capsys: Capture) -> None:
+    file = tmp_path / "bad"
+    file.write_bytes(b"\xff\xfe")
+    assert run(["import", str(file), "--data", str(tmp_path / "new")]) == 2
+    assert run(["import", str(tmp_path / "none"), "--data", str(tmp_path / "new")]) == 2
+    assert run(["export", "--data", str(data), "--format", "sqlite"]) == 2
+    assert run(["export", "--database", "mysql://x/y"]) == 2
+    err = capsys.readouterr().err
+    assert "none" in err
+    assert "--output" in err
+    assert "mysql" in err

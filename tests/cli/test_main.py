@@ -1,0 +1,81 @@
+"""The entry point: quick to start, exit codes, no traceback for what a user can mend."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import click
+import pytest
+
+from robomend.cli import main
+from robomend.cli.main import COMMANDS, cli, run
+from robomend.errors import BoardTimeout
+
+
+def test_version_and_help_load_no_solver_and_no_web_framework() -> None:
+    code = (
+        "import sys; from robomend.cli.main import run; "
+        "assert run(['--version']) == 0; assert run(['--help']) == 0; "
+        "heavy = {'pysat', 'clingo', 'yaml', 'fastapi', 'unified_planning', 'rich'}; "
+        "print(*sorted(heavy & set(sys.modules)))"
+    )
+    done = subprocess.run(  # one process per test: what this one has imported does not count
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True
+    )
+    assert done.stdout.startswith("robomend ")
+    assert done.stdout.endswith("\n\n")
+
+
+def test_every_command_of_this_installation_is_a_command() -> None:
+    context = click.Context(cli)
+    for name in cli.list_commands(context):
+        command = cli.get_command(context, name)
+        assert command is not None
+        assert command.get_short_help_str() or command.help
+
+
+def test_a_command_that_is_not_installed_says_so(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(cli, "table", {**COMMANDS, "ghost": ("robomend.cli.ghost:command", "")})
+    assert "ghost" not in cli.list_commands(click.Context(cli))
+    assert run(["ghost"]) == 2
+    assert "error: `ghost` is not part of this installation" in capsys.readouterr().err
+
+
+def test_bad_input_exits_with_2_and_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["compile", "/nowhere.yaml"]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err == "error: /nowhere.yaml: cannot be read: No such file or directory\n"
+    assert run(["compile"]) == 2
+    assert "error: Missing argument 'MODEL'." in capsys.readouterr().err
+    assert run(["nonsense"]) == 2
+
+
+@pytest.mark.parametrize(
+    ("raised", "code"), [(BoardTimeout("silent"), 3), (KeyboardInterrupt(), 130), (click.Abort(), 130)]
+)
+def test_failures_behind_us_and_interrupts_have_their_codes(
+    raised: BaseException, code: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise raised
+
+    monkeypatch.setattr(main.cli, "main", fail)
+    assert run(["compile"]) == code
+
+
+def test_a_reader_that_has_seen_enough_is_no_error() -> None:
+    code = "from robomend.cli.main import main; main(['--help'])"
+    reader, writer = os.pipe()
+    os.close(reader)
+    try:
+        done = subprocess.run(
+            [sys.executable, "-c", code], stdout=writer, stderr=subprocess.PIPE, timeout=60, check=False
+        )
+    finally:
+        os.close(writer)
+    assert (done.returncode, done.stderr) == (0, b"")

@@ -1,0 +1,81 @@
+"""A robomend-agent as a process of its own, for tests that kill it."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from tests.clients.service_double import eventually
+
+SLEEPER = [sys.executable, "-c", "import time; time.sleep(1000)"]
+
+
+def config(tmp_path: Path, url: str, processes: dict[str, Any], **more: Any) -> Path:
+    """Write an agent's configuration (JSON is YAML) and return the file."""
+    file = tmp_path / "agent.yaml"
+    file.write_text(
+        json.dumps(
+            {
+                "robot": "tedusar",
+                "agent": "onboard",
+                "service": {"url": url},
+                "state_dir": str(tmp_path / "state"),
+                "bus": {"listen": "tcp:127.0.0.1:0"},
+                "report": {"heartbeat_s": 0.5, "lifetime_s": 2.5},
+                "processes": processes,
+                **more,
+            }
+        )
+    )
+    return file
+
+
+@contextmanager
+def agent(file: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """Run the agent; SIGTERM at the end, and what it says goes to a file beside its configuration."""
+    with (file.parent / "agent.log").open("ab") as log:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "robomend_client.agent.main", "--verbose", str(file)], stderr=log
+        )
+        try:
+            yield process
+        finally:
+            if process.poll() is None:
+                process.send_signal(signal.SIGTERM)
+                process.wait(20)
+
+
+def alive(pid: int) -> bool:
+    """Return whether a process exists and is no zombie."""
+    try:
+        stat = Path(f"/proc/{pid}/stat").read_bytes()
+    except OSError:
+        return False
+    return stat.rpartition(b")")[2].split()[0] not in (b"Z", b"X")
+
+
+def pid_file(tmp_path: Path, name: str) -> int:
+    """Return the pid that a test's process wrote."""
+    eventually(lambda: (tmp_path / name).read_text(), "a pid in the file that is there")
+    return int((tmp_path / name).read_text())
+
+
+def marked(mark: str) -> list[int]:
+    """Return the live processes whose command line holds `mark`."""
+    found = []
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit() and int(entry.name) != os.getpid():
+            try:
+                command = (entry / "cmdline").read_bytes()
+            except OSError:
+                continue
+            if mark.encode() in command and alive(int(entry.name)):
+                found.append(int(entry.name))
+    return found

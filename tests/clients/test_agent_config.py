@@ -1,0 +1,127 @@
+"""The agent's YAML file: what it means, and complaints that name file, line and key."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from robomend_client.agent.config import AgentConfig, load
+from robomend_client.agent.main import main
+from robomend_client.agent.yaml_reader import ConfigError
+from robomend_client.observers import Rate
+
+WHOLE = """\
+robot: tedusar
+agent: onboard
+host: pc
+service: {url: "http://127.0.0.1:8080", key_file: key}
+state_dir: state
+bus: {listen: "tcp:127.0.0.1:0"}
+report: {heartbeat_s: 1, lifetime_s: 5, buffer_mb: 1}
+when_agent_ends: keep
+rate: {window: 11, settle: 5, silence_s: 0.5, check_s: 0.1}
+topics:
+  /scan: {rate_hz: 20, tolerance_hz: 2}
+  odom:
+processes:
+  laser:
+    command: [laser, --device, /dev/ttyACM0]
+    directory: work
+    environment: {LANG: C, LEVEL: 3}
+    ready: {output: "ready|up"}
+    start_timeout_s: 4
+    stop_grace_s: 0
+    start: yes
+"""
+
+
+def loaded(tmp_path: Path, text: str) -> AgentConfig:
+    (tmp_path / "key").write_text("s3cret\n")
+    file = tmp_path / "agent.yaml"
+    file.write_text(text)
+    return load(file)
+
+
+def test_every_key_arrives(tmp_path: Path) -> None:
+    config = loaded(tmp_path, WHOLE)
+    assert (config.robot, config.agent, config.host) == ("tedusar", "onboard", "pc")
+    assert config.service.key() == "s3cret"
+    assert config.state_dir == tmp_path / "state"
+    assert (config.bus, config.joins_bus, config.keep_processes) == ("tcp:127.0.0.1:0", False, True)
+    assert (config.heartbeat_s, config.lifetime_s, config.buffer_bytes) == (1, 5, 1024 * 1024)
+    demo = Rate(window=11, settle=5, silence_s=0.5, check_s=0.1)
+    scan = Rate(20, 2, window=11, settle=5, silence_s=0.5, check_s=0.1)
+    assert config.topics == (("scan", scan), ("odom", demo))
+    (laser,) = config.processes
+    assert laser.command == ("laser", "--device", "/dev/ttyACM0")
+    assert laser.directory == tmp_path / "work"
+    assert dict(laser.environment) == {"LANG": "C", "LEVEL": "3"}
+    assert (laser.ready, laser.start, laser.stop_grace_s) == ("output", True, 0)
+
+
+def test_little_is_needed_and_the_rest_has_its_published_default(tmp_path: Path) -> None:
+    config = loaded(tmp_path, "robot: r\nservice: {url: http://127.0.0.1:1}\ntopics: {scan: }\n")
+    assert config.topics == (("scan", Rate()),)
+    assert config.processes == ()
+    assert config.bus == f"unix:{config.state_dir}/bus"
+    assert not config.keep_processes
+
+
+def test_the_key_is_in_no_representation(tmp_path: Path) -> None:
+    assert "s3cret" not in repr(loaded(tmp_path, WHOLE))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "complaint"),
+    [
+        ("robot: tedusar", "robbot: tedusar", ":1: robbot: is no key here; did you mean robot?"),
+        ("robot: tedusar", "robot: [a]", ":1: robot: must be one value"),
+        ("robot: tedusar", "robot:", ":1: robot: has no value"),
+        ("host: pc", "agent: pc", ":3: agent: is there twice"),
+        ("http://", "ftp://", ":4: service.url: must start with http://"),
+        ("key_file: key", "key_file: none", ":4: service.key_file: cannot be read"),
+        ("tcp:127.0.0.1:0", "127.0.0.1", ":6: bus.listen: '127.0.0.1' is no bus address"),
+        ("lifetime_s: 5", "lifetime_s: 1.5", ":7: report.lifetime_s: must be at least twice"),
+        ("lifetime_s: 5", "lifetime_s: soon", ":7: report.lifetime_s: must be a number"),
+        ("lifetime_s: 5", "lifetime_s: .nan", ":7: report.lifetime_s: must be a number"),
+        ("buffer_mb: 1}", "buffer_mb: 0}", ":7: report.buffer_mb: must be from 0.01"),
+        ("when_agent_ends: keep", "when_agent_ends: pray", ":8: when_agent_ends: must be one of stop, keep"),
+        ("settle: 5", "settle: 11", ":9: rate.settle: settle must be from 1 to window"),
+        ("window: 11", "window: 2.5", ":9: rate.window: must be a whole number"),
+        ("rate_hz: 20", "rate_hz: 1", ":11: topics./scan.silence_s: silence_s of 0.5 is no longer"),
+        ("rate_hz: 20", "hz: 20", ":11: topics./scan.hz: is no key here"),
+        ("[laser, --device, /dev/ttyACM0]", "laser --device", ":15: processes.laser.command: must be a list"),
+        ("[laser, --device, /dev/ttyACM0]", "[]", ":15: processes.laser.command: must be a list"),
+        ("ready|up", "(", ":18: processes.laser.ready.output: is no regular expression"),
+        ('ready: {output: "ready|up"}', "ready: never", ":18: processes.laser.ready: must be one of"),
+        ("start: yes", "start: maybe", ":21: processes.laser.start: must be true or false"),
+        ("topics:", "topics: [", "not YAML"),
+        ("processes:", "processes: 3\nx:", ":13: processes: must be a mapping"),
+    ],
+)
+def test_each_mistake_is_named_with_its_place(tmp_path: Path, old: str, new: str, complaint: str) -> None:
+    assert old in WHOLE
+    with pytest.raises(ConfigError) as raised:
+        loaded(tmp_path, WHOLE.replace(old, new, 1))
+    assert complaint in str(raised.value)
+    assert str(raised.value).startswith(str(tmp_path / "agent.yaml"))
+
+
+@pytest.mark.parametrize("text", ["", "[]", "robot", "a: &a [*a]", "\0", "a: {b: {c: " * 2000])
+def test_what_is_no_configuration_is_refused_whole(tmp_path: Path, text: str) -> None:
+    with pytest.raises(ConfigError):
+        loaded(tmp_path, text)
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([str(tmp_path / "none.yaml")]) == 2
+    assert "none.yaml: cannot be read: No such file" in capsys.readouterr().err
+
+
+def test_check_says_what_a_configuration_means(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    loaded(tmp_path, WHOLE)
+    assert main([str(tmp_path / "agent.yaml"), "--check"]) == 0
+    said = capsys.readouterr().out
+    assert "topic scan: 20 ± 2 Hz" in said
+    assert "process laser: laser --device /dev/ttyACM0" in said

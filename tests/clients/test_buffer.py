@@ -1,0 +1,182 @@
+"""The queue on disk: order, bound, and what crashes leave behind."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections import deque
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robomend_client.buffer import BufferInUse, DiskBuffer, decode, encode
+
+
+def drain(buffer: DiskBuffer) -> list[Any]:
+    found = []
+    while (record := buffer.peek()) is not None:
+        found.append(record["n"])
+        buffer.take()
+    return found
+
+
+def filled(directory: Path, count: int, **options: Any) -> DiskBuffer:
+    buffer = DiskBuffer(directory, **options)
+    for number in range(count):
+        buffer.append({"n": number})
+    return buffer
+
+
+def test_records_come_back_in_order(tmp_path: Path) -> None:
+    assert drain(filled(tmp_path, 100)) == list(range(100))
+
+
+def test_what_was_not_taken_is_there_after_a_restart(tmp_path: Path) -> None:
+    buffer = filled(tmp_path, 10)
+    for _ in range(4):
+        buffer.take()
+    buffer.close()
+    assert drain(DiskBuffer(tmp_path)) == [4, 5, 6, 7, 8, 9]
+
+
+def test_the_oldest_are_dropped_and_counted_when_it_is_full(tmp_path: Path) -> None:
+    buffer = filled(tmp_path, 1000, max_bytes=2048)
+    assert buffer.bytes_waiting <= 2048
+    left = drain(buffer)
+    assert left == list(range(1000 - len(left), 1000))
+    assert buffer.dropped == 1000 - len(left)
+    buffer.close()
+    assert DiskBuffer(tmp_path).dropped == 1000 - len(left)
+
+
+def test_the_files_stay_within_the_bound_and_one_segment(tmp_path: Path) -> None:
+    buffer = filled(tmp_path, 5000, max_bytes=8192)
+    size = sum(file.stat().st_size for file in tmp_path.glob("*.log"))
+    assert size <= 8192 * (1 + 2 / 8)
+    assert len(buffer) > 0
+
+
+def test_a_record_that_never_fits_is_dropped_alone(tmp_path: Path) -> None:
+    buffer = filled(tmp_path, 3, max_bytes=1024)
+    buffer.append({"n": "x" * 2000})
+    assert buffer.dropped == 1
+    assert drain(buffer) == [0, 1, 2]
+
+
+@pytest.mark.parametrize("cut", range(1, 12))
+def test_a_torn_tail_is_skipped_and_appending_goes_on(tmp_path: Path, cut: int) -> None:
+    filled(tmp_path, 3).close()
+    file = max(tmp_path.glob("*.log"))
+    file.write_bytes(file.read_bytes()[:-cut])
+    buffer = DiskBuffer(tmp_path)
+    buffer.append({"n": 3})
+    assert buffer.corrupt == 1
+    assert drain(buffer) == [0, 1, 3]
+
+
+def test_an_altered_record_is_skipped_and_counted(tmp_path: Path) -> None:
+    filled(tmp_path, 3).close()
+    file = max(tmp_path.glob("*.log"))
+    file.write_bytes(file.read_bytes().replace(b'"n":1', b'"n":7'))
+    buffer = DiskBuffer(tmp_path)
+    assert (drain(buffer), buffer.corrupt) == ([0, 2], 1)
+
+
+def test_a_lost_head_sends_again_rather_than_nothing(tmp_path: Path) -> None:
+    buffer = filled(tmp_path, 3)
+    buffer.take()
+    buffer.close()
+    (tmp_path / "head").write_text("")
+    assert drain(DiskBuffer(tmp_path)) == [0, 1, 2]
+
+
+def test_two_processes_cannot_share_it(tmp_path: Path) -> None:
+    with pytest.raises(BufferInUse, match="in use by another process"):
+        assert [filled(tmp_path, 1), DiskBuffer(tmp_path)]
+
+
+def test_it_can_be_opened_again_once_it_was_closed(tmp_path: Path) -> None:
+    filled(tmp_path, 1).close()
+    assert len(DiskBuffer(tmp_path)) == 1
+
+
+def test_sync_happens_at_the_chosen_pace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    now, synced = [0.0], []
+    monkeypatch.setattr(os, "fsync", lambda number: synced.append(now[0]))
+    buffer = DiskBuffer(tmp_path, sync_s=1.0, clock=lambda: now[0])
+    for now[0] in (0.0, 0.5, 0.9, 1.1, 1.2, 2.0, 2.3):
+        buffer.append({"n": 0})
+    assert synced == [1.1, 2.3]
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    operations=st.lists(
+        st.one_of(
+            st.integers(0, 300).map(lambda size: ("append", size)),
+            st.just(("take", 0)),
+            st.just(("reopen", 0)),
+        ),
+        max_size=60,
+    )
+)
+def test_behaves_like_a_bounded_queue(
+    tmp_path_factory: pytest.TempPathFactory, operations: list[tuple[str, int]]
+) -> None:
+    directory, most = tmp_path_factory.mktemp("buffer"), 1024
+    buffer, oracle, dropped = DiskBuffer(directory, most), deque[dict[str, Any]](), 0
+    for number, (operation, size) in enumerate(operations):
+        if operation == "append":
+            record = {"n": number, "x": "x" * size}
+            buffer.append(record)
+            oracle.append(record)
+            while sum(len(encode(kept)) for kept in oracle) > most:
+                oracle.popleft()
+                dropped += 1
+        elif operation == "take" and oracle:
+            assert buffer.peek() == oracle.popleft()
+            buffer.take()
+        elif operation == "reopen":
+            buffer.close()
+            buffer = DiskBuffer(directory, most)
+        assert len(buffer) == len(oracle)
+        assert buffer.peek() == (oracle[0] if oracle else None)
+        assert buffer.dropped == dropped
+    buffer.close()
+
+
+@given(st.binary())
+def test_no_bytes_make_a_record_by_accident(data: bytes) -> None:
+    assert decode(data) is None
+
+
+WRITER = """
+import sys
+from robomend_client.buffer import DiskBuffer
+buffer = DiskBuffer(sys.argv[1])
+number = 0
+while True:
+    buffer.append({"n": number})
+    print(number, flush=True)
+    number += 1
+"""
+
+
+def test_what_was_appended_survives_kill_9_of_the_writer(tmp_path: Path) -> None:
+    writer = subprocess.Popen([sys.executable, "-c", WRITER, str(tmp_path)], stdout=subprocess.PIPE)
+    assert writer.stdout is not None
+    writer.stdout.readline()
+    time.sleep(0.1)
+    writer.send_signal(signal.SIGKILL)
+    said = [int(line) for line in writer.stdout.read().split(b"\n") if line]
+    writer.wait()
+    writer.stdout.close()
+    left = drain(DiskBuffer(tmp_path))
+    assert left == list(range(len(left)))
+    assert left[-1] >= said[-1]

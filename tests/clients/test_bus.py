@@ -1,0 +1,169 @@
+"""The local bus: from nodes to subscribers and observers, over real sockets."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import socket
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robomend_client.agent import broker as broker_module
+from robomend_client.agent.broker import MOST_CLIENTS, Broker, Tap
+from robomend_client.bus import LONGEST_LINE, Bus, BusGone, parse_address
+
+Heard = list[tuple[str, object]]
+
+
+def with_broker(address: str, test: Callable[[Broker, Heard], Awaitable[None]]) -> None:
+    async def run() -> None:
+        heard: Heard = []
+        broker = Broker(address, lambda topic, time_ns, data: heard.append((topic, data)))
+        await broker.open()
+        try:
+            await asyncio.wait_for(test(broker, heard), 20)
+        finally:
+            await broker.close()
+
+    asyncio.run(run())
+
+
+async def until(true: Callable[[], object]) -> None:
+    while not true():
+        await asyncio.sleep(0.005)
+
+
+async def connect(broker: Broker) -> Bus:
+    return await asyncio.to_thread(Bus, broker.address)
+
+
+@pytest.mark.parametrize("kind", ["unix", "tcp"])
+def test_messages_reach_the_observers_and_those_who_asked(kind: str, tmp_path: Path) -> None:
+    async def test(broker: Broker, heard: Heard) -> None:
+        talker, listener = await connect(broker), await connect(broker)
+        listener.subscribe("scan")
+        await asyncio.sleep(0.05)
+        talker.publish("odom", 1)
+        talker.publish("scan", {"ranges": [1, 2]})
+        assert list(await asyncio.to_thread(lambda: list(listener.receive()))) == [
+            ("scan", {"ranges": [1, 2]})
+        ]
+        assert heard == [("odom", 1), ("scan", {"ranges": [1, 2]})]
+        talker.close()
+        listener.close()
+
+    with_broker(f"unix:{tmp_path}/bus" if kind == "unix" else "tcp:127.0.0.1:0", test)
+    assert not (tmp_path / "bus").exists()
+
+
+@pytest.mark.parametrize(
+    "rubbish",
+    [b"x\n", b"[]\n", b'{"topic": 3, "data": 1}\n', b'{"topic": "a"}\n', b"[" * 5000 + b"\n", b"z" * 70000],
+)
+def test_rubbish_ends_its_own_connection_only(rubbish: bytes) -> None:
+    async def test(broker: Broker, heard: Heard) -> None:
+        good = await connect(broker)
+        reader, writer = await asyncio.open_connection(*parse_address(broker.address))
+        writer.write(rubbish)
+        with contextlib.suppress(ConnectionResetError):
+            assert await reader.read() == b""
+        writer.close()
+        good.publish("a", 1)
+        await until(lambda: heard == [("a", 1)])
+        good.close()
+
+    with_broker("tcp:127.0.0.1:0", test)
+
+
+@given(
+    st.lists(st.tuples(st.sampled_from("abc"), st.integers() | st.text()), max_size=20), st.integers(1, 50)
+)
+def test_lines_arrive_whole_however_they_are_split(messages: list[tuple[str, Any]], size: int) -> None:
+    heard: Heard = []
+    peer = broker_module._Peer(Broker("unix:x", lambda topic, time_ns, data: heard.append((topic, data))))
+    data = b"".join(json.dumps({"topic": topic, "data": value}).encode() + b"\n" for topic, value in messages)
+    for start in range(0, len(data), size):
+        peer.data_received(data[start : start + size])
+    assert heard == messages
+
+
+def test_a_subscriber_that_does_not_read_loses_messages_and_holds_up_nobody() -> None:
+    async def test(broker: Broker, heard: Heard) -> None:
+        sleeper, talker = await connect(broker), await connect(broker)
+        sleeper.subscribe("scan")
+        await asyncio.sleep(0.05)
+        for _ in range(200):
+            await asyncio.to_thread(talker.publish, "scan", "x" * 60_000)
+        await until(lambda: len(heard) == 200)
+        assert broker.dropped > 0
+        sleeper.close()
+        talker.close()
+
+    with_broker("tcp:127.0.0.1:0", test)
+
+
+def test_one_client_too_many_is_turned_away(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(broker_module, "MOST_CLIENTS", 2)
+    assert MOST_CLIENTS > 2
+
+    async def test(broker: Broker, heard: Heard) -> None:
+        buses = [await connect(broker) for _ in range(3)]
+        await asyncio.sleep(0.05)
+        with pytest.raises(BusGone):
+            await asyncio.to_thread(lambda: list(buses[2].receive()))
+        for bus in buses:
+            bus.close()
+
+    with_broker("tcp:127.0.0.1:0", test)
+
+
+def test_an_agent_elsewhere_listens_in_and_comes_back(tmp_path: Path) -> None:
+    async def test() -> None:
+        heard: Heard = []
+        address = f"unix:{tmp_path}/bus"
+        tap = Tap(address, ["scan"], lambda topic, time_ns, data: heard.append((topic, data)))
+        listening = asyncio.create_task(tap.run())
+        for number in range(2):
+            broker = Broker(address, lambda topic, time_ns, data: None)
+            await broker.open()
+            await until(lambda broker=broker: broker._subscribers)  # type: ignore[misc]  # bound for this round
+            talker = await connect(broker)
+            talker.publish("scan", number)
+            await until(lambda number=number: ("scan", number) in heard)  # type: ignore[misc]  # as above
+            talker.close()
+            await broker.close()
+        listening.cancel()
+        await asyncio.gather(listening, return_exceptions=True)
+
+    asyncio.run(asyncio.wait_for(test(), 20))
+
+
+def test_a_message_that_is_too_long_is_the_senders_error(tmp_path: Path) -> None:
+    async def test(broker: Broker, heard: Heard) -> None:
+        bus = await connect(broker)
+        with pytest.raises(ValueError, match=str(LONGEST_LINE)):
+            bus.publish("scan", "x" * LONGEST_LINE)
+        bus.close()
+
+    with_broker("tcp:127.0.0.1:0", test)
+
+
+def test_a_broker_that_is_not_there_is_gone() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+    with pytest.raises(BusGone, match=str(port)):
+        Bus(f"tcp:127.0.0.1:{port}")
+
+
+@pytest.mark.parametrize(
+    "address", ["", "unix:", "tcp:1", "tcp:h:x", "tcp:h:70000", "udp:h:1", "unix:" + "x" * 120]
+)
+def test_what_is_no_address_is_refused(address: str) -> None:
+    with pytest.raises(ValueError, match=r"bus address|too long"):
+        parse_address(address)

@@ -1,0 +1,151 @@
+"""Observations on their way to a service that may be away: in order, once, and bounded."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.clients.service_double import ServiceDouble, service_double
+
+from robomend_client.buffer import DiskBuffer
+from robomend_client.outbox import AsyncOutbox, Outbox
+from robomend_client.rest import NEVER, AsyncClient, Client
+
+Steps = Callable[[Callable[..., Any]], None]
+
+
+@pytest.fixture
+def service() -> Iterator[ServiceDouble]:
+    with service_double() as double:
+        yield double
+
+
+@pytest.fixture(params=["sync", "asyncio"])
+def outbox(
+    request: pytest.FixtureRequest, service: ServiceDouble, tmp_path: Path
+) -> Callable[[Steps], DiskBuffer]:
+    """Run `steps` with a function that calls a method of the outbox; return its buffer."""
+
+    def sync(steps: Steps) -> DiskBuffer:
+        with Client(service.url, timeout_s=2, retry=NEVER) as client:
+            box = Outbox(client, "r", DiskBuffer(tmp_path / "buffer", max_bytes=2048))
+            steps(lambda name, *arguments, **options: getattr(box, name)(*arguments, **options))
+            box.buffer.close()
+            return box.buffer
+
+    def asynchronous(steps: Steps) -> DiskBuffer:
+        loop = asyncio.new_event_loop()
+        client = AsyncClient(service.url, timeout_s=2, retry=NEVER)
+        box = AsyncOutbox(client, "r", DiskBuffer(tmp_path / "buffer", max_bytes=2048))
+        steps(lambda name, *args, **options: loop.run_until_complete(getattr(box, name)(*args, **options)))
+        loop.run_until_complete(client.close())
+        loop.close()
+        box.buffer.close()
+        return box.buffer
+
+    return sync if request.param == "sync" else asynchronous
+
+
+def said(service: ServiceDouble) -> list[str]:
+    return [sentence for batch in service.batches() for sentence in batch["observations"]]
+
+
+def test_what_was_seen_while_the_service_was_away_arrives_in_order(
+    service: ServiceDouble, outbox: Callable[[Steps], DiskBuffer]
+) -> None:
+    def steps(do: Callable[..., Any]) -> None:
+        assert do("observe", ["ok(a)"], time_ns=1)
+        service.down()
+        assert not do("observe", ["not ok(a)"], time_ns=2)
+        assert not do("observe", ["ok(b)"], time_ns=3)
+        assert not do("flush")
+        service.up()
+        assert do("observe", ["ok(c)"], time_ns=4)
+
+    assert len(outbox(steps)) == 0
+    assert said(service) == ["ok(a)", "not ok(a)", "ok(b)", "ok(c)"]
+    assert [batch["time"] for batch in service.batches()] == [1, 2, 3, 4]
+
+
+def test_a_lost_answer_does_not_make_an_observation_count_twice(
+    service: ServiceDouble, outbox: Callable[[Steps], DiskBuffer]
+) -> None:
+    def steps(do: Callable[..., Any]) -> None:
+        left: list[tuple[int, Any]] = [(503, {})]
+        service.answers = lambda method, path: left.pop() if left else None
+        assert not do("observe", ["ok(a)"])
+        assert do("flush")
+
+    outbox(steps)
+    keys = [headers["idempotency-key"] for headers in service.headers]
+    assert len(keys) == 2
+    assert len(set(keys)) == 1
+
+
+def test_what_the_service_refuses_does_not_hold_up_the_rest(
+    service: ServiceDouble, outbox: Callable[[Steps], DiskBuffer]
+) -> None:
+    def steps(do: Callable[..., Any]) -> None:
+        service.down()
+        do("observe", ["ok("])
+        do("observe", ["ok(b)"])
+        service.up()
+        left = [(422, {"code": "bad-observation"})]
+        service.answers = lambda method, path: left.pop() if left else None
+        assert do("flush")
+
+    assert len(outbox(steps)) == 0
+    assert said(service) == ["ok(b)"]
+
+
+@pytest.mark.parametrize("status", [401, 403, 404, 429, 500, 503, 507])
+def test_what_an_operator_can_mend_keeps_the_observations(
+    service: ServiceDouble, outbox: Callable[[Steps], DiskBuffer], status: int
+) -> None:
+    def steps(do: Callable[..., Any]) -> None:
+        left = [(status, {"code": "x"})]
+        service.answers = lambda method, path: left.pop() if left else None
+        assert not do("observe", ["ok(a)"])
+        assert do("flush")
+
+    outbox(steps)
+    assert said(service) == ["ok(a)"]
+
+
+def test_a_heartbeat_does_not_wait_on_the_disk(
+    service: ServiceDouble, outbox: Callable[[Steps], DiskBuffer]
+) -> None:
+    def steps(do: Callable[..., Any]) -> None:
+        service.down()
+        assert not do("observe", ["ok(a)"], buffered=False)
+
+    assert len(outbox(steps)) == 0
+
+
+def test_the_newest_are_kept_when_the_buffer_is_full(
+    service: ServiceDouble, outbox: Callable[[Steps], DiskBuffer]
+) -> None:
+    def steps(do: Callable[..., Any]) -> None:
+        service.down()
+        for number in range(100):
+            do("observe", [f"ok(t{number})"])
+        service.up()
+        assert do("flush")
+
+    dropped = outbox(steps).dropped
+    assert dropped > 0
+    assert said(service) == [f"ok(t{number})" for number in range(dropped, 100)]
+
+
+def test_the_past_survives_the_process(service: ServiceDouble, tmp_path: Path) -> None:
+    service.down()
+    with Client(service.url, retry=NEVER) as client:
+        box = Outbox(client, "r", DiskBuffer(tmp_path))
+        box.observe(["ok(a)"], time_ns=7)
+        box.buffer.close()
+        service.up()
+        assert Outbox(client, "r", DiskBuffer(tmp_path)).flush()
+    assert service.batches() == [{"observations": ["ok(a)"], "time": 7, "together": False}]

@@ -1,0 +1,90 @@
+"""Conflicts of robots, whose clauses are Horn and whose conflicts are made minimal by unit propagation."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+from pysat.solvers import Solver
+
+from robomend.diagnosis.engines import make_engine
+from robomend.diagnosis.observed import ObservationReader
+from robomend.diagnosis.result import Options
+from robomend.errors import ContradictoryModel
+from robomend.model.cnf import HealthCnf
+from robomend_bench.generator import make_robot, observe
+from robomend_client.literals import Literal, fails, holds
+
+
+def consistent(cnf: HealthCnf, healthy: tuple[str, ...], seen: tuple[Literal, ...]) -> bool:
+    with Solver("glucose4", bootstrap_with=cnf.clauses) as solver:
+        numbers = [number for literal in seen if (number := cnf.literal(literal)) is not None]
+        answer: bool = solver.solve([*(cnf.health[name] for name in healthy), *numbers])
+        return answer
+
+
+@pytest.mark.parametrize("minimal", ["cardinality", "subset"])
+def test_conflicts_of_a_warm_engine_are_minimal_in_components_and_observations(minimal: str) -> None:
+    robot = make_robot(25, 7)
+    chance = random.Random(7)
+    engine = make_engine("sat", robot.cnf)
+    other = make_engine("hs_dag", robot.cnf)
+    options = Options(minimal=minimal, limit=None)  # type: ignore[arg-type]  # a parameter is a str
+    checked = 0
+    for _ in range(25):
+        seen = observe(robot, chance.randint(1, 4), chance)
+        result = engine.diagnose(seen, options)
+        assert {d.bad for d in result.diagnoses} == {d.bad for d in other.diagnose(seen, options).diagnoses}
+        for conflict in result.conflicts:
+            parts, rests = conflict.components, conflict.observations
+            assert not consistent(robot.cnf, parts, rests)
+            for name in parts:
+                assert consistent(robot.cnf, tuple(part for part in parts if part != name), seen)
+            for literal in rests:
+                assert consistent(robot.cnf, parts, tuple(one for one in rests if one != literal))
+            checked += 1
+    assert checked > 25
+    engine.close()
+    other.close()
+
+
+def test_every_member_of_a_diagnosis_is_needed_by_a_reported_conflict() -> None:
+    robot = make_robot(40, 3)
+    chance = random.Random(3)
+    engine = make_engine("sat", robot.cnf)
+    for _ in range(20):
+        result = engine.diagnose(observe(robot, 3, chance), Options(limit=50))
+        for diagnosis in result.diagnoses:
+            for name in diagnosis.bad:
+                alone = [set(c.components) & set(diagnosis.bad) == {name} for c in result.conflicts]
+                assert any(alone)
+    engine.close()
+
+
+def test_a_list_that_changed_since_the_last_call_is_read_anew() -> None:
+    robot = make_robot(20, 1)
+    topic = next(atom.args[0] for atom in robot.cnf.atoms if atom.predicate == "ok")
+    engine = make_engine("sat", robot.cnf)
+    seen = [holds("ok", topic)]
+    assert engine.consistent(seen)
+    seen.append(holds("nobody", "mentions", "me"))
+    assert engine.consistent(seen)
+    seen[0] = fails("ok", topic)
+    assert not engine.consistent(seen)
+    engine.close()
+
+
+def test_equal_literals_are_read_alike_whatever_object_they_are() -> None:
+    robot = make_robot(20, 1)
+    seen = observe(robot, 1, random.Random(1))
+    copies = tuple((holds if one.positive else fails)(one.atom.predicate, *one.atom.args) for one in seen)
+    reader = ObservationReader(robot.cnf)
+    first = reader.read(seen)
+    assert reader.read(list(seen)) is first
+    assert reader.read(copies).numbers == first.numbers
+    assert reader.read(()).numbers == ()
+    assert reader.read(seen[:1] + copies[1:-1] + seen[-1:]) is reader.read(seen)
+    assert reader.read((*seen[:3], -seen[3], *seen[4:])).numbers[3] == -first.numbers[3]
+    assert reader.read(iter(seen)).numbers == first.numbers
+    with pytest.raises(ContradictoryModel):
+        reader.read((*seen, -seen[0]))

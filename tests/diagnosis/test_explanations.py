@@ -1,0 +1,180 @@
+"""Conflicts, diagnoses and cleared suspects, told in sentences."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from robomend.diagnosis.explanations import (
+    clear_suspects,
+    explain_conflict,
+    explain_diagnosis,
+    resolves,
+    what_was_learned,
+)
+from robomend.diagnosis.result import Conflict, Diagnosis, DiagnosisResult
+from robomend.model.cnf import HealthCnf, Rule
+from robomend_client.literals import Atom, Literal, fails, holds
+
+HOKUYO, HOKUYO_NODE, MAPPING, SCAN, MAP, ON = range(1, 7)
+
+SCAN_RULE = "not ab(hokuyo) and not ab(hokuyo_node) -> ok(scan)"
+MAP_RULE = "not ab(hector_mapping) and ok(scan) -> ok(map)"
+POWER_RULE = "not ab(hokuyo) -> on(hokuyo)"
+
+LASER = HealthCnf(
+    name="laser",
+    components=("hokuyo", "hokuyo_node", "hector_mapping"),
+    atoms=(Atom("ok", ("scan",)), Atom("ok", ("map",)), Atom("on", ("hokuyo",))),
+    clauses=((-HOKUYO, -HOKUYO_NODE, SCAN), (-MAPPING, -SCAN, MAP), (-HOKUYO, ON)),
+    origins=(0, 1, 2),
+    rules=(Rule(SCAN_RULE, "scheme 3"), Rule(MAP_RULE, "scheme 4"), Rule(POWER_RULE, "scheme 1")),
+    variables=6,
+)
+
+
+def conflict(components: str, *observations: Literal) -> Conflict:
+    return Conflict(tuple(components.split()), observations, (), "")
+
+
+def circuit(*rules: str, clauses: tuple[tuple[int, ...], ...], origins: tuple[int, ...]) -> HealthCnf:
+    """Return two inverters in a row: gates b and c; nets a, b, c."""
+    return HealthCnf(
+        name="inverters",
+        components=("b", "c"),
+        atoms=tuple(Atom("v", (net,)) for net in "abc"),
+        clauses=clauses,
+        origins=origins,
+        rules=tuple(Rule(text, f"gate {index}") for index, text in enumerate(rules)),
+        variables=5,
+        circuit=True,
+    )
+
+
+def test_an_unmet_expectation_names_what_it_rests_on() -> None:
+    text = explain_conflict(LASER, ["hokuyo", "hokuyo_node"], [fails("ok", "scan")], [SCAN_RULE])
+    assert text == (
+        "scan should be ok because hokuyo and hokuyo_node are taken to be healthy, but it was seen not ok"
+    )
+
+
+def test_other_observations_are_premises_and_the_conclusion_of_a_rule_is_the_news() -> None:
+    text = explain_conflict(LASER, ["hector_mapping"], [fails("ok", "map"), holds("ok", "scan")], [MAP_RULE])
+    assert text == (
+        "map should be ok because hector_mapping is taken to be healthy and scan was seen ok, "
+        "but it was seen not ok"
+    )
+
+
+def test_what_the_author_of_a_rule_wrote_last_is_the_news_whatever_the_clause_says() -> None:
+    rule = "not ab(hector_mapping) and not ok(map) -> not ok(scan)"  # as a clause its head is ok(map)
+    cnf = replace(LASER, clauses=((-MAPPING, MAP, -SCAN),), origins=(0,), rules=(Rule(rule, "user rule 1"),))
+    text = explain_conflict(cnf, ["hector_mapping"], [fails("ok", "map"), holds("ok", "scan")], [rule])
+    assert text == (
+        "scan should not be ok because hector_mapping is taken to be healthy and map was seen not ok, "
+        "but it was seen ok"
+    )
+
+
+def test_a_chain_of_rules_is_collapsed_to_its_premises() -> None:
+    text = explain_conflict(LASER, LASER.components, [fails("ok", "map")], [SCAN_RULE, MAP_RULE])
+    assert text == (
+        "map should be ok because hokuyo, hokuyo_node and hector_mapping are taken to be healthy, "
+        "but it was seen not ok"
+    )
+
+
+def test_power_running_trends_and_pairs_read_naturally() -> None:
+    assert explain_conflict(LASER, ["hokuyo"], [fails("on", "hokuyo")], [POWER_RULE]).endswith(
+        "hokuyo should be on because hokuyo is taken to be healthy, but it was seen off"
+    )
+    node = [fails("running", "n")]
+    assert explain_conflict(LASER, ["n"], node, []).endswith("but it was seen not running")
+    pair = explain_conflict(LASER, ["imu"], [fails("matched", "odom_yaw", "imu_yaw")], [])
+    assert pair == (
+        "odom_yaw and imu_yaw should match because imu is taken to be healthy, "
+        "but they were seen not to match"
+    )
+    rising = explain_conflict(LASER, ["imu"], [holds("inc", "yaw")], [])
+    assert rising == (
+        "yaw should not be increasing because imu is taken to be healthy, but it was seen increasing"
+    )
+
+
+def test_a_predicate_of_a_users_rule_holds_or_does_not() -> None:
+    text = explain_conflict(LASER, ["router"], [fails("link", "a", "b")], ["not ab(router) -> link(a,b)"])
+    assert text == (
+        "link(a,b) should hold because router is taken to be healthy, but it was seen not to hold"
+    )
+
+
+def test_the_head_of_a_horn_clause_is_the_news_where_the_text_has_no_arrow() -> None:
+    five_key = HealthCnf(
+        name="five",
+        components=LASER.components,
+        atoms=LASER.atoms,
+        clauses=((-MAPPING, -SCAN, MAP),),
+        origins=(0,),
+        rules=(Rule("NAB(hector_mapping), ok(scan) => ok(map)", "five-key rule 1"),),
+        variables=6,
+    )
+    seen = [holds("ok", "scan"), fails("ok", "map")]
+    text = explain_conflict(five_key, ["hector_mapping"], seen, [five_key.rules[0].text])
+    assert text.startswith("map should be ok because")
+
+
+def test_in_a_circuit_the_last_net_of_the_chain_is_the_news() -> None:
+    rules = ("v(b) = NOT(v(a))", "v(c) = NOT(v(b))")
+    clauses = ((-1, 3, 4), (-1, -3, -4), (-2, 4, 5), (-2, -4, -5))
+    two = circuit(*rules, clauses=clauses, origins=(0, 0, 1, 1))
+    text = explain_conflict(two, ["b", "c"], [fails("v", "c"), holds("v", "a")], rules)
+    assert text == (
+        "v(c) should be 1 because b and c are taken to be healthy and v(a) was seen 1, but it was seen 0"
+    )
+
+
+def test_a_conflict_without_observations_is_the_models_own() -> None:
+    assert explain_conflict(LASER, ["a", "b"], [], []) == (
+        "a and b are taken to be healthy, but the rules do not allow it, whatever is seen"
+    )
+
+
+def test_long_lists_are_counted() -> None:
+    many = [f"node{i}" for i in range(40)]
+    assert "node6 and 33 more are taken" in explain_conflict(LASER, many, [fails("ok", "map")], [])
+
+
+def test_a_diagnosis_resolves_the_conflicts_that_it_hits() -> None:
+    conflicts = [conflict("a b", fails("ok", "x")), conflict("b c", fails("ok", "y"))]
+    assert resolves(("b",), conflicts) == (0, 1)
+    assert resolves(("a", "c"), conflicts) == (0, 1)
+    assert resolves(("c",), conflicts) == (1,)
+    assert explain_diagnosis(Diagnosis(("b",)), conflicts) == "b explains not ok(x) and not ok(y)"
+    assert explain_diagnosis(Diagnosis(("a", "c")), conflicts) == (
+        "a explains not ok(x); c explains not ok(y)"
+    )
+    assert explain_diagnosis(Diagnosis(()), []).startswith("nothing is wrong")
+    stuck = Diagnosis(("b",), modes={"b": "stuck"})
+    assert explain_diagnosis(stuck, conflicts).startswith("b (in mode stuck) explains")
+
+
+def test_a_healthy_suspect_is_cleared_by_what_the_leading_diagnosis_explains() -> None:
+    conflicts = [conflict("a b", fails("ok", "x")), conflict("b c", fails("ok", "y")), conflict("b d")]
+    cleared = clear_suspects([("b",), ("a", "c", "d")], conflicts)
+    assert list(cleared) == ["a", "c", "d"]
+    assert cleared["a"] == (
+        "b already resolves the only conflict naming it (not ok(x)); 1 of 2 diagnoses blames it instead"
+    )
+    assert clear_suspects([("b",)], conflicts)["d"] == "b already resolves the only conflict naming it"
+    assert clear_suspects([], conflicts) == {}
+
+
+def test_each_observation_says_what_it_taught() -> None:
+    conflicts = [conflict("a b", fails("ok", "x")), conflict("c", fails("ok", "x"), holds("ok", "y"))]
+    seen = [fails("ok", "x"), holds("ok", "y"), holds("on", "z")]
+    result = DiagnosisResult(("a", "b", "c"), (), True, None, tuple(conflicts), 0.0)
+    assert result.learned == {seen[0]: (0, 1), seen[1]: (1,)}
+    assert what_was_learned(conflicts, seen) == {
+        "not ok(x)": "one of a and b is abnormal and c is abnormal",
+        "ok(y)": "c is abnormal",
+        "on(z)": "clashes with nothing that is taken to be healthy",
+    }

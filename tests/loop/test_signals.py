@@ -1,0 +1,37 @@
+"""What reaches a running repair: a yes counts once, for the question it was given to."""
+
+from __future__ import annotations
+
+import pytest
+
+from robomend.signals import Signals
+
+pytestmark = pytest.mark.anyio
+
+
+async def test_a_yes_that_comes_at_once_is_not_lost() -> None:
+    signals = Signals()
+    signals.ask()
+    signals.approve(by="ann", request=1)
+    assert await signals.decided(1.0)
+    assert (signals.by, signals.answers(), signals.answers()) == ("ann", (1,), ())
+
+
+async def test_a_yes_to_an_earlier_question_is_no_answer_to_a_new_one() -> None:
+    signals = Signals()
+    signals.approve(by="ann", request=1)
+    signals.ask()
+    signals.approve(by="ann", request=1)  # read from the store once more
+    assert not await signals.decided(0.01)
+    signals.approve(by="bob", request=2)
+    assert await signals.decided(1.0)
+    assert signals.answers() == (1, 2)
+
+
+async def test_an_end_counts_for_more_than_a_yes_and_the_first_end_is_told() -> None:
+    signals = Signals()
+    signals.approve(by="ann", request=1)
+    signals.end(by="bob", reason="I see smoke", request=2)
+    signals.end(by="eve", reason="global stop: people on the floor", stop=True)
+    assert not await signals.decided(1.0)
+    assert (signals.by, signals.reason, signals.stopped) == ("bob", "I see smoke", False)

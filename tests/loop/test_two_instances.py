@@ -1,0 +1,101 @@
+"""Two services on one database: when the owner of a robot is killed, the other goes on with its repair."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from pathlib import Path
+
+import pytest
+from tests.loop.remote import ServiceProcess, ended, latest, remote_robot, services
+from tests.loop.robot import Robot
+
+pytestmark = pytest.mark.anyio
+
+TAKEN_OVER_S = 5.0
+
+
+@pytest.fixture(params=["sqlite", "postgresql"])
+def database(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[str, ...]:
+    """The arguments that name one database to two services."""
+    if request.param == "sqlite":
+        return ("--data", str(tmp_path))
+    return ("--data", str(tmp_path), "--database", str(request.getfixturevalue("postgres_url")))
+
+
+async def owner_of(running: list[ServiceProcess], database: tuple[str, ...]) -> ServiceProcess:
+    """Return the service that carries out the robot's repairs."""
+    from robomend.api.runtime import opened_store
+    from robomend.settings import Settings
+
+    values = dict(zip(("data", "database"), database[1::2], strict=False))
+    async with opened_store(Settings.model_validate(values)) as store:
+        owner = await store.read(lambda view: view.owner("r1"))
+        instances = await store.read(lambda view: view.instances())
+    assert owner is not None
+    [pid] = [instance.pid for instance in instances if instance.id == owner.instance]
+    [found] = [one for one in running if one.process is not None and one.process.pid == pid]
+    return found
+
+
+async def test_the_other_instance_takes_over_a_repair_and_finishes_it(database: tuple[str, ...]) -> None:
+    begun = asyncio.Event()
+
+    async def slow(robot: Robot, name: str, parameter: str) -> int | None:
+        begun.set()
+        await asyncio.sleep(0.3)
+        return None
+
+    async with services(database, database) as running, remote_robot(running) as robot:
+        robot.spoil = slow
+        await asyncio.sleep(0.5)
+        robot.on = dict.fromkeys(robot.on, False)
+        robot.running = dict.fromkeys(robot.running, False)
+        robot.connected = dict.fromkeys(robot.connected, False)
+        async with asyncio.timeout(20):
+            await begun.wait()
+        victim = await owner_of(running, database)
+        [other] = [service for service in running if service is not victim]
+        client = other.client
+        assert client is not None
+        acknowledged = (await client.observations("r1"))["revision"]
+        await victim.kill()
+        killed = time.monotonic()
+        while await owner_of([*running], database) is not other:
+            assert time.monotonic() - killed < TAKEN_OVER_S
+            await asyncio.sleep(0.2)
+        repair = await latest([other], ended)
+        after = await client.observations("r1")
+        audit = await client.audit("r1", limit=500)
+    assert repair["state"] == "repaired", repair["reason"]
+    assert repair["rounds"][0]["ending"] == "interrupted"
+    assert robot.complaints == []
+    assert len(set(robot.ids)) == len(robot.ids)
+    assert len(robot.done) == 5
+    assert after["revision"] > acknowledged
+    sent = [entry["subject"] for entry in audit["items"] if entry["action"] == "action.sent"]
+    assert sorted(sent) == sorted(robot.done)
+
+
+async def test_a_cancellation_reaches_the_owner_through_the_other_instance(database: tuple[str, ...]) -> None:
+    begun = asyncio.Event()
+
+    async def hangs(robot: Robot, name: str, parameter: str) -> int | None:
+        begun.set()
+        await asyncio.sleep(60)
+        return None
+
+    async with services(database, database) as running, remote_robot(running) as robot:
+        robot.spoil = hangs
+        await asyncio.sleep(0.5)
+        robot.cut("base")
+        async with asyncio.timeout(20):
+            await begun.wait()
+        owner = await owner_of(running, database)
+        [other] = [service for service in running if service is not owner]
+        client = other.client
+        assert client is not None
+        open_one = (await client.repairs("r1", limit=1))["items"][0]
+        await client.cancel(open_one["id"], "I see smoke")
+        repair = await latest([other], ended, timeout_s=5.0)
+    assert (repair["id"], repair["state"], repair["reason"]) == (open_one["id"], "cancelled", "I see smoke")

@@ -1,0 +1,152 @@
+"""encodings/grounding.lp and its Python side, against plain substitution."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robomend.errors import ObservationError
+from robomend.model import grounding
+from robomend.model.formulas import And, Formula, Implies, Leaf, Not, Or, Quantified, Truth, Variable, leaves
+from robomend.model.grounding import ground
+from robomend.model.sentences import parse
+from robomend.model.vocabulary import Vocabulary
+from robomend_client.literals import Atom, Literal, holds
+
+HOSTILE = 'x). :- bound(_,_). #show foo("'
+"""A name that would do harm if it ever became program text."""
+
+VOCABULARY = Vocabulary(
+    sorts={"nodes": ("a", "b", HOSTILE), "topics": ("t", "u"), "empty": ()},
+    predicates={"p": (("nodes", "topics"),), "q": (("nodes",),)},
+    relations={
+        "publishes": frozenset({("a", "t"), ("b", "u"), (HOSTILE, "u")}),
+        "reads": frozenset({("b", "t")}),
+    },
+)
+
+
+def read(sentence: str) -> Formula:
+    return parse(sentence, VOCABULARY.sorts, VOCABULARY.relations)
+
+
+def value(formula: Formula, true: frozenset[Atom], scope: dict[str, str]) -> bool:
+    """The meaning of a sentence, quantifiers and guards included, by definition."""
+    match formula:
+        case Leaf(literal):
+            atom = Atom(literal.atom.predicate, tuple(scope.get(arg, arg) for arg in literal.atom.args))
+            return (atom in true) == literal.positive
+        case Truth(known):
+            return known
+        case Not(body):
+            return not value(body, true, scope)
+        case And(parts):
+            return all(value(part, true, scope) for part in parts)
+        case Or(parts):
+            return any(value(part, true, scope) for part in parts)
+        case Implies(left, right):
+            return not value(left, true, scope) or value(right, true, scope)
+        case Quantified(universal, variable, sort, guard, body):
+            scopes = [{**scope, variable: member} for member in VOCABULARY.sorts[sort]]
+            found = [value(body, true, s) for s in scopes if all(related(g, s) for g in guard)]
+            return all(found) if universal else any(found)
+        case _:
+            raise AssertionError(formula)
+
+
+def related(guard: Literal, scope: dict[str, str]) -> bool:
+    one, other = (scope.get(arg, arg) for arg in guard.atom.args)
+    if guard.atom.predicate == "same":
+        return (one == other) == guard.positive
+    return ((one, other) in VOCABULARY.relations[guard.atom.predicate]) == guard.positive
+
+
+@pytest.mark.parametrize(
+    ("sentence", "truth"),
+    [("forall n in empty: q(n)", True), ("exists n in empty: q(n)", False)],
+)
+def test_over_nothing_forall_is_true_and_exists_is_false(sentence: str, truth: bool) -> None:
+    assert ground(read(sentence), VOCABULARY) == Truth(truth)
+
+
+def test_guards_join_over_what_the_model_fixes() -> None:
+    found = ground(read("forall n in nodes, t in topics where publishes(n, t): p(n, t)"), VOCABULARY)
+    pairs = [("a", "t"), ("b", "u"), (HOSTILE, "u")]
+    assert [str(leaf.literal) for leaf in leaves(found)] == [str(holds("p", *pair)) for pair in pairs]
+
+
+def test_a_quoted_name_is_never_a_variable() -> None:
+    found = ground(read('exists a in nodes: p("a", t) or q(a)'), VOCABULARY)
+    assert [leaf.literal.atom.args for leaf in leaves(found)][:2] == [("a", "t"), ("a",)]
+    assert {leaf.literal for leaf in leaves(found)} >= {holds("q", "b"), holds("q", HOSTILE)}
+
+
+def test_a_sentence_without_quantifier_comes_back_as_it_is() -> None:
+    formula = read("p(a,t) -> q(b)")
+    assert ground(formula, VOCABULARY) is formula
+
+
+def test_instances_have_a_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(grounding, "MAX_INSTANCES", 5)
+    with pytest.raises(ObservationError, match="more than 5 instances"):
+        ground(read("forall n in nodes, t in topics: p(n, t)"), VOCABULARY)
+    monkeypatch.setattr(grounding, "MAX_INSTANCES", 100)
+    monkeypatch.setattr(grounding, "MAX_CANDIDATES", 5)
+    with pytest.raises(ObservationError, match="more than 5 combinations"):
+        ground(read("forall n in nodes, t in topics where publishes(n, t): p(n, t)"), VOCABULARY)
+
+
+ATOMS = [Atom("q", (n,)) for n in VOCABULARY.sorts["nodes"]] + [
+    Atom("p", (n, t)) for n in VOCABULARY.sorts["nodes"] for t in VOCABULARY.sorts["topics"]
+]
+
+
+@st.composite
+def sentences(
+    draw: st.DrawFn, depth: int = 3, nodes: tuple[str, ...] = ("a",), topics: tuple[str, ...] = ("t",)
+) -> Formula:
+    """Sentences with quantifiers inside one another; `nodes` and `topics` are what may be named."""
+
+    def below(n: tuple[str, ...] = nodes, t: tuple[str, ...] = topics) -> Formula:
+        return draw(sentences(depth - 1, n, t))
+
+    kind = draw(st.sampled_from(["leaf", "not", "and", "or", "implies", "quantifier", "quantifier"]))
+    if depth == 0 or kind == "leaf":
+        args = (draw(st.sampled_from(nodes)), draw(st.sampled_from(topics)))
+        atom = Atom("p", args) if draw(st.booleans()) else Atom("q", args[:1])
+        return Leaf(Literal(atom, draw(st.booleans())))
+    if kind == "not":
+        return Not(below())
+    if kind in ("and", "or"):
+        return (And if kind == "and" else Or)((below(), below()))
+    if kind == "implies":
+        return Implies(below(), below())
+    sort = draw(st.sampled_from(["nodes", "topics", "empty"]))
+    variable = Variable(f"V{depth}")
+    names = (*nodes, variable) if sort != "topics" else nodes
+    others = (*topics, variable) if sort == "topics" else topics
+    guard = []
+    if draw(st.booleans()):
+        relation = draw(st.sampled_from(["publishes", "reads", "same"]))
+        pair = (draw(st.sampled_from(names)), draw(st.sampled_from(names if relation == "same" else others)))
+        guard.append(Literal(Atom(relation, pair), draw(st.booleans())))
+    return Quantified(draw(st.booleans()), variable, sort, tuple(guard), below(names, others))
+
+
+@given(sentences(), st.data())
+def test_the_ground_sentence_means_the_same(sentence: Formula, data: st.DataObject) -> None:
+    found = ground(sentence, VOCABULARY)
+    for _ in range(5):
+        true = frozenset(data.draw(st.lists(st.sampled_from(ATOMS), unique=True)))
+        assert value(found, true, {}) == value(sentence, true, {})
+
+
+def test_several_bindings_are_several_quantifiers() -> None:
+    one = ground(read("forall n, m in nodes where not same(n, m): q(n) or q(m)"), VOCABULARY)
+    for size in range(4):
+        for chosen in combinations(VOCABULARY.sorts["nodes"], size):
+            true = frozenset(Atom("q", (name,)) for name in chosen)
+            assert value(one, true, {}) == (size >= 2)

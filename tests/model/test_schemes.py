@@ -1,0 +1,162 @@
+"""The six schemes on random models, against a second reading of section IV-D; then the opt-in keys."""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robomend.model.cnf import HealthCnf
+from robomend.model.compiling import compile_robot
+from robomend.model.components import ComponentModel, Hardware, Node, Topic, Value
+from robomend.model.loading import load_text
+
+Words = frozenset[str]
+
+
+@st.composite
+def robots(draw: st.DrawFn) -> ComponentModel:
+    """Robots of up to five devices and five nodes, drivers of every kind, shared topics, related values."""
+    channels = draw(st.lists(st.none() | st.integers(0, 9), max_size=5))
+    taken: set[int] = set()
+    hardware: dict[str, Hardware] = {}
+    for index, channel in enumerate(channels):
+        free = channel if channel not in taken else None
+        taken |= {channel} if channel is not None else set()
+        hardware[f"h{index}"] = Hardware(f"h{index}", free)
+    topics = [f"t{index}" for index in range(draw(st.integers(1, 5)))]
+    some_topics = st.lists(st.sampled_from(topics), unique=True, max_size=3)
+    nodes: dict[str, Node] = {}
+    for index in range(draw(st.integers(1, 5))):
+        drives = draw(st.lists(st.sampled_from([*hardware]), unique=True, max_size=2)) if hardware else []
+        published = draw(some_topics)
+        inputs = {topic: () if drives else tuple(draw(some_topics)) for topic in published}
+        nodes[f"n{index}"] = Node(f"n{index}", tuple(drives), inputs)
+    values = {f"v{i}": Value(f"v{i}", draw(st.sampled_from(topics)), "x") for i in range(3)}
+    pairs = [("v0", "v1"), ("v1", "v0"), ("v1", "v2")]
+    related = draw(st.lists(st.sampled_from(pairs), unique=True, max_size=3))
+    return ComponentModel(
+        "r", hardware, nodes, {t: Topic(t) for t in topics}, values=values, related=tuple(related)
+    )
+
+
+def paper(model: ComponentModel) -> set[Words]:
+    """The clauses as sets of words, straight from the formulas and sets of section IV-D."""
+    components = {*model.hardware, *model.nodes}
+    sh = {h for h in model.hardware if model.hardware[h].channel is not None}
+    other = set(model.hardware) - sh
+    hw = {n: set(model.nodes[n].drives) & sh for n in model.nodes}
+    sn = {n for n in model.nodes if hw[n]}
+    hn = {n for n in model.nodes if model.nodes[n].drives} - sn
+    plain = set(model.nodes) - sn - hn
+    out = {n: set(model.nodes[n].publishes) for n in model.nodes}
+    found: set[Words] = set()
+    found |= {frozenset({f"ab({h})", f"on({h})"}) for h in sh}
+    found |= {frozenset({f"ab({s})", *(f"ab({h})" for h in hw[s]), f"ok({t})"}) for s in sn for t in out[s]}
+    found |= {frozenset({f"ab({h})", f"ok({t})"}) for h in hn for t in out[h]}
+    found |= {
+        frozenset({f"ab({n})", *(f"not ok({i})" for i in model.nodes[n].publishes[t]), f"ok({t})"})
+        for n in plain
+        for t in out[n]
+        if t not in model.nodes[n].publishes[t]  # ok(t) -> ok(t) says nothing
+    }
+    found |= {frozenset({f"ab({n})", f"running({n})"}) for n in components - (other | sh)}
+    for n1, n2 in product(model.nodes, repeat=2):
+        for v1, v2 in model.related:
+            if model.values[v1].topic in out[n1] and model.values[v2].topic in out[n2]:
+                word = f"matched({min(v1, v2)},{max(v1, v2)})"
+                found.add(frozenset({f"ab({n1})", f"ab({n2})", word}))
+    return found
+
+
+def words(cnf: HealthCnf) -> list[Words]:
+    return [frozenset(cnf.word(literal) for literal in clause) for clause in cnf.clauses]
+
+
+@given(robots())
+def test_compiles_to_the_clauses_of_the_paper_and_no_others(model: ComponentModel) -> None:
+    cnf = compile_robot(model).cnf
+    assert set(words(cnf)) == paper(model)
+    assert cnf.weak
+    assert cnf.components == (*model.hardware, *model.nodes)
+
+
+@given(robots())
+def test_every_clause_reads_like_its_rule(model: ComponentModel) -> None:
+    cnf = compile_robot(model).cnf
+    for clause, origin in zip(words(cnf), cnf.origins, strict=True):
+        premises, _, conclusion = cnf.rules[origin].text.partition(" -> ")
+        negated = {
+            p.removeprefix("not ") if p.startswith("not ") else f"not {p}" for p in premises.split(" and ")
+        }
+        assert clause == negated | {conclusion}
+
+
+def clauses(text: str, **keys: Any) -> set[Words]:
+    return set(words(load_text("robomend: 1\n" + text, **keys).cnf))
+
+
+def clause(*of: str) -> Words:
+    return frozenset(of)
+
+
+def test_a_device_without_channel_beside_a_switchable_one_adds_nothing() -> None:
+    found = clauses("hardware: {a: {channel: 1}, b: {}}\nnodes: {n: {drives: [a, b], publishes: {t: []}}}")
+    assert clause("ab(n)", "ab(a)", "ok(t)") in found
+
+
+def test_blame_hardware_puts_a_device_without_channel_into_its_drivers_clause() -> None:
+    text = "hardware: {b: {}}\nnodes: {n: {drives: [b], publishes: {t: []}}}"
+    assert clause("ab(n)", "ok(t)") in clauses(text)
+    assert clause("ab(n)", "ab(b)", "ok(t)") in clauses("blame_hardware: true\n" + text)
+    own = text.replace("b: {}", "b: {blame_hardware: true}")
+    assert clause("ab(n)", "ab(b)", "ok(t)") in clauses(own)
+    not_this = text.replace("b: {}", "b: {blame_hardware: false}")
+    assert clause("ab(n)", "ok(t)") in clauses("blame_hardware: true\n" + not_this)
+
+
+def test_inputs_of_a_driver_count_only_when_asked() -> None:
+    found = clauses(
+        "hardware: {a: {channel: 1}}\ntopics: [cmd]\n"
+        "nodes: {n: {drives: [a], inputs_matter: true, publishes: {t: [cmd]}}}"
+    )
+    assert clause("ab(n)", "ab(a)", "not ok(cmd)", "ok(t)") in found
+
+
+def test_power_is_a_chain_and_who_gets_none_is_not_to_blame() -> None:
+    found = clauses(
+        "hardware: {psu: {}, hub: {channel: 1, fed_by: [psu]}, cam: {fed_by: hub}}\n"
+        "nodes: {n: {drives: [cam], publishes: {t: []}}, m: {drives: [hub], publishes: {u: []}}}"
+    )
+    assert found == {
+        clause("ab(psu)", "on(psu)"),
+        clause("ab(hub)", "not on(psu)", "on(hub)"),
+        clause("ab(cam)", "not on(hub)", "on(cam)"),
+        clause("ab(m)", "ab(hub)", "not on(hub)", "ok(u)"),
+        clause("ab(n)", "not on(cam)", "ok(t)"),
+        clause("ab(n)", "running(n)"),
+        clause("ab(m)", "running(m)"),
+    }
+
+
+def test_two_publishers_give_two_clauses_and_a_warning() -> None:
+    system = load_text("robomend: 1\nnodes: {a: {publishes: {t: []}}, b: {publishes: {t: []}}}")
+    assert {clause("ab(a)", "ok(t)"), clause("ab(b)", "ok(t)")} <= set(words(system.cnf))
+    assert any("2 publishers (a, b)" in warning for warning in system.warnings)
+
+
+def test_cycles_of_topics_are_fine() -> None:
+    found = clauses("nodes: {a: {publishes: {t: [u]}}, b: {publishes: {u: [t]}}}")
+    assert {clause("ab(a)", "not ok(u)", "ok(t)"), clause("ab(b)", "not ok(t)", "ok(u)")} <= found
+
+
+@pytest.mark.parametrize("order", ["[[x, y]]", "[[y, x]]", "[[x, y], [y, x]]"])
+def test_related_values_give_one_clause_whatever_their_order(order: str) -> None:
+    found = load_text(
+        "robomend: 1\nnodes: {a: {publishes: {t: []}}, b: {publishes: {u: []}}}\n"
+        f"values: {{x: {{topic: t, field: f}}, y: {{topic: u, field: f}}}}\nrelated: {order}"
+    ).cnf
+    assert words(found).count(clause("ab(a)", "ab(b)", "matched(x,y)")) == 1

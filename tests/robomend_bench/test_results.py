@@ -1,0 +1,128 @@
+"""Measurements: what is saved, summed up, compared and drawn."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+from robomend.errors import InputError
+from robomend_bench.charts import cactus, scaling
+from robomend_bench.results import Built, Run, Sample, disagreements, load, save, slope, summarise
+from robomend_bench.tables import comparison, markdown, seconds, times
+
+MACHINE = {"cpu": "c", "cores": 2, "load": 0.1, "system": "s", "python": "3", "versions": {"robomend": "0"}}
+
+
+def sample(group: str, size: int, question: str, contender: str, took_s: float, **more: object) -> Sample:
+    plain = Sample(group, size, question, contender, 0, "ok", took_s, (1, 1), 1)
+    return replace(plain, **more)  # type: ignore[arg-type]  # fields of Sample, by name
+
+
+RUN = Run(
+    suite="toy",
+    mode="all",
+    command="robomend-bench toy",
+    seed=1,
+    contenders=("a", "b <&>"),
+    machine=MACHINE,
+    started="2026-01-01T00:00:00+00:00",
+    samples=(
+        sample("small", 10, "q1", "a", 0.002),
+        sample("small", 10, "q1", "a", 0.001, repeat=1),
+        sample("small", 10, "q1", "b <&>", 0.004),
+        sample("small", 10, "q2", "a", 0.003),
+        sample("small", 10, "q2", "b <&>", 0.030),
+        sample("large", 100, "q1", "a", 0.02),
+        sample("large", 100, "q1", "b <&>", 9.0, status="timeout", result=None),
+    ),
+    built=(Built("small", "a", 0.1, 30.0, 42.0),),
+)
+
+
+def test_a_run_is_saved_and_read_back(tmp_path: Path) -> None:
+    save(RUN, tmp_path / "run.json")
+    assert load(tmp_path / "run.json") == RUN
+
+
+NO_RUNS = ["", "{}", "[]", '{"robomend_bench": 99}', '{"robomend_bench": 1, "samples": [1]}']
+
+
+@pytest.mark.parametrize("text", NO_RUNS)
+def test_what_is_no_run_is_refused(tmp_path: Path, text: str) -> None:
+    (tmp_path / "other.json").write_text(text)
+    with pytest.raises(InputError, match=r"other\.json"):
+        load(tmp_path / "other.json")
+
+
+def test_lines_take_the_fastest_repeat_and_the_median_over_questions() -> None:
+    first, second, large, late = summarise(RUN)
+    assert (first.solved, first.asked, first.median_s, first.worst_s) == (2, 2, 0.002, 0.003)
+    assert first.peak_mib == 42.0
+    assert second.ratio == pytest.approx((4 + 10) / 2)
+    assert (large.group, large.median_s) == ("large", 0.02)
+    assert (late.solved, late.median_s, late.ratio) == (0, None, None)
+
+
+def test_the_exponent_of_growth_is_the_slope() -> None:
+    assert slope(RUN, "a") == pytest.approx(1.0)
+    assert slope(RUN, "b <&>") is None
+
+
+def test_different_complete_answers_are_disagreements() -> None:
+    assert disagreements(RUN.samples) == ()
+    wrong = sample("small", 10, "q1", "c", 0.1, result=(2, 1))
+    (text,) = disagreements([*RUN.samples, wrong])
+    assert text == "small/q1: (1, 1) by a/b <&>, (2, 1) by c"
+    assert disagreements([*RUN.samples, replace(wrong, status="timeout")]) == ()
+
+
+def test_times_have_three_digits_and_a_unit() -> None:
+    assert [seconds(t) for t in (4.7e-6, 1.234e-4, 0.039, 1.2, 75.0, None)] == [
+        "4.70 µs",
+        "123 µs",
+        "39.0 ms",
+        "1.20 s",
+        "75.0 s",
+        "-",
+    ]
+    assert [times(r) for r in (0.5, 12.34, 1234.0, None)] == ["0.50×", "12.3×", "1234×", "-"]
+
+
+def test_the_report_says_what_was_run_and_where() -> None:
+    text = markdown(RUN)
+    assert "| small | 10 | a | 2/2 | 2.00 ms | 3.00 ms | 1.00× | 1 | 42 MiB |" in text
+    assert "| large | 100 | b <&> | 0/1 | - | - | - | - | - |" in text
+    assert "All contenders gave the same answers." in text
+    assert "`robomend-bench toy`" in text
+    assert "2026-01-01" in text
+    assert "**1 disagreements**" in markdown(replace(RUN, disagreements=("small/q1: …",)))
+
+
+def test_two_runs_are_compared_over_what_both_solved() -> None:
+    faster = replace(RUN, samples=tuple(replace(s, seconds=s.seconds / 2) for s in RUN.samples[:5]))
+    text = comparison(RUN, faster)
+    assert "| small | a | 2 | 2.00 ms | 1.00 ms | 0.50× | 0 | 0 |" in text
+    assert "| large | a | 0 | - | - | - | 1 | 0 |" in text
+    other = replace(RUN, samples=(replace(RUN.samples[0], result=(5, 1)),))
+    assert "The answers differ" in comparison(RUN, other)
+
+
+@pytest.mark.parametrize("draw", [cactus, scaling])
+def test_plots_are_well_formed_and_name_each_contender(draw: object) -> None:
+    assert callable(draw)
+    tree = ElementTree.fromstring(draw(RUN))
+    texts = {element.text for element in tree.iter("{http://www.w3.org/2000/svg}text")}
+    assert {"a", "b <&>"} <= texts
+    width, height = float(tree.attrib["width"]), float(tree.attrib["height"])
+    for line in tree.iter("{http://www.w3.org/2000/svg}line"):
+        assert all(0 <= float(line.attrib[key]) <= width for key in ("x1", "x2"))
+        assert all(0 <= float(line.attrib[key]) <= height for key in ("y1", "y2"))
+
+
+def test_a_run_in_which_nothing_was_solved_is_still_drawn() -> None:
+    nothing = replace(RUN, samples=tuple(replace(s, status="timeout") for s in RUN.samples))
+    assert "none solved" in cactus(nothing)
+    assert "none solved" in scaling(nothing)

@@ -1,0 +1,137 @@
+"""The load generator: what it counts is right, and it notices what goes wrong."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import math
+import time
+from collections.abc import Iterator
+
+import pytest
+from click.testing import CliRunner
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robomend.model.loading import load_text
+from robomend.observations.language import parse
+from robomend_bench.service.command import command
+from robomend_bench.service.fleet import prepare, run_fleet
+from robomend_bench.service.measure import Latency, percentile
+from robomend_bench.service.process import Served, model_text, served
+from robomend_bench.service.robots import LITERALS, RECENT, SimulatedRobot
+from robomend_bench.service.wire import ServiceGone, connect, request
+
+
+@given(st.lists(st.floats(0, 1e3), min_size=1, max_size=300), st.floats(0.01, 1.0))
+def test_a_percentile_is_the_least_value_that_so_many_do_not_exceed(
+    values: list[float], share: float
+) -> None:
+    ordered = sorted(values)
+    found = percentile(ordered, share)
+    assert sum(value <= found for value in values) >= share * len(values)
+    assert sum(value < found for value in values) < share * len(values)
+
+
+def test_nothing_measured_is_no_latency() -> None:
+    assert math.isnan(Latency.of([]).p50_ms)
+
+
+@given(st.integers(1, 11), st.integers(0, 100))
+def test_changes_that_come_together_never_cancel_out(faults: int, seed: int) -> None:
+    robot = SimulatedRobot("r", seed, faults=faults)
+    recent: list[str] = []
+    for _ in range(60):
+        (said,) = robot.change()
+        literal = said.removeprefix("not ")
+        assert literal not in recent[-RECENT:]
+        recent.append(literal)
+        assert said in robot.expected()
+    assert robot.revision == 60
+
+
+def test_every_literal_is_of_the_model_and_a_conflict_of_its_own() -> None:
+    system = load_text(model_text(), name="m", format=None)
+    named = [{*clause} for clause in system.cnf.clauses]
+    for name in LITERALS:
+        (literal,) = parse(name, system.vocabulary)
+        variable = system.cnf.atom_variable[literal.atom]
+        assert any(variable in clause and len(clause) == 2 for clause in named), name
+
+
+@pytest.fixture(scope="module")
+def service() -> Iterator[Served]:
+    with served() as running:
+        yield running
+
+
+def test_a_run_accounts_for_every_change(service: Served) -> None:
+    async def run() -> None:
+        robots = [SimulatedRobot(f"a{number}", 1, faults=3) for number in range(5)]
+        await prepare(service.url, robots)
+        result = await run_fleet(service.url, robots, rate_hz=10, seconds=1, seed=1, served=service)
+        assert result.due == result.acknowledged.count == result.diagnosed.count == 50
+        assert (result.errors, result.lost, result.undiagnosed) == ({}, (), 0)
+        assert result.service_cpu is not None
+
+    asyncio.run(run())
+
+
+def test_what_the_service_does_not_know_is_reported_as_lost(service: Served) -> None:
+    async def run() -> tuple[str, ...]:
+        robots = [SimulatedRobot(f"b{number}", 1, faults=3) for number in range(2)]
+        await prepare(service.url, robots)
+        robots[0].revision += 1  # a change that the service never got
+        robots[1].holds["running(rviz)"] = False
+        result = await run_fleet(service.url, robots, rate_hz=1, seconds=1, seed=1)
+        return result.lost
+
+    lost = asyncio.run(run())
+    assert [line.split(":")[0] for line in lost] == ["b0", "b1"]
+
+
+def test_latency_counts_from_when_a_change_was_due(service: Served) -> None:
+    """A robot whose connection is busy for a while has late changes, not fewer."""
+
+    async def run() -> None:
+        robots = [SimulatedRobot("c0", 1, faults=3)]
+        await prepare(service.url, robots)
+        loop = asyncio.get_running_loop()
+        loop.call_later(0.3, time.sleep, 0.5)  # the generator itself is held up
+        result = await run_fleet(service.url, robots, rate_hz=20, seconds=1, seed=1)
+        assert result.acknowledged.count == 20
+        assert result.sent_late.max_ms > 250
+        assert result.acknowledged.max_ms > 250
+
+    asyncio.run(run())
+
+
+def test_a_broken_connection_is_told_to_all_who_wait() -> None:
+    async def run() -> None:
+        async def hang_up(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+            await reader.readline()
+            writer.close()
+
+        server = await asyncio.start_server(hang_up, "127.0.0.1", 0)
+        port = server.sockets[0].getsockname()[1]
+        connection = await connect(f"http://127.0.0.1:{port}")
+        asked = [connection.ask(request("GET", "/")) for _ in range(3)]
+        answers = await asyncio.gather(*asked, return_exceptions=True)
+        assert all(isinstance(answer, ServiceGone) for answer in answers)
+        server.close()
+
+    asyncio.run(run())
+
+
+@pytest.mark.parametrize("part", ["single", "fleet", "memory", "posts", "ndjson"])
+def test_each_part_gives_its_figures(part: str) -> None:
+    small = ["--robots", "5", "--seconds", "1", "--changes", "10", "--writers", "4", "--observations", "2000"]
+    answer = CliRunner().invoke(command, ["--only", part, "--format", "json", *small])
+    assert answer.exit_code == 0, answer.output
+    assert set(json.loads(answer.stdout)) == {part}
+
+
+def test_a_part_that_there_is_not_is_refused() -> None:
+    answer = CliRunner().invoke(command, ["--only", "fleets"])
+    assert answer.exit_code == 2
+    assert "fleets" in answer.output

@@ -1,0 +1,144 @@
+"""Each suite, tiny, over real processes; and contenders that are late, refuse or die."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import time
+from collections.abc import Iterator, Mapping
+
+import pytest
+
+from robomend.errors import InputError, OptionRefused
+from robomend_bench.results import Run
+from robomend_bench.running import run_suite
+from robomend_bench.suite import Answer, Ask, Group, Question, Wish, find_suite, suite_names
+from robomend_bench.worker import Contestant
+
+TINY = {"iscas85": ("c17",), "robots-v1": ("20",), "multi-observation": ("c17",)}
+
+
+@pytest.fixture(autouse=True)
+def no_process_is_left() -> Iterator[None]:
+    yield
+    assert not multiprocessing.active_children()
+
+
+def tiny(name: str, mode: str, contenders: tuple[str, ...] = ()) -> Run:
+    wish = Wish(mode=mode, only=TINY[name], instances=2, timeout_s=20.0)
+    return run_suite(find_suite(name), wish, contenders, repeats=1)
+
+
+@pytest.mark.parametrize(
+    ("name", "mode"),
+    [(name, mode) for name in TINY for mode in find_suite(name).modes if mode != "check"],
+)
+def test_every_suite_runs_in_every_mode_and_all_agree(name: str, mode: str) -> None:
+    run = tiny(name, mode)
+    assert run.disagreements == ()
+    assert {sample.status for sample in run.samples} == {"ok"}
+    assert len(run.samples) == 2 * len(run.contenders)
+    assert all(built.peak_mib > 0 for built in run.built)
+
+
+def test_the_check_is_timed_over_many_calls() -> None:
+    run = tiny("robots-v1", "check")
+    assert [sample.status for sample in run.samples] == ["ok", "ok"]
+    assert all(sample.result == (1,) for sample in run.samples)
+
+
+def test_larger_diagnoses_that_were_not_wanted_are_no_time_out() -> None:
+    wish = Wish(mode="subset", only=("c432",), instances=1, timeout_s=20.0, max_size=1, faults=(2, 2))
+    run = run_suite(find_suite("iscas85"), wish, ("sat", "layered-full"), repeats=1)
+    assert [sample.status for sample in run.samples] == ["ok", "ok"]
+    assert run.disagreements == ()
+
+
+def test_questions_of_one_minimum_cardinality_can_be_asked_for() -> None:
+    wish = Wish(mode="first", only=("c432",), instances=3, faults=(3, 4), size=2)
+    run = run_suite(find_suite("iscas85"), wish, ("sat",), repeats=1)
+    assert {sample.result for sample in run.samples} == {(2,)}
+    with pytest.raises(InputError, match="lower --size"):
+        list(find_suite("iscas85").groups(Wish(mode="first", only=("c17",), faults=(1, 1), size=4)))
+
+
+def test_engines_take_part_with_the_solver_that_is_named() -> None:
+    ours = ("sat", "sat:glucose4", "maxsat", "asp", "hs_dag")
+    run = tiny("iscas85", "all", (*ours, "rc2-fresh", "layered-full", "clingo-domain"))
+    assert run.disagreements == ()
+    assert {sample.status for sample in run.samples} == {"ok"}
+
+
+def test_who_does_not_know_a_mode_is_refused_and_the_others_go_on() -> None:
+    run = tiny("iscas85", "subset", ("sat", "rc2-fresh", "sat:kissat404"))
+    by_status = {sample.contender: sample.status for sample in run.samples}
+    assert by_status == {"sat": "ok", "rc2-fresh": "refused", "sat:kissat404": "refused"}
+    assert any("ignores assumptions" in sample.note for sample in run.samples)
+
+
+def test_suites_are_found_by_name() -> None:
+    assert set(TINY) <= set(suite_names())
+    with pytest.raises(OptionRefused, match="no suite is named 'nothing'"):
+        find_suite("nothing")
+    for name in TINY:
+        with pytest.raises(InputError):
+            list(find_suite(name).groups(Wish(mode=next(iter(find_suite(name).modes)), only=("no such",))))
+
+
+def test_questions_are_the_same_for_the_same_seed() -> None:
+    for name in TINY:
+        suite = find_suite(name)
+        wish = Wish(mode=next(iter(suite.modes)), only=TINY[name], instances=3)
+        assert list(suite.groups(wish)) == list(suite.groups(wish))
+
+
+class Odd:
+    """A suite whose contenders misbehave; found in the child by the name of this module."""
+
+    name = "odd"
+    summary = "contenders that misbehave"
+    modes: Mapping[str, str] = {"first": "nothing"}
+
+    def contenders(self, mode: str) -> tuple[str, ...]:
+        return ("late",)
+
+    def groups(self, wish: Wish) -> Iterator[Group]:
+        yield Group("odd", 1, None, (Question("q", None),))
+
+    def prepare(self, contender: str, group: Group, wish: Wish) -> Ask:
+        def late(question: Question) -> Answer:
+            time.sleep(600)
+            return Answer((1,), complete=True)
+
+        def dead(question: Question) -> Answer:
+            os._exit(1)
+
+        def wrong(question: Question) -> Answer:
+            raise ValueError("it has a bug")
+
+        return {"late": late, "dead": dead, "wrong": wrong}[contender]
+
+
+@pytest.mark.parametrize(
+    ("contender", "status", "note"),
+    [
+        ("late", "timeout", "killed"),
+        ("dead", "error", "died"),
+        ("wrong", "error", "it has a bug"),
+    ],
+)
+def test_a_contender_that_misbehaves_harms_nobody(
+    contender: str, status: str, note: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # fork, so that the child knows the suite of this test; the runs themselves spawn
+    monkeypatch.setattr("robomend_bench.worker.START_METHOD", "fork")
+    monkeypatch.setattr("robomend_bench.worker.find_suite", lambda name: Odd())
+    (group,) = Odd().groups(Wish(mode="first"))
+    contestant = Contestant("odd", contender, group, Wish(mode="first", timeout_s=0.05))
+    try:
+        for _ in range(2):  # it starts again after the first
+            got, _answer, _seconds, why = contestant.ask(0)
+            assert got == status
+            assert note in why
+    finally:
+        contestant.close()

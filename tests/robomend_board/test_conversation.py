@@ -1,0 +1,117 @@
+"""Client and board in memory: one decoder each, no port, no clock."""
+
+from __future__ import annotations
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robomend.board.codec import (
+    Acknowledge,
+    Broadcast,
+    Code,
+    Measurements,
+    Message,
+    Request,
+    SwitchChannel,
+    encode,
+)
+from robomend.board.session import Answered, Command, Session, State
+from robomend.errors import RemoteProtocolError
+from robomend_board.board import Board
+from robomend_board.conversation import Conversation
+from robomend_board.loads import default_rig
+
+
+def replies(conversation: Conversation, data: bytes, now_s: float = 0.0) -> list[Message]:
+    conversation.receive(data)
+    found: list[Message] = []
+    while (messages := conversation.replies(now_s)) is not None:
+        found += messages
+    return found
+
+
+def raw(conversation: Conversation, frame: str) -> str:
+    return b"".join(map(encode, replies(conversation, bytes.fromhex(frame)))).hex(" ").upper()
+
+
+def a_board(on: tuple[int, ...] = (2,)) -> Conversation:
+    return Conversation(Board(default_rig(10), on))
+
+
+def test_the_golden_dialogue() -> None:
+    board = a_board()
+    assert encode(board.greeting())[:5] == bytes.fromhex("02 00 51 00 0A")
+    assert raw(board, "02 01 01 00 C8") == "02 05 01 00 00"
+    assert board.broadcast_hz == 200
+    assert raw(board, "02 04 02 00 03 01") == "02 05 01 00 00"
+    assert raw(board, "02 03 00 00").startswith("02 05 01 00 00 02 02 5B 00 0A 00")
+    assert raw(board, "02 03 01 00 00").startswith("02 05 01 00 00 02 02 5B 00 0A 00")
+    assert raw(board, "02 01 01 00 00") == "02 05 01 00 00"
+    assert board.broadcast_hz == 0
+
+
+def test_every_wrong_command_gets_its_code_and_the_conversation_goes_on() -> None:
+    board = a_board()
+    assert raw(board, "02 04 02 00 0A 01") == "02 05 01 00 01"  # channel 10 of 0 to 9
+    assert raw(board, "02 04 02 00 03 02") == "02 05 01 00 02"  # neither on nor off
+    assert raw(board, "02 04 01 00 03") == "02 05 01 00 02"  # a byte is missing
+    assert raw(board, "02 03 02 00 00 00") == "02 05 01 00 02"  # two extra bytes
+    assert raw(board, "02 63 03 00 01 02 03") == "02 05 01 00 04"  # no such command
+    assert raw(board, "02 05 01 00 00") == "02 05 01 00 04"  # only boards send these
+    assert raw(board, "02 04 02 00 03 01") == "02 05 01 00 00"
+
+
+def test_a_command_split_into_bytes_is_one_command() -> None:
+    board = a_board()
+    found = [
+        message for byte in bytes.fromhex("02 04 02 00 03 01") for message in replies(board, bytes([byte]))
+    ]
+    assert found == [Acknowledge(Code.OK)]
+
+
+def test_two_clients_share_the_board_but_not_the_rate() -> None:
+    board = Board(default_rig(10))
+    first, second = Conversation(board), Conversation(board)
+    replies(first, encode(Broadcast(5)) + encode(SwitchChannel(7, 1)))
+    assert (first.broadcast_hz, second.broadcast_hz) == (5, 0)
+    *_, measured = replies(second, encode(Request()))
+    assert isinstance(measured, Measurements)
+    assert measured.channels[7].on
+
+
+commands: st.SearchStrategy[Command] = st.one_of(
+    st.builds(Broadcast, st.integers(0, 255)),
+    st.just(Request()),
+    st.builds(SwitchChannel, st.integers(0, 12), st.sampled_from([0, 1])),
+)
+
+
+@given(st.lists(commands, max_size=12), st.integers(1, 40))
+def test_a_session_and_a_conversation_understand_each_other_at_any_split(
+    sequence: list[Command], size: int
+) -> None:
+    board, client = a_board(), Session()
+    list(client.receive(encode(board.greeting())))
+    for now, command in enumerate(sequence):
+        stream = b"".join(map(encode, replies(board, client.send(command), float(now))))
+        pieces = [stream[at : at + size] for at in range(0, len(stream), size)]
+        events = [event for piece in pieces for event in client.receive(piece)]
+        assert client.state is State.READY
+        answer = events[-1]
+        assert isinstance(answer, Answered)
+        assert answer.command == command
+        beyond = isinstance(command, SwitchChannel) and command.channel >= 10
+        assert answer.code == (Code.UNKNOWN_CHANNEL if beyond else Code.OK)
+        if isinstance(command, Request):
+            assert isinstance(events[0], Measurements)
+
+
+@given(st.binary(max_size=500), st.integers(1, 100))
+def test_garbage_is_answered_or_ends_the_conversation_and_does_nothing_else(data: bytes, size: int) -> None:
+    board = a_board()
+    try:
+        for at in range(0, len(data), size):
+            for message in replies(board, data[at : at + size]):
+                assert isinstance(message, Acknowledge | Measurements)
+    except RemoteProtocolError:
+        pass

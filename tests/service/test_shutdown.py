@@ -1,0 +1,38 @@
+"""SIGTERM: whoever waits is answered, and the service ends well before its graceful time is over."""
+
+from __future__ import annotations
+
+import signal
+import threading
+import time
+from pathlib import Path
+
+import httpx
+from tests.api.conftest import TEDUSAR
+from tests.api.test_process import served
+
+
+def test_long_polls_of_agents_and_diagnoses_are_answered_at_the_end(tmp_path: Path) -> None:
+    with served(tmp_path) as (process, url):
+        with httpx.Client(base_url=f"{url}/api/v1", timeout=20) as http:
+            http.put("/models/m", json={"source": TEDUSAR})
+            assert http.put("/robots/r1", json={"model": "m"}).status_code == 201
+        answers: dict[str, int] = {}
+
+        def wait(path: str) -> None:
+            answers[path] = httpx.get(f"{url}/api/v1/robots/r1/{path}", timeout=60).status_code
+
+        paths = ("actions/next?wait_s=50", "diagnosis?wait_s=50&after=1000")
+        threads = [threading.Thread(target=wait, args=(path,)) for path in paths]
+        for thread in threads:
+            thread.start()
+        deadline = time.monotonic() + 20
+        while "robomend_waiting 2.0" not in httpx.get(f"{url}/metrics", timeout=20).text:
+            assert time.monotonic() < deadline, "they do not wait"
+            time.sleep(0.02)
+        process.send_signal(signal.SIGTERM)
+        for thread in threads:
+            thread.join(20)
+        assert answers == {paths[0]: 204, paths[1]: 200}
+        assert process.wait(20) == 0
+    assert "unforeseen" not in (tmp_path / "log").read_text()

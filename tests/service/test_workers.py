@@ -1,0 +1,96 @@
+"""`robomend serve --workers`: several processes on one port; one dies, the parent dies, a signal ends all."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import httpx
+from tests.api.conftest import TEDUSAR
+from tests.api.test_process import alive, command, served, workers_of
+
+
+def until(true: Callable[[], bool], what: str, timeout_s: float = 30.0) -> None:
+    """Wait until something holds."""
+    deadline = time.monotonic() + timeout_s
+    while not true():
+        assert time.monotonic() < deadline, what
+        time.sleep(0.02)
+
+
+def test_a_worker_that_dies_is_replaced_and_nothing_acknowledged_is_lost(tmp_path: Path) -> None:
+    with served(tmp_path, "--workers", "2") as (process, url):
+        first = workers_of(process.pid)
+        assert len(first) == 2
+        with httpx.Client(base_url=f"{url}/api/v1", timeout=20) as http:
+            http.put("/models/tedusar", json={"source": TEDUSAR})
+            assert http.put("/robots/r1", json={"model": "tedusar"}).status_code == 201
+        accepted = 0
+        for number in range(40):
+            if number == 20:
+                os.kill(first[0], signal.SIGKILL)
+            sentence = "ok(map)" if number % 2 else "not ok(map)"
+            try:  # each on a connection of its own, so that both workers are asked
+                answer = httpx.post(
+                    f"{url}/api/v1/robots/r1/observations", json={"observations": [sentence]}, timeout=20
+                )
+            except httpx.TransportError:
+                continue  # it was with the one that died
+            assert answer.status_code == 200
+            accepted += 1
+        assert accepted >= 38
+        until(lambda: len(workers_of(process.pid)) == 2, "nobody took the place of the dead worker")
+        assert set(workers_of(process.pid)) != set(first)
+        found = httpx.get(f"{url}/api/v1/robots/r1/observations", timeout=20).json()
+        assert accepted <= found["revision"] <= 40
+        assert process.poll() is None
+
+
+def test_a_signal_ends_all_workers_in_order_with_open_streams(tmp_path: Path) -> None:
+    with served(tmp_path, "--workers", "2") as (process, url):
+        workers = workers_of(process.pid)
+        with httpx.stream("GET", f"{url}/api/v1/events", timeout=20) as stream:
+            lines = stream.iter_lines()
+            next(lines)
+            process.send_signal(signal.SIGTERM)
+            assert list(lines)[-1] == ""
+        assert process.wait(20) == 0
+        assert not any(map(alive, workers))
+
+
+def test_workers_do_not_outlive_their_parent(tmp_path: Path) -> None:
+    with served(tmp_path, "--workers", "2") as (process, _):
+        workers = workers_of(process.pid)
+        family = [*workers, *(pid for worker in workers for pid in workers_of(worker))]
+        os.kill(process.pid, signal.SIGKILL)
+        process.wait(10)
+        until(lambda: not any(map(alive, family)), "a worker outlived its parent", 10.0)
+
+
+def test_workers_that_cannot_start_end_the_parent_with_their_reason(tmp_path: Path) -> None:
+    arguments = ("serve", "--port", "0", "--host", "0.0.0.0", "--workers", "2", "--data", str(tmp_path))
+    refused = subprocess.run(command(*arguments), capture_output=True, text=True, timeout=60)
+    assert refused.returncode == 2
+    assert "robomend keys create" in refused.stderr
+
+
+def test_a_port_that_is_taken_is_said_to_be(tmp_path: Path) -> None:
+    with served(tmp_path) as (_, url):
+        port = url.rsplit(":", 1)[1]
+        other = tmp_path / "other"
+        arguments = ("serve", "--port", port, "--workers", "2", "--data", str(other))
+        refused = subprocess.run(command(*arguments), capture_output=True, text=True, timeout=60)
+    assert refused.returncode == 2
+    assert "another service" in refused.stderr
+
+
+def test_the_announcement_comes_once(tmp_path: Path) -> None:
+    with served(tmp_path, "--workers", "3") as (process, url):
+        assert httpx.get(f"{url}/readyz", timeout=20).status_code == 200
+        process.send_signal(signal.SIGTERM)
+        assert process.stdout is not None
+        assert process.stdout.read() == ""

@@ -1,0 +1,87 @@
+"""A process for tests to kill: `python -m tests.store.instance URL JOB`. It says what it was told is safe.
+
+write     sixteen writers observe robots w0 … w7: a line `robot marker` for each acknowledgement
+own       acquires r1, begins a repair and journals an intent: a line `fence repair`, then waits
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import sys
+from collections.abc import Callable
+
+from tests.store.examples import entry, with_robots
+
+from robomend.store import open_store
+from robomend.store.interface import Store, Transaction
+from robomend.store.records import Once
+from robomend_client.events import Kind
+
+WRITERS = 16
+ROBOTS = tuple(f"w{number}" for number in range(8))
+
+
+def say(line: str) -> None:
+    """Hand a line to the test at once: what is in a buffer of ours dies with us."""
+    os.write(1, f"{line}\n".encode())
+
+
+async def write(store: Store) -> None:
+    """Write for ever, and tell of each write that was acknowledged."""
+    if not (await store.read(lambda db: db.robots())).items:
+        await with_robots(store, *ROBOTS)
+    say("ready")
+
+    async def writer(number: int) -> None:
+        robot, count = ROBOTS[number % len(ROBOTS)], 0
+        while True:
+            count += 1
+            marker = f"{os.getpid()}-{number}-{count}"
+            await store.write(accept(robot, marker), robots=(robot,), once=Once(robot, marker, marker))
+            say(f"{robot} {marker}")
+
+    await asyncio.gather(*(writer(number) for number in range(WRITERS)))
+
+
+def accept(robot: str, marker: str) -> Callable[[Transaction], int]:
+    """Return the change that one acknowledgement stands for: history, OBS and event."""
+
+    def change(tx: Transaction) -> int:
+        entries = [entry(marker)]
+        revision = tx.observe(robot, accepted=entries, changed=[entry("last", source=marker)])
+        tx.emit(Kind.OBSERVATIONS, robot, {"marker": marker})
+        return revision
+
+    return change
+
+
+async def own(store: Store) -> None:
+    """Own r1 in the middle of a repair."""
+    fence = await store.ownership.acquire("r1")
+    assert fence is not None
+    repair = await store.write(lambda tx: tx.create_repair("r1", state="running", data={}, fence=fence))
+    await store.write(
+        lambda tx: tx.intend(
+            repair.id,
+            0,
+            action=f"{repair.id}:0",
+            name="power_up",
+            parameters=["jaguar"],
+            timeout_s=10,
+            fence=fence,
+        )
+    )
+    say(f"{fence.number} {repair.id}")
+    await asyncio.sleep(600)
+
+
+async def main(url: str, job: str) -> None:
+    """Run the job on the store."""
+    store = open_store(url)
+    await store.start()
+    await {"write": write, "own": own}[job](store)
+
+
+if __name__ == "__main__":
+    asyncio.run(main(*sys.argv[1:]))

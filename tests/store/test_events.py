@@ -1,0 +1,133 @@
+"""The event log: order, replay, and live delivery within a process and across instances."""
+
+from __future__ import annotations
+
+import asyncio
+from functools import partial
+
+import pytest
+
+from robomend.store.interface import Store, Transaction, View
+from robomend.store.records import EventRange
+from robomend.store.tail import Tail
+from robomend_client.events import Event, Kind
+
+pytestmark = pytest.mark.anyio
+
+
+async def emit(store: Store, *robots: str | None) -> None:
+    def change(tx: Transaction) -> None:
+        for robot in robots:
+            tx.emit(Kind.ROBOT, robot, {"by": robot})
+
+    await store.write(change)
+
+
+async def test_events_are_replayed_after_an_id_and_by_robot(store: Store) -> None:
+    assert await store.read(lambda db: db.event_range()) == EventRange(1, 0)
+    await emit(store, "a", "b", None, "a")
+    assert [e.robot for e in await store.read(lambda db: db.events(1))] == ["b", None, "a"]
+    assert [e.id for e in await store.read(lambda db: db.events(0, robot="a"))] == [1, 4]
+    assert [e.id for e in await store.read(lambda db: db.events(0, limit=2))] == [1, 2]
+    assert await store.read(lambda db: db.event_range()) == EventRange(1, 4)
+    event = (await store.read(lambda db: db.events(3)))[0]
+    assert (event.kind, event.data) == (Kind.ROBOT, {"by": "a"})
+
+
+async def test_subscribers_hear_the_events_of_all_instances_in_order(store: Store, second: Store) -> None:
+    """Both instances write at once; each hears the same log."""
+    heard: dict[str, list[int]] = {"first": [], "second": []}
+    store.subscribe(lambda events: heard["first"].extend(e.id for e in events))
+    end = second.subscribe(lambda events: heard["second"].extend(e.id for e in events))
+    await asyncio.gather(*(emit(who, "a", "b") for _ in range(100) for who in (store, second)))
+    async with asyncio.timeout(10):
+        while min(len(ids) for ids in heard.values()) < 400:
+            await asyncio.sleep(0.01)
+    assert heard["first"] == heard["second"] == list(range(1, 401))
+    end()
+    await emit(store, "c")
+    await asyncio.sleep(0.2)
+    assert (len(heard["first"]), len(heard["second"])) == (401, 400)
+
+
+def events_after(last: int, db: View) -> tuple[Event, ...]:
+    return db.events(last)
+
+
+async def test_readers_never_see_an_id_before_a_smaller_one(store: Store, second: Store) -> None:
+    """A reader who resumes after the largest id seen would otherwise miss the one that commits late."""
+    writing = asyncio.gather(*(emit(who, "x") for _ in range(150) for who in (store, second)))
+    seen: list[int] = []
+    async with asyncio.timeout(20):
+        while len(seen) < 300:
+            last = seen[-1] if seen else 0
+            seen += [e.id for e in await store.read(partial(events_after, last))]
+    await writing
+    assert seen == list(range(1, 301))
+
+
+async def test_a_tail_that_falls_behind_reads_the_log() -> None:
+    """Own commits that do not follow on the last event make it read what is between."""
+    log = [Event(n, n, Kind.ROBOT, "r", {}) for n in range(1, 20)]
+
+    async def read(after: int) -> tuple[Event, ...]:
+        await asyncio.sleep(0)
+        return tuple(e for e in log if after < e.id <= after + 3)
+
+    tail = Tail(read)
+    tail.start(2)
+    heard: list[int] = []
+    tail.listen(lambda events: heard.extend(e.id for e in events))
+    tail.committed(tuple(log[2:4]))
+    tail.committed(tuple(log[8:10]))
+    await asyncio.sleep(0)
+    tail.committed(tuple(log[10:12]))
+    tail.sign(15)
+    async with asyncio.timeout(5):
+        while tail.last < 15:
+            await asyncio.sleep(0)
+    assert heard == list(range(3, tail.last + 1))
+    await tail.close()
+
+
+async def test_a_listener_that_fails_takes_no_event_from_the_others(store: Store) -> None:
+    loop = asyncio.get_running_loop()
+    told: list[object] = []
+    loop.set_exception_handler(lambda _, context: told.append(context["exception"]))
+    failure = ZeroDivisionError()
+
+    def fail(events: tuple[Event, ...]) -> None:
+        raise failure
+
+    heard: list[int] = []
+    store.subscribe(fail)
+    store.subscribe(lambda events: heard.extend(event.id for event in events))
+    await emit(store, "a", "b")
+    await asyncio.sleep(0)
+    loop.set_exception_handler(None)
+    assert (heard, told) == ([1, 2], [failure])
+
+
+async def test_an_own_commit_that_overtakes_a_read_of_the_log_comes_once() -> None:
+    log = [Event(n, n, Kind.ROBOT, "r", {}) for n in range(1, 5)]
+    reading, go_on = asyncio.Event(), asyncio.Event()
+
+    async def read(after: int) -> tuple[Event, ...]:
+        found = tuple(event for event in log if event.id > after)
+        reading.set()
+        await go_on.wait()
+        return found
+
+    tail = Tail(read)
+    tail.start(0)
+    heard: list[int] = []
+    tail.listen(lambda events: heard.extend(event.id for event in events))
+    tail.sign(2)
+    await reading.wait()
+    tail.committed(tuple(log[:3]))
+    go_on.set()
+    async with asyncio.timeout(5):
+        while tail.last < 4:
+            await asyncio.sleep(0)
+    assert heard == [1, 2, 3, 4]
+    await tail.close()

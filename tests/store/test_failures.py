@@ -1,0 +1,260 @@
+"""When the database is gone, full, locked, slow or no database: clear errors, and recovery by itself."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import pickle
+import sqlite3
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import psycopg
+import pytest
+from tests.postgres import PostgresServer
+from tests.store.examples import entry, observe, with_robots
+
+from robomend.errors import RobomendError, StoreError, StoreFull, StoreOverloaded
+from robomend.store import open_store, sql, writer
+from robomend.store.interface import Store, Transaction
+
+pytestmark = pytest.mark.anyio
+
+
+async def eventually(store: Store, robot: str) -> int:
+    """Observe until the store takes it, for at most 20 s."""
+    async with asyncio.timeout(20):
+        while True:
+            try:
+                return await observe(store, robot, entry("back"))
+            except StoreError:
+                await asyncio.sleep(0.05)
+
+
+async def test_a_server_that_went_away_is_an_error_until_it_is_back(
+    postgres_server: PostgresServer, postgres_url: str
+) -> None:
+    store = open_store(postgres_url)
+    await store.start()
+    try:
+        await with_robots(store, "r1")
+        assert await observe(store, "r1", entry("scan")) == 1
+        heard: list[int] = []
+        store.subscribe(lambda events: heard.extend(event.id for event in events))
+        postgres_server.crash()
+        try:
+            with pytest.raises(StoreError):
+                await observe(store, "r1", entry("lost"))
+            with pytest.raises(StoreError):
+                await store.read(lambda db: db.obs("r1"))
+        finally:
+            postgres_server.start()
+        revision = await eventually(store, "r1")
+        obs = await store.read(lambda db: db.obs("r1"))
+        assert obs.revision == revision
+        assert {"scan", "back"} <= {e.atom.args[0] for e in obs.entries}
+        async with asyncio.timeout(10):
+            while heard[-1:] != [revision]:
+                await asyncio.sleep(0.01)
+        assert heard == list(range(2, revision + 1))
+    finally:
+        await store.close()
+
+
+async def test_a_connection_that_was_cut_while_idle_is_replaced_without_an_error(
+    postgres_url: str,
+) -> None:
+    store = open_store(postgres_url)
+    await store.start()
+    try:
+        await with_robots(store, "r1")
+        with psycopg.connect(postgres_url, autocommit=True) as admin:
+            admin.execute(
+                "SELECT pg_terminate_backend(pid) FROM pg_stat_activity"
+                " WHERE datname = current_database() AND pid <> pg_backend_pid()"
+            )
+        assert await observe(store, "r1", entry("scan")) == 1
+        assert (await store.read(lambda db: db.obs("r1"))).revision == 1
+    finally:
+        await store.close()
+
+
+async def fill(store: Store, url: str) -> None:
+    """Make the next writes find no room, as the database itself reports it."""
+    if url.startswith("sqlite"):
+
+        def no_more_pages(tx: Transaction) -> None:
+            connection = tx.connection  # type: ignore[attr-defined]  # of the implementation
+            pages = connection.exec_driver_sql("PRAGMA page_count").scalar()
+            connection.exec_driver_sql(f"PRAGMA max_page_count = {pages}")
+
+        await store.write(no_more_pages)
+    else:
+        with psycopg.connect(url, autocommit=True) as admin:
+            admin.execute(
+                "CREATE FUNCTION full_disk() RETURNS trigger LANGUAGE plpgsql AS $$ BEGIN"
+                " RAISE EXCEPTION 'could not extend file: No space left on device' USING ERRCODE = '53100';"
+                " END $$"
+            )
+            admin.execute("CREATE TRIGGER t BEFORE INSERT ON observations EXECUTE FUNCTION full_disk()")
+
+
+async def make_room(store: Store, url: str) -> None:
+    if url.startswith("sqlite"):
+
+        def more_pages(tx: Transaction) -> None:
+            connection = tx.connection  # type: ignore[attr-defined]  # of the implementation
+            connection.exec_driver_sql("PRAGMA max_page_count = 1000000")
+
+        await store.write(more_pages)
+    else:
+        with psycopg.connect(url, autocommit=True) as admin:
+            admin.execute("DROP TRIGGER t ON observations")
+
+
+async def test_a_full_disk_refuses_writes_and_reading_goes_on(store: Store, url: str) -> None:
+    await with_robots(store, "r1")
+    await observe(store, "r1", entry("scan"))
+    await fill(store, url)
+    large = [entry(f"t{number}", source="x" * 500) for number in range(200)]
+    with pytest.raises(StoreFull):
+        await observe(store, "r1", *large)
+    obs = await store.read(lambda db: db.obs("r1"))
+    assert (obs.revision, len(obs.entries)) == (1, 1)
+    await make_room(store, url)
+    assert await observe(store, "r1", *large) == 2
+
+
+async def test_too_many_writes_are_refused_at_once(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(writer, "MAX_QUEUED", 5)
+    await with_robots(store, "r1")
+    begun, go_on = threading.Event(), threading.Event()
+
+    def slow(tx: Transaction) -> None:
+        begun.set()
+        go_on.wait(10)
+
+    first = asyncio.create_task(store.write(slow))
+    await asyncio.to_thread(begun.wait, 10)
+    queued = [asyncio.create_task(observe(store, "r1", entry("scan"))) for _ in range(5)]
+    await asyncio.sleep(0)
+    assert store.figures().queued_writes == 5
+    with pytest.raises(StoreOverloaded):
+        await observe(store, "r1", entry("scan"))
+    go_on.set()
+    await first
+    assert await asyncio.gather(*queued) == [1, 2, 3, 4, 5]
+
+
+async def test_too_many_reads_are_refused_at_once(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sql, "MAX_READS", 1)
+    go_on = threading.Event()
+    first = asyncio.create_task(store.read(lambda db: go_on.wait(10)))
+    await asyncio.sleep(0)
+    with pytest.raises(StoreOverloaded):
+        await store.read(lambda db: db.stop())
+    go_on.set()
+    assert await first
+
+
+async def test_a_process_that_keeps_sqlite_locked_is_waited_for(tmp_path: Path) -> None:
+    path = tmp_path / "robomend.db"
+    store = open_store(f"sqlite:///{path}")
+    await store.start()
+    await with_robots(store, "r1")
+    other = sqlite3.connect(path, isolation_level=None, check_same_thread=False)
+    other.execute("BEGIN IMMEDIATE")
+    waiting = asyncio.create_task(observe(store, "r1", entry("scan")))
+    assert (await store.read(lambda db: db.obs("r1"))).revision == 0  # reading goes on
+    await asyncio.sleep(0.1)
+    other.execute("COMMIT")
+    other.close()
+    assert await waiting == 1
+    await store.close()
+
+
+async def test_what_is_queued_at_the_end_is_still_written(url: str) -> None:
+    store = open_store(url)
+    await store.start()
+    await with_robots(store, "r1")
+    tasks = [asyncio.create_task(observe(store, "r1", entry("scan"))) for _ in range(50)]
+    await asyncio.sleep(0)
+    await store.close()
+    assert await asyncio.gather(*tasks) == list(range(1, 51))
+    with pytest.raises(StoreError):
+        await observe(store, "r1", entry("late"))
+    with pytest.raises(StoreError):
+        await store.read(lambda db: db.stop())
+    await store.close()
+    again = open_store(url)
+    await again.start()
+    assert await again.read(lambda db: db.revision("r1")) == 50
+    await again.close()
+
+
+async def test_a_database_that_cannot_be_reached_is_an_error_that_says_so(tmp_path: Path) -> None:
+    blocked = tmp_path / "file"
+    blocked.write_text("not a directory")
+    for url in (f"sqlite:///{blocked}/x.db", f"postgresql://nobody@/none?host={tmp_path}"):
+        store = open_store(url)
+        with pytest.raises(StoreError) as raised:
+            await store.start()
+        assert pickle.loads(pickle.dumps(raised.value)).args == raised.value.args
+        await store.close()
+
+
+async def test_a_file_that_is_no_database_is_an_error(tmp_path: Path) -> None:
+    path = tmp_path / "robomend.db"
+    path.write_bytes(os.urandom(8192))
+    store = open_store(f"sqlite:///{path}")
+    with pytest.raises(StoreError):
+        await store.start()
+    await store.close()
+
+
+async def test_a_password_is_in_no_message(tmp_path: Path) -> None:
+    store = open_store(f"postgresql://ada:secret@/none?host={tmp_path}")
+    assert "secret" not in store.url
+    with pytest.raises(StoreError) as raised:
+        await store.start()
+    assert "secret" not in str(raised.value)
+    with pytest.raises(RobomendError) as refused:
+        open_store("mysql://ada:secret@host/x")
+    assert "secret" not in str(refused.value)
+    await store.close()
+
+
+async def test_a_sqlite_database_can_be_read_by_its_owner_only(tmp_path: Path) -> None:
+    path = tmp_path / "data" / "robomend.db"
+    store = open_store(f"sqlite:///{path}")
+    await store.start()
+    await with_robots(store, "r1")
+    modes = {p.name: p.stat().st_mode & 0o077 for p in [path.parent, *path.parent.glob("*.db*")]}
+    assert set(modes.values()) == {0}
+    await store.close()
+
+
+async def test_starting_on_a_current_schema_loads_no_migration_library(tmp_path: Path) -> None:
+    code = (
+        "import asyncio, sys\nfrom robomend.store import open_store\n"
+        "async def main():\n store = open_store(sys.argv[1])\n await store.start()\n await store.close()\n"
+        "asyncio.run(main())\nasyncio.run(main())\nprint('alembic' in sys.modules)"
+    )
+    arguments = [sys.executable, "-c", code, f"sqlite:///{tmp_path}/robomend.db"]
+    done = subprocess.run(arguments, capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout.strip() == "False"
+
+
+async def test_a_clock_that_jumps_back_changes_no_order(
+    store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    await with_robots(store, "r1")
+    await observe(store, "r1", entry("scan"))
+    past = time.time_ns() - 3_600_000_000_000
+    monkeypatch.setattr("time.time_ns", lambda: past)
+    assert await observe(store, "r1", entry("scan", False)) == 2
+    assert (await store.read(lambda db: db.obs("r1"))).entries[0].positive is False
+    assert [e.id for e in await store.read(lambda db: db.events(0))] == [1, 2]

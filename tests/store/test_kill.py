@@ -1,0 +1,85 @@
+"""kill -9 at random moments under load: nothing acknowledged is lost, nothing half there, nothing corrupt."""
+
+from __future__ import annotations
+
+import asyncio
+import random
+import sqlite3
+import threading
+
+import pytest
+from tests.store.instance import ROBOTS, WRITERS
+from tests.store.processes import instance, next_line
+
+from robomend.store import open_store
+from robomend.store.interface import View
+from robomend.store.records import Accepted, Paging
+
+
+def kill_under_load(url: str, after_s: float) -> list[tuple[str, str]]:
+    """Return the (robot, marker) pairs that were acknowledged before the process was killed."""
+    with instance(url, "write") as process:
+        assert next_line(process) == "ready"
+        timer = threading.Timer(after_s, process.kill)
+        timer.start()
+        try:
+            assert process.stdout is not None
+            lines = process.stdout.read().decode().splitlines(keepends=True)
+        finally:
+            timer.cancel()
+            timer.join()
+    pairs = [line.split() for line in lines if line.endswith("\n")]
+    return [(robot, marker) for robot, marker in pairs]
+
+
+def whole_history(db: View, robot: str) -> list[Accepted]:
+    """Return all batches of a robot, oldest first."""
+    batches: list[Accepted] = []
+    cursor: str | None = None
+    while True:
+        page = db.history(robot, Paging(cursor, 1000))
+        batches += page.items
+        cursor = page.next
+        if cursor is None:
+            return batches[::-1]
+
+
+def check_all(db: View, acknowledged: list[tuple[str, str]]) -> int:
+    """Check that all of it is there, once, and that history, OBS and events agree; return the batches."""
+    markers: list[str] = []
+    for robot in ROBOTS:
+        batches = whole_history(db, robot)
+        obs = db.obs(robot)
+        assert [batch.revision for batch in batches] == list(range(1, obs.revision + 1))
+        mine = [batch.entries[0].atom.args[0] for batch in batches]
+        assert [kept.source for kept in obs.entries] == mine[-1:]
+        markers += mine
+    assert len(set(markers)) == len(markers)
+    assert {marker for _, marker in acknowledged} <= set(markers)
+    assert db.event_range().newest == len(markers)
+    return len(markers)
+
+
+async def check(url: str, acknowledged: list[tuple[str, str]]) -> int:
+    """Look into the store as the next process would."""
+    store = open_store(url)
+    await store.start()
+    try:
+        return await store.read(lambda db: check_all(db, acknowledged))
+    finally:
+        await store.close()
+
+
+@pytest.mark.timeout(1800)
+def test_nothing_acknowledged_is_lost_when_the_process_is_killed(url: str, long: bool) -> None:
+    rounds, chance = (200 if long else 5), random.Random(7)
+    acknowledged: list[tuple[str, str]] = []
+    for _ in range(rounds):
+        acknowledged += kill_under_load(url, chance.uniform(0.0, 0.4))
+    total = asyncio.run(check(url, acknowledged))
+    assert len(acknowledged) > 0
+    assert total <= len(acknowledged) + rounds * WRITERS  # kept, but killed before it could say so
+    if url.startswith("sqlite"):
+        with sqlite3.connect(url.removeprefix("sqlite:///")) as connection:
+            assert connection.execute("PRAGMA integrity_check").fetchall() == [("ok",)]
+        connection.close()

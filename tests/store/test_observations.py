@@ -1,0 +1,260 @@
+"""OBS, history, diagnoses, and what a group of changes shares."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Mapping
+from dataclasses import replace
+
+import pytest
+from tests.store.examples import entry, observe, with_robots
+
+from robomend.errors import Conflict, InputError, NotFound, RobomendError
+from robomend.store.interface import Store, Transaction
+from robomend.store.records import Accepted, Assertion, AuditEntry, Once, Paging
+from robomend_client.events import Kind
+from robomend_client.literals import Atom
+
+pytestmark = pytest.mark.anyio
+
+
+async def test_obs_holds_the_latest_of_each_atom(store: Store) -> None:
+    await with_robots(store, "r1", "r2")
+    assert (await store.read(lambda db: db.obs("r1"))).revision == 0
+    assert await observe(store, "r1", entry("scan"), entry("odom", False, time_ns=2)) == 1
+    assert await observe(store, "r1", entry("scan", False, time_ns=3, source="board", expires_ns=9)) == 2
+    obs = await store.read(lambda db: db.obs("r1"))
+    assert obs.revision == 2
+    assert obs.entries == (
+        entry("odom", False, time_ns=2),
+        entry("scan", False, time_ns=3, source="board", expires_ns=9),
+    )
+    assert (await store.read(lambda db: db.obs("r2"))).entries == ()
+
+
+async def test_an_atom_comes_back_whatever_its_names_hold(store: Store) -> None:
+    await with_robots(store, "r1")
+    odd = [Atom("ok", ('a "quoted", name', "b\\c")), Atom("p"), Atom("ok", ("",)), Atom("ok", ("NUL \x00",))]
+    entries = [replace(entry("x"), atom=atom) for atom in odd]
+    await observe(store, "r1", *entries)
+    obs = await store.read(lambda db: db.obs("r1"))
+    assert {e.atom for e in obs.entries} == set(odd)
+    history = await store.read(lambda db: db.history("r1"))
+    assert history.items[0].entries == tuple(entries)
+
+
+async def test_what_is_forgotten_is_no_literal(store: Store) -> None:
+    await with_robots(store, "r1")
+    await observe(store, "r1", entry("scan"), entry("odom"))
+    await store.write(lambda tx: tx.observe("r1", forgotten=[Atom("ok", ("scan",))]), robots=("r1",))
+    obs = await store.read(lambda db: db.obs("r1"))
+    assert [e.atom.args for e in obs.entries] == [("odom",)]
+
+
+async def test_named_assertions_stay_until_they_are_withdrawn(store: Store) -> None:
+    await with_robots(store, "r1")
+    night = Assertion("night", "forall t: topic. not ok(t)", "ada", 5)
+    await store.write(lambda tx: tx.observe("r1", asserted=[night]))
+    assert (await store.read(lambda db: db.obs("r1"))).assertions == (night,)
+    with pytest.raises(NotFound):
+        await store.write(lambda tx: tx.observe("r1", withdrawn=["day"]))
+    assert await store.write(lambda tx: tx.observe("r1", withdrawn=["night"])) == 2
+    assert (await store.read(lambda db: db.obs("r1"))).assertions == ()
+    page = await store.read(lambda db: db.history("r1"))
+    assert [(a.asserted, a.withdrawn) for a in page.items] == [((), ("night",)), ((night,), ())]
+
+
+async def test_history_is_newest_first_and_in_order_of_revision_when_the_clock_jumps_back(
+    store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    await with_robots(store, "r1")
+    for now_ns in (3_000, 1_000, 2_000):
+        monkeypatch.setattr("time.time_ns", lambda now_ns=now_ns: now_ns)
+        await observe(store, "r1", entry("scan", time_ns=now_ns))
+    first = await store.read(lambda db: db.history("r1", Paging(limit=2)))
+    rest = await store.read(lambda db: db.history("r1", Paging(first.next)))
+    batches: list[Accepted] = [*first.items, *rest.items]
+    assert [(b.revision, b.time_ns) for b in batches] == [(3, 2_000), (2, 1_000), (1, 3_000)]
+    events = await store.read(lambda db: db.events(0))
+    assert [event.time_ns for event in events] == [3_000, 1_000, 2_000]
+
+
+async def test_a_change_of_an_older_obs_is_refused(store: Store) -> None:
+    await with_robots(store, "r1")
+    await observe(store, "r1", entry("scan"), expected=0)
+    with pytest.raises(Conflict) as refused:
+        await observe(store, "r1", entry("scan", False), expected=0)
+    assert refused.value.code == "stale-revision"
+    assert await observe(store, "r1", entry("scan", False), expected=1) == 2
+
+
+async def test_nothing_is_accepted_for_a_robot_that_is_not_there(store: Store) -> None:
+    with pytest.raises(NotFound):
+        await observe(store, "nobody", entry("scan"))
+    assert await store.read(lambda db: db.events(0)) == ()
+
+
+async def test_concurrent_batches_get_each_their_revision(store: Store) -> None:
+    robots = [f"r{number}" for number in range(5)]
+    await with_robots(store, *robots)
+    calls = [observe(store, robots[n % 5], entry(f"t{n % 7}", time_ns=n)) for n in range(400)]
+    revisions = await asyncio.gather(*calls)
+    assert sorted(revisions) == sorted(n // 5 + 1 for n in range(400))
+    events = await store.read(lambda db: db.events(0, limit=1000))
+    assert [event.id for event in events] == list(range(1, 401))
+    assert (store.figures().commits) < 200  # many share one transaction
+
+
+async def test_a_change_that_fails_takes_nobody_with_it_and_leaves_nothing(store: Store) -> None:
+    """Failures of every kind, in one group with changes that go well."""
+    await with_robots(store, "r1")
+
+    def raises_late(tx: Transaction) -> None:
+        tx.observe("r1", accepted=[entry("bad")], changed=[entry("bad")])
+        tx.put_robot("half", {}, expected=None)
+        tx.emit(Kind.ROBOT, "half", {"change": "created"})
+        tx.note(AuditEntry("ada", "robot.put", "half"))
+        raise ZeroDivisionError
+
+    def no_such_robot(tx: Transaction) -> None:
+        tx.observe("nobody")
+
+    def too_large(tx: Transaction) -> None:
+        tx.observe("r1", changed=[entry("bad", time_ns=2**63)])
+
+    def bad_text(tx: Transaction) -> None:
+        tx.observe("r1", changed=[entry("bad", source="\x00")])
+
+    def good(tx: Transaction) -> int:
+        return tx.observe("r1", changed=[entry("good")])
+
+    def created_and_used(tx: Transaction) -> int:
+        tx.put_robot("r9", {}, expected=None)
+        tx.observe("r9", changed=[entry("good")])
+        return len(tx.obs("r9").entries)
+
+    changes = [good, raises_late, no_such_robot, good, too_large, bad_text, created_and_used, good]
+    results = await asyncio.gather(*(store.write(c) for c in changes), return_exceptions=True)
+    assert [r if isinstance(r, int) else type(r) for r in results] == [
+        1,
+        ZeroDivisionError,
+        NotFound,
+        2,
+        InputError,
+        InputError,
+        1,
+        3,
+    ]
+    obs = await store.read(lambda db: db.obs("r1"))
+    assert [e.atom.args for e in obs.entries] == [("good",)]
+    assert await store.read(lambda db: db.events(0)) == ()
+    assert (await store.read(lambda db: db.audit())).items == ()
+    with pytest.raises(NotFound):
+        await store.read(lambda db: db.robot("half"))
+
+
+async def test_a_row_that_the_database_refuses_fails_alone(store: Store) -> None:
+    """The culprit is found although the whole group was refused at its end."""
+    await with_robots(store, "r1", "r2")
+
+    def culprit(tx: Transaction) -> None:
+        tx.observe("r2", changed=[entry("x", source=object())])  # type: ignore[arg-type]  # on purpose
+
+    def sneaky(tx: Transaction) -> None:
+        tx.record_diagnosis("r2", 1, {}, model_version="v")
+        tx._own.diagnoses[-1]["revision"] = object()  # type: ignore[attr-defined]  # no method lets this pass
+
+    good = [observe(store, "r1", entry("a")), observe(store, "r1")]
+    calls = [good[0], store.write(culprit), store.write(sneaky), good[1]]
+    results = await asyncio.gather(*calls, return_exceptions=True)
+    assert (results[0], results[3]) == (1, 2)
+    assert all(isinstance(results[n], Exception) for n in (1, 2))
+    assert await observe(store, "r2", entry("b")) == 1
+
+
+async def test_a_repeated_request_acts_once_and_gets_the_first_answer(store: Store) -> None:
+    await with_robots(store, "r1")
+    once = Once("ada POST /robots/r1/observations", "key-1", "digest")
+
+    def accept(tx: Transaction) -> Mapping[str, int]:
+        return {"revision": tx.observe("r1", changed=[entry("scan")])}
+
+    calls = [store.write(accept, robots=("r1",), once=once) for _ in range(5)]
+    assert await asyncio.gather(*calls) == [{"revision": 1}] * 5
+    assert await store.write(accept, robots=("r1",), once=once) == {"revision": 1}
+    with pytest.raises(Conflict) as refused:
+        await store.write(accept, once=Once(once.scope, once.key, "another digest"))
+    assert refused.value.code == "idempotency-key-reused"
+    other_scope = Once("bob", once.key, "digest")
+    assert await store.write(accept, once=other_scope) == {"revision": 2}
+
+
+async def test_a_key_is_free_again_after_its_time_and_after_a_failure(store: Store) -> None:
+    await with_robots(store, "r1")
+    short = Once("ada", "k", "one", ttl_s=0)
+    assert await store.write(lambda tx: tx.observe("r1"), once=short) == 1
+    assert await store.write(lambda tx: tx.observe("r1"), once=Once("ada", "k", "two")) == 2
+    failing = Once("ada", "f", "one")
+    with pytest.raises(NotFound):
+        await store.write(lambda tx: tx.observe("nobody"), once=failing)
+    assert await store.write(lambda tx: tx.observe("r1"), once=failing) == 3
+
+
+async def test_an_answer_that_is_no_json_is_refused_whole(store: Store) -> None:
+    await with_robots(store, "r1")
+
+    def accept(tx: Transaction) -> object:
+        tx.observe("r1")
+        return object()
+
+    with pytest.raises(InputError):
+        await store.write(accept, once=Once("ada", "k", "one"))
+    assert await store.read(lambda db: db.revision("r1")) == 0
+
+
+async def test_diagnoses_are_kept_with_the_revision_they_explain(store: Store) -> None:
+    await with_robots(store, "r1")
+    assert await store.read(lambda db: db.diagnosis("r1")) is None
+
+    async def diagnose(revision: int, *bad: str) -> None:
+        result = {"diagnoses": [{"bad": list(bad)}]}
+        await store.write(lambda tx: tx.record_diagnosis("r1", revision, result, model_version="v1"))
+
+    await diagnose(1, "jaguar")
+    await diagnose(4)
+    await diagnose(5, "jaguar", "imu")
+    latest = await store.read(lambda db: db.diagnosis("r1"))
+    assert latest is not None
+    assert (latest.revision, latest.result) == (5, {"diagnoses": [{"bad": ["jaguar", "imu"]}]})
+    page = await store.read(lambda db: db.diagnoses("r1", Paging(limit=2)))
+    rest = await store.read(lambda db: db.diagnoses("r1", Paging(page.next, 2)))
+    assert [d.revision for d in (*page.items, *rest.items)] == [5, 4, 1]
+
+
+async def test_a_change_sees_its_own_writes_and_those_before_it_in_the_group(store: Store) -> None:
+    await with_robots(store, "r1")
+
+    def write_then_read(tx: Transaction) -> tuple[int, int, int]:
+        revision = tx.observe("r1", accepted=[entry("a")], changed=[entry("a")])
+        return revision, tx.revision("r1"), len(tx.history("r1").items)
+
+    calls = [observe(store, "r1", entry("b")), store.write(write_then_read), observe(store, "r1", entry("c"))]
+    assert await asyncio.gather(*calls) == [1, (2, 2, 2), 3]
+
+
+async def test_a_cancelled_caller_takes_nothing_back(store: Store) -> None:
+    await with_robots(store, "r1")
+    task = asyncio.create_task(observe(store, "r1", entry("scan")))
+    await asyncio.sleep(0)
+    task.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await task
+    assert await observe(store, "r1", entry("odom")) == 2
+
+
+async def test_errors_of_the_store_are_ours() -> None:
+    from robomend.store import open_store
+
+    for url in ("mysql://x/y", "sqlite://", "nonsense", "sqlite:///:memory:"):
+        with pytest.raises(RobomendError):
+            open_store(url)

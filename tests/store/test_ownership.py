@@ -1,0 +1,120 @@
+"""One owner per robot: fences, takeover after a death, and an owner that was wrongly taken for dead."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+
+import psycopg
+import pytest
+from tests.postgres import PostgresServer
+from tests.store.examples import with_robots
+from tests.store.processes import instance, next_line
+
+from robomend.errors import Fenced, NotFound
+from robomend.store import open_store
+from robomend.store.interface import Store
+from robomend.store.records import Fence, Owner
+
+pytestmark = pytest.mark.anyio
+
+
+async def test_a_robot_has_one_owner(store: Store, second: Store) -> None:
+    await with_robots(store, "r1", "r2")
+    assert await store.ownership.orphans() == ("r1", "r2")
+    fence = await store.ownership.acquire("r1")
+    assert fence == Fence("r1", 1)
+    assert await store.ownership.acquire("r1") == fence
+    assert await second.ownership.acquire("r1") is None
+    assert await second.ownership.orphans() == ("r2",)
+    assert store.ownership.held == {"r1": fence}
+    assert await store.read(lambda db: db.owner("r1")) == Owner("r1", store.ownership.instance, 1)
+    with pytest.raises(NotFound):
+        await store.ownership.acquire("nobody")
+
+
+async def test_of_many_who_try_at_once_one_gets_it(store: Store, second: Store) -> None:
+    await with_robots(store, "r1")
+    tries = [who.ownership.acquire("r1") for _ in range(5) for who in (store, second)]
+    fences = {fence for fence in await asyncio.gather(*tries) if fence is not None}
+    assert len(fences) == 1
+
+
+async def test_a_released_robot_goes_on_with_a_higher_fence(store: Store, second: Store) -> None:
+    await with_robots(store, "r1")
+    await store.ownership.acquire("r1")
+    await store.ownership.release("r1")
+    await store.ownership.release("r1")
+    assert await second.ownership.acquire("r1") == Fence("r1", 2)
+    assert await store.ownership.acquire("r1") is None
+
+
+async def test_closing_a_store_frees_its_robots(store: Store, second: Store) -> None:
+    await with_robots(store, "r1")
+    await second.ownership.acquire("r1")
+    await second.close()
+    assert await store.ownership.acquire("r1") == Fence("r1", 2)
+
+
+async def test_instances_are_listed_while_they_run(store: Store, second: Store) -> None:
+    async with asyncio.timeout(5):
+        while len(await store.read(lambda db: db.instances())) < 2:
+            await asyncio.sleep(0.01)
+    found = {i.id for i in await store.read(lambda db: db.instances())}
+    assert found == {store.ownership.instance, second.ownership.instance}
+    await second.close()
+    assert [i.id for i in await store.read(lambda db: db.instances())] == [store.ownership.instance]
+
+
+async def test_the_robots_of_a_killed_process_are_taken_over_with_its_repairs(store: Store, url: str) -> None:
+    await with_robots(store, "r1")
+    with instance(url, "own") as process:
+        number, repair = (await asyncio.to_thread(next_line, process)).split()
+        assert await store.ownership.acquire("r1") is None
+        process.kill()
+        process.wait(10)
+        killed = time.monotonic()
+        async with asyncio.timeout(20):
+            while "r1" not in await store.ownership.orphans():
+                await asyncio.sleep(0.05)
+        fence = await store.ownership.acquire("r1")
+    assert time.monotonic() - killed < 5  # the promise of the design; it takes some milliseconds
+    assert fence == Fence("r1", int(number) + 1)
+    assert [r.id for r in (await store.read(lambda db: db.repairs("r1", open_only=True))).items] == [repair]
+    assert [intent.id for intent in await store.read(lambda db: db.unsettled("r1"))] == [f"{repair}:0"]
+    settled = await store.write(lambda tx: tx.settle(f"{repair}:0", 3, "nobody knows", fence=fence))
+    assert settled.fence == int(number)
+
+
+async def test_an_owner_whose_connection_breaks_hears_of_it_and_can_write_no_more(
+    postgres_server: PostgresServer, postgres_url: str
+) -> None:
+    store, second = open_store(postgres_url), open_store(postgres_url)
+    await store.start()
+    await second.start()
+    try:
+        await with_robots(store, "r1")
+        old = await store.ownership.acquire("r1")
+        assert old is not None
+        lost: asyncio.Queue[Fence] = asyncio.Queue()
+        store.ownership.on_lost(lost.put_nowait)
+        before = store.ownership.instance
+        with psycopg.connect(postgres_url, autocommit=True) as admin:
+            admin.execute(
+                "SELECT pg_terminate_backend(pid) FROM pg_locks WHERE locktype = 'advisory' AND objid::bigint"
+                " = (%s::bit(64)::bigint & 4294967295)",
+                (f"{int(before, 16):064b}",),
+            )
+        assert await asyncio.wait_for(lost.get(), 5) == old
+        assert store.ownership.held == {}
+        new = await second.ownership.acquire("r1")
+        assert new == Fence("r1", old.number + 1)
+        with pytest.raises(Fenced):
+            await store.write(lambda tx: tx.create_repair("r1", state="running", data={}, fence=old))
+        async with asyncio.timeout(5):
+            while store.ownership.instance in ("", before):
+                await asyncio.sleep(0.01)
+        assert await store.ownership.acquire("r1") is None
+    finally:
+        await store.close()
+        await second.close()

@@ -1,0 +1,111 @@
+"""Retention removes what is old, in slices, and keeps what is current."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+
+import pytest
+from tests.store.examples import entry, observe, with_robots
+
+from robomend.store.interface import Store, Transaction
+from robomend.store.records import AuditEntry, EventRange, Once, Pruned, Retention
+
+pytestmark = pytest.mark.anyio
+
+DAY_NS = 86_400_000_000_000
+EVERYTHING = Retention(1, 1, 1, 1, 1, 1)
+
+
+def at(monkeypatch: pytest.MonkeyPatch, days_ago: float) -> None:
+    moment = REAL_NOW - int(days_ago * DAY_NS)
+    monkeypatch.setattr("time.time_ns", lambda: moment)
+
+
+REAL_NOW = time.time_ns()
+
+
+async def test_what_is_old_goes_and_what_is_young_stays(
+    store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    await with_robots(store, "r1")
+    for days_ago in (5, 4, 3, 0):
+        at(monkeypatch, days_ago)
+        revision = await observe(store, "r1", entry("scan"))
+
+        def rest(tx: Transaction, revision: int = revision) -> None:
+            tx.record_diagnosis("r1", revision, {})
+            tx.note(AuditEntry("ada", "x", "r1"))
+
+        await store.write(rest)
+    pruned = await store.prune(EVERYTHING, slice=2)
+    assert (pruned.observations, pruned.events, pruned.diagnoses, pruned.audit) == (3, 3, 3, 3)
+    assert [b.revision for b in (await store.read(lambda db: db.history("r1"))).items] == [4]
+    assert await store.read(lambda db: db.event_range()) == EventRange(4, 4)
+    assert len((await store.read(lambda db: db.obs("r1"))).entries) == 1
+    assert await store.prune(EVERYTHING) == Pruned()
+
+
+async def test_the_latest_diagnosis_and_open_repairs_stay_however_old(
+    store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    at(monkeypatch, 10)
+    await with_robots(store, "r1")
+    fence = await store.ownership.acquire("r1")
+    assert fence is not None
+
+    def old(tx: Transaction) -> tuple[str, str]:
+        tx.record_diagnosis("r1", 1, {})
+        tx.record_diagnosis("r1", 2, {})
+        running = tx.create_repair("r1", state="running", data={}, fence=fence).id
+        ended = tx.create_repair("r1", state="failed", data={}, open=False, fence=fence).id
+        for repair in (running, ended):
+            tx.intend(repair, 0, action=f"{repair}:0", name="n", parameters=[], timeout_s=1, fence=fence)
+        return running, ended
+
+    running, ended = await store.write(old)
+    at(monkeypatch, 0)
+    pruned = await store.prune(EVERYTHING)
+    assert (pruned.diagnoses, pruned.repairs) == (1, 1)
+    assert [r.id for r in (await store.read(lambda db: db.repairs())).items] == [running]
+    assert len(await store.read(lambda db: db.intents(running))) == 1
+    assert await store.read(lambda db: db.intents(ended)) == ()
+
+
+async def test_a_log_is_cut_from_its_beginning_only(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    """After the clock jumped back, an entry that looks old lies behind a young one, and stays."""
+    await with_robots(store, "r1")
+    for days_ago in (5, 0, 3, 0):
+        at(monkeypatch, days_ago)
+        await observe(store, "r1", entry("scan"))
+    assert (await store.prune(EVERYTHING)).events == 1
+    assert await store.read(lambda db: db.event_range()) == EventRange(2, 4)
+
+
+async def test_nothing_goes_that_is_kept_for_ever(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    at(monkeypatch, 10_000)
+    await with_robots(store, "r1")
+    await observe(store, "r1", entry("scan"))
+    at(monkeypatch, 0)
+    forever = Retention(None, None, None, None, None, None)
+    assert await store.prune(forever) == Pruned()
+
+
+async def test_expired_idempotency_keys_go(store: Store) -> None:
+    for number in range(5):
+        await store.write(lambda tx: 1, once=Once("ada", f"k{number}", "x", ttl_s=0))
+    await store.write(lambda tx: 1, once=Once("ada", "kept", "x"))
+    await asyncio.sleep(0.01)
+    assert (await store.prune(Retention(), slice=2)).idempotency == 5
+
+
+async def test_others_write_between_the_slices(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    await with_robots(store, "r1")
+    at(monkeypatch, 5)
+    await asyncio.gather(*(observe(store, "r1", entry("scan")) for _ in range(60)))
+    at(monkeypatch, 0)
+    pruning = asyncio.create_task(store.prune(EVERYTHING, slice=1))
+    revisions = [await observe(store, "r1", entry("scan")) for _ in range(3)]
+    assert not pruning.done()
+    assert revisions == [61, 62, 63]
+    assert (await pruning).observations == 60

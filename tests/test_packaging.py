@@ -1,0 +1,78 @@
+"""What a stranger installs: the built wheels in an empty environment, each file in one distribution only."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+@pytest.fixture(scope="module")
+def wheels(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Build both distributions as sdist, and the wheels from the sdists."""
+    folder = tmp_path_factory.mktemp("dist")
+    for source in (ROOT, ROOT / "clients"):
+        command = [sys.executable, "-m", "build", "--no-isolation", "--outdir", str(folder), str(source)]
+        subprocess.run(command, check=True, capture_output=True, timeout=300)
+    found = {path.name.split("-")[0]: path for path in folder.glob("*.whl")}
+    assert set(found) == {"robomend", "robomend_client"}
+    return found
+
+
+def names(wheel: Path) -> set[str]:
+    with zipfile.ZipFile(wheel) as archive:
+        return {name for name in archive.namelist() if ".dist-info/" not in name}
+
+
+def test_no_file_is_in_both_distributions(wheels: dict[str, Path]) -> None:
+    assert names(wheels["robomend"]) & names(wheels["robomend_client"]) == set()
+    assert {name.split("/")[0] for name in names(wheels["robomend_client"])} == {"robomend_client"}
+
+
+def test_the_wheel_carries_encodings_and_domains(wheels: dict[str, Path]) -> None:
+    inside = names(wheels["robomend"])
+    for kind in ("encodings", "pddl", "examples"):
+        for path in (ROOT / kind).rglob("*"):
+            if path.suffix in {".lp", ".pddl", ".yaml"}:
+                assert f"robomend/data/{kind}/{path.relative_to(ROOT / kind)}" in inside
+
+
+def test_encodings_is_never_a_python_package() -> None:
+    # A package of this name on sys.path would shadow the standard library's, and Python would not start.
+    assert not (ROOT / "encodings" / "__init__.py").exists()
+
+
+@pytest.mark.timeout(600)
+def test_the_wheels_diagnose_in_an_empty_environment(wheels: dict[str, Path], tmp_path: Path) -> None:
+    subprocess.run([sys.executable, "-m", "venv", str(tmp_path / "venv")], check=True, timeout=120)
+    python = tmp_path / "venv" / "bin" / "python"
+    install = [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
+    subprocess.run([*install, *map(str, wheels.values())], check=True, timeout=500)
+    model = tmp_path / "tedusar.yaml"
+    model.write_text((ROOT / "examples" / "tedusar.yaml").read_text())
+    command = [str(python.parent / "robomend"), "diagnose", str(model), "--format", "json"]
+    asked = ["--observe", "not on(jaguar)", "--observe", "not ok(odom)"]
+    done = subprocess.run([*command, *asked], check=True, capture_output=True, timeout=60, cwd=tmp_path)
+    assert [diagnosis["bad"] for diagnosis in json.loads(done.stdout)["diagnoses"]] == [["jaguar"]]
+
+
+@pytest.mark.timeout(300)
+def test_the_robot_s_side_installs_alone_and_small(wheels: dict[str, Path], tmp_path: Path) -> None:
+    subprocess.run([sys.executable, "-m", "venv", str(tmp_path / "venv")], check=True, timeout=120)
+    python = tmp_path / "venv" / "bin" / "python"
+    install = [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
+    subprocess.run([*install, str(wheels["robomend_client"])], check=True, timeout=250)
+    asked = [str(python.parent / "robomend-agent"), "--help"]
+    done = subprocess.run(asked, check=True, capture_output=True, timeout=60)
+    assert b"usage" in done.stdout
+    listed = subprocess.run(
+        [str(python), "-m", "pip", "list", "--format", "json"], check=True, capture_output=True, timeout=60
+    )
+    heavy = {"python-sat", "clingo", "unified-planning", "fastapi", "sqlalchemy", "scipy"}
+    assert heavy & {package["name"].lower() for package in json.loads(listed.stdout)} == set()

@@ -1,0 +1,243 @@
+"""Worker processes: deadlines that kill, deaths that are told, and nobody left behind."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from robomend.errors import Overloaded, SolverError, WorkerDied, WorkerTimeout
+from robomend.workers import WorkerPool
+
+JOBS = """
+import ctypes, os, subprocess, time
+warmed = []
+def warm(): warmed.append(os.getpid())
+def broken_warm(): raise RuntimeError("no planner here")
+def was_warmed(): return warmed == [os.getpid()]
+def spin(seconds):
+    end = time.monotonic() + seconds
+    while time.monotonic() < end: pass
+def hold_the_lock(seconds): ctypes.PyDLL(None).usleep(int(seconds * 1e6))  # PyDLL keeps the GIL
+def hog(): return len(bytearray(1 << 31))
+def child(): return subprocess.Popen(["sleep", "600"]).pid, time.sleep(600)
+def start_child(path):
+    with open(path, "w") as f: f.write(str(subprocess.Popen(["sleep", "600"]).pid))
+    time.sleep(600)
+class Odd(Exception):
+    def __init__(self, one, two): super().__init__("odd")
+def odd(): raise Odd(1, 2)
+def unpicklable(): return lambda: None
+"""
+
+
+@pytest.fixture
+def jobs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str], Callable[..., object]]]:
+    """Functions that a worker process can import too."""
+    (tmp_path / "worker_jobs.py").write_text(JOBS)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    import importlib
+
+    module = importlib.import_module("worker_jobs")
+    yield lambda name: getattr(module, name)
+    del sys.modules["worker_jobs"]
+
+
+@pytest.fixture
+def pool() -> Iterator[WorkerPool]:
+    with WorkerPool("test", size=1, spare=0) as one:
+        yield one
+
+
+def gone(pid: int, within_s: float = 5.0) -> bool:
+    end = time.monotonic() + within_s
+    while time.monotonic() < end:
+        try:
+            state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+        except (FileNotFoundError, ProcessLookupError):
+            return True
+        # A dead process whose parent has not looked; with more than one thread left it is still dying.
+        if state == "Z" and len(list(Path(f"/proc/{pid}/task").iterdir())) <= 1:
+            return True
+        time.sleep(0.02)
+    return False
+
+
+def test_a_call_returns_what_the_function_returns(pool: WorkerPool) -> None:
+    assert pool.call(math.factorial, 20) == math.factorial(20)
+
+
+def test_the_same_worker_serves_call_after_call(pool: WorkerPool) -> None:
+    assert pool.call(os.getpid) == pool.call(os.getpid) != os.getpid()
+
+
+def test_what_the_function_raises_is_raised_here(pool: WorkerPool) -> None:
+    with pytest.raises(ValueError, match="negative"):
+        pool.call(math.factorial, -1)
+    assert pool.call(math.factorial, 3) == 6
+
+
+def test_what_cannot_travel_is_told_in_words(
+    pool: WorkerPool, jobs: Callable[[str], Callable[..., object]]
+) -> None:
+    with pytest.raises(SolverError, match="Odd: odd"):
+        pool.call(jobs("odd"))
+    with pytest.raises(SolverError, match="pickle"):
+        pool.call(jobs("unpicklable"))
+
+
+def test_workers_are_warmed_before_their_first_call(jobs: Callable[[str], Callable[..., object]]) -> None:
+    with WorkerPool("warm", warm=jobs("warm")) as pool:
+        assert pool.call(jobs("was_warmed"))
+
+
+def test_a_worker_that_cannot_be_warmed_is_told_and_does_not_hang(
+    jobs: Callable[[str], Callable[..., object]],
+) -> None:
+    with (
+        WorkerPool("cold", warm=jobs("broken_warm")) as pool,
+        pytest.raises(WorkerDied, match="no planner here"),
+    ):
+        pool.call(os.getpid)
+
+
+def test_a_deadline_kills_the_worker_and_the_next_call_works(
+    pool: WorkerPool, jobs: Callable[[str], Callable[..., object]]
+) -> None:
+    pid = pool.call(os.getpid)
+    with pytest.raises(WorkerTimeout, match=r"0\.3 s"):
+        pool.call(jobs("spin"), 600, timeout_s=0.3)
+    assert gone(pid)
+    assert pool.call(os.getpid) != pid
+
+
+def test_a_deadline_kills_what_the_worker_started_too(
+    pool: WorkerPool, jobs: Callable[[str], Callable[..., object]], tmp_path: Path
+) -> None:
+    note = tmp_path / "pid"
+    with pytest.raises(WorkerTimeout):
+        pool.call(jobs("start_child"), str(note), timeout_s=1.0)
+    assert gone(int(note.read_text()))
+
+
+def test_a_crash_is_told_with_its_signal(pool: WorkerPool) -> None:
+    with pytest.raises(WorkerDied, match="SIGSEGV"):
+        pool.call(signal.raise_signal, signal.SIGSEGV)
+    with pytest.raises(WorkerDied, match="exit code 7"):
+        pool.call(os._exit, 7)
+    assert pool.call(math.factorial, 3) == 6
+
+
+def test_a_worker_killed_while_idle_is_replaced(pool: WorkerPool) -> None:
+    pid = pool.call(os.getpid)
+    os.kill(pid, signal.SIGKILL)
+    assert gone(pid)
+    assert pool.call(os.getpid) != pid
+
+
+def test_too_much_memory_ends_the_call_not_the_service(jobs: Callable[[str], Callable[..., object]]) -> None:
+    with WorkerPool("small", memory_bytes=1 << 30) as pool:
+        with pytest.raises(WorkerDied, match="memory"):
+            pool.call(jobs("hog"))
+        assert pool.call(math.factorial, 3) == 6
+
+
+def test_no_process_starts_before_the_first_call_and_none_is_left_after_close() -> None:
+    pool = WorkerPool("lazy", size=2, spare=1)
+    assert pool.pids == ()
+    pool.call(os.getpid)
+    pids = pool.pids
+    assert pids
+    pool.close()
+    assert all(gone(pid) for pid in pids)
+    with pytest.raises(WorkerDied, match="closed"):
+        pool.call(os.getpid)
+
+
+async def _spare_beside(pool: WorkerPool, spin: Callable[..., object]) -> bool:
+    task = asyncio.create_task(pool.run(spin, 600))
+    end = time.monotonic() + 20
+    while len(pool.pids) < 2 and time.monotonic() < end:
+        await asyncio.sleep(0.02)
+    ready = len(pool.pids)
+    task.cancel()
+    return ready == 2
+
+
+def test_a_spare_is_ready_while_another_works(jobs: Callable[[str], Callable[..., object]]) -> None:
+    with WorkerPool("spare", size=1, spare=1) as pool:
+        assert asyncio.run(_spare_beside(pool, jobs("spin")))
+
+
+def test_idle_workers_end() -> None:
+    with WorkerPool("idle", spare=0, idle_s=0.3) as pool:
+        pid = pool.call(os.getpid)
+        assert gone(pid)
+        assert pool.pids == ()
+        assert pool.call(os.getpid) != pid
+
+
+async def _timed_out_and_cancelled(pool: WorkerPool, spin: Callable[..., object]) -> None:
+    assert await pool.run(math.factorial, 5, timeout_s=30) == 120
+    pid = await pool.run(os.getpid)
+    task = asyncio.create_task(pool.run(spin, 600))
+    await asyncio.sleep(0.2)
+    task.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await task
+    assert await asyncio.to_thread(gone, pid)
+    assert await pool.run(math.factorial, 5, timeout_s=30) == 120
+
+
+def test_cancelling_the_task_kills_the_worker(
+    pool: WorkerPool, jobs: Callable[[str], Callable[..., object]]
+) -> None:
+    asyncio.run(_timed_out_and_cancelled(pool, jobs("spin")))
+
+
+async def _crowd(pool: WorkerPool) -> list[object]:
+    calls = [pool.run(time.sleep, 0.5, timeout_s=5) for _ in range(4)]
+    return await asyncio.gather(*calls, return_exceptions=True)
+
+
+def test_the_queue_is_bounded() -> None:
+    with WorkerPool("busy", size=1, spare=0, queue_limit=2) as pool:
+        pool.call(os.getpid)
+        answers = asyncio.run(_crowd(pool))
+        assert sum(isinstance(answer, Overloaded) for answer in answers) == 1
+        assert sum(answer is None for answer in answers) == 3
+
+
+PARENT = """
+import os, sys, threading, time
+sys.path.insert(0, {path!r})
+import worker_jobs
+from robomend.workers import WorkerPool
+pool = WorkerPool("doomed", spare=0)
+print(pool.call(os.getpid), flush=True)
+threading.Thread(target=pool.call, args=(worker_jobs.{job}, 600), daemon=True).start()
+time.sleep(0.5)
+print("searching", flush=True)
+time.sleep(600)
+"""
+
+
+@pytest.mark.parametrize("job", ["spin", "hold_the_lock"])
+def test_workers_end_with_a_killed_parent_in_the_middle_of_a_search(
+    job: str, jobs: Callable[[str], Callable[..., object]], tmp_path: Path
+) -> None:
+    program = PARENT.format(path=str(tmp_path), job=job)
+    with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True) as parent:
+        assert parent.stdout is not None
+        pid = int(parent.stdout.readline())
+        assert parent.stdout.readline() == "searching\n"
+        parent.kill()
+    assert gone(pid, within_s=1.0)
