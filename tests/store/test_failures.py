@@ -82,6 +82,33 @@ async def test_a_connection_that_was_cut_while_idle_is_replaced_without_an_error
         await store.close()
 
 
+async def test_a_connection_that_is_cut_in_the_middle_of_a_change_repeats_its_group(
+    postgres_url: str,
+) -> None:
+    store = open_store(postgres_url)
+    await store.start()
+    cuts = 0
+
+    def cut(tx: Transaction) -> int:
+        nonlocal cuts
+        cuts += 1
+        connection = tx.connection  # type: ignore[attr-defined]  # of the implementation
+        tx.robots()  # behind this change's savepoint, which is lost with the connection
+        if cuts == 1:
+            pid = connection.exec_driver_sql("SELECT pg_backend_pid()").scalar()
+            with psycopg.connect(postgres_url, autocommit=True) as admin:
+                admin.execute("SELECT pg_terminate_backend(%s, 5000)", [pid])
+        tx.robots()
+        return cuts
+
+    try:
+        await with_robots(store, "r1")
+        assert await store.write(cut) == 2
+        assert await observe(store, "r1", entry("scan")) == 1
+    finally:
+        await store.close()
+
+
 async def fill(store: Store, url: str) -> None:
     """Make the next writes find no room, as the database itself reports it."""
     if url.startswith("sqlite"):

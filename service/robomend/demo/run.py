@@ -17,14 +17,18 @@ from robomend.demo.interrupts import Interrupted, Interrupts
 from robomend.demo.play import POWER_UP, SHUT_DOWN, Play
 from robomend.demo.report import Told
 from robomend.demo.screen import Screen
-from robomend.demo.stage import Stage
+from robomend.demo.stage import DemoFailed, Stage
 from robomend.resources import resource
+from robomend_client.rest.errors import ClientError
 
 PREFIX = "robomend-demo-"
 LOCK = "lock"
 
 PAPER_HOLD_S = 1.0
 """The paper's loop looked once a second; its domain needs to see what power alone did not bring back."""
+
+DEATH_SHOWS_S = 0.5
+"""A process that dies drops its connections first; so long after that its end is seen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,9 +59,10 @@ def run(
                 domain = resource("pddl", "paper-repair.pddl").read_text() if wanted.paper_domain else None
                 hold_s = PAPER_HOLD_S if wanted.paper_domain else 0.0
                 play = Play(stage, cast, interrupts, screen, domain=domain, hold_s=hold_s)
-                play.prepare(folder, all_on=all_on)
-                acts = {POWER_UP: play.power_up, SHUT_DOWN: play.shut_down}
-                told = [Told.of(acts[name]()) for name in wanted.scenarios]
+                with blaming_the_dead(stage):
+                    play.prepare(folder, all_on=all_on)
+                    acts = {POWER_UP: play.power_up, SHUT_DOWN: play.shut_down}
+                    told = [Told.of(acts[name]()) for name in wanted.scenarios]
                 screen.rest()
                 done(told, cast)
                 if wanted.hold:
@@ -66,6 +71,22 @@ def run(
         finally:
             if play is not None:
                 play.close()
+
+
+@contextmanager
+def blaming_the_dead(stage: Stage) -> Iterator[None]:
+    """Name a part that ended rather than what followed from its end, which is often noticed first.
+
+    Raises:
+        DemoFailed: a part ended, or what had failed inside.
+    """
+    try:
+        yield
+    except (DemoFailed, ClientError) as error:
+        stage.check(within_s=DEATH_SHOWS_S)
+        if isinstance(error, ClientError):
+            raise DemoFailed(f"the service did not do as asked: {error}") from error
+        raise
 
 
 @contextmanager

@@ -101,8 +101,15 @@ class Stage:
         except ValueError as error:
             raise DemoFailed(f"{actor.name} announced {line[:200]!r}, which is no JSON") from error
 
-    def check(self) -> None:
-        """Raise DemoFailed if any process has ended by itself."""
+    def check(self, within_s: float = 0.0) -> None:
+        """Raise DemoFailed if any process has ended by itself, or does so `within_s` from now."""
+        deadline = time.monotonic() + within_s
+        self._check()
+        while time.monotonic() < deadline:
+            time.sleep(0.02)
+            self._check()
+
+    def _check(self) -> None:
         for actor in self._actors:
             status = actor.process.poll()
             if status is not None:

@@ -130,7 +130,8 @@ class Group:
             if once is not None:
                 item.answer_once(once, to_json(result))
         except Exception:
-            item.undo()
+            if not self.connection.invalidated:  # a lost connection took everything back already
+                item.undo()
             raise
         item.done()
         return result

@@ -168,15 +168,15 @@ class Writer:
                     break
             events = group.finish()
         except BaseException as error:
-            self._roll_back(error)
+            self._roll_back()
             if repeatable(error):
                 raise _Repeat(translate(error)) from error
             raise
         try:
             transaction.commit()
-        except exc.DBAPIError as error:
-            self._roll_back(error)
-            if error.connection_invalidated:
+        except BaseException as error:
+            self._roll_back()
+            if isinstance(error, exc.DBAPIError) and error.connection_invalidated:
                 raise _NoConnection(
                     StoreError(
                         "the connection was lost during a commit: it may be kept or not; repeat with its key"
@@ -194,10 +194,10 @@ class Writer:
             job.result = group.run(job.change, SqlTransaction, job.once)
         except exc.OperationalError:
             raise  # the transaction is lost, and with it the group
-        except exc.DBAPIError as error:
-            job.error = translate(error)
-        except Exception as error:  # noqa: BLE001  # the caller's own, handed back to it
-            job.error = error
+        except Exception as error:  # the caller's own, handed back to it
+            if group.connection.invalidated:
+                raise
+            job.error = translate(error) if isinstance(error, exc.DBAPIError) else error
 
     def _connect(self) -> Connection:
         if self._connection is None:
@@ -207,12 +207,13 @@ class Writer:
                 raise _NoConnection(error) from error
         return self._connection
 
-    def _roll_back(self, error: BaseException) -> None:
-        if isinstance(error, exc.DBAPIError) and error.connection_invalidated:
+    def _roll_back(self) -> None:
+        """Leave a connection that is in no transaction, or none."""
+        if self._connection is None or self._connection.invalidated:
             self._drop_connection()
             return
         try:
-            if self._connection is not None and (transaction := self._connection.get_transaction()):
+            if transaction := self._connection.get_transaction():
                 transaction.rollback()
         except exc.SQLAlchemyError:
             self._drop_connection()
