@@ -5,7 +5,7 @@
          └──── the effects are looked for in the next observations ◄──────────────┘
 
 `turn` is one round of it and `mend` a whole repair. What they need of the service around them (OBS,
-engines, planners, executors, the journal) is a `Case`; robomend.case is the real one.
+engines, planners, executors, the journal) is a `Case`; robomend.custody.case is the real one.
 """
 
 from __future__ import annotations

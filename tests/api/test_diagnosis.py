@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 from tests.api.conftest import TEDUSAR, Service, StartService, bad_sets
 
-from robomend.diagnoser import Diagnoser
 from robomend.diagnosis.result import DiagnosisResult, Options
 from robomend.errors import WorkerTimeout
+from robomend.fleet.diagnoser import Diagnoser
 from robomend.metrics import Metrics
 from robomend.model.cnf import HealthCnf
 from robomend.model.loading import load_text

@@ -6,9 +6,9 @@ import json
 
 from tests.api.conftest import Service, bad_sets
 
-from robomend.diagnosing import event_data
 from robomend.errors import ContradictoryModel
-from robomend.robot_state import Current
+from robomend.fleet.diagnosing import event_data
+from robomend.fleet.robot_state import Current
 
 
 def test_text_and_object_of_a_diagnosis_agree(service: Service) -> None:
@@ -24,7 +24,7 @@ def test_text_and_object_of_a_diagnosis_agree(service: Service) -> None:
 
 
 def test_a_fault_instead_of_a_diagnosis_has_its_text_too() -> None:
-    from robomend.diagnoser import Answer
+    from robomend.fleet.diagnoser import Answer
 
     fault = ContradictoryModel((), ())
     answer = Answer.failed(fault)

@@ -9,7 +9,7 @@ from tests.demo.records import restarted
 
 from robomend.demo.figures import figures, percentile, union_ns
 from robomend.demo.story import scenario_json, spans, timeline
-from robomend.timeline import Span
+from robomend.repair.timeline import Span
 
 INTERVALS = st.lists(st.tuples(st.integers(0, 60), st.integers(0, 60)), max_size=8)
 

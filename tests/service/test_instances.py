@@ -9,7 +9,7 @@ from concurrent.futures import Future
 from tests.api.conftest import StartService, bad_sets
 from tests.api.conftest import start as start  # the fixture
 
-from robomend.case import LiveSight
+from robomend.custody.hearing import LiveSight
 
 
 def test_who_waits_for_observations_hears_of_those_of_another_instance(start: StartService) -> None:

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from robomend.errors import Overloaded, SolverError, WorkerDied, WorkerTimeout
-from robomend.workers import WorkerPool
+from robomend.workers.pool import WorkerPool
 
 JOBS = """
 import ctypes, os, subprocess, time
@@ -220,7 +220,7 @@ PARENT = """
 import os, sys, threading, time
 sys.path.insert(0, {path!r})
 import worker_jobs
-from robomend.workers import WorkerPool
+from robomend.workers.pool import WorkerPool
 pool = WorkerPool("doomed", spare=0)
 print(pool.call(os.getpid), flush=True)
 threading.Thread(target=pool.call, args=(worker_jobs.{job}, 600), daemon=True).start()

@@ -11,9 +11,9 @@ from robomend.api.problems import Problem
 from robomend.api.schemas import NAME
 from robomend.api.streams import Hub
 from robomend.errors import PreconditionRequired
-from robomend.fleet import Fleet
+from robomend.fleet.fleet import Fleet
+from robomend.fleet.oneshots import OneShots
 from robomend.metrics import Metrics
-from robomend.oneshots import OneShots
 from robomend.repair.service_interface import Repairs
 from robomend.security import Principal
 from robomend.settings import Settings

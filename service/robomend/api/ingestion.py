@@ -22,8 +22,8 @@ from robomend.api.body import check_content_type, read_chunks
 from robomend.api.deps import Parts
 from robomend.api.problems import Problem, of_error, of_validation
 from robomend.api.schemas import MAX_INT, ObservationsBody
-from robomend.batches import Batch
 from robomend.errors import RobomendError
+from robomend.fleet.batches import Batch
 from robomend.security import API, Principal
 from robomend.store.records import Once
 

@@ -16,15 +16,15 @@ from fastapi import FastAPI
 from robomend.api.app import create_app
 from robomend.api.deps import Parts
 from robomend.api.streams import Hub
-from robomend.diagnoser import Diagnoser
 from robomend.errors import RobomendError
-from robomend.fleet import Fleet
+from robomend.fleet.diagnoser import Diagnoser
+from robomend.fleet.fleet import Fleet
+from robomend.fleet.oneshots import OneShots
+from robomend.fleet.solvers import SolverWorkers
 from robomend.metrics import Metrics
-from robomend.oneshots import OneShots
 from robomend.repair.planner_pool import PlannerPool
 from robomend.repair.service_interface import Repairs
 from robomend.settings import Settings
-from robomend.solver_workers import SolverWorkers
 from robomend.store import open_store
 from robomend.store.interface import Store
 from robomend.store.records import Retention, StoreFigures

@@ -27,12 +27,12 @@ from robomend.api.schemas import (
     RobotOut,
     VersionOut,
 )
-from robomend.batches import Outcome
-from robomend.boards import Board
 from robomend.diagnosis.probes import ProbeResult
 from robomend.diagnosis.result import Options
+from robomend.fleet.batches import Outcome
+from robomend.fleet.boards import Board
+from robomend.fleet.robot_state import Current, RobotState
 from robomend.model.system import System
-from robomend.robot_state import Current, RobotState
 from robomend.settings import Settings
 from robomend.store.interface import Store, View
 from robomend.store.records import Accepted, AuditEntry, Diagnosed, Model, Page, Paging, Repair, Robot

@@ -91,7 +91,7 @@ async def serve(settings: Settings, *, announce: bool) -> int:
 
 async def work(settings: Settings, listen_fd: int, parent_fd: int) -> int:
     """Serve an inherited socket as one of several workers."""
-    from robomend.supervising import Parent
+    from robomend.api.supervising import Parent
 
     parent = Parent(parent_fd)
     parent.watch()
@@ -103,7 +103,7 @@ async def work(settings: Settings, listen_fd: int, parent_fd: int) -> int:
 async def supervise(settings: Settings, *, announce: bool) -> int:
     """Keep several workers alive."""
     from robomend.api.address import url_of
-    from robomend.supervising import Supervisor, listening_socket
+    from robomend.api.supervising import Supervisor, listening_socket
 
     with listening_socket(settings) as listener:
         url = url_of(listener.getsockname(), secure=settings.tls_certificate is not None)
@@ -114,7 +114,7 @@ async def supervise(settings: Settings, *, announce: bool) -> int:
 async def _run(settings: Settings, told: Callable[[str], None], sockets: list[socket.socket] | None) -> int:
     from robomend.api.runtime import Runtime, any_key
     from robomend.api.server import check_exposure, make_server
-    from robomend.custody import make_repairs
+    from robomend.custody.custody import make_repairs
 
     check_exposure(settings, await any_key(settings))
     runtime = Runtime(settings, make_repairs)

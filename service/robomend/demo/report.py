@@ -18,7 +18,7 @@ from robomend.demo.play import POWER_UP, VICTIM
 from robomend.demo.record import Record
 from robomend.demo.story import scenario_json, timeline
 from robomend.errors import InputError
-from robomend.timeline import svg
+from robomend.repair.timeline import svg
 
 PAPER_POWER_UP_S = 30.2
 """The paper, section VI: from power-on until the last component is good."""

@@ -7,7 +7,7 @@ from typing import Any
 
 from robomend.demo.figures import NS, Figures
 from robomend.demo.record import Record
-from robomend.timeline import ActionBar, Mark, Span, Timeline
+from robomend.repair.timeline import ActionBar, Mark, Span, Timeline
 from robomend_client.events import Event, Kind
 
 TITLES = {

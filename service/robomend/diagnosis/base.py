@@ -50,6 +50,9 @@ MAX_DIAGNOSES = 1_000_000
 
 CONTRADICTION_S = 10.0
 
+WITNESS_EVERY = 32
+"""Consistency checks that go to the solver for each one whose model is kept: taking it costs as much."""
+
 LEFTOVER_CLAUSES = 20_000
 """Retired clauses that are tolerated in the general solver before it is built anew."""
 
@@ -110,6 +113,8 @@ class BaseEngine(ABC):
         self._health = list(range(1, len(cnf.components) + 1))
         self._guard = cnf.variables
         self._leftover = 0
+        self._witness: frozenset[int] = frozenset()  # the literals of a model of SD with all healthy
+        self._unwitnessed = 0
 
     @cached_property
     def _oracle(self) -> Oracle:
@@ -143,15 +148,32 @@ class BaseEngine(ABC):
     def consistent(self, observations: Iterable[Literal]) -> bool:
         """Return whether SD ∪ observations ∪ {all healthy} is consistent.
 
+        A model that an earlier check came upon is a witness for whatever it agrees with, so that the solver
+        is asked only when something else is seen than then.
+
         Raises:
+            ContradictoryModel: a literal and its opposite are both observed.
             SolverError: `interrupt` was called before there was an answer.
         """
-        observed = self._reader.read(observations)
+        literals = tuple(observations)
+        numbers: Sequence[int] = self._reader.numbers(literals)
+        if self._witness.issuperset(numbers):
+            return True
+        if 0 in numbers:
+            numbers = self._reader.read(literals).numbers
         self._clock.start(None)
+        checker = self._checker
         try:
-            return self._checker.sat([self.cnf.variables + 1, *observed.numbers])
+            consistent = checker.sat([self.cnf.variables + 1, *numbers])
         except OutOfTime:
             raise SolverError("interrupted before the consistency check had an answer") from None
+        if not consistent:
+            self._reader.read(literals)  # which refuses a clash, the other reason for a no
+        else:
+            if self._unwitnessed % WITNESS_EVERY == 0:
+                self._witness = frozenset(checker.model() or ())
+            self._unwitnessed += 1
+        return consistent
 
     def diagnose(self, observations: Iterable[Literal], options: Options = DEFAULTS) -> DiagnosisResult:
         """Return the minimal diagnoses of SD ∪ observations; see robomend.diagnosis.result.Engine."""

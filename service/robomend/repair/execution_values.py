@@ -1,6 +1,6 @@
 """What an execution needs and what it reports: its setting, how long things may take, how each step ended.
 
-robomend.repair.execution carries plans out; robomend.case supplies the setting, and Book writes the reports.
+robomend.repair.execution carries plans out, robomend.custody.case supplies the setting, Book writes reports.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ from robomend.repair.domain_loading import load_domain
 from robomend.repair.plan import Plan
 from robomend.repair.planners import DEFAULT, FALLBACK, make_planner
 from robomend.repair.planning import PlanOptions, gave_up, plan_for, plans_for
-from robomend.workers import WorkerPool
+from robomend.workers.pool import WorkerPool
 from robomend_client.literals import Literal
 
 SHARE = 0.6

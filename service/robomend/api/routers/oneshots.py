@@ -11,7 +11,7 @@ from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
 from robomend.api.schemas import AskBody, OneShotPlanBody, ResultOut
 from robomend.api.views import engine_options
-from robomend.oneshots import Question
+from robomend.fleet.oneshots import Question
 from robomend.security import API
 
 router = APIRouter(prefix=API, tags=["one-shots"], route_class=GuardedRoute)

@@ -11,7 +11,7 @@ name it in your distribution:
     mine = "my_package:MyPlanner"
 
 Our own names cannot be taken over. Planners run in worker processes that are killed at the deadline
-(robomend.workers), so one that cannot be interrupted does no harm.
+(robomend.workers.pool), so one that cannot be interrupted does no harm.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The repair loops of all robots that this instance owns; what the HTTP interface asks of them.
 
-    orphan or new robot ──► acquire (a fence) ──► Keeper: one task per robot, see robomend.keeper
+    orphan or new robot ──► acquire (a fence) ──► Keeper: one task per robot, see robomend.custody.keeper
     event in the log    ──► wakes the keeper that it concerns, whichever instance wrote it
 
 Requests (approve, cancel, a new repair) are written into the store by whichever instance was asked; the event
@@ -15,11 +15,11 @@ from collections.abc import Callable, Mapping, Sequence
 
 import structlog
 
-from robomend.choosing import Chooser
+from robomend.custody.choosing import Chooser
+from robomend.custody.keeper import Keeper, Tools
 from robomend.errors import Conflict, NotFound, Refused, RobomendError
-from robomend.fleet import Fleet
-from robomend.keeper import Keeper, Tools
-from robomend.oneshots import OneShots
+from robomend.fleet.fleet import Fleet
+from robomend.fleet.oneshots import OneShots
 from robomend.repair.book import repair_json
 from robomend.repair.executors.agent import AgentQueue
 from robomend.repair.planner_pool import PlannerPool
@@ -29,7 +29,7 @@ from robomend.store.interface import Store, Transaction, View
 from robomend.store.records import AuditEntry, Fence, Paging, Repair, Stop
 from robomend_client.events import Event, Kind
 
-log = structlog.get_logger("robomend.custody")
+log = structlog.get_logger("robomend.custody.custody")
 
 ORPHANS_S = 1.0
 """How often robots without an owner are looked for: a dead instance's robots are taken over in about this."""

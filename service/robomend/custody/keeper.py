@@ -22,26 +22,26 @@ from functools import partial
 
 import structlog
 
-from robomend.case import Halted, NotPermitted, Overtaken, RobotCase, Silent
-from robomend.choosing import Chooser
+from robomend.custody.case import Halted, NotPermitted, Overtaken, RobotCase, Silent
+from robomend.custody.choosing import Chooser
+from robomend.custody.reentry import Reentry, look_first
+from robomend.custody.signals import Signals
 from robomend.cycle import Turn, Verdict, mend
 from robomend.errors import NotFound, Refused, RobomendError, StoreError
-from robomend.fleet import Fleet
-from robomend.reentry import Reentry, look_first
+from robomend.fleet.fleet import Fleet
+from robomend.fleet.robot_state import RobotState
 from robomend.repair.book import LOOP, Book, Json, repair_json
 from robomend.repair.execution_values import Ending
 from robomend.repair.executors.agent import AgentExecutor, AgentQueue
 from robomend.repair.executors.board import BoardExecutor
 from robomend.repair.executors.configured import executors
 from robomend.repair.executors.once import Once
-from robomend.robot_state import RobotState
-from robomend.signals import Signals
 from robomend.store.interface import Store, Transaction
 from robomend.store.records import AuditEntry, Fence, Paging, Repair, Stop
 from robomend_client.actions import Executor
 from robomend_client.events import Kind
 
-log = structlog.get_logger("robomend.keeper")
+log = structlog.get_logger("robomend.custody.keeper")
 
 IDLE_S = 30.0
 """An event wakes a keeper; this is for one that was lost."""

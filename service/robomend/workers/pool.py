@@ -9,7 +9,7 @@ be killed, and takes nobody with it. Starting one takes seconds (imports), so wo
 starts them lazily, up to `size` at work, keeps `spare` more ready once it is in use, and ends those that
 idle.
 
-One worker process and how it ends with its parent: robomend.worker_process.
+One worker process and how it ends with its parent: robomend.workers.process.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from types import TracebackType
 from typing import Any, TypeVar, TypeVarTuple
 
 from robomend.errors import Overloaded, WorkerDied, WorkerTimeout
-from robomend.worker_process import ERROR, WorkerProcess
+from robomend.workers.process import ERROR, WorkerProcess
 
 T = TypeVar("T")
 Ts = TypeVarTuple("Ts")

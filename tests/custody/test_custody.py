@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
-from tests.loop.robot import CONFIG, Robot, robot_on, service, the_repair
+from tests.custody.robot import CONFIG, Robot, robot_on, service, the_repair
 
 from robomend.errors import Conflict, Refused
 
@@ -176,7 +176,7 @@ async def test_observations_that_stop_stop_the_repair(tmp_path: Path) -> None:
         await runtime.repairs.create("r1", bad=None, by="ann", reason="")
         repair = await the_repair(runtime)
         assert repair["state"] == "repaired"  # nothing is known to be wrong
-        from robomend.batches import Batch
+        from robomend.fleet.batches import Batch
 
         await runtime.fleet.observe("r1", Batch(("not running(mapping)",)))
         repair = await the_repair(runtime)
@@ -392,7 +392,7 @@ async def test_a_fault_of_our_own_ends_the_repair_and_not_the_keeper(
     async with service(tmp_path) as runtime, robot_on(runtime) as robot:
         await asyncio.sleep(0.2)
         with monkeypatch.context() as broken:
-            broken.setattr("robomend.case.Prediction", lambda *_: 1 / 0)
+            broken.setattr("robomend.custody.case.Prediction", lambda *_: 1 / 0)
             robot.cut("base")
             first = await the_repair(runtime)
         robot.running["mapping"] = False  # the diagnosis changes: another repair

@@ -10,27 +10,24 @@ import asyncio
 import time
 from collections import Counter
 from collections.abc import Awaitable, Collection, Iterable, Mapping, Sequence
-from functools import partial
 from typing import TypeVar
 
-from robomend.boards import SOURCE
-from robomend.choosing import Chooser, record_of
+from robomend.custody.choosing import Chooser, record_of
+from robomend.custody.hearing import Hearing, LiveSight
+from robomend.custody.signals import Signals
 from robomend.cycle import stands_no_more
 from robomend.diagnosis.result import DiagnosisResult
 from robomend.errors import InputError, Overloaded, RobomendError
-from robomend.fleet import Fleet
-from robomend.observations.language import parse
-from robomend.observations.obs import Observed, consequences
+from robomend.fleet.fleet import Fleet
+from robomend.fleet.robot_state import RobotState
 from robomend.repair.book import Book
 from robomend.repair.choice import Choice, attempt, quarantined
 from robomend.repair.execution_values import Ending, Execution, Setting, StepReport, StepState, Timing
 from robomend.repair.plan import Plan, Step
 from robomend.repair.policy import Mode, Policy
 from robomend.repair.prediction import Prediction, theory_of
-from robomend.robot_state import RobotState
-from robomend.signals import Signals
-from robomend.store.interface import Store, View
-from robomend.store.records import Accepted, Page, Paging, Quarantine
+from robomend.store.interface import Store
+from robomend.store.records import Quarantine
 from robomend_client.actions import Action, ActionResult, Executor
 from robomend_client.literals import Atom, Literal
 
@@ -59,27 +56,6 @@ class Halted(Exception):  # what happened, not what went wrong
     """Ends a wait that is not the execution's own."""
 
 
-class LiveSight:
-    """OBS of a robot in memory; another instance's observations are read from the store as they come."""
-
-    def __init__(self, fleet: Fleet, state: RobotState) -> None:
-        self._fleet = fleet
-        self._state = state
-
-    @property
-    def revision(self) -> int:
-        return self._state.revision
-
-    def value(self, atom: Atom) -> bool | None:
-        return self._state.value(atom)
-
-    async def changed(self, revision: int, timeout_s: float) -> int:
-        await self._state.changed(revision, timeout_s)
-        if self._state.stale:
-            await self._fleet.robot(self._state.id)
-        return self._state.revision
-
-
 class RobotCase:
     """See the module; implements robomend.cycle.Case."""
 
@@ -95,27 +71,20 @@ class RobotCase:
         signals: Signals,
         heard_since: int | None,
     ) -> None:
-        """`heard_since`: after a crash, the revision of OBS up to which observations do not count."""
-        self._store = store
+        """`heard_since`: see Hearing."""
         self._fleet = fleet
         self._chooser = chooser
         self._state = state
         self._book = book
         self._executors = executors
         self._signals = signals
-        self._heard_since = heard_since
-        self._heard: set[Atom] = set()  # reported since then
+        self._hearing = Hearing(store, fleet, state, heard_since)
         # A crash does not give a repair new rounds, but it may always finish.
         self.rounds = max(1, self._policy.rounds - len(book.data.get("rounds", ())))
         self._sight = LiveSight(fleet, state)
         self._components = frozenset(state.system.cnf.components)
         self._first = 0  # number of the present round's first step within the repair
         self._attempts: Counter[str] = Counter()  # actions by component in the last hour
-        self._observed = frozenset(
-            literal.atom
-            for sentence in state.config.observed
-            for literal in parse(sentence, state.system.vocabulary)
-        )
 
     @property
     def _policy(self) -> Policy:
@@ -142,10 +111,10 @@ class RobotCase:
 
         A person who asked for the repair is not kept waiting; what is unknown then is assumed, and shown.
         """
-        asked = bool(self._book.data.get("asked")) and self._heard_since is None
+        asked = bool(self._book.data.get("asked")) and not self._hearing.anew
         deadline = time.monotonic() + self._state.config.observed_timeout_s
         told: list[str] = []
-        while missing := await self._unheard():
+        while missing := await self._hearing.unheard():
             names = [str(atom) for atom in missing]
             if asked:
                 return
@@ -158,44 +127,9 @@ class RobotCase:
                 told = names
                 await self._book.update("waiting", reason="for observers", waiting_for=names)
             await self._unless_halted(self._sight.changed(self._sight.revision, LOOK_S))
-        self._heard_since = None
+        self._hearing.anew = False
         if told:
             await self._book.update("planning", waiting_for=[])
-
-    async def _unheard(self) -> list[Atom]:
-        """Return the configured atoms that are unknown or, after a crash, were not reported since."""
-        if self._heard_since is not None:
-            await self._hear_since()
-        silent = {atom for atom in self._observed if self._state.value(atom) is None}
-        if self._heard_since is not None:
-            board = (await self._fleet.board(self._state.id)) if self._state.config.board else None
-            silent |= {
-                atom
-                for atom in self._observed - self._heard
-                # A board says only what changed; its literals are fresh once it has spoken at all.
-                if not (board is not None and board.told and self._source(atom) == SOURCE)
-            }
-        return sorted(silent)
-
-    def _source(self, atom: Atom) -> str | None:
-        entry = self._state.obs.get(atom)
-        return None if entry is None else entry.source
-
-    async def _hear_since(self) -> None:
-        """Note what was reported since the crash, to any instance, also where it only said the same again.
-
-        By revision, not by time: a robot's clock may be an hour off.
-        """
-        last = newest = self._heard_since or 0
-        paging: Paging | None = Paging(limit=200)
-        while paging is not None:
-            page = await self._store.read(partial(_history, self._state.id, paging))
-            new = [batch for batch in page.items if batch.revision > last]
-            self._heard.update(atom for batch in new for atom in _atoms(batch))
-            newest = max([newest, *(batch.revision for batch in new)])
-            more = page.next is not None and len(new) == len(page.items)
-            paging = Paging(page.next, 200) if more else None
-        self._heard_since = newest
 
     async def _newest(self) -> DiagnosisResult:
         """Return the diagnosis of OBS as it is now; the fault, if there is none, is raised."""
@@ -321,7 +255,7 @@ class RobotCase:
             journal=self,
             permit=permit,
             halt=self._signals.halt,
-            observed=self._observed,
+            observed=self._hearing.observed,
             timing={name: _timing(value) for name, value in self._state.config.actions.items()},
             not_idempotent=self._chooser.not_idempotent(self._state),
             report=report,
@@ -348,7 +282,7 @@ class RobotCase:
             revision = self._sight.revision
             result = await self._newest()
             helped = stands_no_more(choice.diagnosis.bad, result)
-            if result.healthy and await self._unheard():
+            if result.healthy and await self._hearing.unheard():
                 # Nothing is known to be wrong because nothing is known: an observer fell silent meanwhile.
                 await self._hear_all()
                 return await self._newest()
@@ -418,19 +352,6 @@ def direct(reports: Iterable[StepReport], bad: Collection[str]) -> list[str]:
         for report in reports
         if report.result is not None and report.result.ok and cures & set(report.step.effects)
     ]
-
-
-def _history(robot: str, paging: Paging, view: View) -> Page[Accepted]:
-    return view.history(robot, paging)
-
-
-def _atoms(batch: Accepted) -> set[Atom]:
-    """Return the atoms that a batch says something of; a trend denies the other trends."""
-    return {
-        said.literal.atom
-        for entry in batch.entries
-        for said in consequences(Observed(Literal(entry.atom, entry.positive), entry.source, entry.time_ns))
-    }
 
 
 class NotPermitted(RobomendError):

@@ -9,16 +9,16 @@ from dataclasses import dataclass, field
 import structlog
 
 from robomend.errors import InputError, ObservationError
+from robomend.fleet.robot_state import RobotState
 from robomend.model.clauses import Assertion
 from robomend.model.system import System
 from robomend.observations.language import Unknown, parse, read, read_assertion
 from robomend.observations.obs import Observed
-from robomend.robot_state import RobotState
 from robomend.robots import RobotConfig
 from robomend.store import records
 from robomend_client.literals import Atom
 
-log = structlog.get_logger("robomend.batches")
+log = structlog.get_logger("robomend.fleet.batches")
 
 AHEAD_NS = 60 * 10**9
 """How far in the future a client's clock may be: an entry from the future outlives everything older."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from robomend.signals import Signals
+from robomend.custody.signals import Signals
 
 pytestmark = pytest.mark.anyio
 

@@ -105,7 +105,7 @@ class WorkerProcess:
 
 
 _PROGRAM = (
-    "import sys; sys.path[:] = {path!r}; from robomend.worker_process import serve; serve({fd}, {parent})"
+    "import sys; sys.path[:] = {path!r}; from robomend.workers.process import serve; serve({fd}, {parent})"
 )
 
 

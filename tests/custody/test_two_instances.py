@@ -7,8 +7,8 @@ import time
 from pathlib import Path
 
 import pytest
-from tests.loop.remote import ServiceProcess, ended, latest, remote_robot, services
-from tests.loop.robot import Robot
+from tests.custody.remote import ServiceProcess, ended, latest, remote_robot, services
+from tests.custody.robot import Robot
 
 pytestmark = pytest.mark.anyio
 

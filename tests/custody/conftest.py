@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import AsyncIterator
 
 import pytest
-from tests.loop import robot
+from tests.custody import robot
 from tests.postgres import postgres_server, postgres_url
 
 from robomend.repair.planner_pool import PlannerPool
@@ -15,7 +15,7 @@ __all__ = ["postgres_server", "postgres_url"]  # fixtures
 
 @pytest.fixture(scope="session", autouse=True)
 async def planners() -> AsyncIterator[PlannerPool]:
-    """The session's planners; `tests.loop.robot.service` uses them."""
+    """The session's planners; `tests.custody.robot.service` uses them."""
     pool = PlannerPool(size=1, spare=1)
     robot.planners = pool
     yield pool

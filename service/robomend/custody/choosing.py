@@ -16,8 +16,9 @@ from typing import Any
 from robomend.diagnosis.probes import ProbeResult
 from robomend.diagnosis.result import Diagnosis, DiagnosisResult
 from robomend.errors import Conflict, Refused, RobomendError
+from robomend.fleet.oneshots import OneShots
+from robomend.fleet.robot_state import RobotState
 from robomend.model.components import ComponentModel
-from robomend.oneshots import OneShots
 from robomend.repair.advice import Situation, plan_answer
 from robomend.repair.choice import Choice, Patience, Tried
 from robomend.repair.domain_loading import load_domain
@@ -25,7 +26,6 @@ from robomend.repair.plan import Plan
 from robomend.repair.planner_pool import PlannerPool
 from robomend.repair.planning import PlanOptions
 from robomend.repair.policy import HOUR_NS, NODE_ACTIONS, POWER_ACTIONS, Policy
-from robomend.robot_state import RobotState
 from robomend.store import records
 from robomend.store.interface import Store, View
 

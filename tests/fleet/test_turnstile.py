@@ -6,7 +6,7 @@ import asyncio
 
 import pytest
 
-from robomend.turnstile import Turnstile
+from robomend.fleet.turnstile import Turnstile
 
 pytestmark = pytest.mark.anyio
 

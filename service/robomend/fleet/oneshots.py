@@ -14,16 +14,16 @@ from robomend.answers import result_json
 from robomend.diagnosis.probes import ProbeResult
 from robomend.diagnosis.result import Diagnosis, DiagnosisResult, Options
 from robomend.errors import InputError, Overloaded, UnknownComponent
+from robomend.fleet.robot_state import RobotState
+from robomend.fleet.solvers import SolverWorkers
+from robomend.fleet.systems import Systems
 from robomend.model.clauses import extend, without_running
 from robomend.model.system import System
 from robomend.observations.language import Assertion, read
 from robomend.repair.advice import Situation, advise, parts_of, plan_answer
 from robomend.repair.planner_pool import PlannerPool
 from robomend.repair.planning import PlanOptions
-from robomend.robot_state import RobotState
 from robomend.settings import Settings
-from robomend.solver_workers import SolverWorkers
-from robomend.systems import Systems
 from robomend_client.literals import Literal
 
 GRACE_S = 2.0

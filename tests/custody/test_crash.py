@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.loop.remote import RemoteRobot, ServiceProcess, awaits, ended, latest, remote_robot, services
-from tests.loop.robot import Robot, with_recalibrate
+from tests.custody.remote import RemoteRobot, ServiceProcess, awaits, ended, latest, remote_robot, services
+from tests.custody.robot import Robot, with_recalibrate
 
 pytestmark = pytest.mark.anyio
 

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from tests.loop.robot import CONFIG, MODEL, Robot
+from tests.custody.robot import CONFIG, MODEL, Robot
 
 from robomend_client.actions import OK, ActionResult
 from robomend_client.rest import NEVER, ApiError, AsyncClient, ClientError

@@ -14,14 +14,14 @@ import asyncio
 import contextlib
 from collections.abc import Callable
 
-from robomend.case import Halted, approval
-from robomend.choosing import Chooser
+from robomend.custody.case import Halted, approval
+from robomend.custody.choosing import Chooser
+from robomend.custody.signals import Signals
 from robomend.errors import NotFound
+from robomend.fleet.robot_state import RobotState
 from robomend.repair.book import Book
 from robomend.repair.execution_values import Ending
 from robomend.repair.executors.agent import AgentQueue
-from robomend.robot_state import RobotState
-from robomend.signals import Signals
 from robomend.store.interface import Store, Transaction
 from robomend.store.records import Fence, Intent
 from robomend_client.actions import TIMED_OUT

@@ -15,13 +15,13 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from robomend.diagnoser import Answer
+from robomend.fleet.diagnoser import Answer
+from robomend.fleet.turnstile import Turnstile
 from robomend.model.clauses import Assertion, extend, without_running
 from robomend.model.system import System
 from robomend.observations.obs import Obs, Observed, consequences
 from robomend.robots import RobotConfig
 from robomend.store import records
-from robomend.turnstile import Turnstile
 from robomend_client.literals import Atom, Literal
 
 

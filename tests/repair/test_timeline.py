@@ -8,7 +8,7 @@ from itertools import pairwise
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robomend.timeline import ActionBar, Mark, Span, Timeline, lanes, svg
+from robomend.repair.timeline import ActionBar, Mark, Span, Timeline, lanes, svg
 
 SVG = "{http://www.w3.org/2000/svg}"
 TIMES = st.floats(0, 30, allow_nan=False)

@@ -26,7 +26,7 @@ import structlog
 from robomend.errors import InputError
 from robomend.settings import Settings
 
-log = structlog.get_logger("robomend.supervising")
+log = structlog.get_logger("robomend.api.supervising")
 
 READY = b"R"
 BACK_OFF_S = 1.0

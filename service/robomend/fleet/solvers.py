@@ -13,7 +13,7 @@ from robomend.diagnosis.probes import Prober, ProbeResult
 from robomend.diagnosis.result import DiagnosisResult, Engine, Options
 from robomend.errors import RobomendError
 from robomend.model.cnf import HealthCnf
-from robomend.workers import WorkerPool
+from robomend.workers.pool import WorkerPool
 from robomend_client.literals import Literal
 
 KEPT = 4
@@ -46,7 +46,7 @@ class SolverWorkers:
         """Diagnose in a worker.
 
         Raises:
-            WorkerTimeout, WorkerDied, WorkersBusy: see robomend.workers.
+            WorkerTimeout, WorkerDied, WorkersBusy: see robomend.workers.pool.
         """
         try:
             return await self.pool.run(

@@ -19,17 +19,17 @@ from typing import Any
 
 import structlog
 
-from robomend.diagnoser import Answer, Diagnoser
 from robomend.diagnosis.result import Options
 from robomend.errors import NotFound, Overloaded, RobomendError
+from robomend.fleet.diagnoser import Answer, Diagnoser
+from robomend.fleet.robot_state import Current, RobotState
 from robomend.metrics import Metrics
-from robomend.robot_state import Current, RobotState
 from robomend.settings import Settings
 from robomend.store.encoding import Encoded, to_json
 from robomend.store.interface import Store, Transaction
 from robomend_client.events import Kind
 
-log = structlog.get_logger("robomend.diagnosing")
+log = structlog.get_logger("robomend.fleet.diagnosing")
 
 FAILED_AGAIN_S = 1.0
 """Pause before a diagnosis that could not be made or written is tried again."""

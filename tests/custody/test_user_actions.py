@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.loop.robot import CONFIG, Robot, robot_on, running, service, the_repair, with_recalibrate
+from tests.custody.robot import CONFIG, Robot, robot_on, running, service, the_repair, with_recalibrate
 from tests.robomend_board.processes import running as emulator
 
 from robomend.api.runtime import Runtime

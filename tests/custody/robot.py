@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import Any
 
 from robomend.api.runtime import Runtime
-from robomend.batches import Batch
-from robomend.custody import make_repairs
-from robomend.fleet import Fleet
-from robomend.oneshots import OneShots
+from robomend.custody.custody import make_repairs
+from robomend.fleet.batches import Batch
+from robomend.fleet.fleet import Fleet
+from robomend.fleet.oneshots import OneShots
 from robomend.repair.planner_pool import PlannerPool
 from robomend.repair.service_interface import Repairs
 from robomend.settings import Settings

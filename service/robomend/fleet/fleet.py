@@ -20,27 +20,27 @@ from typing import Any
 
 import structlog
 
-from robomend.batches import Batch, Outcome, ReadBatch, read_batch, stored_assertion
 from robomend.board.link import LinkState
-from robomend.boards import SOURCE, Board, Boards
-from robomend.diagnoser import Diagnoser
-from robomend.diagnosing import Diagnosing, announce, published, same
 from robomend.errors import Conflict, InputError, NotFound, Overloaded, RobomendError, TooLarge
+from robomend.fleet.batches import Batch, Outcome, ReadBatch, read_batch, stored_assertion
+from robomend.fleet.boards import SOURCE, Board, Boards
+from robomend.fleet.diagnoser import Diagnoser
+from robomend.fleet.diagnosing import Diagnosing, announce, published, same
+from robomend.fleet.robot_state import Changes, RobotState
+from robomend.fleet.systems import Systems
 from robomend.metrics import Metrics
 from robomend.model.system import System
 from robomend.observations.language import parse
 from robomend.observations.obs import Observed
-from robomend.robot_state import Changes, RobotState
 from robomend.robots import RobotConfig
 from robomend.settings import Settings
 from robomend.store import records
 from robomend.store.interface import Store, Transaction, View
 from robomend.store.records import AuditEntry, Json, Once
-from robomend.systems import Systems
 from robomend_client.events import Event, Kind
 from robomend_client.literals import Literal
 
-log = structlog.get_logger("robomend.fleet")
+log = structlog.get_logger("robomend.fleet.fleet")
 
 ATTEMPTS = 8
 """Times that a batch is tried again when another instance was faster."""

@@ -1,0 +1,102 @@
+"""Whether the observers of a robot have spoken: an automatic repair must not be blind."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from robomend.fleet.boards import SOURCE
+from robomend.fleet.fleet import Fleet
+from robomend.fleet.robot_state import RobotState
+from robomend.observations.language import parse
+from robomend.observations.obs import Observed, consequences
+from robomend.store.interface import Store, View
+from robomend.store.records import Accepted, Page, Paging
+from robomend_client.literals import Atom, Literal
+
+
+class LiveSight:
+    """OBS of a robot in memory; another instance's observations are read from the store as they come."""
+
+    def __init__(self, fleet: Fleet, state: RobotState) -> None:
+        self._fleet = fleet
+        self._state = state
+
+    @property
+    def revision(self) -> int:
+        return self._state.revision
+
+    def value(self, atom: Atom) -> bool | None:
+        return self._state.value(atom)
+
+    async def changed(self, revision: int, timeout_s: float) -> int:
+        await self._state.changed(revision, timeout_s)
+        if self._state.stale:
+            await self._fleet.robot(self._state.id)
+        return self._state.revision
+
+
+class Hearing:
+    """Which atoms of the robot's `observed` list OBS has, and after a crash, which were reported since."""
+
+    def __init__(self, store: Store, fleet: Fleet, state: RobotState, since: int | None) -> None:
+        """`since`: after a crash, the revision of OBS up to which observations do not count; else None."""
+        self.anew = since is not None
+        """Whether what was reported before does not count; until all were heard."""
+        self.observed = frozenset(
+            literal.atom
+            for sentence in state.config.observed
+            for literal in parse(sentence, state.system.vocabulary)
+        )
+        self._store = store
+        self._fleet = fleet
+        self._state = state
+        self._since = since or 0
+        self._heard: set[Atom] = set()  # reported since then
+
+    async def unheard(self) -> list[Atom]:
+        """Return the configured atoms that are unknown or, after a crash, were not reported since."""
+        if self.anew:
+            await self._hear_since()
+        silent = {atom for atom in self.observed if self._state.value(atom) is None}
+        if self.anew:
+            board = (await self._fleet.board(self._state.id)) if self._state.config.board else None
+            silent |= {
+                atom
+                for atom in self.observed - self._heard
+                # A board says only what changed; its literals are fresh once it has spoken at all.
+                if not (board is not None and board.told and self._source(atom) == SOURCE)
+            }
+        return sorted(silent)
+
+    def _source(self, atom: Atom) -> str | None:
+        entry = self._state.obs.get(atom)
+        return None if entry is None else entry.source
+
+    async def _hear_since(self) -> None:
+        """Note what was reported since the crash, to any instance, also where it only said the same again.
+
+        By revision, not by time: a robot's clock may be an hour off.
+        """
+        last = newest = self._since
+        paging: Paging | None = Paging(limit=200)
+        while paging is not None:
+            page = await self._store.read(partial(_history, self._state.id, paging))
+            new = [batch for batch in page.items if batch.revision > last]
+            self._heard.update(atom for batch in new for atom in _atoms(batch))
+            newest = max([newest, *(batch.revision for batch in new)])
+            more = page.next is not None and len(new) == len(page.items)
+            paging = Paging(page.next, 200) if more else None
+        self._since = newest
+
+
+def _history(robot: str, paging: Paging, view: View) -> Page[Accepted]:
+    return view.history(robot, paging)
+
+
+def _atoms(batch: Accepted) -> set[Atom]:
+    """Return the atoms that a batch says something of; a trend denies the other trends."""
+    return {
+        said.literal.atom
+        for entry in batch.entries
+        for said in consequences(Observed(Literal(entry.atom, entry.positive), entry.source, entry.time_ns))
+    }
