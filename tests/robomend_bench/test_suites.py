@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import random
 import time
 from collections.abc import Iterator, Mapping
 
 import pytest
 
 from robomend.errors import InputError, OptionRefused
+from robomend_bench.contenders import CHECKS, healthy_sets
+from robomend_bench.generator import make_robot, observe
 from robomend_bench.results import Run
 from robomend_bench.running import run_suite
 from robomend_bench.suite import Answer, Ask, Group, Question, Wish, find_suite, suite_names
 from robomend_bench.worker import Contestant
+from robomend_client.literals import holds
 
 TINY = {"iscas85": ("c17",), "robots-v1": ("20",), "multi-observation": ("c17",)}
 
@@ -45,6 +49,13 @@ def test_the_check_is_timed_over_many_calls() -> None:
     run = tiny("robots-v1", "check")
     assert [sample.status for sample in run.samples] == ["ok", "ok"]
     assert all(sample.result == (1,) for sample in run.samples)
+
+
+def test_no_two_checks_of_a_measurement_are_about_the_same_set() -> None:
+    robot = make_robot(20, 1)
+    sets = [frozenset(one) for one in healthy_sets(observe(robot, 2, random.Random(1)))]
+    assert len(set(sets)) == len(sets) == CHECKS
+    assert len(list(healthy_sets([holds("on", "camera")]))) == CHECKS
 
 
 def test_larger_diagnoses_that_were_not_wanted_are_no_time_out() -> None:

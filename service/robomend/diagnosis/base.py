@@ -113,7 +113,7 @@ class BaseEngine(ABC):
         self._health = list(range(1, len(cnf.components) + 1))
         self._guard = cnf.variables
         self._leftover = 0
-        self._witness: frozenset[int] = frozenset()  # the literals of a model of SD with all healthy
+        self._witness: frozenset[int] | None = None  # the literals of a model of SD with all healthy
         self._unwitnessed = 0
 
     @cached_property
@@ -157,7 +157,7 @@ class BaseEngine(ABC):
         """
         literals = tuple(observations)
         numbers: Sequence[int] = self._reader.numbers(literals)
-        if self._witness.issuperset(numbers):
+        if self._witness is not None and self._witness.issuperset(numbers):
             return True
         if 0 in numbers:
             numbers = self._reader.read(literals).numbers
