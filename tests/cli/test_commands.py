@@ -65,6 +65,7 @@ def test_model_check_says_what_no_rule_can_blame(capsys: Capture) -> None:
     assert "no rule can blame joystick" in out
     assert run(["model", "check", TEDUSAR, "--strict", "--format", "json"]) == 1
     assert len(json.loads(capsys.readouterr().out)["warnings"]) == 2
+    assert run(["model", "check", str(resource("examples", "mobile_manipulator.yaml")), "--strict"]) == 0
 
 
 def test_model_check_names_unused_names_and_shared_topics(tmp_path: Path, capsys: Capture) -> None:
@@ -81,10 +82,28 @@ def test_model_check_names_unused_names_and_shared_topics(tmp_path: Path, capsys
         "topic idle: no node publishes it",
         "property temp: no rule mentions",
         "value v: no related pair",
-        "hardware lamp: no node drives it",
+        "hardware lamp: no node drives it, and no rule mentions it",
         "2 of 3 components have no prior (lamp, b)",
     ):
         assert part in out
+
+
+def test_model_check_names_topics_whose_silence_blames_nobody(tmp_path: Path, capsys: Capture) -> None:
+    model = tmp_path / "robot.yaml"
+    model.write_text(
+        "robomend: 1\nhardware: {base: {channel: 1}, lamp: {channel: 2}}\ntopics: [scan]\nnodes:\n"
+        "  driver: {drives: [base], inputs_matter: true, publishes: {odom: [cmd]}}\n"
+        "  planner: {publishes: {cmd: [odom], plan: [cmd]}}\n"
+        "  mapper: {publishes: {map: [scan]}}\n"
+        "  clock: {publishes: {time: []}}\n"
+        'rules: ["not ab(lamp) -> ok(light)"]\n'
+    )
+    assert run(["model", "check", str(model)]) == 0
+    out = capsys.readouterr().out
+    assert "topics odom, cmd, plan: waits for itself, in a circle (cmd ← odom ← cmd)" in out
+    assert "topic map: waits for scan, which no node publishes" in out
+    assert "time" not in out
+    assert "lamp: no node drives it" not in out  # a rule blames it
 
 
 def test_init_writes_a_model_without_doubts(tmp_path: Path, capsys: Capture) -> None:

@@ -223,8 +223,7 @@ class Decoder:
 
         Raises:
             RemoteProtocolError: the bytes are no frame. The stream has no way to find the next frame, so
-            the caller
-                must drop the connection.
+                the caller must drop the connection.
         """
         if not self._buffer:
             return None

@@ -74,13 +74,16 @@ def show(result: DiagnosisResult) -> None:
     elif not result.diagnoses:
         console.print("no diagnosis found")
     else:
-        table = Table("#", "bad", "probability", "resolves", box=None, pad_edge=False)
+        ranked = any(diagnosis.probability is not None for diagnosis in result.diagnoses)
+        probable = ["probability"] if ranked else []
+        table = Table("#", "bad", *probable, "resolves conflicts", box=None, pad_edge=False)
         for number, diagnosis in enumerate(result.diagnoses, 1):
             parts = [f"{c} ({diagnosis.modes[c]})" if c in diagnosis.modes else c for c in diagnosis.bad]
             probability = "" if diagnosis.probability is None else f"{diagnosis.probability:.4f}"
             hit = [str(index + 1) for index in diagnosis.resolves[:SHOWN]]
             more = "…" if len(diagnosis.resolves) > SHOWN else ""
-            table.add_row(str(number), escape(", ".join(parts)), probability, " ".join(hit) + more)
+            cells = [str(number), escape(", ".join(parts)), *([probability] if ranked else [])]
+            table.add_row(*cells, " ".join(hit) + more)
         console.print(table)
     for product in result.factored:
         console.print(" × ".join("{" + escape(", ".join(f.alternatives)) + "}" for f in product))

@@ -1,10 +1,12 @@
-"""`model check`: what a model leaves out. Nothing here is wrong, and yet worth knowing before the first
-fault."""
+"""`model check`: what a model leaves out. Nothing is wrong with it, and yet worth knowing before a fault."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
+from pysat.solvers import Solver
+
+from robomend.model.components import Node
 from robomend.model.schemes import publishers_of
 from robomend.model.system import System
 from robomend_client.literals import Atom
@@ -14,7 +16,13 @@ SHOWN = 20
 
 def check(system: System) -> tuple[str, ...]:
     """Return every doubt about a model, as sentences; loading's own warnings come first."""
-    return (*system.warnings, *unblamable(system), *unused(system), *partial_priors(system))
+    return (
+        *system.warnings,
+        *unblamable(system),
+        *excused(system),
+        *unused(system),
+        *partial_priors(system),
+    )
 
 
 def unblamable(system: System) -> Iterator[str]:
@@ -27,6 +35,59 @@ def unblamable(system: System) -> Iterator[str]:
         yield f"no rule can blame {name}{remedy}"
     if len(names) > SHOWN:
         yield f"and {len(names) - SHOWN} more components that no rule can blame"
+
+
+def excused(system: System) -> Iterator[str]:
+    """Published topics whose silence nobody can be blamed for, until something else is observed.
+
+    With every component healthy, such a topic may be silent all the same: it waits for an input that no node
+    publishes, or for itself, in a circle. The six schemes say so; whoever writes the model seldom means it.
+    """
+    model = system.parts
+    if model is None:
+        return
+    publishers = publishers_of(model)
+    free = _unforced(system, publishers)
+    by_cause: dict[str, list[str]] = {}
+    for topic in free:
+        by_cause.setdefault(_waits_for(topic, free, publishers), []).append(topic)
+    for cause, topics in by_cause.items():
+        more = f" and {len(topics) - SHOWN} more" if len(topics) > SHOWN else ""
+        named = f"topic{'s' if len(topics) > 1 else ''} {', '.join(topics[:SHOWN])}{more}"
+        yield f"{named}: {cause}, so that silence alone blames nobody; observe what is waited for as well"
+
+
+def _unforced(system: System, publishers: Mapping[str, list[Node]]) -> dict[str, None]:
+    """Return the published topics that may be silent though every component is healthy."""
+    cnf = system.cnf
+    found: dict[str, None] = {}
+    with Solver("g4", bootstrap_with=cnf.clauses) as solver:
+        healthy = list(cnf.health.values())
+        for topic in publishers:
+            variable = cnf.atom_variable.get(Atom("ok", (topic,)))
+            if variable is not None and solver.solve([*healthy, -variable]):
+                found[topic] = None
+    return found
+
+
+def _waits_for(topic: str, free: Mapping[str, None], publishers: Mapping[str, list[Node]]) -> str:
+    """Say why a topic may be silent, by going from input to input to where it begins."""
+    path: dict[str, None] = {}
+    while topic not in path:
+        path[topic] = None
+        inputs = [name for node in publishers[topic] for name in node.publishes[topic]]
+        outside = [name for name in inputs if name not in publishers]
+        if outside:
+            return f"waits for {', '.join(outside)}, which no node publishes"
+        waiting = [name for name in inputs if name in free]
+        if not waiting:
+            return "a rule allows it to be silent"
+        topic = waiting[0]
+    trail = list(path)
+    circle = trail[trail.index(topic) :]
+    first = circle.index(min(circle))  # the same words, wherever the circle was entered
+    circle = circle[first:] + circle[: first + 1]
+    return f"waits for itself, in a circle ({' ← '.join(circle)})"
 
 
 def unused(system: System) -> Iterator[str]:
@@ -54,9 +115,22 @@ def unused(system: System) -> Iterator[str]:
             yield f"value {name}: no related pair and no rule mentions it"
     driven = {device for node in model.nodes.values() for device in node.drives}
     feeders = {feeder for device in model.hardware.values() for feeder in device.fed_by}
+    ruled = _in_user_rules(system)
     for name in model.hardware:
-        if name not in driven and name not in feeders:
-            yield f"hardware {name}: no node drives it"
+        if name not in driven and name not in feeders and name not in ruled:
+            yield f"hardware {name}: no node drives it, and no rule mentions it"
+
+
+def _in_user_rules(system: System) -> set[str]:
+    """Return the components that rules of the user's own blame."""
+    cnf = system.cnf
+    return {
+        cnf.components[abs(literal) - 1]
+        for clause, origin in zip(cnf.clauses, cnf.origins, strict=True)
+        if cnf.rules[origin].source.startswith("user rule")
+        for literal in clause
+        if abs(literal) <= len(cnf.components)
+    }
 
 
 def partial_priors(system: System) -> Iterator[str]:

@@ -40,8 +40,7 @@ def parse(sentence: str, vocabulary: Vocabulary, *, unknown: Unknown = "refuse")
 
     Raises:
         ObservationError: malformed, richer than that, contradictory in itself, or (with unknown="refuse")
-        naming
-            what the model does not declare; with the sentence and the 0-based position.
+            naming what the model does not declare; with the sentence and the 0-based position.
     """
     if not isinstance(sentence, str):
         raise ObservationError(
