@@ -94,9 +94,25 @@ _REVISE = (
     .where(schema.robot_state.c.robot == bindparam("of_robot"))
     .values(revision=bindparam("to_revision"))
 )
-_STATES = select(schema.robot_state, schema.robots.c.id).outerjoin(
-    schema.robots, schema.robots.c.id == schema.robot_state.c.robot
+# Made once: building a statement costs several times as much as running it.
+_STATES = (
+    select(schema.robot_state, schema.robots.c.id)
+    .outerjoin(schema.robots, schema.robots.c.id == schema.robot_state.c.robot)
+    .where(schema.robot_state.c.robot.in_(bindparam("names", expanding=True)))
+    .order_by(schema.robot_state.c.robot)
+    .with_for_update(of=schema.robot_state)
 )
+_ANSWERS = select(schema.idempotency).where(
+    schema.idempotency.c.key.in_(bindparam("keys", expanding=True)),
+    schema.idempotency.c.expires_ns > bindparam("now_ns"),
+)
+_COUNT = (
+    schema.counters.update()
+    .where(schema.counters.c.name == bindparam("counter"))
+    .values(value=schema.counters.c.value + bindparam("by"))
+    .returning(schema.counters.c.value)
+)
+_NOTIFY = text("SELECT pg_notify(:c, :id)")
 
 
 class Group:
@@ -140,23 +156,17 @@ class Group:
         """Lock robots, in the order of their names, and return what is known of them."""
         names = sorted({checked(robot) for robot in robots})
         found: dict[str, RobotState] = {}
-        state = schema.robot_state
         for start in range(0, len(names), 500):
-            some = names[start : start + 500]
-            query = _STATES.where(state.c.robot.in_(some)).order_by(state.c.robot).with_for_update(of=state)
-            for row in self.connection.execute(query):
+            for row in self.connection.execute(_STATES, {"names": names[start : start + 500]}):
                 found[row.robot] = RobotState(row.revision, row.fence, row.owner, row.id is not None)
         return found
 
     def _answers(self, onces: Iterable[Once]) -> dict[tuple[str, str], tuple[str, str]]:
         keys = sorted({checked(once.key) for once in onces})
-        table = schema.idempotency
         answers = {}
         for start in range(0, len(keys), 500):
-            query = select(table).where(
-                table.c.key.in_(keys[start : start + 500]), table.c.expires_ns > self.now_ns
-            )
-            for row in self.connection.execute(query):
+            some = {"keys": keys[start : start + 500], "now_ns": self.now_ns}
+            for row in self.connection.execute(_ANSWERS, some):
                 answers[row.scope, row.key] = (row.request, row.response)
         return answers
 
@@ -206,13 +216,11 @@ class Group:
             ],
         )
         if self.kind == "postgresql":
-            self.connection.execute(text("SELECT pg_notify(:c, :id)"), {"c": CHANNEL, "id": str(last)})
+            self.connection.execute(_NOTIFY, {"c": CHANNEL, "id": str(last)})
         return events
 
     def _count(self, counter: str, by: int) -> int:
-        table = schema.counters
-        counted = table.update().where(table.c.name == counter).values(value=table.c.value + by)
-        return int(self.connection.execute(counted.returning(table.c.value)).scalar_one())
+        return int(self.connection.execute(_COUNT, {"counter": counter, "by": by}).scalar_one())
 
 
 class SqlItem(SqlView):
