@@ -95,6 +95,10 @@ _REVISE = (
     .values(revision=bindparam("to_revision"))
 )
 # Made once: building a statement costs several times as much as running it.
+_KEEP_BATCH = schema.observations.insert()
+_KEEP_DIAGNOSIS = schema.diagnoses.insert()
+_KEEP_AUDIT = schema.audit.insert()
+_KEEP_EVENT = schema.events.insert()
 _STATES = (
     select(schema.robot_state, schema.robots.c.id)
     .outerjoin(schema.robots, schema.robots.c.id == schema.robot_state.c.robot)
@@ -174,7 +178,7 @@ class Group:
         """Write the rows that have no id yet to get: all but audit and events."""
         execute = self.connection.execute
         if rows.history:
-            execute(schema.observations.insert(), rows.history)
+            execute(_KEEP_BATCH, rows.history)
         kept = [values for values in rows.obs.values() if values is not None]
         if kept:
             execute(upsert(self.kind, schema.obs), kept)
@@ -187,7 +191,7 @@ class Group:
                 _REVISE, [{"of_robot": r, "to_revision": states[r].revision} for r in sorted(rows.revised)]
             )
         if rows.diagnoses:
-            execute(schema.diagnoses.insert(), rows.diagnoses)
+            execute(_KEEP_DIAGNOSIS, rows.diagnoses)
         if rows.once:
             execute(upsert(self.kind, schema.idempotency), list(rows.once.values()))
         rows.history, rows.obs, rows.revised, rows.once, rows.diagnoses = [], {}, set(), {}, []
@@ -200,7 +204,7 @@ class Group:
             last = self._count("audit", len(audit))
             for id_, values in enumerate(audit, last - len(audit) + 1):
                 values["id"] = id_
-            self.connection.execute(schema.audit.insert(), audit)
+            self.connection.execute(_KEEP_AUDIT, audit)
         if not pending:
             return ()
         last = self._count("event", len(pending))
@@ -209,7 +213,7 @@ class Group:
             for id_, (kind, robot, data, _) in enumerate(pending, last - len(pending) + 1)
         )
         self.connection.execute(
-            schema.events.insert(),
+            _KEEP_EVENT,
             [
                 {"id": e.id, "time_ns": e.time_ns, "kind": e.kind.value, "robot": e.robot, "data": row[3]}
                 for e, row in zip(events, pending, strict=True)
