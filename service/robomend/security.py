@@ -8,6 +8,8 @@ nothing: there is no dictionary to try for 256 random bits, and every request wo
     operator   viewer, and approves, cancels, switches, stops, changes robots and models
     admin      operator, the audit log, and whatever else there is
 
+A browser shows its key once, at sign-in, and then a cookie, for the same rights: see robomend.api.sign_in.
+
 RULES is the policy. A route that is not in it is refused to everyone, so a new route cannot be forgotten;
 tests/api/test_roles.py walks every route × role. To add a route: a line here, a line in docs/http.md.
 """
@@ -41,6 +43,8 @@ class Principal:
     name: str  # of the key, never its text; goes to the audit log
     role: Role
     robot: str | None = None  # of role robot: its own id
+    key: str | None = None  # the key's id
+    until_ns: int | None = None  # of a browser that is signed in: when that ends
 
     def __post_init__(self) -> None:
         if (self.role is Role.ROBOT) != (self.robot is not None):
@@ -64,7 +68,7 @@ def digest(key: str) -> str:
 READ = frozenset({Role.VIEWER, Role.OPERATOR, Role.ADMIN})
 ACT = frozenset({Role.OPERATOR, Role.ADMIN})
 OWN = frozenset({Role.ROBOT})  # and only where the path's robot (or the action's) is the key's own
-EVERYONE: frozenset[Role] | None = None  # no key needed
+EVERYONE: frozenset[Role] | None = None  # no key needed; the sign-in brings its own
 
 API = "/api/v1"
 
@@ -104,6 +108,9 @@ RULES: dict[tuple[str, str], frozenset[Role] | None] = {
     ("GET", f"{API}/robots/{{robot}}/events"): READ | OWN,
     ("POST", f"{API}/diagnoses"): READ,
     ("POST", f"{API}/plans"): READ,
+    ("POST", f"{API}/session"): EVERYONE,
+    ("GET", f"{API}/session"): READ | OWN,
+    ("DELETE", f"{API}/session"): READ | OWN,
     ("GET", "/healthz"): EVERYONE,
     ("GET", "/readyz"): EVERYONE,
     ("GET", "/metrics"): READ,

@@ -83,6 +83,8 @@ class Settings(BaseModel):
     max_streams: int = Field(1000, ge=1, description="open event streams; more are a 503")
     max_waiters: int = Field(2000, ge=1, description="requests in a long poll; more are a 503")
     requests_per_s: float = Field(5000.0, gt=0, description="per key, sustained; more is a 429")
+    sign_in_hours: float = Field(12.0, gt=0, le=8760, description="a browser is signed in this long")
+    sign_ins_per_minute: float = Field(30.0, gt=0, description="per client address; more are a 429")
     burst: int = Field(10_000, ge=1, description="requests that may come at once, per key")
     max_wait_s: float = Field(60.0, gt=0, description="longest long poll")
     ping_s: float = Field(

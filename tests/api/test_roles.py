@@ -7,7 +7,7 @@ from pathlib import Path
 
 import httpx
 import pytest
-from tests.api.conftest import Service, StartService, running
+from tests.api.conftest import Service, StartService, running, sign_in
 
 from robomend.api.app import routes
 from robomend.security import OWN, RULES, Role, digest, host_name, loopback, new_key
@@ -37,16 +37,23 @@ class Keyed:
         service.repairs.owners.update({"r-1:0": "r1", "r-2:0": "r2"})
         self.keys = {role: service.key(role, "r1" if role is Role.ROBOT else None) for role in Role}
 
-    def ask(self, method: str, path: str, role: Role | None) -> int:
+    def ask(self, method: str, path: str, role: Role | None, way: str = "key") -> int:
         """Return the status of a request; of a stream, only its head is read."""
-        headers = {} if role is None else {"Authorization": f"Bearer {self.keys[role]}"}
+        if role is None:
+            headers = {}
+        elif way == "key":
+            headers = {"Authorization": f"Bearer {self.keys[role]}"}
+        else:  # signed in anew each time: one of the requests is the sign-out
+            cookie = sign_in(self.service, self.keys[role]).headers["set-cookie"].partition(";")[0]
+            headers = {"Cookie": cookie, "Origin": self.service.url}
         with self.service.http.stream(method, path, headers=headers) as answer:
             return answer.status_code
 
 
 @pytest.fixture(scope="module")
 def keyed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Keyed]:
-    with running(Settings(port=0, data=tmp_path_factory.mktemp("keyed"))) as service:
+    data = tmp_path_factory.mktemp("keyed")
+    with running(Settings(port=0, data=data, sign_ins_per_minute=1e6)) as service:
         yield Keyed(service)
 
 
@@ -59,11 +66,12 @@ def test_every_route_is_in_the_table_and_no_other(keyed: Keyed) -> None:
     assert there == RULES.keys()
 
 
+@pytest.mark.parametrize("way", ["key", "cookie"])
 @pytest.mark.parametrize("role", [None, *Role], ids=str)
 @pytest.mark.parametrize("rule", RULES, ids=" ".join)
-def test_roles_decide_who_may(keyed: Keyed, rule: tuple[str, str], role: Role | None) -> None:
+def test_roles_decide_who_may(keyed: Keyed, rule: tuple[str, str], role: Role | None, way: str) -> None:
     method, template = rule
-    status = keyed.ask(method, template.format(**PLACES), role)
+    status = keyed.ask(method, template.format(**PLACES), role, way)
     roles = RULES[rule]
     if roles is None:  # EVERYONE
         assert status not in {401, 403}
@@ -133,6 +141,7 @@ def test_a_change_from_another_origin_is_refused(service: Service) -> None:
 
     assert put(Origin="https://evil.example").json()["code"] == "cross-origin"
     assert put(Origin="null").status_code == 403
+    assert put(Origin=service.url.replace("http:", "https:")).status_code == 200  # a proxy that ends TLS
     assert put(**{"Sec-Fetch-Site": "cross-site"}).status_code == 403
     assert put(Origin=service.url).status_code == 200
     assert put().status_code == 200

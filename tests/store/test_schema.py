@@ -12,8 +12,8 @@ from robomend.store import schema
 from robomend.store.database import Database
 
 
-def migrate_from_nothing(url: str) -> Database:
-    """Create the schema as Alembic does, from the first migration to the last."""
+def migrate_from_nothing(url: str, to: str = "head") -> Database:
+    """Create the schema as Alembic does, from the first migration to the last or the one named."""
     from robomend.store.migrations import upgrade
 
     database = Database(url)
@@ -21,7 +21,7 @@ def migrate_from_nothing(url: str) -> Database:
         database.path.touch()
     connection = database.open_writer()
     with connection.begin():
-        upgrade(connection, "")
+        upgrade(connection, "", to)
     connection.close()
     return database
 
@@ -67,6 +67,20 @@ def test_the_program_is_at_the_last_migration() -> None:
     assert ScriptDirectory.from_config(configuration()).get_current_head() == schema.HEAD
 
 
+def test_an_older_database_is_brought_up_to_date_with_what_it_holds(url: str) -> None:
+    database = migrate_from_nothing(url, "0001")
+    connection = database.open_writer()
+    with connection.begin():
+        connection.execute(schema.settings.insert().values(name="stop", value="{}"))
+    connection.close()
+    database.prepare()
+    with database.reading() as reading:
+        assert differences(reading) == []
+        assert reading.execute(schema.version.select()).scalar() == schema.HEAD
+        assert reading.execute(schema.settings.select()).first() == ("stop", "{}")
+    database.dispose()
+
+
 def test_a_database_of_a_newer_robomend_is_refused_and_left_alone(url: str) -> None:
     database = Database(url)
     database.prepare()
@@ -86,4 +100,5 @@ def test_every_file_of_the_migrations_is_in_the_package() -> None:
 
     assert migrations.__file__ is not None
     versions = Path(migrations.__file__).parent / "versions"
-    assert [path.name for path in versions.glob("[0-9]*.py")] == ["0001_initial.py"]
+    found = sorted(path.name for path in versions.glob("[0-9]*.py"))
+    assert found == ["0001_initial.py", "0002_sign_ins.py"]

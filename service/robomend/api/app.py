@@ -18,7 +18,7 @@ from robomend.api import problems
 from robomend.api.deps import Parts
 from robomend.api.edge import Edge
 from robomend.api.express import Express
-from robomend.api.gate import Gate, KeyRing
+from robomend.api.gate import Gate
 from robomend.api.openapi import DESCRIPTION, TAGS, complete
 from robomend.api.routers import (
     actions,
@@ -35,6 +35,7 @@ from robomend.api.routers import (
     plans,
     repairs,
     robots,
+    session,
 )
 from robomend.version import version_info
 
@@ -51,6 +52,7 @@ ROUTERS = (
     events,
     history,
     oneshots,
+    session,
     operation,
     docs,
 )
@@ -78,7 +80,7 @@ def create_app(parts: Parts, *, lifespan: Lifespan | None = None) -> FastAPI:
         telemetry={"tracing": False, "metrics": False, "logs": False},
     )
     app.state.parts = parts
-    app.state.gate = Gate(KeyRing(parts.store), parts.settings, parts.metrics)
+    app.state.gate = Gate(parts.store, parts.settings, parts.metrics)
     problems.install(app)
     for module in ROUTERS:
         # Appended, not included: an included router is matched through a context of its own on every request.

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated
 
 from fastapi import Depends, Header, Path, Query, Request
@@ -58,8 +60,14 @@ def principal_of(request: Request) -> Principal:
     return principal
 
 
+async def _still(request: Request) -> Callable[[], Awaitable[bool]]:
+    return partial(request.app.state.gate.still, request)
+
+
 PartsDep = Annotated[Parts, Depends(_parts)]
 PrincipalDep = Annotated[Principal, Depends(_principal)]
+StillDep = Annotated[Callable[[], Awaitable[bool]], Depends(_still)]
+"""Asks the gate whether the request would be let in now."""
 
 RobotPath = Annotated[str, Path(pattern=NAME, description="the robot's id", examples=["tedusar-1"])]
 ModelPath = Annotated[str, Path(pattern=NAME, description="the model's name", examples=["tedusar"])]

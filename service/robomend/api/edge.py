@@ -100,8 +100,10 @@ def refusal(scope: Scope, headers: dict[bytes, bytes]) -> Problem | None:
         return None
     origin = headers.get(b"origin")
     if origin is not None:
-        authority = origin.partition(b"://")[2]
-        if authority.lower() != headers.get(b"host", b"").lower():
+        kind, _, authority = origin.lower().partition(b"://")
+        # A secure page may come through a proxy that ends TLS; a plain one is foreign to a secure service.
+        downgraded = kind == b"http" and scope["scheme"] == "https"
+        if downgraded or authority != headers.get(b"host", b"").lower():
             return Problem(403, "a change may not come from a page of another origin", code="cross-origin")
     elif headers.get(b"sec-fetch-site", b"none") not in {b"none", b"same-origin"}:
         return Problem(403, "a change may not come from a page of another site", code="cross-origin")

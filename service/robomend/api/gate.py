@@ -1,6 +1,7 @@
 """Who is asking, may they, and not too often: the check in front of every route.
 
-    Authorization header ──► key ring ──► principal ──► RULES (robomend.security) ──► rate ──► the route
+    Authorization header ──► key ring ──┬─► principal ──► RULES (robomend.security) ──► rate ──► the route
+    cookie of a sign-in ──► the store ──┘
 
 It runs before a body is read, so nobody without a key makes us parse one. The key ring is a copy of the
 store's keys, at most `FRESH_S` old: a key revoked on another instance opens nothing after that.
@@ -21,6 +22,9 @@ from starlette.responses import Response
 
 from robomend.api.body import StrictRequest
 from robomend.api.problems import Problem
+from robomend.api.rates import Bucket
+from robomend.api.sign_in import SignIns
+from robomend.errors import RobomendError
 from robomend.metrics import Metrics
 from robomend.security import KEY, LOCAL, RULES, Principal, Role, digest, host_name, loopback
 from robomend.settings import Settings
@@ -79,10 +83,11 @@ class KeyRing:
 class Gate:
     """Lets a request through, or raises the Problem that answers it."""
 
-    def __init__(self, ring: KeyRing, settings: Settings, metrics: Metrics) -> None:
-        self.ring = ring
+    def __init__(self, store: Store, settings: Settings, metrics: Metrics) -> None:
+        self.ring = KeyRing(store)
+        self.sign_ins = SignIns(store, settings)
         self.settings = settings
-        self._rates: dict[str, _Bucket] = {}
+        self._rates: dict[str, Bucket] = {}
         self._refused = metrics.refused
         self._names = frozenset(name.lower() for name in settings.allowed_hosts)
 
@@ -94,8 +99,7 @@ class Gate:
         """
         if RULES.get(rule, _NOBODY) is None:
             return LOCAL
-        await self.ring.refresh()
-        principal = self._authenticate(request)
+        principal = await self._authenticate(request)
         request.scope["robomend.principal_name"] = principal.name
         structlog.contextvars.bind_contextvars(principal=principal.name)
         roles = RULES.get(rule, _NOBODY)
@@ -108,12 +112,47 @@ class Gate:
         self._not_too_often(principal)
         return principal
 
-    def _authenticate(self, request: Request) -> Principal:
+    async def still(self, request: Request) -> bool:
+        """Return whether whoever was let in would be let in now: an open stream must not outlive its key."""
+        try:
+            await self._authenticate(request)
+        except Problem:
+            return False
+        except RobomendError:  # the database is away, which revokes nothing
+            return True
+        return True
+
+    async def sign_in(self, request: Request, key: str) -> tuple[Principal, str]:
+        """Let a browser in with a key; return who it is now, and the cookie.
+
+        Raises:
+            Problem: 401 for a key that is none, 429 too often from one address.
+        """
+        wait_s = self.sign_ins.wait_s(request)
+        if wait_s > 0:
+            self._refused.labels("sign-ins").inc()
+            headers = {"Retry-After": str(math.ceil(wait_s))}
+            raise Problem(429, "too many sign-ins from this address", headers=headers)
+        await self.ring.refresh()
+        found = self.ring.find(key)
+        if found is None:  # it may be younger than our copy
+            self.ring.forget()
+            await self.ring.refresh()
+            found = self.ring.find(key)
+        if found is None:
+            raise Problem(401, _UNKNOWN, headers={"WWW-Authenticate": "Bearer"})
+        return await self.sign_ins.begin(request, found)
+
+    async def _authenticate(self, request: Request) -> Principal:
+        await self.ring.refresh()
         header = request.headers.get("authorization")
         if header is None:
             if self.ring.empty:
                 self._check_host(request)
                 return LOCAL
+            signed_in = await self.sign_ins.find(request)
+            if signed_in is not None:
+                return signed_in
             raise Problem(
                 401,
                 "a key is needed: Authorization: Bearer rm_… (see `robomend keys create`)",
@@ -124,7 +163,7 @@ class Gate:
         if found is None:
             raise Problem(
                 401,
-                "this key is unknown or revoked",
+                _UNKNOWN,
                 headers={"WWW-Authenticate": 'Bearer error="invalid_token"'},
             )
         return found
@@ -146,7 +185,7 @@ class Gate:
     def _not_too_often(self, principal: Principal) -> None:
         bucket = self._rates.get(principal.name)
         if bucket is None:
-            bucket = self._rates[principal.name] = _Bucket(self.settings.requests_per_s, self.settings.burst)
+            bucket = self._rates[principal.name] = Bucket(self.settings.requests_per_s, self.settings.burst)
         wait_s = bucket.take()
         if wait_s > 0:
             self._refused.labels("rate").inc()
@@ -157,28 +196,8 @@ class Gate:
             )
 
 
-class _Bucket:
-    """A token bucket; there is one per key, so their number is bounded by that of the keys."""
-
-    __slots__ = ("burst", "filled_at", "rate", "tokens")
-
-    def __init__(self, rate: float, burst: int) -> None:
-        self.rate, self.burst = rate, burst
-        self.tokens = float(burst)
-        self.filled_at = time.monotonic()
-
-    def take(self) -> float:
-        """Take one token; return 0, or the seconds until there is one."""
-        now = time.monotonic()
-        self.tokens = min(self.burst, self.tokens + (now - self.filled_at) * self.rate)
-        self.filled_at = now
-        if self.tokens >= 1:
-            self.tokens -= 1
-            return 0.0
-        return (1 - self.tokens) / self.rate
-
-
 _NOBODY: frozenset[Role] = frozenset()
+_UNKNOWN = "this key is unknown or revoked"
 
 
 class GuardedRoute(APIRoute):
@@ -209,4 +228,4 @@ def _limit(settings: Settings, rule: tuple[str, str]) -> int:
 
 
 def _principal(key: ApiKey) -> Principal:
-    return Principal(key.name, Role(key.role), key.robot)
+    return Principal(key.name, Role(key.role), key.robot, key.id)

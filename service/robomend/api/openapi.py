@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from robomend.api.problems import MEDIA_TYPE
-from robomend.security import EVERYONE, RULES
+from robomend.api.sign_in import PLAIN, SECURE
+from robomend.security import API, EVERYONE, RULES
 
 DESCRIPTION = """Finds out why a robot misbehaves, repairs it, and looks whether it worked.
 
@@ -24,25 +25,32 @@ TAGS = [
     {"name": "control", "description": "The global stop, and quarantine"},
     {"name": "events", "description": "Server-sent events with replay"},
     {"name": "history", "description": "What was, and who did what and why"},
+    {"name": "session", "description": "A browser's sign-in, for pages: bearer keys need none"},
     {"name": "one-shots", "description": "Stateless diagnoses and plans, what-if included"},
     {"name": "operation", "description": "Health, readiness, metrics, versions"},
 ]
 
 
 def complete(document: dict[str, Any]) -> dict[str, Any]:
-    """Add the key's scheme where one is needed, and give problems their media type."""
+    """Add the schemes of key and cookie where one is needed, and give problems their media type."""
     components = document.setdefault("components", {})
     components["securitySchemes"] = {
         "key": {
             "type": "http",
             "scheme": "bearer",
             "description": "from `robomend keys create`; none is needed on loopback while no key exists",
-        }
+        },
+        "cookie": {
+            "type": "apiKey",
+            "in": "cookie",
+            "name": PLAIN,
+            "description": f"of a browser, from POST {API}/session; `{SECURE}` under TLS",
+        },
     }
     for path, operations in document["paths"].items():
         for method, operation in operations.items():
             if RULES.get((method.upper(), path)) is not EVERYONE:
-                operation["security"] = [{"key": []}, {}]
+                operation["security"] = [{"key": []}, {"cookie": []}, {}]
             for status, response in operation.get("responses", {}).items():
                 if status[0] in "45":
                     _as_problem(response)

@@ -13,8 +13,9 @@ from __future__ import annotations
 
 import asyncio
 import json
+import time
 from collections import deque
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Awaitable, Callable
 
 from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
@@ -31,10 +32,16 @@ PENDING = 1000
 PAGE = 500
 """Events read from the log at once."""
 
+STILL_S = 2.0
+"""Between two looks whether a stream's key is still good; an idle stream looks with its next ping."""
+
 RETRY_MS = 1000
 """How long a browser waits before it comes back."""
 
 Frame = tuple[int, bytes]
+
+Still = Callable[[], Awaitable[bool]]
+"""Whether whoever opened a stream would be let in now."""
 
 
 def encode(event: Event) -> bytes:
@@ -180,10 +187,11 @@ class EventStream(Response):
 
     media_type = "text/event-stream"
 
-    def __init__(self, hub: Hub, stream: Stream, send_timeout_s: float) -> None:
+    def __init__(self, hub: Hub, stream: Stream, send_timeout_s: float, still: Still) -> None:
         super().__init__(headers={"Cache-Control": "no-store", "X-Accel-Buffering": "no"})
         del self.headers["content-length"]
         self._hub, self._stream, self._send_timeout_s = hub, stream, send_timeout_s
+        self._still = still
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         scope["robomend.waits"] = True
@@ -203,7 +211,12 @@ class EventStream(Response):
     async def _write(self, send: Send) -> None:
         headers = self.raw_headers
         await send({"type": "http.response.start", "status": 200, "headers": headers})
+        looked = time.monotonic()
         async for chunk in self._stream.frames():
+            if time.monotonic() - looked > STILL_S:
+                if not await self._still():
+                    break
+                looked = time.monotonic()
             async with asyncio.timeout(self._send_timeout_s):
                 await send({"type": "http.response.body", "body": chunk, "more_body": True})
         await send({"type": "http.response.body", "body": b"", "more_body": False})

@@ -25,6 +25,7 @@ from robomend.api.schemas import (
     RobotBody,
     RobotLine,
     RobotOut,
+    SessionOut,
     VersionOut,
 )
 from robomend.diagnosis.probes import ProbeResult
@@ -33,6 +34,7 @@ from robomend.fleet.batches import Outcome
 from robomend.fleet.boards import Board
 from robomend.fleet.robot_state import Current, RobotState
 from robomend.model.system import System
+from robomend.security import Principal
 from robomend.settings import Settings
 from robomend.store.interface import Store, View
 from robomend.store.records import Accepted, AuditEntry, Diagnosed, Model, Page, Paging, Repair, Robot
@@ -63,6 +65,13 @@ def version_out(model: Model) -> VersionOut:
         format=model.format,
         created_ns=model.created_ns,
         by=model.by,
+    )
+
+
+def session_out(principal: Principal) -> SessionOut:
+    """Return who makes a request."""
+    return SessionOut(
+        name=principal.name, role=principal.role, robot=principal.robot, expires_ns=principal.until_ns
     )
 
 

@@ -51,6 +51,7 @@ from robomend.store.records import (
     RepairRequest,
     Retention,
     Robot,
+    SignIn,
     StepRecord,
     Stop,
     StoreFigures,
@@ -176,6 +177,10 @@ class View(Protocol):
         ...
 
     def key_with_hash(self, hash: str) -> ApiKey | None: ...
+
+    def sign_in(self, hash: str) -> SignIn | None:
+        """Return a sign-in with its key, which may be revoked; None if there is none or its time is over."""
+        ...
 
     def stop(self) -> Stop:
         """Return the global stop."""
@@ -358,6 +363,17 @@ class Transaction(View, Protocol):
 
     def revoke_key(self, key: str) -> ApiKey:
         """Revoke a key by its id, for good."""
+        ...
+
+    def add_sign_in(self, hash: str, key: str, *, expires_ns: int, most: int) -> SignIn:
+        """Keep a browser's sign-in with the key of this id, and forget those whose time is over.
+
+        Beyond `most` of one key, the oldest is forgotten. NotFound if the key is revoked.
+        """
+        ...
+
+    def end_sign_in(self, hash: str) -> None:
+        """Forget a sign-in, if there is one."""
         ...
 
     def set_stop(self, active: bool, *, by: str, reason: str) -> Stop: ...

@@ -1,14 +1,14 @@
 """Everything in one file: export and import as NDJSON, and backups of SQLite while it is in use.
 
-    {"robomend_export": 1, "schema": "0001"}
+    {"robomend_export": 1, "schema": "0002"}
     {"table": "models", "row": {"name": "tedusar", "current": 1}}
     …
     {"end": true, "rows": 4711}
 
 An export is one snapshot, from either kind of database into either kind. The last line tells a whole file
 from one that was cut off. Hashes of API keys are in it: keep it as safe as the database. What means something
-to running instances only, who owns which robot, is left out; fencing numbers are in, so that they never go
-back.
+to running instances only is left out: who owns which robot, and which browsers are signed in. Fencing numbers
+are in, so that they never go back.
 """
 
 from __future__ import annotations

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 from sqlalchemy import func, select
 
 from robomend.store import schema
@@ -21,6 +23,7 @@ from robomend.store.records import (
     Page,
     Paging,
     Robot,
+    SignIn,
     Stop,
 )
 from robomend.store.repair_reading import RepairReading
@@ -142,6 +145,14 @@ class SqlView(RepairReading):
         table = schema.api_keys
         row = self._first(select(table).where(table.c.hash == checked(hash)))
         return None if row is None else key_of(row)
+
+    def sign_in(self, hash: str) -> SignIn | None:
+        table, keys = schema.sign_ins, schema.api_keys
+        until = table.c.expires_ns.label("until_ns")
+        since = table.c.created_ns.label("since_ns")
+        query = select(keys, since, until).join(table, table.c.key == keys.c.id)
+        row = self._first(query.where(table.c.hash == checked(hash), table.c.expires_ns > time.time_ns()))
+        return None if row is None else SignIn(hash, key_of(row), row.since_ns, row.until_ns)
 
     def stop(self) -> Stop:
         table = schema.settings

@@ -284,6 +284,16 @@ class ApiKey:
 
 
 @dataclass(frozen=True, slots=True)
+class SignIn:
+    """A browser that a key let in; of its cookie only the hash is kept."""
+
+    hash: str
+    key: ApiKey
+    created_ns: int
+    expires_ns: int
+
+
+@dataclass(frozen=True, slots=True)
 class Stop:
     """The global stop."""
 

@@ -7,8 +7,7 @@ and are
   committed in their order (a database sequence promises neither). Other numbers are the database's own.
 - A row of `robot_state` outlives its robot: revisions and fencing numbers never go back.
 
-A change here needs a migration beside migrations/versions/0001_initial.py and HEAD set to it; a test compares
-the two.
+A change here needs a migration in migrations/versions/ and HEAD set to it; a test compares the two.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ from sqlalchemy import (
     text,
 )
 
-HEAD = "0001"
+HEAD = "0002"
 """The schema version that this program reads and writes."""
 
 metadata = MetaData()
@@ -279,6 +278,15 @@ api_keys = _numbered(
     _time("created_ns"),
     _name("by", nullable=False),
     _time("revoked_ns", nullable=True),
+)
+
+sign_ins = Table(
+    "sign_ins",
+    metadata,
+    _name("hash", primary_key=True),
+    _name("key", nullable=False, index=True),
+    _time("created_ns"),
+    _time("expires_ns"),
 )
 
 settings = Table("settings", metadata, _name("name", primary_key=True), _name("value", nullable=False))

@@ -20,7 +20,7 @@ from robomend.store.encoding import (
     to_json,
 )
 from robomend.store.reading import key_of
-from robomend.store.records import ANY, ApiKey, Assertion, Entry, Json, Model, Robot, Stop
+from robomend.store.records import ANY, ApiKey, Assertion, Entry, Json, Model, Robot, SignIn, Stop
 from robomend.store.repair_writing import RepairWriting
 from robomend.store.transaction import RobotState
 from robomend_client.literals import Atom
@@ -216,6 +216,23 @@ class SqlTransaction(RepairWriting):
             {"revoked_ns": self.now_ns},
         )
         return key_of(self._one(select(table).where(table.c.id == key), f"key {key!r}"))
+
+    def add_sign_in(self, hash: str, key: str, *, expires_ns: int, most: int) -> SignIn:
+        table, keys = schema.sign_ins, schema.api_keys
+        valid = select(keys).where(keys.c.id == checked(key), keys.c.revoked_ns.is_(None))
+        made = SignIn(checked(hash), key_of(self._one(valid, f"key {key!r}")), self.now_ns, expires_ns)
+        self.change(table.delete().where(table.c.expires_ns <= self.now_ns))
+        of_key = select(table.c.hash).where(table.c.key == key).order_by(table.c.created_ns.desc())
+        beyond = [row.hash for row in self.rows(of_key.offset(most - 1))]
+        if beyond:
+            self.change(table.delete().where(table.c.hash.in_(beyond)))
+        row = {"hash": hash, "key": key, "created_ns": self.now_ns, "expires_ns": checked_ns(expires_ns)}
+        self.change(table.insert(), row)
+        return made
+
+    def end_sign_in(self, hash: str) -> None:
+        table = schema.sign_ins
+        self.change(table.delete().where(table.c.hash == checked(hash)))
 
     def set_stop(self, active: bool, *, by: str, reason: str) -> Stop:
         stop = Stop(active, by, reason, self.now_ns)

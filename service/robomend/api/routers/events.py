@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Header
 
-from robomend.api.deps import PartsDep, RobotPath
+from robomend.api.deps import PartsDep, RobotPath, StillDep
 from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
 from robomend.api.streams import EventStream
@@ -38,9 +38,9 @@ STREAM: dict[int | str, dict[str, Any]] = {
 
 
 @router.get("/events", response_class=EventStream, status_code=200, responses={**problems(), **STREAM})
-async def all_events(parts: PartsDep, last_event_id: LastEventId = None) -> EventStream:
+async def all_events(parts: PartsDep, still: StillDep, last_event_id: LastEventId = None) -> EventStream:
     """Follow everything that happens, from now on or after Last-Event-ID."""
-    return EventStream(parts.hub, parts.hub.open(None, last_event_id), parts.settings.send_timeout_s)
+    return EventStream(parts.hub, parts.hub.open(None, last_event_id), parts.settings.send_timeout_s, still)
 
 
 @router.get(
@@ -49,7 +49,9 @@ async def all_events(parts: PartsDep, last_event_id: LastEventId = None) -> Even
     status_code=200,
     responses={**problems(404), **STREAM},
 )
-async def robot_events(robot: RobotPath, parts: PartsDep, last_event_id: LastEventId = None) -> EventStream:
+async def robot_events(
+    robot: RobotPath, parts: PartsDep, still: StillDep, last_event_id: LastEventId = None
+) -> EventStream:
     """Follow what happens to one robot."""
     await parts.fleet.robot(robot)
-    return EventStream(parts.hub, parts.hub.open(robot, last_event_id), parts.settings.send_timeout_s)
+    return EventStream(parts.hub, parts.hub.open(robot, last_event_id), parts.settings.send_timeout_s, still)

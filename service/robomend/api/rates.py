@@ -1,0 +1,27 @@
+"""Not too often: a token bucket."""
+
+from __future__ import annotations
+
+import time
+
+
+class Bucket:
+    """A token bucket."""
+
+    __slots__ = ("burst", "filled_at", "rate", "tokens")
+
+    def __init__(self, rate: float, burst: int) -> None:
+        """`rate` tokens come a second, up to `burst`."""
+        self.rate, self.burst = rate, burst
+        self.tokens = float(burst)
+        self.filled_at = time.monotonic()
+
+    def take(self) -> float:
+        """Take one token; return 0, or the seconds until there is one."""
+        now = time.monotonic()
+        self.tokens = min(self.burst, self.tokens + (now - self.filled_at) * self.rate)
+        self.filled_at = now
+        if self.tokens >= 1:
+            self.tokens -= 1
+            return 0.0
+        return (1 - self.tokens) / self.rate
