@@ -18,6 +18,10 @@ from typing import Literal as OneOf
 from robomend.errors import InputError
 
 FORMAT = 1
+
+KILLED = "killed"
+"""The note of a question whose contender had to be killed: its time is then wall time, whatever the clock."""
+
 Status = OneOf["ok", "timeout", "refused", "error"]
 LIBRARIES = ("robomend", "python-sat", "clingo")
 
@@ -129,6 +133,30 @@ def summarise(run: Run) -> list[Line]:
                 )
             )
     return lines
+
+
+def ratio_at_least(run: Run, contender: str, group: str) -> tuple[int, float] | None:
+    """Return what the ratio to the first contender is at least, with the questions that were not finished.
+
+    The plain ratio leaves them out, the hardest ones, and so flatters whoever did not finish. Here each
+    counts with the time that was spent on it in vain, which is a lower bound, and so is the median then.
+
+    Returns:
+        How many questions such bounds stand for, and the median; None where there are none.
+    """
+    first, times = run.best(run.contenders[0], group), run.best(contender, group)
+    in_vain: dict[str, float] = {}
+    for sample in run.samples:
+        key = f"{sample.group}/{sample.question}"
+        ours = sample.group == group and sample.contender == contender
+        # one that was killed told no CPU time
+        measured = run.clock == "wall" or sample.note != KILLED
+        if ours and sample.status == "timeout" and measured and key in first and key not in times:
+            in_vain[key] = max(sample.seconds, in_vain.get(key, 0.0))
+    if not in_vain:
+        return None
+    spent = {**times, **in_vain}
+    return len(in_vain), median(spent[key] / first[key] for key in spent.keys() & first.keys())
 
 
 def _range(values: Sequence[int]) -> str:

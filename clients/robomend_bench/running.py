@@ -2,7 +2,7 @@
 
     for each group
         start the contenders, each in its process      building is not measured, but reported
-        warm-up: the first question once, unmeasured
+        warm-up: the first question twice, unmeasured
         for each repeat, for each question
             ask each contender in turn, in an order that rotates
 
@@ -17,6 +17,9 @@ from contextlib import ExitStack
 from robomend_bench.results import Built, Run, Sample, Status, disagreements, now, this_machine
 from robomend_bench.suite import Answer, Group, Suite, Wish
 from robomend_bench.worker import Contestant
+
+WARM_UP = 2
+"""Calls before the first that counts: some structures are built at the second use, when they pay off."""
 
 Progress = Callable[[str, int, int], None]
 """Called with what is running now, questions asked so far and in all."""
@@ -79,7 +82,8 @@ def _measure(
     out_of_time: set[tuple[str, int]] = set()
     for contestant in contestants:
         step(f"{group.name} · starting {contestant.name}", 0)
-        contestant.ask(0)
+        for _ in range(WARM_UP):
+            contestant.ask(0)
     for repeat in range(repeats):
         for index in range(len(group.questions)):
             turn = (index + repeat) % len(contestants)

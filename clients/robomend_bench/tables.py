@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from statistics import median
 
-from robomend_bench.results import Line, Run, slope, summarise
+from robomend_bench.results import Line, Run, ratio_at_least, slope, summarise
 
 
 def seconds(value: float | None) -> str:
@@ -79,6 +79,15 @@ def _remarks(run: Run, lines: Sequence[Line]) -> list[str]:
     few = _few(run)
     if few:
         remarks += [f"Medians over questions with at most {FEW} diagnoses: {'; '.join(few)}.", ""]
+    for group in run.groups:
+        for contender in run.contenders[1:]:
+            bound = ratio_at_least(run, contender, group)
+            if bound is not None:
+                remarks += [
+                    f"{contender} on {group}: the ratio is at least {times(bound[1])} when "
+                    f"what it did not finish ({bound[0]}) counts with the time it spent in vain.",
+                    "",
+                ]
     for line in lines:
         if line.note:
             remarks += [f"Note: {line.contender} on {line.group}: {line.note}.", ""]

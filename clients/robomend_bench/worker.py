@@ -17,7 +17,7 @@ from time import perf_counter, process_time
 from typing import Any
 
 from robomend.errors import InputError, OptionRefused, RobomendError
-from robomend_bench.results import Status
+from robomend_bench.results import KILLED, Status
 from robomend_bench.suite import Answer, Ask, Group, Wish, find_suite
 
 START_S = 300.0
@@ -97,7 +97,7 @@ class Contestant:
             self._pipe.send(index)
             if not self._pipe.poll(self._timeout_s * GRACE + 1.0):
                 self._kill()
-                return "timeout", None, perf_counter() - began, "killed"
+                return "timeout", None, perf_counter() - began, KILLED
             kind, content = self._pipe.recv()
         except (EOFError, OSError):
             self._kill()

@@ -10,7 +10,17 @@ import pytest
 
 from robomend.errors import InputError
 from robomend_bench.charts import cactus, scaling
-from robomend_bench.results import Built, Run, Sample, disagreements, load, save, slope, summarise
+from robomend_bench.results import (
+    Built,
+    Run,
+    Sample,
+    disagreements,
+    load,
+    ratio_at_least,
+    save,
+    slope,
+    summarise,
+)
 from robomend_bench.tables import comparison, markdown, seconds, times
 
 MACHINE = {"cpu": "c", "cores": 2, "load": 0.1, "system": "s", "python": "3", "versions": {"robomend": "0"}}
@@ -126,3 +136,24 @@ def test_a_run_in_which_nothing_was_solved_is_still_drawn() -> None:
     nothing = replace(RUN, samples=tuple(replace(s, status="timeout") for s in RUN.samples))
     assert "none solved" in cactus(nothing)
     assert "none solved" in scaling(nothing)
+
+
+def test_questions_that_were_not_finished_bound_the_ratio_from_below() -> None:
+    small = (
+        sample("small", 10, "q3", "a", 0.001),
+        sample("small", 10, "q3", "b <&>", 0.5, status="timeout", result=None),
+        sample("small", 10, "q4", "b <&>", 9.0, status="timeout", result=None),  # "a" has no answer either
+    )
+    run = replace(RUN, samples=(*RUN.samples, *small))
+    assert ratio_at_least(run, "b <&>", "small") == (1, 10.0)  # of 4×, 10× and 500× or more
+    assert ratio_at_least(run, "a", "small") is None
+    assert "b <&> on small: the ratio is at least 10.0× when what it did not finish (1) counts" in markdown(
+        run
+    )
+
+
+def test_the_wall_time_of_a_killed_contender_bounds_no_cpu_time() -> None:
+    killed = replace(RUN.samples[-1], note="killed")
+    run = replace(RUN, samples=(*RUN.samples[:-1], killed))
+    assert ratio_at_least(run, "b <&>", "large") == (1, 450.0)
+    assert ratio_at_least(replace(run, clock="cpu"), "b <&>", "large") is None

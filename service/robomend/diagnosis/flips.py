@@ -27,6 +27,9 @@ from robomend.diagnosis.netlist import Netlist
 Pass = Callable[[list[int], list[int], list[int], int], int]
 """(inputs, flips, expected, ones) -> the lanes in which some observed net is wrong."""
 
+Values = Callable[[dict[int, int], list[int], int], list[int]]
+"""(inputs by net, flips, ones) -> the value on each net, by its number; 0 where there is no simulated net."""
+
 LANES = 60_000
 """Of one pass: longer integers fall out of the cache."""
 
@@ -49,17 +52,27 @@ class Flips:
         used = {net for index in simulated for net in netlist.gates[index].inputs}
         self.inputs = tuple(sorted(used & netlist.sources))
         self._simulated = tuple(simulated)
+        self._position = {gate: position for position, gate in enumerate(self.flippable)}
+        self._one_by_one = [2 << position for position in range(len(self.flippable))]
         self._pass = self._generate()
 
     def singles(self, inputs: Sequence[bool], expected: Sequence[bool]) -> tuple[bool, list[int]]:
-        """Return whether nothing need be flipped, and the single gates (indices into flippable) that explain
-        all.
+        """Return whether nothing need be flipped, and the gates that explain all alone, as indices into
+        flippable.
         """
-        count = len(self.flippable)
-        ones = (1 << (count + 1)) - 1
-        flips = [2 << position for position in range(count)]
-        good = self._good(inputs, flips, expected, ones)
+        ones = (2 << len(self.flippable)) - 1
+        good = self._good(inputs, self._one_by_one, expected, ones)
         return bool(good & 1), list(set_bits(good >> 1))
+
+    def explaining_alone(
+        self, inputs: Sequence[bool], expected: Sequence[bool], gates: Sequence[int]
+    ) -> list[int]:
+        """Return those of these gates that explain all alone: one lane each, however many are flippable."""
+        flips = [0] * len(self.flippable)
+        for lane, gate in enumerate(gates):
+            flips[self._position[gate]] = 1 << lane
+        good = self._good(inputs, flips, expected, (1 << len(gates)) - 1)
+        return [gates[lane] for lane in set_bits(good)]
 
     def pairs(
         self,
@@ -75,8 +88,7 @@ class Flips:
 
         Args:
             supports: conflicts as masks over the flippable gates. One member of a pair is in the smallest,
-            and the
-                other in each support that the first is not in.
+                and the other in each support that the first is not in.
             between: called between passes.
         """
         smallest = min(supports, key=int.bit_count)
@@ -141,7 +153,7 @@ class Flips:
     def _generate(self) -> Pass:
         """Write the pass as Python source and compile it."""
         gates = self.netlist.gates
-        flip_of = {gate: position for position, gate in enumerate(self.flippable)}
+        flip_of = self._position
         check_of = {net: position for position, net in enumerate(self.checks)}
         last = {net: step for step, gate in enumerate(self._simulated) for net in gates[gate].inputs}
         free: list[str] = []
@@ -175,32 +187,27 @@ class Flips:
         return sweep
 
 
-def values_of(
-    netlist: Netlist, simulated: Sequence[int], flippable: Iterable[int]
-) -> Callable[..., dict[int, int]]:
-    """Return a function (inputs by net, flips, ones) -> the value of each simulated net, for inspection."""
+def values_of(netlist: Netlist, simulated: Sequence[int], flippable: Iterable[int]) -> Values:
+    """Write and compile a pass that returns the value of each net: see Values."""
     position = {gate: index for index, gate in enumerate(flippable)}
-    lines = ["def values(V, F, M):"]
     used = {net for index in simulated for net in netlist.gates[index].inputs} & netlist.sources
-    lines += [f" w{net} = V[{net}]" for net in sorted(used)]
-    nets: list[int] = []
+    lines = ["def values(V, F, M):", *(f" w{net} = V[{net}]" for net in sorted(used))]
+    known = set(used)
     for index in simulated:
         gate = netlist.gates[index]
         value = gate.expression.format(*(f"w{net}" for net in gate.inputs))
         if index in position:
             value = f"F[{position[index]}]^({value})"
         lines.append(f" w{gate.output} = {value}")
-        nets.append(gate.output)
-    lines += [f" V[{net}] = w{net}" for net in nets]
-    lines.append(" return V")
-    run: Callable[..., dict[int, int]] = compiled("\n".join(lines), "values")
+        known.add(gate.output)
+    listed = ",".join(f"w{net}" if net in known else "0" for net in range(max(known, default=0) + 1))
+    lines.append(f" return [{listed}]")
+    run: Values = compiled("\n".join(lines), "values")
     return run
 
 
 def compiled(source: str, name: str) -> Any:
-    """Return the function that the source defines. The source is ours: numbers and operators, no names from
-    outside.
-    """
+    """Return the function that the source defines; the source is ours, nothing in it comes from outside."""
     scope: dict[str, Any] = {}
     exec(compile(source, f"<{name} of a circuit>", "exec"), {}, scope)
     return scope[name]

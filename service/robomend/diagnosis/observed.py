@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import compress
 
 from robomend.diagnosis.result import Options
 from robomend.errors import ContradictoryModel, OptionRefused, UnknownComponent
@@ -23,6 +24,9 @@ KEPT_LITERALS = 20_000
 
 Table = dict[str, dict[tuple[str, ...], int]]
 """Predicate -> arguments -> signed variable."""
+
+NOTHING: dict[tuple[str, ...], int] = {}
+"""What is known of a predicate that no rule mentions."""
 
 
 @dataclass(frozen=True)
@@ -59,19 +63,12 @@ class ObservationReader:
     def numbers(self, literals: Sequence[Literal]) -> list[int]:
         """Return each literal as a signed variable, 0 if no rule mentions its atom; nothing is refused."""
         positive, negative = self._positive, self._negative
-        try:
-            return [
-                (positive if one.positive else negative)[(atom := one.atom).predicate][atom.args]
-                for one in literals
-            ]
-        except KeyError:  # rare, and asking for a default costs a quarter more
-            nothing: dict[tuple[str, ...], int] = {}
-            return [
-                (positive if one.positive else negative)
-                .get(one.atom.predicate, nothing)
-                .get(one.atom.args, 0)
-                for one in literals
-            ]
+        return [
+            (positive if one.positive else negative)
+            .get((atom := one.atom).predicate, NOTHING)
+            .get(atom.args, 0)
+            for one in literals
+        ]
 
     def read(self, observations: Iterable[Literal]) -> Observed:
         """Return the observations as signed variables.
@@ -88,11 +85,10 @@ class ObservationReader:
         numbers = tuple(self.numbers(literals))
         unused: tuple[Literal, ...] = ()
         if 0 in numbers:
-            pairs = list(zip(numbers, literals, strict=True))
-            unused = tuple(dict.fromkeys(literal for number, literal in pairs if not number))
+            unused = tuple(dict.fromkeys(compress(literals, [not number for number in numbers])))
             _refuse_clash(unused)
-            numbers = tuple(number for number, _ in pairs if number)
-            literals = tuple(literal for number, literal in pairs if number)
+            literals = tuple(compress(literals, numbers))
+            numbers = tuple(filter(None, numbers))
         if len(set(map(abs, numbers))) < len(numbers):
             _refuse_clash(literals)
             once = dict(zip(numbers, literals, strict=True))

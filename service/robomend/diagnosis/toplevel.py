@@ -23,7 +23,7 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from pysat.process import Processor
 
 from robomend.diagnosis.cones import find_cones
-from robomend.diagnosis.flips import Flips, compiled, set_bits, values_of
+from robomend.diagnosis.flips import Flips, Values, compiled, set_bits, values_of
 from robomend.diagnosis.netlist import Netlist
 from robomend.diagnosis.oll import CoreGuided, TooLarge
 from robomend.diagnosis.oracle import Clock
@@ -65,7 +65,7 @@ class TopLevel:
         self.determined = (used & netlist.sources) <= observed
         """All inputs that matter are observed: what healthy gates do is known, and simulation is exact."""
         self._flips: dict[bool, Flips] = {}
-        self._values: Callable[..., dict[int, int]] | None = None
+        self._values: Values | None = None
         self._functions: dict[str, Callable[..., int]] = {}
         self._guided: CoreGuided | None = None
         self._number: dict[int, int] = {}
@@ -86,6 +86,8 @@ class TopLevel:
         if self._simulates():
             inputs, expected = self._inputs(values)
             flips = self._passes(flat=False)
+            if not first_only:
+                self._prepare_cones()
             top = self.cones.top
             healthy, singles = flips.singles(inputs, expected)
             if healthy:
@@ -152,10 +154,21 @@ class TopLevel:
     def _inputs(self, values: dict[int, bool]) -> tuple[list[bool], list[bool]]:
         return [values[net] for net in self._observed_sources], [values[net] for net in self._checks]
 
-    def _net_values(self, values: dict[int, bool], flips: list[int], ones: int) -> dict[int, int]:
+    def _prepare_cones(self) -> None:
+        """Compile all that cones need with the rest, so that no later call of a warm engine waits for it."""
+        if len(self.cones.top) < len(self.cones.seen):
+            self._passes(flat=True)
+            self._value_pass()
+
+    def _value_pass(self) -> Values:
         if self._values is None:
             self._values = values_of(self.netlist, self.cones.seen, self.cones.top)
-        return self._values({net: ones if values[net] else 0 for net in self._observed_sources}, flips, ones)
+        return self._values
+
+    def _net_values(self, values: dict[int, bool], flips: list[int], ones: int) -> list[int]:
+        return self._value_pass()(
+            {net: ones if values[net] else 0 for net in self._observed_sources}, flips, ones
+        )
 
     def _supports(self, values: dict[int, bool], flat: bool) -> list[int]:
         """Return conflicts as masks over the flippable gates: those that make a wrong output what it is.
@@ -168,7 +181,7 @@ class TopLevel:
         bit = {gate: 1 << index for index, gate in enumerate(flippable)}
         return [sum(bit.get(gate, 0) for gate in self._justify(net, nets)) for net in wrong[:SUPPORTS_TRIED]]
 
-    def _justify(self, net: int, nets: dict[int, int]) -> set[int]:
+    def _justify(self, net: int, nets: list[int]) -> set[int]:
         gates, driver = self.netlist.gates, self._driver
         reached: set[int] = set()
         todo = [driver[net]]
@@ -227,9 +240,20 @@ class TopLevel:
 
         Only for minimum-cardinality diagnoses, and only where `can_simulate`.
         """
+        expand = self._expand_singles if tops and len(tops[0]) == 1 else self._expand
         for start in range(0, len(tops), BATCH):
             self._clock.check()
-            yield from self._expand(values, tops[start : start + BATCH])
+            yield from expand(values, tops[start : start + BATCH])
+
+    def _expand_singles(
+        self, values: dict[int, bool], tops: Sequence[Top]
+    ) -> Iterator[tuple[tuple[int, ...]]]:
+        """A gate stands in for a top that explains all alone exactly when it explains all alone too."""
+        members = self.cones.members
+        below = [gate for (top,) in tops for gate in members[top][:-1]]
+        fits = set(self._passes(flat=True).explaining_alone(*self._inputs(values), below)) if below else set()
+        for (top,) in tops:
+            yield ((top, *[gate for gate in members[top][:-1] if gate in fits]),)
 
     def _expand(self, values: dict[int, bool], tops: Sequence[Top]) -> Iterator[tuple[tuple[int, ...], ...]]:
         lanes = len(tops)
@@ -247,7 +271,7 @@ class TopLevel:
         for lane, top in enumerate(tops):
             yield tuple((gate, *replaced[gate][lane]) if gate in replaced else (gate,) for gate in top)
 
-    def _stand_ins(self, top: int, wanted: int, nets: dict[int, int], lanes: int) -> list[list[int]]:
+    def _stand_ins(self, top: int, wanted: int, nets: list[int], lanes: int) -> list[list[int]]:
         """Flip each gate of the cone in a block of lanes of its own; keep those that flip the top."""
         gates, cone = self.netlist.gates, self.cones.members[top]
         below = len(cone) - 1
