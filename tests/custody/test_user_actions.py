@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.custody.robot import CONFIG, Robot, robot_on, running, service, the_repair, with_recalibrate
+from tests.custody.robot import CONFIG, Robot, running, service, the_repair
 from tests.robomend_board.processes import running as emulator
 
 from robomend.api.runtime import Runtime
@@ -207,35 +207,3 @@ async def test_a_program_that_the_settings_do_not_name_is_refused_by_name(tmp_pa
             repair = await the_repair(runtime)
     assert repair["state"] == "failed"
     assert "the service's settings name no program 'choose-scanner'" in repair["reason"]
-
-
-async def test_what_must_not_be_repeated_stays_a_question_whatever_the_diagnosis_or_a_stop_says(
-    tmp_path: Path,
-) -> None:
-    async def without_an_answer(robot: Robot, name: str, parameter: str) -> int | None:
-        await asyncio.sleep(1.0)
-        return None
-
-    async with service(tmp_path) as runtime, robot_on(runtime, **with_recalibrate(0.5)) as robot:
-        robot.spoil = without_an_answer
-        await asyncio.sleep(0.2)
-        robot.broken_topics.add("odom")
-        asked = await the_repair(runtime, ended=False)
-        assert "recalibrate(base_node): no answer, and it must not be sent twice" in asked["reason"]
-        robot.cut("lidar")  # another diagnosis: no reason to begin anew
-        await asyncio.sleep(0.7)
-        assert (await the_repair(runtime, ended=False))["id"] == asked["id"]
-        await runtime.repairs.stop(by="ann", reason="careful")
-        stopped = await the_repair(runtime)
-        assert (stopped["id"], stopped["state"]) == (asked["id"], "cancelled")
-        await runtime.repairs.resume(by="ann", reason="")
-        again = await the_repair(runtime, ended=False)
-        assert again["id"] != asked["id"]
-        assert again["reason"] == asked["reason"]
-        assert len(robot.ids) == 1
-        robot.spoil = None
-        robot.broken_topics.clear()  # a person looked, and it had worked
-        await runtime.repairs.approve(again["id"], by="ann", reason="it did work")
-        repair = await the_repair(runtime)
-    assert (repair["id"], repair["state"]) == (again["id"], "repaired")
-    assert robot.done.count("recalibrate(base_node)") == 1

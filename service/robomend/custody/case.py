@@ -56,6 +56,10 @@ class Halted(Exception):  # what happened, not what went wrong
     """Ends a wait that is not the execution's own."""
 
 
+class Declined(Halted):
+    """A person answered a question with a cancellation."""
+
+
 class RobotCase:
     """See the module; implements robomend.cycle.Case."""
 

@@ -17,6 +17,7 @@ import structlog
 
 from robomend.custody.choosing import Chooser
 from robomend.custody.keeper import Keeper, Tools
+from robomend.custody.reentry import open_question
 from robomend.errors import Conflict, NotFound, Refused, RobomendError
 from robomend.fleet.fleet import Fleet
 from robomend.fleet.oneshots import OneShots
@@ -209,6 +210,7 @@ class Custody:
                 "asked": True,
                 "wanted": wanted,
                 "reason": reason,
+                "question": open_question(tx, robot),
             }
             repair = tx.create_repair(robot, state="waiting", data=data)
             tx.emit(Kind.REPAIR, robot, repair_json(repair))

@@ -22,9 +22,9 @@ from functools import partial
 
 import structlog
 
-from robomend.custody.case import Halted, NotPermitted, Overtaken, RobotCase, Silent
+from robomend.custody.case import Declined, Halted, NotPermitted, Overtaken, RobotCase, Silent
 from robomend.custody.choosing import Chooser
-from robomend.custody.reentry import Reentry, look_first
+from robomend.custody.reentry import Reentry, open_question
 from robomend.custody.signals import Signals
 from robomend.cycle import Turn, Verdict, mend
 from robomend.errors import NotFound, Refused, RobomendError, StoreError
@@ -201,14 +201,12 @@ class Keeper:
             open_ones = tx.repairs(self._robot, Paging(limit=1), open_only=True).items
             if open_ones:
                 return open_ones[0]  # a person was faster
-            last = tx.repairs(self._robot, Paging(limit=1)).items
-            question = last[0].data.get("question") if last else None  # left by the global stop
             data = {
                 "policy": state.config.policy,
                 "by": LOOP,
                 "asked": False,
                 "reason": "",
-                "question": question,
+                "question": open_question(tx, self._robot),
             }
             repair = tx.create_repair(self._robot, state="waiting", data=data, fence=self.fence)
             tx.emit(Kind.REPAIR, self._robot, repair_json(repair))
@@ -227,16 +225,18 @@ class Keeper:
         entry = Reentry(self._tools.store, self._tools.agents, self._tools.chooser, book, signals, self.fence)
         listener = asyncio.create_task(self._listen(repair.id, signals))
         situation = situation_of(state)
+        declined = False
         try:
             heard_since = await entry.take_up(state)
             last = await mend(await self._case(state, book, heard_since))
             while (doubt := in_doubt(last)) is not None:  # nobody else may send it either: the repair stays
-                heard_since = await entry.ask(look_first(doubt))
+                heard_since = await entry.ask_about(doubt, state)
                 last = await mend(await self._case(state, book, heard_since))
             situation = situation_of(state)
             outcome, reason = conclusion(last, signals, book.data)
-        except Halted:
+        except Halted as how:
             outcome, reason = "cancelled", signals.reason
+            declined = isinstance(how, Declined)
         except Overtaken as error:
             outcome, reason = "cancelled", str(error)
             situation = None  # the new one may begin a repair of its own
@@ -257,12 +257,24 @@ class Keeper:
         finally:
             listener.cancel()
             await asyncio.wait({listener})
-        await self._end(book, signals, outcome, reason, situation)
+        await self._end(entry, state, book, outcome, reason, situation, declined)
 
     async def _end(
-        self, book: Book, signals: Signals, outcome: str, reason: str, situation: Situation | None
+        self,
+        entry: Reentry,
+        state: RobotState,
+        book: Book,
+        outcome: str,
+        reason: str,
+        situation: Situation | None,
+        declined: bool,
     ) -> None:
-        """Close the repair, and note what it gave up on."""
+        """Close the repair, and note what it gave up on and what it leaves to ask."""
+        signals = self._signals
+        left = await entry.left_open(state, reason)
+        question = None if declined else left.question(reason) or book.data.get("question")
+        if left.in_doubt:
+            reason += f"; {left.in_doubt} was under way: nothing else is sent before a person has looked"
         gives_up = outcome != "repaired" and not signals.stopped
         self._given_up = situation if gives_up else None
         self._retry_ns = await self._next_try() if outcome == "escalated" else None
@@ -273,7 +285,9 @@ class Keeper:
             open=False,
             answers=signals.answers(),
             waiting_for=[],
-            question=book.data.get("question") if signals.stopped else None,  # a stop is no answer to it
+            rounds=book.rounds_closed("halted", reason),
+            question=question,  # what nobody answered: the robot's next repair asks it first
+            also=left.settle,
             given_up=None if self._given_up is None else [list(bad) for bad in sorted(self._given_up)],
             retry_ns=self._retry_ns,
         )

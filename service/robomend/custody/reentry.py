@@ -6,24 +6,29 @@
     fresh observations from here on ◄───────────────────────────────────── go on, or Halted
 
 Durable by re-entry, not by replay: nothing is carried over but what is on disk and what OBS shows.
+
+A question is put for an action that must not be repeated and may have acted: after a crash, when no answer
+came, when a cancellation or the global stop cut it off. The action stays open in the journal until the
+question is on disk (`question` of the repair); a repair that ends without an answer leaves the question to
+the robot's next repair, which puts it before it does anything else.
 """
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Callable
+from dataclasses import dataclass
 
-from robomend.custody.case import Halted, approval
+from robomend.custody.case import Declined, Halted, approval
 from robomend.custody.choosing import Chooser
 from robomend.custody.signals import Signals
 from robomend.errors import NotFound
 from robomend.fleet.robot_state import RobotState
-from robomend.repair.book import Book
-from robomend.repair.execution_values import Ending
+from robomend.repair.book import LOOP, Book
+from robomend.repair.execution_values import MAY_HAVE_ACTED
 from robomend.repair.executors.agent import AgentQueue
-from robomend.store.interface import Store, Transaction
-from robomend.store.records import Fence, Intent
+from robomend.store.interface import Store, Transaction, View
+from robomend.store.records import AuditEntry, Fence, Intent, Paging
 from robomend_client.actions import TIMED_OUT
 
 RETRY_S = 1.0
@@ -51,45 +56,42 @@ class Reentry:
         question = self._book.data.get("question")
         if not question and not self._book.data.get("rounds"):
             return None
-        rounds = self._book.data.get("rounds")
-        if not question and rounds and rounds[-1]["ending"] == str(Ending.UNKNOWN_OUTCOME):
-            question = look_first(rounds[-1]["reason"])  # the crash came before it was put
-        left = await self._store.read(lambda view: view.unsettled(self._book.robot))
-        fates = [(intent, *await self._fate(intent)) for intent in left]
-        once = self._chooser.not_idempotent(state)
-        unknown = [intent_text(i) for i, code, _ in fates if code == TIMED_OUT and i.name in once]
-        if unknown:
-            question = look_first(
-                f"the service ended while {' and '.join(unknown)} was under way, which must not be done twice"
-            )
-
-        def settle(tx: Transaction) -> None:
-            for intent, code, message in fates:
-                tx.settle(intent.id, code, message, fence=self._fence)
-
+        left = await self.left_open(state, "the service was restarted", patient=True)
+        if left.in_doubt:
+            why = f"the service ended while {left.in_doubt} was under way, which must not be done twice"
+            return await self.ask(look_first(why), left)
         if question:
-            # In one write, so that a second crash does not forget the question.
-            return await self.ask(question, new=bool(unknown), also=settle)
-        await self._recall_approval(settle)
+            return await self.ask(question, left, new=False)
+        await self._recall_approval(left)
         await self._book.interrupted()
         return await self._store.read(lambda view: view.revision(self._book.robot))
 
-    async def ask(
-        self,
-        question: str,
-        *,
-        new: bool = True,
-        also: Callable[[Transaction], None] | None = None,
-    ) -> int:
+    async def ask_about(self, doubt: str, state: RobotState) -> int:
+        """Let a person look at the robot, after an action in doubt; see `ask`."""
+        return await self.ask(look_first(doubt), await self.left_open(state, doubt))
+
+    async def ask(self, question: str, left: LeftOpen, *, new: bool = True) -> int:
         """Let a person look at the robot; Halted unless they say to go on.
+
+        Args:
+            left: settled in the write that puts the question, so that a crash forgets neither.
+            new: the question was never put before, so that whatever was said earlier does not answer it.
 
         Returns the revision of OBS then: what was observed before they looked may be what they changed.
         """
+        early: set[int] = set()
+
+        def settle(tx: Transaction) -> None:
+            if new:
+                early.update(request.number for request in tx.repair_requests(self._book.robot))
+            left.settle(tx)
+
         if new:
             self._signals.ask()
-        await self._book.update("awaiting-approval", reason=question, question=question, also=also)
+        await self._book.update("awaiting-approval", reason=question, question=question, also=settle)
         if not await self._signals.decided():
-            raise Halted
+            cancelled = self._signals.halted_by
+            raise Halted if cancelled is None or cancelled in early else Declined
         by = self._signals.by
         await self._book.update(
             "waiting",
@@ -101,11 +103,18 @@ class Reentry:
         await self._book.interrupted()
         return await self._store.read(lambda view: view.revision(self._book.robot))
 
-    async def _recall_approval(self, settle: Callable[[Transaction], None]) -> None:
+    async def left_open(self, state: RobotState, why: str, *, patient: bool = False) -> LeftOpen:
+        """Return the actions that the journal has without an outcome; `patient`: see `_fate`."""
+        once = self._chooser.not_idempotent(state)
+        intents = await self._store.read(lambda view: view.unsettled(self._book.robot))
+        fates = [(intent, *await self._fate(intent, why, patient)) for intent in intents]
+        return LeftOpen(tuple(fates), once, self._fence)
+
+    async def _recall_approval(self, left: LeftOpen) -> None:
         """Settle the journal, and keep a yes that came to the plan in the book before we had read it."""
 
         def keep(tx: Transaction) -> None:
-            settle(tx)
+            left.settle(tx)
             for number in numbers:
                 tx.answer(number, fence=self._fence)
 
@@ -118,12 +127,15 @@ class Reentry:
         else:
             await self._book.update("waiting", also=keep)
 
-    async def _fate(self, intent: Intent) -> tuple[int, str]:
-        """Return what is known of an action whose outcome was not written."""
+    async def _fate(self, intent: Intent, why: str, patient: bool) -> tuple[int, str]:
+        """Return what is known of an action whose outcome was not written.
+
+        `patient`: an agent that is at it gets the action's time to report.
+        """
         with contextlib.suppress(NotFound):
             action = await self._store.read(lambda view: view.agent_action(intent.id))
             loop = asyncio.get_running_loop()
-            deadline = loop.time() + intent.timeout_s
+            deadline = loop.time() + (intent.timeout_s if patient else 0.0)
             while action.answered and action.code is None and loop.time() < deadline:
                 change = self._agents.watch(self._book.robot)
                 with contextlib.suppress(TimeoutError):
@@ -131,10 +143,46 @@ class Reentry:
                         await change.wait()
                 action = await self._store.read(lambda view: view.agent_action(intent.id))
             if action.code is None:
-                action = await self._agents.withdraw(intent.id, TIMED_OUT, "the service was restarted")
+                action = await self._agents.withdraw(intent.id, why)
             if action.code is not None:
                 return action.code, action.message
-        return TIMED_OUT, "the service ended in the middle of it; whether it acted is for OBS to say"
+        return TIMED_OUT, f"{why}; whether it acted is for OBS to say"
+
+
+@dataclass(frozen=True, slots=True)
+class LeftOpen:
+    """The actions that the journal has without an outcome, and what became of them."""
+
+    fates: tuple[tuple[Intent, int, str], ...]  # with code and message of the result
+    once: frozenset[str]  # actions that must not be sent twice
+    fence: Fence
+
+    @property
+    def in_doubt(self) -> str:
+        """The actions, in words, of which only a person can say whether they may be sent (again)."""
+        return " and ".join(
+            intent_text(intent)
+            for intent, code, _ in self.fates
+            if code in MAY_HAVE_ACTED and intent.name in self.once
+        )
+
+    def question(self, why: str) -> str | None:
+        """Return the question that a repair leaves when it ends, `why`."""
+        doubt = self.in_doubt
+        return look_first(f"{doubt} was cut off ({why}), and must not be done twice") if doubt else None
+
+    def settle(self, tx: Transaction) -> None:
+        """Write the outcomes."""
+        for intent, code, message in self.fates:
+            tx.settle(intent.id, code, message, fence=self.fence)
+            text = intent_text(intent)
+            tx.note(AuditEntry(LOOP, "action.result", text, intent.robot, message, after={"result": code}))
+
+
+def open_question(view: View, robot: str) -> str | None:
+    """Return what the robot's last repair asked a person, or left to ask, and nobody answered."""
+    last = view.repairs(robot, Paging(limit=1)).items
+    return last[0].data.get("question") if last else None
 
 
 def look_first(doubt: str) -> str:

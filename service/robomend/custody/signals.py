@@ -17,6 +17,7 @@ class Signals:
         self.by = ""  # who approved, then who halted
         self.reason = ""  # of the halt
         self.stopped = False  # by the global stop
+        self.halted_by: int | None = None  # the cancellation, None: the global stop
         self._yes = asyncio.Event()
         self._approval: int | None = None  # the request that a yes came with
         self._seen: set[int] = set()
@@ -27,7 +28,7 @@ class Signals:
         if request is not None:
             self._note(request)
         if not self.halt.is_set():
-            self.by, self.reason, self.stopped = by, reason, stop
+            self.by, self.reason, self.stopped, self.halted_by = by, reason, stop, request
             self.halt.set()
 
     def approve(self, *, by: str, request: int) -> None:

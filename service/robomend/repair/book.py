@@ -156,12 +156,15 @@ class Book:
 
     async def interrupted(self) -> None:
         """Close the round that a crash or a shutdown cut short, if there is one."""
+        rounds = self.rounds_closed("interrupted", "the service ended in the middle of it")
+        await self.update("waiting", reason="taken up again, with fresh observations", rounds=rounds)
+
+    def rounds_closed(self, ending: str, reason: str) -> list[Json]:
+        """Return the rounds, the last one ended like this if it has no ending yet."""
         rounds = list(self._data.get("rounds", ()))
         if rounds and rounds[-1]["ending"] is None:
-            why = "the service ended in the middle of it"
-            rounds[-1] = {**rounds[-1], "ending": "interrupted", "reason": why, "helped": False}
-        why = "taken up again, with fresh observations"
-        await self.update("waiting", reason=why, rounds=rounds)
+            rounds[-1] = {**rounds[-1], "ending": ending, "reason": reason, "helped": False}
+        return rounds
 
     # --- the journal of actions (robomend.repair.execution_values.Journal)
 

@@ -17,12 +17,14 @@ on/off, running/stopped, and ok(t) once all that t rests on is predicted good.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import time
 from collections.abc import Callable, Collection
 from dataclasses import replace
 from typing import TypeVar
 
 from robomend.repair.execution_values import (
+    MAY_HAVE_ACTED,
     Ending,
     Execution,
     Setting,
@@ -231,11 +233,8 @@ class _Run:
             result = await self._send(step, attempt, timing)
             if result.ok or result.code == REFUSED:
                 break
-            if result.code == TIMED_OUT and step.name in self._setting.not_idempotent:
-                raise _Stop(
-                    Ending.UNKNOWN_OUTCOME,
-                    f"{step}: no answer, and it must not be sent twice",
-                )
+            if self._in_doubt(step, result):
+                raise _Stop(Ending.UNKNOWN_OUTCOME, f"{failure(step, result)}; it must not be sent twice")
         if not result.ok and not await self._shows_anyway(step, result, timing):
             raise _Stop(Ending.ACTION_FAILED, failure(step, result))
         # Across `finish` alone: what other steps brought about meanwhile is theirs to await.
@@ -251,15 +250,9 @@ class _Run:
         )
         if self._setting.halt.is_set():
             raise _Stop(Ending.HALTED, "stopped before the plan was done")
-        sending = self._report(step, state=StepState.RUNNING, action_id=action.id, sent_ns=time.time_ns())
-        try:
-            await self._setting.journal.intend(action, sending)
-        except Withheld as reason:
-            raise _Stop(Ending.HALTED, str(reason)) from None
+        await self._intend(step, action)
         if self._setting.halt.is_set():  # the stop may have come while the intent went to disk
-            refused = ActionResult(REFUSED, "stopped before it was sent")
-            held = self._report(step, state=StepState.FAILED, result=refused, sent_ns=None)
-            await self._setting.journal.settle(action, refused, held)
+            await self._not_sent(step, action)
             raise _Stop(Ending.HALTED, "stopped before the plan was done")
 
         def feedback(code: int, message: str) -> None:
@@ -276,16 +269,50 @@ class _Run:
             # robot, the intent stays open: whoever takes over finds out whether it acted, or asks.
             if self._setting.halt.is_set():
                 cancelled = ActionResult(CANCELLED, "cut off; whether it acted is unknown")
-                report = self._report(
-                    step, state=StepState.FAILED, result=cancelled, reason=cancelled.message
-                )
-                await asyncio.shield(self._setting.journal.settle(action, cancelled, report))
+                await asyncio.shield(self._settle(step, action, cancelled, state=StepState.FAILED))
             raise
         except Exception as error:  # noqa: BLE001  # whatever an executor of any kind may raise
             # An executor answers with results; one that raises is broken, and nobody knows what it did.
             result = ActionResult(TIMED_OUT, f"the executor failed: {type(error).__name__}: {error}")
-        await self._setting.journal.settle(action, result, self._report(step, result=result))
+        await self._settle(step, action, result)
         return result
+
+    async def _intend(self, step: Step, action: Action) -> None:
+        """Write the intent; one whose write is overtaken by a cancellation is written off, as not sent."""
+        sending = self._report(step, state=StepState.RUNNING, action_id=action.id, sent_ns=time.time_ns())
+        writing = asyncio.ensure_future(self._setting.journal.intend(action, sending))
+        try:
+            await asyncio.shield(writing)
+        except Withheld as reason:
+            raise _Stop(Ending.HALTED, str(reason)) from None
+        except asyncio.CancelledError:
+            with contextlib.suppress(Withheld):
+                await writing
+                await self._not_sent(step, action)
+            raise
+
+    async def _not_sent(self, step: Step, action: Action) -> None:
+        refused = ActionResult(REFUSED, "stopped before it was sent")
+        report = self._report(step, state=StepState.FAILED, result=refused, sent_ns=None)
+        await self._setting.journal.settle(action, refused, report)
+
+    async def _settle(self, step: Step, action: Action, result: ActionResult, **changes: object) -> None:
+        """Write the outcome. What must not be repeated and may have acted stays open in the journal.
+
+        It is settled when the question to a person is on disk, so that nothing that happens in between, be it
+        a crash, a stop or a cancellation, loses the question.
+        """
+        if changes:
+            changes["reason"] = result.message
+        report = self._report(step, result=result, **changes)
+        if not self._in_doubt(step, result):
+            await self._setting.journal.settle(action, result, report)
+        elif self._setting.report is not None:
+            await self._setting.report(report)
+
+    def _in_doubt(self, step: Step, result: ActionResult) -> bool:
+        """Whether only a person can say if a step acted that must not be done twice."""
+        return result.code in MAY_HAVE_ACTED and step.name in self._setting.not_idempotent
 
     async def _shows_anyway(self, step: Step, result: ActionResult, timing: Timing) -> bool:
         """An action without an answer may have acted: what counts is what OBS shows."""

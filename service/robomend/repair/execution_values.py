@@ -13,8 +13,11 @@ from typing import Protocol
 
 from robomend.repair.plan import Step
 from robomend.repair.prediction import OBSERVED_FACTS, Prediction
-from robomend_client.actions import Action, ActionResult, Executor
+from robomend_client.actions import CANCELLED, TIMED_OUT, Action, ActionResult, Executor
 from robomend_client.literals import Atom, Literal
+
+MAY_HAVE_ACTED = frozenset({TIMED_OUT, CANCELLED})
+"""Results after which nobody knows whether the action acted."""
 
 
 class Sight(Protocol):
@@ -45,7 +48,7 @@ class Journal(Protocol):
         ...
 
     async def settle(self, action: Action, result: ActionResult, report: StepReport) -> None:
-        """Write the outcome."""
+        """Write the outcome. An action in doubt (see not_idempotent) is left open instead."""
         ...
 
 

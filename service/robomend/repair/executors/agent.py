@@ -121,12 +121,17 @@ class AgentQueue:
 
         return await self._store.write(finish)
 
-    async def withdraw(self, action_id: str, code: int, message: str) -> AgentAction:
-        """Take back an action that no agent has begun; one that has begun is returned as it is."""
+    async def withdraw(self, action_id: str, why: str) -> AgentAction:
+        """Take back an action that no agent has begun; one that has begun is returned as it is.
+
+        One that an agent has taken, without having said so far that it begins, may be acted on all the same:
+        it gets TIMED_OUT (unknown); the others UNREACHABLE (did not act).
+        """
 
         def take_back(tx: Transaction) -> AgentAction:
             action = tx.agent_action(action_id)
-            return action if action.answered else tx.withdraw_action(action_id, code, message)
+            code = UNREACHABLE if action.taken_by is None else TIMED_OUT
+            return action if action.answered else tx.withdraw_action(action_id, code, why)
 
         return await self._store.write(take_back)
 
@@ -184,13 +189,13 @@ class AgentExecutor:
             return ActionResult(UNREACHABLE, f"{who} did not ask for work in {action.timeout_s:g} s")
         return ActionResult(TIMED_OUT, f"{who} took it and did not report in {action.timeout_s:g} s")
 
-    async def _cut_off(self, action: Action) -> AgentAction:
-        if self._halt is not None and self._halt.is_set():
-            return await self._queue.finish(action.id, CANCELLED, "withdrawn while the agent was at it")
-        return await self._take_back(action)
+    async def _cut_off(self, action: Action) -> None:
+        state = await self._take_back(action)
+        if state.code is None and self._halt is not None and self._halt.is_set():
+            await self._queue.finish(action.id, CANCELLED, "withdrawn while the agent was at it")
 
     async def _take_back(self, action: Action) -> AgentAction:
-        return await self._queue.withdraw(action.id, UNREACHABLE, "withdrawn: nobody asked for it in time")
+        return await self._queue.withdraw(action.id, "withdrawn: nobody asked for it in time")
 
 
 async def _wait(change: asyncio.Event, timeout_s: float) -> None:

@@ -7,7 +7,9 @@
     {"id": "repair-7:2", "name": "reset_usb", "parameters": ["usb1"], "timeout_s": 10}
 
 The receiver answers 2xx with {"code": 0, "message": "…"} when the action is done. A lost connection, 429
-and 5xx are tried again with the same id until the action's time is up. Where a webhook may point is checked
+and 5xx are tried again with the same id until the action's time is up. Then the outcome is unknown, unless no
+call got through (or every one was turned away with 429); a 2xx that says no code leaves it unknown as well,
+as the receiver did take the call. Where a webhook may point is checked
 on every call, after the name was looked up and against the very address that is then connected to, so that
 a name cannot change in between.
 """
@@ -80,32 +82,38 @@ class WebhookExecutor:
             }
         ).encode()
         answer = ActionResult(UNREACHABLE, "not called")
-        sent = False
+        may_have_acted = False
         pause_s = 0.2
         async with httpx.AsyncClient(follow_redirects=False, trust_env=False) as client:
             while (left := deadline - time.monotonic()) > 0:
+                called = False
                 try:
                     async with asyncio.timeout(left):
                         address = await allowed_address(hook)
                         if address is None:
                             refusal = f"{hook.url} leads to an address that only allow_private opens"
                             return ActionResult(REFUSED, refusal)
-                        sent = True
+                        called = True
                         response = await _post(client, hook, address, action.id, body)
+                except (httpx.ConnectError, httpx.ConnectTimeout) as error:
+                    answer = ActionResult(UNREACHABLE, f"{hook.url}: {error}")
                 except (TimeoutError, httpx.TimeoutException):
+                    may_have_acted |= called
                     break
                 except (httpx.HTTPError, OSError, ValueError) as error:
+                    may_have_acted |= called
                     answer = ActionResult(UNREACHABLE, f"{hook.url}: {error}")
                 else:
                     if response.status_code != 429 and response.status_code < 500:
                         return _result(hook, response)
-                    answer = ActionResult(FAILED, f"{hook.url} answered {response.status_code}")
+                    may_have_acted |= response.status_code != 429  # a gateway that gave up waiting, say
+                    answer = ActionResult(UNREACHABLE, f"{hook.url} answered {response.status_code}")
                 feedback(0, f"{answer.message}; trying again")
                 await asyncio.sleep(max(0.0, min(pause_s, deadline - time.monotonic())))
                 pause_s = min(2 * pause_s, 5.0)
-        if sent and answer.code == UNREACHABLE:
-            why = f"no answer in {action.timeout_s:g} s ({answer.message})"
-            return ActionResult(TIMED_OUT, f"{hook.url}: {why}")
+        if may_have_acted:
+            why = f" ({answer.message})" if answer.message != "not called" else ""
+            return ActionResult(TIMED_OUT, f"{hook.url} said nothing of it in {action.timeout_s:g} s{why}")
         return answer
 
 
@@ -161,7 +169,7 @@ def _result(hook: Webhook, response: httpx.Response) -> ActionResult:
         code = answer["code"]
         message = str(answer.get("message", ""))[:1000]
     except (ValueError, KeyError, TypeError, AttributeError):
-        return ActionResult(FAILED, f"{hook.url} answered {response.status_code} without a code")
+        return ActionResult(TIMED_OUT, f"{hook.url} answered {response.status_code} without a code")
     if isinstance(code, bool) or not isinstance(code, int):
-        return ActionResult(FAILED, f"{hook.url}: code {code!r} is no integer")
+        return ActionResult(TIMED_OUT, f"{hook.url}: code {code!r} is no integer")
     return ActionResult(OK if code == 0 else code, message)
