@@ -32,6 +32,7 @@ class ServiceProcess:
     arguments: tuple[str, ...]
     process: asyncio.subprocess.Process | None = None
     client: AsyncClient | None = None
+    url: str = ""  # once it was started
 
     async def start(self) -> None:
         """Start it and wait until it says its address."""
@@ -45,7 +46,8 @@ class ServiceProcess:
         async with asyncio.timeout(30):
             line = await self.process.stdout.readline()
         assert line, "the service did not start"
-        self.client = AsyncClient(json.loads(line)["url"], retry=NEVER, timeout_s=10.0)
+        self.url = json.loads(line)["url"]
+        self.client = AsyncClient(self.url, retry=NEVER, timeout_s=10.0)
 
     async def kill(self) -> None:
         """kill -9."""
@@ -197,7 +199,10 @@ async def remote_robot(running: list[ServiceProcess], **changes: Any) -> AsyncIt
 
 
 async def latest(
-    running: list[ServiceProcess], wanted: Callable[[dict[str, Any]], bool], timeout_s: float = 40.0
+    running: list[ServiceProcess],
+    wanted: Callable[[dict[str, Any]], bool],
+    timeout_s: float = 40.0,
+    robot: str = "r1",
 ) -> dict[str, Any]:
     """Return the robot's latest repair as soon as it is as wanted."""
     seen: dict[str, Any] = {}
@@ -206,7 +211,7 @@ async def latest(
             while True:
                 for service in running:
                     if service.client is not None:
-                        page = await _whatever(service.client.repairs("r1", limit=1))
+                        page = await _whatever(service.client.repairs(robot, limit=1))
                         if page is not None and page["items"]:
                             seen = page["items"][0]
                             if wanted(seen):
