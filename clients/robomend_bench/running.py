@@ -4,7 +4,7 @@
         start the contenders, each in its process      building is not measured, but reported
         warm-up: the first question twice, unmeasured
         for each repeat, for each question
-            ask each contender in turn, in an order that rotates
+            ask each contender in turn, in an order that rotates; quick ones run up with the first question
 
 A contender that ran out of time on a question is not asked that question again.
 """

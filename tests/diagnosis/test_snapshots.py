@@ -107,6 +107,33 @@ def test_bounds_are_kept_and_told(drawn: tuple[HealthCnf, frozenset[Literal]], s
     assert {diagnosis.bad for diagnosis in limited.diagnoses} <= expected
 
 
+def test_without_a_limit_the_most_that_any_search_lists_ends_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("robomend.diagnosis.snapshots.MAX_DIAGNOSES", 1)
+    dark = frozenset({holds("ok", "a3"), fails("ok", "a1")})
+    assert len(diagnose_snapshots(TWO_LAMPS, [dark], Options(limit=2)).diagnoses) == 2
+    result = diagnose_snapshots(TWO_LAMPS, [dark], EVERYTHING)
+    assert len(result.diagnoses) == 1
+    assert (result.complete, result.stopped_by, result.count) == (False, "limit", None)
+
+
+def test_of_many_conflicts_those_are_told_that_the_first_diagnoses_need(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    file = read_wcnf(DATA / "c432" / "c432mut267p.wcnf.gz")
+    every = diagnose_snapshots(file.cnf, file.snapshots, EVERYTHING)
+    first = set(every.diagnoses[0].bad)
+    assert len(every.conflicts) > len(first) + 1
+    monkeypatch.setattr("robomend.diagnosis.snapshots.MAX_CONFLICTS", len(first) + 1)
+    monkeypatch.setattr("robomend.diagnosis.snapshots.JUSTIFIED", 1)
+    some = diagnose_snapshots(file.cnf, file.snapshots, EVERYTHING)
+    assert some.diagnoses[0].bad == every.diagnoses[0].bad
+    alone = [set(conflict.components) & first for conflict in some.conflicts]
+    assert sorted(map(len, alone)) == [1] * len(first)
+    assert set().union(*alone) == first
+    monkeypatch.setattr("robomend.diagnosis.snapshots.MAX_CONFLICTS", 1)
+    assert len(diagnose_snapshots(file.cnf, file.snapshots, EVERYTHING).conflicts) == 1
+
+
 def test_assumed_health_is_honoured() -> None:
     dark = frozenset({holds("ok", "a3"), fails("ok", "a1")})
     assert blamed(TWO_LAMPS, [dark], Options(healthy=frozenset({"c1"}))) == [("c2",)]

@@ -114,7 +114,7 @@ class Odd:
         return ("late",)
 
     def groups(self, wish: Wish) -> Iterator[Group]:
-        yield Group("odd", 1, None, (Question("q", None),))
+        yield Group("odd", 1, None, (Question("q", None), Question("other", None)))
 
     def prepare(self, contender: str, group: Group, wish: Wish) -> Ask:
         def late(question: Question) -> Answer:
@@ -127,7 +127,13 @@ class Odd:
         def wrong(question: Question) -> Answer:
             raise ValueError("it has a bug")
 
-        return {"late": late, "dead": dead, "wrong": wrong}[contender]
+        calls: list[str] = []
+
+        def counting(question: Question) -> Answer:
+            calls.append(question.name)
+            return Answer((len(calls), calls[-2:].count("q")), complete=True)
+
+        return {"late": late, "dead": dead, "wrong": wrong, "counting": counting}[contender]
 
 
 @pytest.mark.parametrize(
@@ -151,5 +157,23 @@ def test_a_contender_that_misbehaves_harms_nobody(
             got, _answer, _seconds, why = contestant.ask(0)
             assert got == status
             assert note in why
+    finally:
+        contestant.close()
+
+
+@pytest.mark.parametrize(("run_up_s", "calls"), [(60.0, (3, 1)), (0.0, (2, 1))])
+def test_a_quick_first_question_is_answered_again_before_the_others(
+    run_up_s: float, calls: tuple[int, int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("robomend_bench.worker.START_METHOD", "fork")
+    monkeypatch.setattr("robomend_bench.worker.find_suite", lambda name: Odd())
+    monkeypatch.setattr("robomend_bench.worker.RUN_UP_S", run_up_s)
+    (group,) = Odd().groups(Wish(mode="first"))
+    contestant = Contestant("odd", "counting", group, Wish(mode="first"))
+    try:
+        contestant.ask(0)
+        _status, answer, _seconds, _note = contestant.ask(1)
+        assert answer is not None
+        assert answer.result == calls
     finally:
         contestant.close()

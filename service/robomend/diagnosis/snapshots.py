@@ -19,11 +19,14 @@ observations. IJCAI 2019.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from time import perf_counter
 
+from robomend.diagnosis.base import MAX_DIAGNOSES
 from robomend.diagnosis.conflicts import Conflicts, Known
 from robomend.diagnosis.explanations import clear_suspects, explain_conflict, resolves
 from robomend.diagnosis.guided import AnyHittingSets, CheapestHittingSets, bits
+from robomend.diagnosis.justification import JUSTIFIED, MAX_CIRCUIT_CONFLICTS, MAX_CONFLICTS
 from robomend.diagnosis.observed import ObservationReader, Observed, Supposed, check_options, supposed
 from robomend.diagnosis.oracle import Clock, Oracle, OutOfTime, solver_name
 from robomend.diagnosis.reasons import Reasons
@@ -53,7 +56,8 @@ class SnapshotEngine:
 
         With `minimal="cardinality"` or `max_size` they are searched in order of size. All subset-minimal
         ones are found in the fastest order and sorted at the end: if that is stopped by count or time,
-        there may be smaller ones than those found. No snapshot at all is explained by the empty diagnosis.
+        there may be smaller ones than those found. Without a limit a million ends the search, as everywhere.
+        No snapshot at all is explained by the empty diagnosis.
 
         Raises:
             ContradictoryModel: one snapshot contradicts SD, whatever is abnormal.
@@ -70,6 +74,7 @@ class SnapshotEngine:
             observed = self._reader.read(snapshot)
             distinct.setdefault(frozenset(observed.numbers), observed)
         self._clock.start(options.timeout_s)
+        options = replace(options, limit=MAX_DIAGNOSES if options.limit is None else options.limit)
         search = _Search(self._oracle, self._conflicts, list(distinct.values()), what_if, self.cnf)
         found: list[int] = []
         stopped = search.run(found, options, self._clock)
@@ -77,7 +82,8 @@ class SnapshotEngine:
             raise self._contradiction(*search.contradiction)
         masks = sorted(found, key=lambda mask: (mask.bit_count(), bits(mask)))
         blamed = [tuple(self.cnf.components[bit] for bit in bits(mask)) for mask in masks]
-        conflicts = tuple(self._in_words(*pair) for pair in search.known) if options.conflicts else ()
+        told = self._justifying(masks, search.known) if options.conflicts else []
+        conflicts = tuple(self._in_words(*pair) for pair in told)
         unused = dict.fromkeys(literal for observed in distinct.values() for literal in observed.unused)
         return DiagnosisResult(
             components=self.cnf.components,
@@ -90,6 +96,25 @@ class SnapshotEngine:
             count=len(found) if stopped is None else None,
             cleared=clear_suspects(blamed, conflicts),
         )
+
+    def _justifying(
+        self, masks: list[int], known: list[tuple[Known, Observed]]
+    ) -> list[tuple[Known, Observed]]:
+        """Return the conflicts to report: for each member of the first diagnoses one that needs it.
+
+        Each diagnosis is a minimal hitting set of all conflicts met, so that there always is one.
+        """
+        most = MAX_CIRCUIT_CONFLICTS if self.cnf.circuit else MAX_CONFLICTS
+        if len(known) <= most:
+            return known
+        told: dict[int, tuple[Known, Observed]] = {}
+        for mask in masks[:JUSTIFIED]:
+            for bit in bits(mask):
+                if len(told) < most and not any(conflict & mask == 1 << bit for conflict in told):
+                    needs = next((pair for pair in known if pair[0].mask & mask == 1 << bit), None)
+                    if needs is not None:  # None: it is supposed abnormal
+                        told[needs[0].mask] = needs
+        return list(told.values()) or known[:most]
 
     def _in_words(self, known: Known, observed: Observed) -> Conflict:
         cnf = self.cnf
