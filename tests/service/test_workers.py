@@ -66,6 +66,7 @@ def test_workers_do_not_outlive_their_parent(tmp_path: Path) -> None:
     with served(tmp_path, "--workers", "2") as (process, _):
         workers = workers_of(process.pid)
         family = [*workers, *(pid for worker in workers for pid in workers_of(worker))]
+        os.kill(workers[0], signal.SIGSTOP)  # it cannot notice anything by itself
         os.kill(process.pid, signal.SIGKILL)
         process.wait(10)
         until(lambda: not any(map(alive, family)), "a worker outlived its parent", 10.0)

@@ -2,7 +2,8 @@
 
     parent: binds the socket ──► starts N children, each a whole service on the inherited socket
                │                        │ a socket pair each:  child says `ready` ──► parent announces once
-               │                        └─ its end of file: the parent is gone, and so is the child
+               │                        └─ the parent is gone: the kernel kills the child; where it does not,
+               │                           the end of file does
                └─ a child died ──► another in its place      SIGTERM ──► to each child, each ends in order
 
 The children are instances like those on several machines: they share the work through the database, and when
@@ -25,6 +26,7 @@ import structlog
 
 from robomend.errors import InputError
 from robomend.settings import Settings
+from robomend.workers.parent import die_with_parent
 
 log = structlog.get_logger("robomend.api.supervising")
 
@@ -141,6 +143,7 @@ class Parent:
 
     def watch(self) -> None:
         """End this process as soon as the parent is gone. What was acknowledged is on disk."""
+        die_with_parent()
         threading.Thread(target=self._wait, name="parent", daemon=True).start()
 
     def ready(self) -> None:

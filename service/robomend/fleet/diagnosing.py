@@ -34,6 +34,9 @@ log = structlog.get_logger("robomend.fleet.diagnosing")
 FAILED_AGAIN_S = 1.0
 """Pause before a diagnosis that could not be made or written is tried again."""
 
+SETTLE_S = 0.1
+"""How long an answer waits for a diagnosis that is under way; a small model's takes a hundredth of it."""
+
 PATIENCE = 10
 """Times the debounce after which what still flaps is diagnosed nevertheless."""
 
@@ -142,6 +145,23 @@ class Diagnosing:
                     return
                 count = now
 
+    async def settle(self, state: RobotState) -> None:
+        """Have the diagnosis of all that was accepted as the current one, if it is to be had in a moment.
+
+        A small model's is made here and now, before it is published: whoever asks need not wait for the disk.
+        Others are waited for a little.
+        """
+        deadline = time.monotonic() + SETTLE_S
+        while not (self.closing or state.gone or state.stale or _is_current(state)):
+            if state.head == state.revision and (answer := self._ask(state)) is not None:
+                stopped = state.config.expected_stopped
+                state.current = _current(state.revision, state.model.version, answer, stopped)
+                return
+            left = deadline - time.monotonic()
+            if left <= 0 or state.task is None:
+                return
+            await state.diagnosed.beyond(state.diagnosed.value, left)
+
     @asynccontextmanager
     async def waiting(self) -> AsyncIterator[None]:
         """Count a request that waits. Overloaded when there are too many."""
@@ -209,12 +229,15 @@ class Diagnosing:
         busy = state.task is not None or state.head != state.revision
         if self.closing or busy or state.stale or state.config.debounce_s > 0:
             return None
-        version, system, literals = state.question()
-        options = _options(state, self._settings)
-        answer = self._diagnoser.at_once(version, system, literals, state.config.engine, options)
+        answer = self._ask(state)
         if answer is None:
             return None
         return _current(revision, state.model.version, answer, state.config.expected_stopped)
+
+    def _ask(self, state: RobotState) -> Answer | None:
+        version, system, literals = state.question()
+        options = _options(state, self._settings)
+        return self._diagnoser.at_once(version, system, literals, state.config.engine, options)
 
     def announced(self, state: RobotState, current: Current, waited_s: float) -> None:
         """Take note of a diagnosis from `at_once` that is on disk now."""
@@ -258,6 +281,16 @@ def event_data(current: Current) -> Encoded:
 def _current(revision: int, model_version: str, answer: Answer, stopped: tuple[str, ...]) -> Current:
     fault = None if answer.fault is None else {"code": answer.fault.code, "detail": str(answer.fault)}
     return Current(revision, model_version, time.time_ns(), answer.json, fault, answer, stopped)
+
+
+def _is_current(state: RobotState) -> bool:
+    """Return whether the current diagnosis is of this OBS and this model."""
+    current = state.current
+    return (
+        current is not None
+        and current.revision >= state.revision
+        and current.model_version == state.model.version
+    )
 
 
 async def _debounce(state: RobotState) -> None:

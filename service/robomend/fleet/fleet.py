@@ -21,7 +21,15 @@ from typing import Any
 import structlog
 
 from robomend.board.link import LinkState
-from robomend.errors import Conflict, InputError, NotFound, Overloaded, RobomendError, TooLarge
+from robomend.errors import (
+    Conflict,
+    InputError,
+    NotFound,
+    ObservationError,
+    Overloaded,
+    RobomendError,
+    TooLarge,
+)
 from robomend.fleet.batches import Batch, Outcome, ReadBatch, read_batch, stored_assertion
 from robomend.fleet.boards import SOURCE, Board, Boards
 from robomend.fleet.diagnoser import Diagnoser
@@ -124,14 +132,28 @@ class Fleet:
         return state
 
     async def latest(self, robot: str) -> RobotState:
-        """Return a robot's state with what other instances wrote, also where their events are still on the
-        way.
+        """Return a robot's state as the store has it: whatever another instance has acknowledged is in it.
+
+        Its event may be on the way still, so the store is asked.
         """
-        state = await self.robot(robot)
-        revision = await self._store.read(lambda view: view.revision(robot))
-        if revision > state.head:
+        state = self._robots.get(robot)
+        if state is None or state.stale:
+            return await self.robot(robot)
+        try:
+            newest = await self._store.read(lambda view: view.newest(robot))
+        except NotFound:
+            await self._drop(robot)
+            raise
+        known = (state.stored.etag, state.model.version)
+        if newest.revision > state.head or (newest.etag, newest.model_version) != known:
             state.stale = True
         return await self.robot(robot)
+
+    async def diagnosed(self, robot: str) -> RobotState:
+        """Return a robot's latest state with its diagnosis; one that is nearly there is waited for."""
+        state = await self.latest(robot)
+        await self.diagnosing.settle(state)
+        return state
 
     async def put_robot(self, robot: str, config: Json, *, expected: str | None, by: str) -> RobotState:
         """Create or replace a robot's configuration; OBS stays.
@@ -210,7 +232,7 @@ class Fleet:
         else:
             state.stored, state.config, state.model, state.system = stored, fresh.config, model, system
         state.reload(obs, assertions)
-        if state.current is None and diagnosed is not None:
+        if diagnosed is not None and (state.current is None or state.current.revision < diagnosed.revision):
             state.current = published(diagnosed.revision, diagnosed.time_ns, diagnosed.result)
             state.announced = state.current
         await self._boards.put(robot, state.config.board, system.parts)
@@ -222,14 +244,12 @@ class Fleet:
 
     async def observe(self, robot: str, batch: Batch, *, once: Once | None = None) -> Outcome:
         """Take in a batch; when this returns, it is on disk. ObservationError names the sentence at fault."""
-        state = await self.robot(robot)
-        return await self._accept(state, lambda: read_batch(state, batch), once)
+        return await self._observe(robot, lambda state: read_batch(state, batch), once)
 
     async def observe_all(self, robot: str, batches: Sequence[Batch], *, once: Once | None = None) -> Outcome:
         """Take in several batches as one revision, all or none: what a stream brings."""
-        state = await self.robot(robot)
 
-        def read_all() -> ReadBatch:
+        def read_all(state: RobotState) -> ReadBatch:
             parts = [read_batch(state, batch) for batch in batches]
             return ReadBatch(
                 tuple(chain.from_iterable(part.observed for part in parts)),
@@ -237,11 +257,25 @@ class Fleet:
                 refused=tuple(chain.from_iterable(part.refused for part in parts)),
             )
 
-        return await self._accept(state, read_all, once)
+        return await self._observe(robot, read_all, once)
+
+    async def _observe(
+        self, robot: str, read: Callable[[RobotState], ReadBatch], once: Once | None
+    ) -> Outcome:
+        state = await self.robot(robot)
+        generation = state.generation
+        try:
+            return await self._accept(state, lambda: read(state), once)
+        except ObservationError:
+            latest = await self.latest(robot)
+            if latest is state and state.generation == generation:
+                raise
+        # Another instance has given it a model that may well have this word.
+        return await self._accept(latest, lambda: read(latest), once)
 
     async def withdraw(self, robot: str, assertion: str) -> Outcome:
         """Withdraw a named assertion."""
-        state = await self.robot(robot)
+        state = await self.latest(robot)
         if assertion not in state.assertion_records:
             raise NotFound(f"robot {robot!r} has no assertion {assertion!r}")
         return await self._accept(state, lambda: ReadBatch(withdrawn=(assertion,)), None)
@@ -342,7 +376,7 @@ class Fleet:
 
     async def board(self, robot: str) -> Board:
         """Return a robot's board; NotFound if it has none."""
-        await self.robot(robot)
+        await self.latest(robot)
         return self._boards.get(robot)
 
     async def switch(self, robot: str, channel: int, on: bool, *, by: str, reason: str) -> None:

@@ -40,6 +40,7 @@ from robomend.store.records import (
     Intent,
     Json,
     Model,
+    Newest,
     Obs,
     Once,
     Owner,
@@ -86,6 +87,10 @@ class View(Protocol):
 
     def robots(self, paging: Paging = FIRST_PAGE, *, model: str | None = None) -> Page[Robot]:
         """Return the robots by id, all or those that follow one model."""
+        ...
+
+    def newest(self, robot: str) -> Newest:
+        """Return the versions of all that a robot's diagnosis rests on."""
         ...
 
     # --- observations and diagnoses

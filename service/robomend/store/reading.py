@@ -18,6 +18,7 @@ from robomend.store.records import (
     EventRange,
     Instance,
     Model,
+    Newest,
     Obs,
     Owner,
     Page,
@@ -29,6 +30,17 @@ from robomend.store.records import (
 from robomend.store.repair_reading import RepairReading
 from robomend.store.snapshot import AnyRow, limit_of, page_of
 from robomend_client.events import Event, Kind
+
+_NEWEST = (
+    select(schema.robot_state.c.revision, schema.robots.c.etag, schema.model_versions.c.version)
+    .join_from(schema.robots, schema.robot_state, schema.robot_state.c.robot == schema.robots.c.id)
+    .outerjoin(schema.models, schema.models.c.name == schema.robots.c.model)
+    .outerjoin(
+        schema.model_versions,
+        (schema.model_versions.c.name == schema.models.c.name)
+        & (schema.model_versions.c.number == schema.models.c.current),
+    )
+)
 
 
 class SqlView(RepairReading):
@@ -75,6 +87,10 @@ class SqlView(RepairReading):
         if paging.cursor is not None:
             query = query.where(table.c.id > checked(paging.cursor))
         return page_of(self.rows(query), paging, robot_of, lambda row: str(row.id))
+
+    def newest(self, robot: str) -> Newest:
+        row = self._one(_NEWEST.where(schema.robots.c.id == checked(robot)), f"robot {robot!r}")
+        return Newest(row.revision, row.etag, row.version)
 
     # --- observations and diagnoses
 

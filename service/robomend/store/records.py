@@ -270,6 +270,15 @@ class AuditEntry:
 
 
 @dataclass(frozen=True, slots=True)
+class Newest:
+    """The versions of all that a robot's diagnosis rests on."""
+
+    revision: int  # of OBS
+    etag: str  # of the configuration
+    model_version: str | None
+
+
+@dataclass(frozen=True, slots=True)
 class ApiKey:
     """A bearer key, of which only the hash is kept."""
 

@@ -12,7 +12,6 @@ watches the socket.
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import importlib
 import os
 import pickle
@@ -28,10 +27,10 @@ from collections import deque
 from typing import Any
 
 from robomend.errors import SolverError, WorkerDied
+from robomend.workers.parent import die_with_parent
 
 LENGTH = struct.Struct("<Q")
 MAX_MESSAGE = 1 << 30  # bytes
-PR_SET_PDEATHSIG = 1  # from <linux/prctl.h>
 
 READY, RESULT, ERROR = "ready", "result", "error"
 
@@ -141,7 +140,9 @@ def _receive_exactly(connection: socket.socket, count: int, deadline: float | No
 def serve(fd: int, parent: int) -> None:
     """Answer calls until the parent is gone. Runs in the worker process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _die_with_parent(parent)
+    die_with_parent()
+    if os.getppid() != parent:  # it ended before we asked
+        os._exit(0)
     with socket.socket(fileno=fd) as connection:
         try:
             warm, memory_bytes = pickle.loads(_receive(connection, None))
@@ -189,14 +190,6 @@ def _answer(connection: socket.socket, kind: str, value: object) -> None:
         what = value if kind == ERROR else error
         data = pickle.dumps((ERROR, SolverError(f"{type(what).__name__}: {what}")))
     _send(connection, data)
-
-
-def _die_with_parent(parent: int) -> None:
-    """Ask the kernel to kill this process when its parent ends, in native code too."""
-    with contextlib.suppress(OSError, AttributeError):
-        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
-    if os.getppid() != parent:  # it ended before we asked
-        os._exit(0)
 
 
 def _limit_memory(limit: int) -> None:

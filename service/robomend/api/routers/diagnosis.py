@@ -28,9 +28,12 @@ async def get_diagnosis(
 ) -> Response:
     """Return the current diagnosis; `revision` says of which OBS. With `wait_s`, wait for a newer one first.
 
+    Whichever instance is asked, it is of all that was acknowledged before; a large model whose diagnosis is
+    still under way is answered with the one before.
+
     The wait is cut to the service's own limit; when nothing newer came, the answer is the current one.
     """
-    state = await parts.fleet.robot(robot)
+    state = await parts.fleet.diagnosed(robot)
     if wait_s > 0:
         request.scope["robomend.waits"] = True
         await parts.fleet.diagnosing.wait(state, after, min(wait_s, parts.settings.max_wait_s))
@@ -42,5 +45,5 @@ async def get_probes(
     robot: RobotPath, parts: PartsDep, limit: Annotated[int, Query(ge=1, le=100)] = 5
 ) -> ProbesOut:
     """Return the observations worth making next: expected information per cost, best first."""
-    state = await parts.fleet.robot(robot)
+    state = await parts.fleet.latest(robot)
     return probes_out(state.revision, await parts.one_shots.probes(state, limit))

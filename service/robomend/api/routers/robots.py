@@ -34,7 +34,7 @@ async def list_robots(parts: PartsDep, paging: PagingDep) -> Items[RobotLine]:
 @router.get("/{robot}", responses=problems(404))
 async def get_robot(robot: RobotPath, parts: PartsDep, response: Response) -> RobotOut:
     """Return a robot's configuration, its revision and whether it is healthy."""
-    state = await parts.fleet.robot(robot)
+    state = await parts.fleet.diagnosed(robot)
     response.headers["ETag"] = quoted(state.stored.etag)
     return robot_out(state)
 
