@@ -64,6 +64,11 @@ class Settings(BaseModel):
     max_nesting: int = Field(32, ge=4, le=200, description="of JSON arrays and objects")
     max_components: int = Field(100_000, ge=1, description="of a model")
     max_clauses: int = Field(1_000_000, ge=1, description="of a compiled model")
+    max_robots: int = Field(
+        50_000,
+        ge=1,
+        description="idle robots kept in memory; others are read again when asked for",
+    )
     max_observed: int = Field(50_000, ge=1, description="literals in one robot's OBS")
     body_timeout_s: float = Field(30.0, gt=0, description="longest pause within a body before a 408")
     send_timeout_s: float = Field(60.0, gt=0, description="longest stall of a client that reads a stream")

@@ -6,17 +6,20 @@
                                               │
                  changed? ──► the store, with its event ──► long polls, streams, the repair loop
 
-Memory is a cache of the store, keyed by revision: see robot_state. Everything belongs to one event loop.
+Memory is a cache of the store, keyed by revision: see robot_state. A robot to which nothing happens makes
+room for others; a wait, a timer, a repair or a write under way keeps it. Everything belongs to one event loop.
 """
 
 from __future__ import annotations
 
 import asyncio
 import time
+from collections import OrderedDict
 from collections.abc import Callable, Coroutine, Mapping, Sequence
 from functools import partial
 from itertools import chain
 from typing import Any
+from weakref import WeakValueDictionary
 
 import structlog
 
@@ -62,7 +65,10 @@ class Fleet:
         self._store = store
         self._settings = settings
         self._metrics = metrics
-        self._robots: dict[str, RobotState] = {}
+        # Whoever works with a state holds it, and it is found here as long as anybody does: there are never
+        # two of one robot. Nothing else keeps a state but its place among those used last.
+        self._robots: WeakValueDictionary[str, RobotState] = WeakValueDictionary()
+        self._used: OrderedDict[str, RobotState] = OrderedDict()
         self._loading: dict[str, asyncio.Lock] = {}
         self._boards = Boards(self._board_says, self._board_state)
         self._tasks: set[asyncio.Task[None]] = set()
@@ -121,6 +127,7 @@ class Fleet:
         """Return a robot's state, read from the store if it is not in memory. NotFound."""
         state = self._robots.get(robot)
         if state is not None and not state.stale:
+            self._use(state)
             return state
         try:
             async with self._loading.setdefault(robot, asyncio.Lock()):
@@ -130,6 +137,13 @@ class Fleet:
         finally:
             self._loading.pop(robot, None)  # also for names that are no robot, of which there is no end
         return state
+
+    def _use(self, state: RobotState) -> None:
+        """Keep a state in memory, and let go of the one that nobody asked for longest."""
+        self._used[state.id] = state
+        self._used.move_to_end(state.id)
+        while len(self._used) > self._settings.max_robots:
+            self._used.popitem(last=False)
 
     async def latest(self, robot: str) -> RobotState:
         """Return a robot's state as the store has it: whatever another instance has acknowledged is in it.
@@ -197,6 +211,7 @@ class Fleet:
         await self._drop(robot)
 
     async def _drop(self, robot: str) -> None:
+        self._used.pop(robot, None)
         state = self._robots.pop(robot, None)
         await self._boards.remove(robot)
         if state is not None:
@@ -231,6 +246,7 @@ class Fleet:
             state = self._robots[robot] = fresh
         else:
             state.stored, state.config, state.model, state.system = stored, fresh.config, model, system
+        self._use(state)
         state.reload(obs, assertions)
         if diagnosed is not None and (state.current is None or state.current.revision < diagnosed.revision):
             state.current = published(diagnosed.revision, diagnosed.time_ns, diagnosed.result)

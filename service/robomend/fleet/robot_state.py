@@ -59,6 +59,7 @@ class RobotState:
     """One robot in memory; see the module."""
 
     __slots__ = (
+        "__weakref__",
         "_own",
         "again",
         "announced",
