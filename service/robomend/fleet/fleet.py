@@ -7,7 +7,7 @@
                  changed? ──► the store, with its event ──► long polls, streams, the repair loop
 
 Memory is a cache of the store, keyed by revision: see robot_state. A robot to which nothing happens makes
-room for others; a wait, a timer, a repair or a write under way keeps it. Everything belongs to one event loop.
+room for others; a wait, a timer, a repair or a write under way keeps it. All belongs to one event loop.
 """
 
 from __future__ import annotations
