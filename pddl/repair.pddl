@@ -30,18 +30,23 @@
     (switchable ?h - hardware)          ; has a channel of the power board
     (restartable ?n - node)
     (drives ?n - node ?h - hardware)
-    (fed_by ?h - hardware ?p - hardware)
+    (fed_by ?h - hardware ?p - hardware)   ; also through feeders that have no channel
+    (hangs_on ?h - hardware ?p - hardware) ; fed by it, and without a channel of its own
     (needs ?n - node ?m - node)         ; m must be good before n starts
     (tied ?n - node ?m - node))         ; n must restart after m restarts
   (:functions (total-cost) - number)
 
-  ;; The driver of a device that comes back must reconnect, hence restart.
+  ;; The driver of a device that comes back must reconnect, hence restart. What hangs on it comes back with it;
+  ;; what it feeds through a channel of its own is brought up by itself, one after the other, if it was down too.
   (:action power_up
     :parameters (?h - hardware)
     :precondition (and (switchable ?h) (off ?h)
       (forall (?p - hardware) (imply (fed_by ?h ?p) (good ?p))))
     :effect (and (on ?h) (not (off ?h)) (good ?h) (not (bad ?h))
       (forall (?n - node) (when (drives ?n ?h) (and (bad ?n) (not (good ?n)))))
+      (forall (?d - hardware) (when (hangs_on ?d ?h) (and (good ?d) (not (bad ?d)))))
+      (forall (?d - hardware ?n - node)
+        (when (and (fed_by ?d ?h) (drives ?n ?d)) (and (bad ?n) (not (good ?n)))))
       (increase (total-cost) 10)))
 
   ;; Only what is blamed is switched off: a plan never darkens a device that works.

@@ -52,7 +52,7 @@ class RobotConfig:
     allow: tuple[str, ...] | None = None  # action names that may run; None: all that the model offers
     protected: tuple[str, ...] = ()  # components that are never shut down, besides the model's own
     board: BoardConfig | None = None
-    expected_stopped: tuple[str, ...] = ()  # nodes that are meant to be stopped
+    expected_stopped: tuple[str, ...] = ()  # components that are meant to be stopped or off
     observed: tuple[str, ...] = ()  # literals that the observers will report, either sign
     observed_timeout_s: float = 30.0
     hold_s: float = 0.0  # a diagnosis must hold this long before an automatic repair

@@ -300,3 +300,11 @@ def test_nodes_expected_to_be_stopped_lose_their_fifth_clause_only() -> None:
     }
     assert len(fewer.clauses) == len(fewer.origins) == 16
     assert without_running(cnf, []) is cnf
+
+
+def test_a_spare_that_is_meant_to_be_off_is_not_expected_to_be_on() -> None:
+    hardware = "{psu: {channel: 0}, lidar: {channel: 1, fed_by: [psu]}, spare: {channel: 2, fed_by: [psu]}}"
+    cnf = load_text(f"robomend: 1\nhardware: {hardware}\nnodes: {{driver: {{drives: [lidar]}}}}\n").cnf
+    fewer = without_running(cnf, ["spare"])
+    gone = [cnf.rules[origin].text for origin in cnf.origins if origin not in fewer.origins]
+    assert gone == ["not ab(spare) and on(psu) -> on(spare)"]

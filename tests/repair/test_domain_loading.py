@@ -24,7 +24,15 @@ def test_without_a_text_of_the_user_the_shipped_domain_is_meant() -> None:
     domain = load_domain()
     assert set(domain.schemas) == {"power_up", "shutdown", "start_node", "stop_node"}
     assert domain is load_domain("") is load_domain(None)
-    assert domain.static == {"switchable", "restartable", "drives", "fed_by", "needs", "tied"}
+    assert domain.static == {
+        "switchable",
+        "restartable",
+        "drives",
+        "fed_by",
+        "hangs_on",
+        "needs",
+        "tied",
+    }
 
 
 def test_a_users_part_is_added_to_it() -> None:

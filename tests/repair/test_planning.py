@@ -126,8 +126,8 @@ def test_quarantined_components_are_left_alone_and_what_needs_them_is_named() ->
     plan = plan_for(TEDUSAR, ALL_OFF, POWER_UP, PlanOptions(quarantined=("jaguar",)))
     assert "power_up(jaguar)" not in texts(plan)
     assert plan.unreachable == (
-        "jaguar_node: start_node(jaguar_node) needs good(jaguar), and power_up(jaguar) is refused: what it "
-        "touches is protected or set aside",
+        "jaguar_node: start_node(jaguar_node) needs good(jaguar), and power_up(jaguar) is refused: "
+        "jaguar is left alone",
     )
 
 
@@ -142,7 +142,55 @@ def test_nothing_shuts_a_protected_component_down_nor_what_feeds_it(planner: str
     assert "shutdown(psu)" in texts(free)
     safe = plan_for(robot, [], ["psu", "arm"], PlanOptions(planner=planner, protected=("pc",)))
     assert texts(safe) == []
-    assert "shutdown(psu) is refused" in safe.unreachable[0]
+    assert "shutdown(psu) is refused: pc, which it feeds, is protected" in safe.unreachable[0]
+
+
+def test_what_hangs_on_a_supply_comes_back_with_it_and_its_drivers_restart(planner: str) -> None:
+    """Without a channel of its own nothing else could bring it back; also through a hub without channel."""
+    hardware = {
+        "psu": Hardware("psu", 0),
+        "hub": Hardware("hub", None, fed_by=("psu",)),
+        "camera": Hardware("camera", None, fed_by=("hub",)),
+        "lidar": Hardware("lidar", 1, fed_by=("hub",)),
+    }
+    nodes = {
+        "camera_node": Node("camera_node", drives=("camera",), publishes={"image": ()}),
+        "lidar_node": Node("lidar_node", drives=("lidar",), publishes={"scan": ()}),
+    }
+    robot = ComponentModel("r", hardware, nodes, {})
+    options = PlanOptions(planner=planner)
+    restarts = {f"{action}({node})" for action in ("stop_node", "start_node") for node in nodes}
+    cycled = plan_for(robot, [], ["psu"], options)
+    assert cycled.outcome is Outcome.SOLVED
+    assert texts(cycled)[0] == "shutdown(psu)"
+    assert set(texts(cycled)) == {
+        *("shutdown(psu)", "power_up(psu)", "shutdown(lidar)", "power_up(lidar)"),
+        *restarts,
+    }
+    came_back = plan_for(robot, [fails("on", "psu")], ["psu"], options)
+    assert set(texts(came_back)) == {"power_up(psu)", *restarts}
+    assert texts(came_back)[0] == "power_up(psu)"
+    safe = plan_for(robot, [], ["psu"], replace(options, protected=("camera",)))
+    assert texts(safe) == []
+
+
+def test_a_spare_that_is_meant_to_be_off_is_switched_on_by_nothing_but_the_users_action(planner: str) -> None:
+    spare = """
+    (define (domain robot-repair)
+      (:predicates (spare_for ?s ?h - hardware))
+      (:action use_spare
+        :parameters (?h ?s - hardware)
+        :precondition (and (spare_for ?s ?h) (bad ?h) (off ?s))
+        :effect (and (on ?s) (not (off ?s)) (good ?h) (not (bad ?h)) (increase (total-cost) 5)))
+      (:init (spare_for gps_b gps_a)))
+    """
+    robot = ComponentModel("r", {"gps_a": Hardware("gps_a", 0), "gps_b": Hardware("gps_b", 1)}, {}, {})
+    off = [fails("on", "gps_b")]
+    options = PlanOptions(planner=planner, domain=spare, expected_stopped=("gps_b",))
+    assert texts(plan_for(robot, off, ["gps_a"], options)) == ["use_spare(gps_a, gps_b)"]
+    assert texts(plan_for(robot, off, ["gps_b"], options)) == []
+    quarantined = replace(options, expected_stopped=(), quarantined=("gps_b",))
+    assert texts(plan_for(robot, off, ["gps_a"], quarantined)) == ["shutdown(gps_a)", "power_up(gps_a)"]
 
 
 def test_a_model_may_mark_what_is_protected() -> None:

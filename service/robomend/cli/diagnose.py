@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 )
 @click.option("--assume-healthy", multiple=True, metavar="COMPONENT", help="What if it is healthy?")
 @click.option("--assume-abnormal", multiple=True, metavar="COMPONENT", help="What if it is abnormal?")
-@click.option("--expect-stopped", multiple=True, metavar="NODE", help="This node is meant to be stopped.")
+@click.option("--expect-stopped", multiple=True, metavar="COMPONENT", help="This is meant to be off.")
 @click.option("--unknown", type=click.Choice(("refuse", "keep")), default="refuse", help="Undeclared names.")
 @click.option("--fail-on-fault", is_flag=True, help="Exit with 1 unless everything is healthy.")
 @click.option(

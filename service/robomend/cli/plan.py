@@ -99,13 +99,12 @@ def _situation(system: System, given: dict[str, Any]) -> Situation:
     from robomend.diagnosis.result import Diagnosis, DiagnosisResult, Options
     from robomend.repair.advice import Situation, parts_of
 
-    nodes = [name for name in given["expect_stopped"] if name in parts_of(system).nodes]
     diagnoser = Diagnoser(
         system,
         given["engine"],
         options_for(system, Options()),
         unknown=given["unknown"],
-        expect_stopped=nodes,
+        expect_stopped=given["expect_stopped"],
     )
     try:
         question = diagnoser.question(given["observe"])

@@ -35,7 +35,7 @@ class Current:
     result: dict[str, Any] | None  # JSON
     fault: dict[str, Any] | None  # why there is none
     answer: Answer | None  # None: made by another instance, or before a restart
-    expected_stopped: tuple[str, ...] = ()  # nodes that the diagnosis does not expect to run
+    expected_stopped: tuple[str, ...] = ()  # what the diagnosis does not expect to run
 
 
 @dataclass(frozen=True, slots=True)

@@ -144,19 +144,22 @@ def extend(cnf: HealthCnf, assertions: Iterable[Assertion]) -> HealthCnf:
     )
 
 
-def without_running(cnf: HealthCnf, nodes: Iterable[str]) -> HealthCnf:
-    """Return the system description for a robot on which these nodes are expected to be stopped.
+def without_running(cnf: HealthCnf, names: Iterable[str]) -> HealthCnf:
+    """Return the system description for a robot on which these components are expected to be stopped or off.
 
-    Their clause of scheme 5 is suspended; the rest of what the model says of them stays.
+    A node's clause of scheme 5 (that it runs) is suspended, and a device's clause that it is on, of scheme 1
+    or of its feed; the rest of what the model says of them stays.
     """
-    stopped = {-cnf.health[node] for node in nodes if node in cnf.health}
+    stopped = {-cnf.health[name] for name in names if name in cnf.health}
     if not stopped:
         return cnf
-    scheme_5 = {index for index, rule in enumerate(cnf.rules) if rule.source == "scheme 5"}
+    suspended = {
+        index for index, rule in enumerate(cnf.rules) if rule.source in {"scheme 1", "scheme 5", "feed"}
+    }
     kept = [
         index
         for index, clause in enumerate(cnf.clauses)
-        if not (cnf.origins[index] in scheme_5 and stopped.intersection(clause))
+        if not (cnf.origins[index] in suspended and stopped.intersection(clause))
     ]
     return replace(
         cnf,

@@ -40,6 +40,7 @@ from robomend.repair.formulas import (
     Typed,
     negation_normal,
 )
+from robomend.repair.policy import NODE_ACTIONS, POWER_ACTIONS
 from robomend.repair.problem import Fact, RepairProblem
 from robomend_client.literals import Atom, Literal
 
@@ -182,7 +183,7 @@ class Grounder:
         self._static: set[Fact] = set()
         self._index: dict[str | tuple[str, int, str], list[Fact]] = defaultdict(list)
         self._made: dict[tuple[str, tuple[str, ...]], tuple[GroundAction, ...]] = {}
-        self.refused: dict[int, str] = {}  # fact -> an action that would achieve it, were it not protected
+        self.refused: dict[int, str] = {}  # fact -> an action that would achieve it, and why it is refused
         self.initial: set[int] = set()  # numbers of the atoms that hold
         for fact in sorted(problem.initial):
             if fact[0] not in domain.static:
@@ -420,31 +421,36 @@ class Grounder:
                 for action in self._instances(compilation, parameters):
                     if number not in action.effects:
                         continue
-                    if self.is_refused(action):
-                        self.refused.setdefault(number, str(action))
+                    if (why := self.refusal(action)) is not None:
+                        self.refused.setdefault(number, f"{action} is refused: {why}")
                     else:
                         found[id(action)] = action
         return list(found.values())
 
-    def is_refused(self, action: GroundAction) -> bool:
-        """Whether an action touches what must be left alone: it takes power or process from a protected
-        component, or changes a component that is set aside; or it is to be avoided itself.
+    def refusal(self, action: GroundAction) -> str | None:
+        """Return why an action may not be taken, or None: it takes power or process from a protected
+        component, changes one that is set aside, or was tried in vain.
         """
-        if self.problem.avoided and str(action) in self.problem.avoided:
-            return True
-        for number in action.effects:
+        problem = self.problem
+        if problem.avoided and str(action) in problem.avoided:
+            return "it was tried, and it did not help"
+        for number in sorted(action.effects):
             fact = self.fact(number)
             if len(fact) != 2:
                 continue
             predicate, name = fact
-            if name in self.problem.protected and (
+            if name in problem.protected and (
                 (number > 0 and predicate in TAKING) or (number < 0 and predicate in GIVING)
             ):
-                return True
-            if name in self.problem.excluded and predicate in TAKING | GIVING:
-                return True
-        return False
+                saved = problem.protected[name]
+                return f"{saved} is protected" if saved == name else f"{saved}, which it feeds, is protected"
+            if name in problem.excluded and predicate in TAKING | GIVING:
+                if name in problem.idle and action.name not in OWN_ACTIONS:
+                    continue
+                return f"{name} is left alone"
+        return None
 
 
 GIVING = frozenset({"on", "running"})
+OWN_ACTIONS = POWER_ACTIONS | NODE_ACTIONS
 TAKING = frozenset({"off", "stopped", "not_on", "not_running"})

@@ -12,10 +12,12 @@ completed until exactly one of on/off, running/stopped and good/bad holds for ea
 A bad component of unknown state is taken to be on: shutdown and power_up then also mend one that was off,
 while the opposite guess would send a command without effect.
 
-Static facts come from the model: `drives`, `fed_by`, `tied` as written; `needs(n, m)` when something that n
-publishes rests on a topic of m. Cycles of topics are normal, so within a strongly connected component of
-`needs` there is no order to keep. Facts of predicates that the domain does not declare are left out, so one
-builder serves every domain.
+Static facts come from the model: `drives` and `tied` as written; `fed_by` as written and through feeders
+that have no channel, so that it leads to every channel that the device loses its power with; `hangs_on`, the
+same for devices without channel, which come back with the channel by themselves. `needs(n, m)` holds when
+something that n publishes rests on a topic of m. Cycles of topics are normal, so within a strongly connected
+component of `needs` there is no order to keep. Facts of predicates that the domain does not declare are left
+out, so one builder serves every domain.
 """
 
 from __future__ import annotations
@@ -43,7 +45,8 @@ class RepairProblem:
     components: frozenset[str] = frozenset()
     assumed: tuple[Literal, ...] = ()  # facts of bad components that nobody observed
     excluded: tuple[str, ...] = ()  # left out of the goal, and left alone
-    protected: frozenset[str] = frozenset()  # never shut down or stopped
+    idle: frozenset[str] = frozenset()  # of these, those meant to be off: the user's actions may use them
+    protected: Mapping[str, str] = field(default_factory=dict)  # never shut down -> itself, or what it feeds
     avoided: frozenset[str] = frozenset()  # ground actions, as text, that must not be used
     costs: Mapping[str, float] = field(default_factory=dict)  # factor for actions on this component
 
@@ -64,7 +67,8 @@ def repair_problem(
     Args:
         observed: OBS; literals of predicates that the domain does not declare are skipped.
         bad: the diagnosis; every other component is taken to be good.
-        expected_stopped: components that are meant to be off: no goal, not needed by others, never touched.
+        expected_stopped: components that are meant to be off: no goal, not needed by others, touched by
+            nothing but the user's own actions (a spare that stands in).
         quarantined: components that must not be tried again now: no goal, never touched.
         protected: components that nothing may shut down or stop, besides those that the model marks.
         avoided: ground actions, as `power_up(lidar)`, that were tried, did not help and must not be used.
@@ -97,7 +101,10 @@ def repair_problem(
         facts.update([("on", name)] if is_on else [("off", name), ("not_on", name)])
         if hardware.channel is not None:
             facts.add(("switchable", name))
-        facts.update(("fed_by", name, feeder) for feeder in hardware.fed_by)
+        feeders = _feeders(model, hardware)
+        facts.update(("fed_by", name, feeder) for feeder in feeders)
+        if hardware.channel is None:
+            facts.update(("hangs_on", name, feeder) for feeder in feeders if model.switchable(feeder))
         facts.add(("good" if is_on and name not in blamed else "bad", name))
     aside = frozenset(expected_stopped)
     needs = {pair for pair in needs_of(model) if pair[1] not in aside}
@@ -127,6 +134,7 @@ def repair_problem(
         components=known,
         assumed=tuple(assumed),
         excluded=excluded,
+        idle=aside,
         protected=_with_feeders(model, marked | set(protected)),
         avoided=frozenset(avoided),
         costs={name: part.cost for name, part in parts.items() if part.cost is not None},
@@ -191,16 +199,30 @@ def strong_components(successors: Mapping[str, Iterable[str]]) -> dict[str, int]
     return found
 
 
-def _with_feeders(model: ComponentModel, protected: set[str]) -> frozenset[str]:
-    """Return the protected components with all that feeds them: a feeder's shutdown is theirs too."""
-    pending = list(protected)
+def _feeders(model: ComponentModel, device: Hardware) -> list[str]:
+    """Return what feeds a device, directly or through devices that have no channel of their own."""
+    found = list(device.fed_by)
+    for name in found:  # grows on the way
+        feeder = model.hardware[name]
+        if feeder.channel is None:
+            found.extend(other for other in feeder.fed_by if other not in found)
+    return found
+
+
+def _with_feeders(model: ComponentModel, protected: set[str]) -> dict[str, str]:
+    """Return the protected components and all that feeds them (a feeder's shutdown is theirs too), each with
+    the one that it is protected for.
+    """
+    found = {name: name for name in sorted(protected)}
+    pending = list(found)
     while pending:
-        hardware = model.hardware.get(pending.pop())
+        name = pending.pop()
+        hardware = model.hardware.get(name)
         for feeder in hardware.fed_by if hardware else ():
-            if feeder not in protected:
-                protected.add(feeder)
+            if feeder not in found:
+                found[feeder] = found[name]
                 pending.append(feeder)
-    return frozenset(protected)
+    return found
 
 
 def _add_objects(objects: dict[str, str], domain: Domain, components: frozenset[str]) -> None:

@@ -121,9 +121,7 @@ def _why(grounder: Grounder, goal: int, reached: frozenset[int], actions: Sequen
         achievers = [action for action in actions if number in action.effects]
         if not achievers:
             if number in grounder.refused:
-                words.append(
-                    f"{grounder.refused[number]} is refused: what it touches is protected or set aside"
-                )
+                words.append(grounder.refused[number])
             elif number == goal:
                 words.append(f"no known action makes it {grounder.fact(number)[0]}")
             else:

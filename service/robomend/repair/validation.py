@@ -60,8 +60,8 @@ def replay(
                 break
         if failing is not None:
             return done, Flaw(position, text, str(grounder.literal(failing)))
-        if grounder.is_refused(action):
-            return done, Flaw(position, text, "permission to touch a protected component")
+        if (why := grounder.refusal(action)) is not None:
+            return done, Flaw(position, text, f"permission: {why}")
         state.difference_update(-number for number in action.effects if number < 0)
         state.update(number for number in action.effects if number > 0)
         done.append(action)
