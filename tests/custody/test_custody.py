@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
-from tests.custody.robot import CONFIG, Robot, robot_on, service, the_repair
+from tests.custody.robot import CONFIG, Robot, robot_on, running, service, the_repair
 
 from robomend.errors import Conflict, Refused
 
@@ -90,6 +90,28 @@ async def test_a_released_component_is_tried_again(tmp_path: Path) -> None:
         second = await the_repair(runtime)
         while second["id"] == first["id"]:
             second = await the_repair(runtime)
+    assert second["state"] == "repaired"
+
+
+async def test_a_release_counts_although_the_service_ended_before_the_next_try(tmp_path: Path) -> None:
+    async def stuck(robot: Robot, name: str, parameter: str) -> int | None:
+        return 0 if name == "power_up" else None
+
+    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
+        robot.spoil = stuck
+        await asyncio.sleep(0.2)
+        robot.cut("base")
+        first = await the_repair(runtime)
+        assert first["state"] == "escalated"
+        await runtime.repairs.stop(by="ann", reason="the relay is being replaced")
+        await runtime.repairs.release("r1", "base", by="ann", reason="relay replaced")
+        await asyncio.sleep(0.2)  # the release has reached the keeper
+    async with service(tmp_path) as runtime:
+        async with running(Robot(runtime.repairs, runtime.fleet, on=robot.on, connected=robot.connected)):
+            await asyncio.sleep(0.5)
+            await runtime.repairs.resume(by="ann", reason="done")
+            while (second := await the_repair(runtime))["id"] == first["id"]:
+                await asyncio.sleep(0.02)
     assert second["state"] == "repaired"
 
 

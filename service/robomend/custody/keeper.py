@@ -36,7 +36,7 @@ from robomend.repair.executors.agent import AgentExecutor, AgentQueue
 from robomend.repair.executors.board import BoardExecutor
 from robomend.repair.executors.configured import executors
 from robomend.repair.executors.once import Once
-from robomend.store.interface import Store, Transaction
+from robomend.store.interface import Store, Transaction, View
 from robomend.store.records import AuditEntry, Fence, Paging, Repair, Stop
 from robomend_client.actions import Executor
 from robomend_client.events import Kind
@@ -146,14 +146,19 @@ class Keeper:
     # --- beginning
 
     async def _recall(self) -> None:
-        """Learn from the store what the last repair gave up on."""
+        """Learn from the store what the last repair gave up on, unless a person changed something since."""
+
+        def look(view: View) -> Json | None:
+            page = view.repairs(self._robot, Paging(limit=1))
+            if not page.items or page.items[0].open or reconsidered(view, page.items[0]):
+                return None
+            return page.items[0].data
+
         with contextlib.suppress(RobomendError):
-            page = await self._tools.store.read(lambda view: view.repairs(self._robot, Paging(limit=1)))
-            if page.items and not page.items[0].open:
-                data = page.items[0].data
-                if data.get("given_up") is not None:
-                    self._given_up = frozenset(tuple(bad) for bad in data["given_up"])
-                    self._retry_ns = data.get("retry_ns")
+            data = await self._tools.store.read(look)
+            if data is not None and data.get("given_up") is not None:
+                self._given_up = frozenset(tuple(bad) for bad in data["given_up"])
+                self._retry_ns = data.get("retry_ns")
 
     async def _open_repair(self) -> Repair | None:
         """Return the open repair; the store is asked only if there may be one, not at each diagnosis."""
@@ -354,6 +359,22 @@ class Keeper:
                 signals.approve(by=request.by, request=request.number)
             else:
                 signals.end(by=request.by, reason=request.reason or "cancelled", request=request.number)
+
+
+RECONSIDERED = frozenset({"quarantine.release", "robot.put"})
+"""Entries of the audit log after which what a repair gave up on is worth another try."""
+
+
+def reconsidered(view: View, ended: Repair) -> bool:
+    """Return whether a person changed something since the repair ended; by the audit log, as its order is
+    that of the writes and not of clocks.
+    """
+    for entry in view.audit(Paging(limit=1000), robot=ended.robot).items:  # the newest first
+        if entry.subject == ended.id:
+            return False
+        if entry.action in RECONSIDERED:
+            return True
+    return False
 
 
 def _answer(request: int, fence: Fence, tx: Transaction) -> None:
