@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import product
 
 import pytest
 from hypothesis import given, settings
+from hypothesis import strategies as st
 from tests.diagnosis.circuits import (
     Circuit,
     circuit,
@@ -19,7 +21,9 @@ from robomend.diagnosis.cones import find_cones
 from robomend.diagnosis.engines import make_engine
 from robomend.diagnosis.netlist import recover
 from robomend.diagnosis.result import Options
-from robomend_client.literals import Literal
+from robomend.model.cnf import HealthCnf
+from robomend.model.loading import load_text
+from robomend_client.literals import Atom, Literal
 
 SUBSET = Options(limit=None, timeout_s=None)
 MINIMUM = Options(minimal="cardinality", limit=None, timeout_s=None)
@@ -61,7 +65,7 @@ def test_the_netlist_and_its_cones_are_found_in_the_clauses(name: str, tops: int
 @settings(max_examples=150, deadline=None)
 @given(observed_circuits())
 def test_engines_for_circuits_agree_with_the_definition(system: tuple[Circuit, frozenset[Literal]]) -> None:
-    agrees_with_the_definition(*system)
+    agrees_with_the_definition(system[0].cnf, system[1])
 
 
 @settings(max_examples=100, deadline=None)
@@ -69,12 +73,82 @@ def test_engines_for_circuits_agree_with_the_definition(system: tuple[Circuit, f
 def test_they_agree_without_simulation_too(system: tuple[Circuit, frozenset[Literal]]) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(toplevel, "SIMULATED_GATES", 0)
-        agrees_with_the_definition(*system)
+        agrees_with_the_definition(system[0].cnf, system[1])
 
 
-def agrees_with_the_definition(made: Circuit, observations: frozenset[Literal]) -> None:
-    expected = fresh_solver_diagnoses(made.cnf, observations)
-    engine = make_engine("sat", made.cnf)
+@pytest.mark.parametrize("width", [1, 2, 5, 6, 8, 9, 12, 21])
+@pytest.mark.parametrize("kind", ["XOR", "XNOR"])
+def test_parities_of_any_width_are_gates(kind: str, width: int) -> None:
+    names = [f"x{i}" for i in range(width)]
+    cnf = bench([*names, "e"], [f"odd = {kind}({', '.join(names)})", "y = AND(odd, e)"])
+    netlist = recover(cnf)
+    assert netlist is not None
+    gate = netlist.gates[0]
+    assert [cnf.word(net) for net in gate.inputs] == [f"v({name})" for name in names]
+    for ones in range(width + 1):
+        values = [int(i < ones) for i in range(width)]
+        assert eval(gate.expression.format(*values), {"M": 1}) == (ones % 2 == (kind == "XOR"))
+
+
+@pytest.mark.parametrize("spoilt", ["a clause less", "another sign", "an auxiliary variable of two gates"])
+def test_what_only_looks_like_a_parity_is_no_netlist(spoilt: str) -> None:
+    names = [f"x{i}" for i in range(8)]
+    cnf = bench([*names, "e"], [f"odd = XOR({', '.join(names)})", "y = AND(odd, e)"])
+    assert recover(cnf) is not None
+    after = len(cnf.components) + len(cnf.atoms)
+    index = next(i for i, clause in enumerate(cnf.clauses) if max(map(abs, clause)) > after)
+    clause = list(cnf.clauses[index])
+    others = [*cnf.clauses[:index], *cnf.clauses[index + 1 :]]
+    if spoilt == "another sign":
+        clause[1] = -clause[1]
+    changed = [*others, tuple(clause)]
+    if spoilt == "a clause less":
+        changed = [*others, others[0]]
+    if spoilt == "an auxiliary variable of two gates":
+        (other,) = {1, 2} - {-clause[0]}
+        changed = [*cnf.clauses, (-other, -clause[1], -(after + 1))]
+    origins = [cnf.origins[0]] * len(changed)
+    assert recover(replace(cnf, clauses=tuple(changed), origins=tuple(origins))) is None
+
+
+@st.composite
+def wide_parities(draw: st.DrawFn) -> tuple[HealthCnf, frozenset[Literal]]:
+    """Draw a circuit with two parities of 6 to 8 inputs in sequence, and what is seen of it."""
+    inputs = [f"x{i}" for i in range(7)]
+    kinds = draw(st.lists(st.sampled_from(["XOR", "XNOR"]), min_size=2, max_size=2))
+    nets = [*inputs, "a", "n"]
+    lines = [f"a = {draw(st.sampled_from(['AND', 'NOR']))}(x0, x1)", "n = NOT(x2)"]
+    for name, kind in zip(("p", "q"), kinds, strict=True):
+        read = draw(st.lists(st.sampled_from(nets), min_size=6, max_size=8, unique=True))
+        lines.append(f"{name} = {kind}({', '.join(read)})")
+        nets.append(name)
+    lines.append("y = OR(p, q, a)")
+    seen = [*draw(st.sampled_from([inputs, inputs[:5], nets])), "y", *draw(st.sets(st.sampled_from(["q"])))]
+    values = draw(st.lists(st.booleans(), min_size=len(seen), max_size=len(seen)))
+    observed = {Atom("v", (net,)): value for net, value in zip(seen, values, strict=True)}
+    return bench(inputs, lines), frozenset(Literal(atom, value) for atom, value in observed.items())
+
+
+@settings(max_examples=60, deadline=None)
+@given(wide_parities(), st.booleans())
+def test_circuits_with_wide_parities_agree_with_the_definition(
+    system: tuple[HealthCnf, frozenset[Literal]], simulated: bool
+) -> None:
+    cnf, observations = system
+    assert recover(cnf) is not None
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(toplevel, "SIMULATED_GATES", toplevel.SIMULATED_GATES if simulated else 0)
+        agrees_with_the_definition(cnf, observations)
+
+
+def bench(inputs: list[str], gates: list[str]) -> HealthCnf:
+    ports = [f"INPUT({name})" for name in inputs]
+    return load_text("\n".join([*ports, *gates, "OUTPUT(y)"]), name="made up", format="bench").cnf
+
+
+def agrees_with_the_definition(cnf: HealthCnf, observations: frozenset[Literal]) -> None:
+    expected = fresh_solver_diagnoses(cnf, observations)
+    engine = make_engine("sat", cnf)
     subset = engine.diagnose(observations, SUBSET)
     assert {d.bad for d in subset.diagnoses} == expected
     assert len(subset.diagnoses) == len(expected)

@@ -20,9 +20,10 @@ Source: J. A. Waicukauskauski et al. Fault simulation for structured VLSI. VLSI 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import count
 from typing import Any
 
-from robomend.diagnosis.netlist import Netlist
+from robomend.diagnosis.netlist import Gate, Netlist
 
 Pass = Callable[[list[int], list[int], list[int], int], int]
 """(inputs, flips, expected, ones) -> the lanes in which some observed net is wrong."""
@@ -151,40 +152,78 @@ class Flips:
         )
 
     def _generate(self) -> Pass:
-        """Write the pass as Python source and compile it."""
-        gates = self.netlist.gates
-        flip_of = self._position
+        """Write the pass as Python source and compile it.
+
+        A register holds the value of a net or its complement, whichever comes cheaper, and buffers and
+        inverters that cannot be flipped share the register of their input: half of the work on c7552.
+        """
+        gates, sources = self.netlist.gates, self.netlist.sources
         check_of = {net: position for position, net in enumerate(self.checks)}
-        last = {net: step for step, gate in enumerate(self._simulated) for net in gates[gate].inputs}
+        holder = self._holders()
+        last: dict[int, int] = {}  # holder -> the last step that reads its register
+        for step, index in enumerate(self._simulated):
+            last.update((holder[net][0], step) for net in gates[index].inputs)
+        register = {net: f"i{position}" for position, net in enumerate(self.inputs)}
+        turned = dict.fromkeys(self.inputs, False)  # holder -> whether its register has the complement
         free: list[str] = []
-        register: dict[int, str] = {}
-        registers = 0
+        fresh = (f"r{number}" for number in count())
         lines = ["def sweep(I, F, E, M):", " bad = 0"]
-        for position, net in enumerate(self.inputs):
-            register[net] = f"i{position}"
-            lines.append(f" i{position} = I[{position}]")
+        lines += [f" i{position} = I[{position}]" for position in range(len(self.inputs))]
         for step, index in enumerate(self._simulated):
             gate = gates[index]
-            value = gate.expression.format(*(register[net] for net in gate.inputs))
-            if index in flip_of:
-                value = f"F[{flip_of[index]}]^({value})"
-            for net in set(gate.inputs):
-                if last[net] == step and net not in self.netlist.sources:
-                    free.append(register.pop(net))
-            if free:
-                name = free.pop()
-            else:
-                name = f"r{registers}"
-                registers += 1
-            register[gate.output] = name
-            lines.append(f" {name} = {value}")
+            read = [holder[net] for net in gate.inputs]
+            net, inverted = holder[gate.output]
+            operands = [(register[one], turned[one] != opposite) for one, opposite in read]
+            dead = {one for one, _ in read if last[one] == step and one not in sources}
+            if net == gate.output:
+                value, turned[net] = _value(gate, operands)
+                if index in self._position:
+                    value = f"F[{self._position[index]}]^({value})"
+                free += [register.pop(one) for one in dead]
+                register[net] = free.pop() if free else next(fresh)
+                lines.append(f" {register[net]} = {value}")
+                dead = set() if net in last else {net}
             if gate.output in check_of:
-                lines.append(f" bad |= {name}^E[{check_of[gate.output]}]")
-            if gate.output not in last:
-                free.append(register.pop(gate.output))
+                wrong = f"{register[net]}^E[{check_of[gate.output]}]"
+                lines.append(f" bad |= M^{wrong}" if turned[net] != inverted else f" bad |= {wrong}")
+            free += [register.pop(one) for one in dead]
         lines.append(" return bad")
         sweep: Pass = compiled("\n".join(lines), "sweep")
         return sweep
+
+    def _holders(self) -> dict[int, tuple[int, bool]]:
+        """Return net -> the net whose register it shares (itself, mostly), and whether it is the opposite."""
+        holder = {net: (net, False) for net in self.inputs}
+        for index in self._simulated:
+            gate = self.netlist.gates[index]
+            holder[gate.output] = (gate.output, False)
+            if gate.operator and len(gate.inputs) == 1 and index not in self._position:
+                net, inverted = holder[gate.inputs[0]]
+                holder[gate.output] = (net, inverted != gate.inverted)
+        return holder
+
+
+def _value(gate: Gate, operands: list[tuple[str, bool]]) -> tuple[str, bool]:
+    """Return the gate as an expression over registers, and whether it is the complement of the output.
+
+    Args:
+        operands: the register of each input, and whether it has the complement.
+    """
+    if not gate.operator:
+        straight = [f"(M^{name})" if turned else name for name, turned in operands]
+        return gate.expression.format(*straight), False
+    plain = [name for name, turned in operands if not turned]
+    opposite = [name for name, turned in operands if turned]
+    if gate.operator == "^":
+        return "^".join([*plain, *opposite]), gate.inverted != (len(opposite) % 2 == 1)
+    inverted = gate.inverted
+    if gate.operator == "|":  # a | b is the complement of ¬a & ¬b
+        plain, opposite, inverted = opposite, plain, not inverted
+    if not opposite:
+        return "&".join(plain), inverted
+    if not plain:
+        return "|".join(opposite), not inverted
+    return f"{'&'.join(plain)}&(M^({'|'.join(opposite)}))", inverted
 
 
 def values_of(netlist: Netlist, simulated: Sequence[int], flippable: Iterable[int]) -> Values:

@@ -2,9 +2,10 @@
 
 Engines read nothing of a model but its clauses, so the netlist is recovered from them. A component is a gate
 with output o when o occurs in each of its clauses and the clauses fix o for every input: its truth table is
-total and single-valued. Everything here is checked, not believed: where a clause belongs to no single gate,
-a net has two drivers, or nets feed back, there is no netlist, and the engine falls back on methods that need
-none.
+total and single-valued. A wide parity comes as a chain of narrow ones over auxiliary variables; their sum
+modulo 2, in which these cancel out, is the gate. Everything here is checked, not believed: where a clause
+belongs to no single gate, a net has two drivers, or nets feed back, there is no netlist, and the engine falls
+back on methods that need none.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from itertools import product
 from robomend.model.cnf import Clause, HealthCnf
 
 WIDEST_TABLE = 6
+"""Variables of a parity, and inputs of a gate of no other known kind: their truth tables are gone through."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +28,9 @@ class Gate:
     output: int
     inputs: tuple[int, ...]
     expression: str  # {0}, {1}, … stand for the inputs, M for all ones
-    controlling: int | None  # the input value that alone decides the output, if there is one
+    controlling: int | None = None  # the input value that alone decides the output, if there is one
+    operator: str = ""  # &, | or ^ if the output is all inputs joined by it, or the complement of that
+    inverted: bool = False  # … the complement
 
 
 @dataclass(frozen=True)
@@ -48,10 +52,15 @@ def recover(cnf: HealthCnf) -> Netlist | None:
     n = len(cnf.components)
     own: dict[int, list[Clause]] = defaultdict(list)
     title: dict[int, str] = {}
+    owner: dict[int, int] = {}  # auxiliary variable -> the one component that speaks of it
+    after = n + len(cnf.atoms)
     for clause, origin in zip(cnf.clauses, cnf.origins, strict=True):
         health = [literal for literal in clause if abs(literal) <= n]
         if len(health) != 1 or health[0] > 0:
             return None
+        for literal in clause:
+            if abs(literal) > after and owner.setdefault(abs(literal), health[0]) != health[0]:
+                return None
         own[-health[0]].append(tuple(literal for literal in clause if abs(literal) > n))
         title.setdefault(-health[0], cnf.rules[origin].source.partition(" ")[2])
     gates: dict[int, Gate] = {}
@@ -70,8 +79,11 @@ def _gate(
     """Return the gate. Where several nets could be its output (a buffer, a parity), its name decides."""
     if not clauses:
         return None
-    shared = set.intersection(*({abs(literal) for literal in clause} for clause in clauses)) - taken.keys()
     first = len(cnf.components) + 1
+    after = first + len(cnf.atoms)  # auxiliary variables come after the atoms
+    sets = [{abs(literal) for literal in clause} for clause in clauses]
+    parity = _parity(clauses, after) if any(max(one) >= after for one in sets if one) else None
+    shared = (set.intersection(*sets) if parity is None else parity[0]) - taken.keys()
     named = {
         net
         for net in shared
@@ -80,22 +92,31 @@ def _gate(
         and cnf.atoms[net - first].args[0] in names
     }
     for output in sorted(named or shared):
-        function = _function(output, clauses)
-        if function is not None:
-            inputs, expression, controlling = function
-            return Gate(component, output, inputs, expression, controlling)
+        if parity is not None:
+            inputs = tuple(sorted(parity[0] - {output}))
+            return _joined(component, output, inputs, "^", inverted=parity[1])
+        gate = _function(component, output, clauses)
+        if gate is not None:
+            return gate
     return None
 
 
-def _function(output: int, clauses: list[Clause]) -> tuple[tuple[int, ...], str, int | None] | None:
-    """Return inputs, expression and controlling value of the function that the clauses define, if they
-    define one.
-    """
+def _joined(component: int, output: int, inputs: tuple[int, ...], operator: str, inverted: bool) -> Gate:
+    """Return the gate whose output is all inputs joined by the operator, or the complement of that."""
+    body = operator.join(f"{{{i}}}" for i in range(len(inputs)))
+    controlling = {"&": 0, "|": 1}.get(operator) if len(inputs) > 1 else None
+    return Gate(
+        component, output, inputs, f"M^({body})" if inverted else body, controlling, operator, inverted
+    )
+
+
+def _function(component: int, output: int, clauses: list[Clause]) -> Gate | None:
+    """Return the gate with this output, if the clauses define one."""
     inputs = tuple(sorted({abs(lit) for clause in clauses for lit in clause} - {output}))
     position = {variable: index for index, variable in enumerate(inputs)}
     wide = _and_or(output, clauses, inputs)
     if wide is not None:
-        return inputs, *wide
+        return _joined(component, output, inputs, *wide)
     if len(inputs) > WIDEST_TABLE:
         return None
     minterms: list[str] = []
@@ -118,17 +139,17 @@ def _function(output: int, clauses: list[Clause]) -> tuple[tuple[int, ...], str,
             minterms.append(
                 "&".join(f"{{{i}}}" if bit else f"(M^{{{i}}})" for i, bit in enumerate(row)) or "M"
             )
-    width = len(inputs)
-    if width and all(sum(row) % 2 == 1 for row in ones) and len(ones) == 2 ** (width - 1):
-        return inputs, "^".join(f"{{{i}}}" for i in range(width)), None
-    if width and all(sum(row) % 2 == 0 for row in ones) and len(ones) == 2 ** (width - 1):
-        return inputs, "^".join(["M", *(f"{{{i}}}" for i in range(width))]), None
-    return inputs, "|".join(f"({term})" for term in minterms) or "0", None
+    if inputs and len(ones) == 2 ** (len(inputs) - 1) and len({sum(row) % 2 for row in ones}) == 1:
+        return _joined(component, output, inputs, "^", inverted=sum(ones[0]) % 2 == 0)
+    return Gate(component, output, inputs, "|".join(f"({term})" for term in minterms) or "0")
 
 
-def _and_or(output: int, clauses: list[Clause], inputs: tuple[int, ...]) -> tuple[str, int | None] | None:
+def _and_or(output: int, clauses: list[Clause], inputs: tuple[int, ...]) -> tuple[str, bool] | None:
     """Recognise AND, NAND, OR, NOR, NOT and BUF of any width: one long clause, and one of two literals an
     input.
+
+    Returns:
+        The operator between the inputs, and whether the output is the complement.
     """
     long = [clause for clause in clauses if len(clause) == len(inputs) + 1]
     if len(inputs) == 1:
@@ -145,11 +166,43 @@ def _and_or(output: int, clauses: list[Clause], inputs: tuple[int, ...]) -> tupl
     signs = {literal > 0 for literal in body}
     if len(signs) != 1:
         return None
-    joined = ("|" if signs == {True} else "&").join(f"{{{i}}}" for i in range(len(inputs)))
     # body all negative: the inputs being all true forces `head`; all positive: being all false does.
-    inverted = (head < 0) if signs == {False} else (head > 0)
-    expression = f"M^({joined})" if inverted else joined
-    return expression, (1 if signs == {True} else 0) if len(inputs) > 1 else None
+    return ("|", head > 0) if signs == {True} else ("&", head < 0)
+
+
+def _parity(clauses: list[Clause], after: int) -> tuple[frozenset[int], bool] | None:
+    """Return the parity that a chain of parities over auxiliary variables amounts to, or None: it is no such.
+
+    A variable that is in two equations and nowhere else can have the value that one of them wants, so that
+    what both say of the others is their sum.
+
+    Args:
+        after: variables from here on are auxiliary.
+
+    Returns:
+        The variables other than auxiliary ones, and whether an odd number of them is true.
+    """
+    blocks: dict[frozenset[int], set[Clause]] = defaultdict(set)
+    for clause in clauses:
+        blocks[frozenset(map(abs, clause))].add(tuple(sorted(clause)))
+    equations: list[tuple[frozenset[int], bool]] = []
+    for variables, block in blocks.items():
+        ruled_out = {sum(literal < 0 for literal in clause) % 2 for clause in block}
+        if len(variables) > WIDEST_TABLE or len(ruled_out) != 1:
+            return None
+        if len(block) != 2 ** (len(variables) - 1) or any(len(c) != len(variables) for c in block):
+            return None
+        equations.append((variables, ruled_out == {0}))
+    for auxiliary in sorted({v for variables in blocks for v in variables if v >= after}):
+        holding = [equation for equation in equations if auxiliary in equation[0]]
+        if not holding:
+            continue  # it cancelled out together with another
+        if len(holding) != 2:
+            return None
+        (some, odd), (others, other_odd) = holding
+        equations = [equation for equation in equations if equation not in holding]
+        equations.append((some ^ others, odd != other_odd))
+    return equations[0] if len(equations) == 1 and equations[0][0] else None
 
 
 def _in_order(gates: dict[int, Gate]) -> Netlist | None:
