@@ -19,6 +19,7 @@ from tests.diagnosis.circuits import (
 from robomend.diagnosis import toplevel
 from robomend.diagnosis.cones import find_cones
 from robomend.diagnosis.engines import make_engine
+from robomend.diagnosis.flips import Flips
 from robomend.diagnosis.netlist import recover
 from robomend.diagnosis.result import Options
 from robomend.model.cnf import HealthCnf
@@ -139,6 +140,35 @@ def test_circuits_with_wide_parities_agree_with_the_definition(
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(toplevel, "SIMULATED_GATES", toplevel.SIMULATED_GATES if simulated else 0)
         agrees_with_the_definition(cnf, observations)
+
+
+@settings(max_examples=100, deadline=None)
+@given(observed_circuits(), st.data())
+def test_a_pass_gives_what_gate_after_gate_gives(
+    system: tuple[Circuit, frozenset[Literal]], data: st.DataObject
+) -> None:
+    netlist = recover(system[0].cnf)
+    assert netlist is not None
+    gates = netlist.gates
+    every = range(len(gates))
+    flippable = sorted(data.draw(st.sets(st.sampled_from(every))))
+    checks = data.draw(st.lists(st.sampled_from([gate.output for gate in gates]), unique=True))
+    flips = Flips(netlist, flippable, every, checks)
+    inputs = data.draw(st.lists(st.booleans(), min_size=len(flips.inputs), max_size=len(flips.inputs)))
+
+    def seen(flipped: int | None) -> list[bool]:
+        values = {net: int(value) for net, value in zip(flips.inputs, inputs, strict=True)}
+        for index, gate in enumerate(gates):
+            value = eval(gate.expression.format(*(values[net] for net in gate.inputs)), {"M": 1})
+            values[gate.output] = value ^ (index == flipped)
+        return [bool(values[net]) for net in checks]
+
+    expected = seen(data.draw(st.sampled_from([None, *every])))
+    healthy, singles = flips.singles(inputs, expected)
+    assert healthy == flips.agrees(inputs, expected) == (seen(None) == expected)
+    alone = [gate for gate in flippable if seen(gate) == expected]
+    assert [flippable[position] for position in singles] == alone
+    assert flips.explaining_alone(inputs, expected, flippable[1:]) == [g for g in alone if g in flippable[1:]]
 
 
 def bench(inputs: list[str], gates: list[str]) -> HealthCnf:
