@@ -57,6 +57,8 @@ class Settings(BaseModel):
         description="name -> argument list: what a robot's `process` executors may run on this computer",
     )
 
+    max_head_bytes: int = Field(64 << 10, ge=1 << 10, description="of a request's line and headers; a 431")
+    head_timeout_s: float = Field(30.0, gt=0, description="from a connection to its first whole head; a 408")
     max_body_bytes: int = Field(1 << 20, ge=1 << 10, description="of a JSON body; more is a 413")
     max_model_bytes: int = Field(4 << 20, ge=1 << 10, description="of a model's source; more is a 413")
     max_stream_bytes: int = Field(1 << 30, ge=1 << 10, description="of an NDJSON body; more is a 413")

@@ -92,11 +92,16 @@ class Problem(Exception):
         self.headers = dict(headers or {})
         self.extra = extra
 
+    @property
+    def title(self) -> str:
+        """The status in words."""
+        return HTTPStatus(self.status).phrase
+
     def response(self, request_id: str | None = None) -> Response:
         """Return the response; strings that UTF-8 cannot carry are escaped."""
         body: dict[str, Any] = {
             "type": TYPE_PREFIX + self.code,
-            "title": HTTPStatus(self.status).phrase,
+            "title": self.title,
             "status": self.status,
             "code": self.code,
             "detail": self.detail,

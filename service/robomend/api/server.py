@@ -10,6 +10,7 @@ from types import FrameType
 import uvicorn
 
 from robomend.api.address import url_of
+from robomend.api.protocol import limited
 from robomend.api.runtime import Runtime
 from robomend.errors import InputError
 from robomend.security import loopback
@@ -50,7 +51,7 @@ def make_server(runtime: Runtime, ready: Callable[[str], None]) -> Server:
         runtime.app,
         host=settings.host,
         port=settings.port,
-        http="httptools",
+        http=limited(settings.max_head_bytes, settings.head_timeout_s),
         loop="auto",
         ws="none",
         lifespan="on",
