@@ -1,5 +1,5 @@
-"""The local bus: how the processes of one robot pass messages on when there is no ROS. This is a node's side
-of it.
+"""The local bus: how the processes of one robot pass messages on when there is no ROS.
+This is a node's side of it.
 
 Lines of JSON over one stream socket to the broker, which runs inside the agent
 (robomend_client/agent/broker.py):

@@ -1,5 +1,5 @@
-"""Observations on their way to a service that may be away: at once when it is there, from the disk when it is
-back.
+"""Observations on their way to a service that may be away:
+at once when it is there, from the disk when it is back.
 
 Everything arrives in the order in which it was seen: while something waits in the buffer, new observations
 wait behind it. Each batch carries its time and an Idempotency-Key, kept in the buffer too, so that a lost

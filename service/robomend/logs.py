@@ -1,5 +1,5 @@
-"""Logs as JSON lines (or text) on stderr, with the ids of request and robot. Secrets are cut out before
-writing.
+"""Logs as JSON lines (or text) on stderr, with the ids of request and robot.
+Secrets are cut out before writing.
 
 Everything that is not ours (uvicorn, the board link) logs through the standard library and comes out the
 same way.

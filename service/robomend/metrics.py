@@ -1,5 +1,5 @@
-"""What the service counts, for GET /metrics. One registry per application, so that two live in one
-process.
+"""What the service counts, for GET /metrics. One registry per application,
+so that two live in one process.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
-"""A service to talk to: the real application on a real socket, its repair loop replaced by a recording
-double.
+"""A service to talk to: the real application on a real socket,
+its repair loop replaced by a recording double.
 """
 
 from __future__ import annotations

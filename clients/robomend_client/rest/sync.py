@@ -320,8 +320,8 @@ class Client:
         patience_s: float | None = None,
         on_gap: Callable[[Mapping[str, Any]], None] | None = None,
     ) -> Iterator[Event]:
-        """Yield the events of one robot, or of the whole service, for ever: from now on, or after event
-        `after`.
+        """Yield the events of one robot, or of the whole service, for ever:
+        from now on, or after event `after`.
 
         A lost stream is taken up again with Last-Event-ID, so that nothing is missed that the service still
         keeps; when it does not, `on_gap` is told. After `patience_s` without a connection (None: never) the

@@ -27,8 +27,8 @@ class StrictRequest(Request):
         self._value: Any = None
 
     async def read(self, limit: int) -> None:
-        """Read and parse the body, before the framework asks for it: it would take our Problems for its
-        own.
+        """Read and parse the body, before the framework asks for it:
+        it would take our Problems for its own.
         """
         chunks = [chunk async for chunk in read_chunks(self, limit, self._settings.body_timeout_s)]
         self._bytes = b"".join(chunks)

@@ -1,5 +1,5 @@
-"""The page of /docs: Swagger UI, vendored in static/ with its licence. FastAPI's own page loads from a
-CDN.
+"""The page of /docs: Swagger UI, vendored in static/ with its licence.
+FastAPI's own page loads from a CDN.
 """
 
 from __future__ import annotations

@@ -43,8 +43,8 @@ class KeyRing:
         self._read_at = -math.inf
         self._reading: asyncio.Task[None] | None = None
         self.empty = False
-        """No key was ever created, so this computer's own user needs none. False until the store was
-        asked.
+        """No key was ever created, so this computer's own user needs none.
+        False until the store was asked.
         """
 
     async def refresh(self) -> None:

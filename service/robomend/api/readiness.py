@@ -12,8 +12,8 @@ STORE_TIMEOUT_S = 2.0
 
 
 async def readiness(parts: Parts) -> Readiness:
-    """Look at each part that requests need. A robot's board is shown, but one robot's fault makes nobody
-    unready.
+    """Look at each part that requests need. A robot's board is shown,
+    but one robot's fault makes nobody unready.
     """
     checks = {"store": await _store(parts), "workers": Check(ok=parts.one_shots.alive, detail="")}
     boards = parts.fleet.board_states()

@@ -43,8 +43,7 @@ def loads(body: bytes, max_nesting: int) -> Any:
 
     Raises:
         Problem: 400 when it is not JSON in UTF-8; 422 when it is nested deeper than `max_nesting`, or holds
-        what
-            nothing here could store.
+            what nothing here could store.
     """
     try:
         text = body.decode("utf-8")
@@ -97,8 +96,8 @@ def check_nesting(text: str, most: int) -> None:
 
 
 def _check_escapes(value: Any) -> None:
-    """Refuse what only an escape can bring in: half a surrogate pair, and NUL, which PostgreSQL cannot
-    store.
+    """Refuse what only an escape can bring in: half a surrogate pair,
+    and NUL, which PostgreSQL cannot store.
     """
     if isinstance(value, str):
         if "\x00" in value:

@@ -26,7 +26,7 @@ from robomend.model.system import System
 from robomend.model.vocabulary import TRENDS
 from robomend.observations.language import Unknown, parse, read
 from robomend.observations.obs import Obs, Observed
-from robomend_client.literals import Atom, Literal
+from robomend_client.literals import Literal
 
 REMEMBERED = 2000
 """Answers kept; the oldest goes first."""
@@ -74,7 +74,7 @@ class Diagnoser:
 
     def question(self, sentences: Iterable[str]) -> Question:
         """Return what a sequence of sentences says: OBS ⊕ each, in order; richer ones as assertions."""
-        known: dict[Atom, Literal] = {}
+        spoken: list[Literal] = []
         assertions: list[Assertion] = []
         for sentence in sentences:
             try:
@@ -87,14 +87,12 @@ class Diagnoser:
                     raise
                 assertions.append(said)
                 continue
-            for literal in literals:
-                known.pop(literal.atom, None)  # so that the order is that of the last word on each atom
-                known[literal.atom] = literal
-        if any(atom.predicate in TRENDS for atom in known):
+            spoken.extend(literals)
+        if any(literal.atom.predicate in TRENDS for literal in spoken):
             obs = Obs()
-            obs.update(Observed(literal, "", 0) for literal in known.values())
+            obs.update(Observed(literal, "", 0) for literal in spoken)
             return Question(frozenset(obs.literals(0)), tuple(assertions))
-        return Question(frozenset(known.values()), tuple(assertions))
+        return Question(frozenset({literal.atom: literal for literal in spoken}.values()), tuple(assertions))
 
     def answer(self, question: Question) -> DiagnosisResult:
         """Return the engine's answer to one set, with probabilities where the model has priors."""

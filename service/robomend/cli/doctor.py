@@ -37,8 +37,8 @@ class Finding:
 @settings_options
 @click.option("--format", "format_", type=click.Choice(["table", "json"]), default="table", show_default=True)
 def command(config_file: Path | None, data: Path | None, database: str | None, format_: str) -> int:
-    """Check this installation: Python, data files, solver, planner, database, port. 1 if something is
-    amiss.
+    """Check this installation: Python, data files, solver, planner,
+    database, port. 1 if something is amiss.
     """
     settings, _ = read_settings(config_file, data=data, database=database)
     findings = list(examine(settings))

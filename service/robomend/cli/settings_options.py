@@ -1,5 +1,5 @@
-"""The options that every command on the service's settings shares: where they come from, and which
-database.
+"""The options that every command on the service's settings shares:
+where they come from, and which database.
 """
 
 from __future__ import annotations

@@ -2,9 +2,8 @@
 
     seen before? ── yes ──► the cached answer
          │ no
-    small model, within budget? ── yes ──► on the event loop: fractions of a millisecond, cheaper than any
-    hand-over
-         │ no
+    small model, within budget? ── yes ──► on the event loop: fractions of a millisecond, cheaper than
+         │ no                              any hand-over
     a worker process with a deadline; the model's engine stays warm there
 
 One engine per model version serves all robots that follow it. A model whose diagnoses break the budget of
@@ -181,9 +180,7 @@ class Diagnoser:
             return None
         budget_s = min(4 * self._settings.inline_budget_s, options.timeout_s or float("inf"))
         warm = self._warm(version, engine, system.cnf)
-        began = (
-            time.thread_time()
-        )  # not the wall's: what others take of the processor is not the model's fault
+        began = time.thread_time()  # not the wall's: what others take of the processor is no model's fault
         result = warm.diagnose(observed, replace(options, timeout_s=budget_s))
         if time.thread_time() - began > self._settings.inline_budget_s:
             self._strikes[version, engine] += 1

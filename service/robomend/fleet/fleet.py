@@ -370,8 +370,7 @@ class Fleet:
         state.observed.advance(kept["revision"])
         state.changed_at = began
         if not ran or state.generation != generation:
-            # A repeated key, or a write that a reload did not see: memory is read again before it is
-            # diagnosed.
+            # A repeated key, or a write that a reload did not see: memory is read again before a diagnosis.
             state.stale, state.announced = True, None
         if current is not None and not state.stale:
             self.diagnosing.announced(state, current, time.perf_counter() - began)

@@ -159,8 +159,8 @@ class RobotState:
         withdrawn: Sequence[str] = (),
         forgotten: Sequence[Atom] = (),
     ) -> Changes:
-        """Take a batch into OBS and return what the store must keep. ObservationError if OBS would grow too
-        large.
+        """Take a batch into OBS and return what the store must keep.
+        ObservationError if OBS would grow too large.
         """
         changed = self.obs.update(observed) if observed else ()
         kept = {entry.literal.atom: entry for entry in changed}

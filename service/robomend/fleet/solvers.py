@@ -67,8 +67,8 @@ class SolverWorkers:
         limit: int,
         deadline_s: float,
     ) -> ProbeResult:
-        """Diagnose and look for the observations worth making next, in a worker; raises as `diagnose`
-        does.
+        """Diagnose and look for the observations worth making next,
+        in a worker; raises as `diagnose` does.
         """
         return await self.pool.run(
             find_probes, (key, engine), cnf, literals, options, limit, timeout_s=deadline_s + SEND_S

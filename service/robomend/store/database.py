@@ -3,8 +3,7 @@
 What "acknowledged" rests on:
 
 - SQLite: write-ahead log with synchronous=FULL, so that COMMIT returns after the log is fsynced. (NORMAL,
-which is
-  often recommended with WAL, fsyncs at checkpoints only: a power cut would take back the last commits.)
+  which is often recommended with WAL, fsyncs at checkpoints only: a power cut takes back the last commits.)
 - PostgreSQL: synchronous_commit is switched on for our sessions if the server has it off; stronger settings
   (remote_write, remote_apply) are left as they are.
 """

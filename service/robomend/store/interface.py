@@ -221,8 +221,8 @@ class Transaction(View, Protocol):
         ...
 
     def delete_robot(self, robot: str, *, expected: str | None = ANY) -> None:
-        """Delete a robot with its OBS, quarantine, memory and queued actions. Conflict while a repair is
-        open.
+        """Delete a robot with its OBS, quarantine, memory and queued actions.
+        Conflict while a repair is open.
 
         Its history stays as long as the retention says, and its revision and fencing number go on where they
         were if it is created again.
@@ -248,8 +248,7 @@ class Transaction(View, Protocol):
         Raises:
             NotFound: no such robot.
             Conflict: `expected` is given and is not the revision before (code "stale-revision"): another
-            instance
-                was faster; load OBS again.
+                instance was faster; load OBS again.
         """
         ...
 
@@ -310,16 +309,16 @@ class Transaction(View, Protocol):
         ...
 
     def forget_tried(self, robot: str, component: str | None = None) -> int:
-        """Forget the attempts of a robot, or those that blamed one component, as after it was exchanged;
-        return how many.
+        """Forget the attempts of a robot, or those that blamed one component,
+        as after it was exchanged; return how many.
         """
         ...
 
     def put_quarantine(self, entry: Quarantine, *, fence: Fence) -> None: ...
 
     def release_quarantine(self, robot: str, component: str) -> Quarantine:
-        """Let the component be tried again; NotFound if it is not in quarantine. A person's word: needs no
-        fence.
+        """Let the component be tried again; NotFound if it is not in quarantine.
+        A person's word: needs no fence.
         """
         ...
 
@@ -412,8 +411,8 @@ class Ownership(Protocol):
         ...
 
     async def orphans(self) -> tuple[str, ...]:
-        """Return the robots whose last owner is dead or that nobody owns, to be acquired: ask every second or
-        so.
+        """Return the robots whose last owner is dead or that nobody owns,
+        to be acquired: ask every second or so.
         """
         ...
 
@@ -427,8 +426,8 @@ class Ownership(Protocol):
 
 
 class Store(Protocol):
-    """Durable memory. `start` and `close` belong to one event loop; `read` and `write` may come from any of
-    it.
+    """Durable memory. `start` and `close` belong to one event loop;
+    `read` and `write` may come from any of it.
 
     Errors of every method: StoreError (the database is gone or refuses; it is tried again by the next call),
     StoreFull (writes only), StoreOverloaded (too much is queued).
@@ -451,8 +450,8 @@ class Store(Protocol):
         ...
 
     async def read(self, query: Callable[[View], T]) -> T:
-        """Return what `query` finds in one snapshot, in which everything is that was written before the
-        call.
+        """Return what `query` finds in one snapshot,
+        in which everything is that was written before the call.
         """
         ...
 
@@ -472,8 +471,8 @@ class Store(Protocol):
         ...
 
     def subscribe(self, callback: Callable[[tuple[Event, ...]], None]) -> Callable[[], None]:
-        """Call back, in the event loop, with every event committed from now on by any instance, in order of
-        id.
+        """Call back, in the event loop, with every event committed
+        from now on by any instance, in order of id.
 
         None is left out and none comes twice, also when the database was away. Returns a function that ends
         it.
@@ -481,14 +480,14 @@ class Store(Protocol):
         ...
 
     async def prune(self, retention: Retention, *, slice: int = 1000) -> Pruned:
-        """Remove what is older than the retention, in slices of so many records, between which others can
-        write.
+        """Remove what is older than the retention, in slices of so many records,
+        between which others can write.
         """
         ...
 
     async def backup(self, path: Path) -> None:
-        """Write a consistent copy of a SQLite database while it is in use. OptionRefused on PostgreSQL: use
-        pg_dump.
+        """Write a consistent copy of a SQLite database while it is in use.
+        OptionRefused on PostgreSQL: use pg_dump.
         """
         ...
 
@@ -497,8 +496,8 @@ class Store(Protocol):
         ...
 
     def load(self, lines: Iterable[str]) -> int:
-        """Take in an export, whole or not at all; Conflict unless the store is empty. Blocking. Returns the
-        records.
+        """Take in an export, whole or not at all; Conflict unless the store is empty.
+        Blocking. Returns the records.
         """
         ...
 

@@ -55,8 +55,8 @@ class Model:
 
 @dataclass(frozen=True, slots=True)
 class Robot:
-    """A robot's configuration. `config` is the object that HTTP puts and gets; the store reads its "model"
-    only.
+    """A robot's configuration. `config` is the object that HTTP puts and gets;
+    the store reads its "model" only.
     """
 
     id: str
@@ -136,8 +136,8 @@ class EventRange:
 
 @dataclass(frozen=True, slots=True)
 class Fence:
-    """Proof of owning a robot. Every write about its repairs carries it; an older one than the latest is
-    refused.
+    """Proof of owning a robot. Every write about its repairs carries it;
+    an older one than the latest is refused.
     """
 
     robot: str
@@ -166,8 +166,8 @@ class Instance:
 
 @dataclass(frozen=True, slots=True)
 class Repair:
-    """A repair. The execution decides the states and the rest of `data`; the store needs to know which are
-    open.
+    """A repair. The execution decides the states and the rest of `data`;
+    the store needs to know which are open.
     """
 
     id: str  # short and never used twice, e.g. "r-7k2m9x4q"
@@ -182,8 +182,8 @@ class Repair:
 
 @dataclass(frozen=True, slots=True)
 class RepairRequest:
-    """What somebody asks of a repair that another instance may own: "approve" or "cancel". The owner carries
-    it out.
+    """What somebody asks of a repair that another instance may own:
+    "approve" or "cancel". The owner carries it out.
     """
 
     number: int

@@ -2,9 +2,9 @@
 
 - JSON is text: the store never looks inside, and it is the same text on both databases.
 - An atom is the JSON array of its predicate and arguments, so that no parser stands between OBS and the disk.
-- Ids of events and audit entries come from `counters`, in the transaction that writes them: they have no gaps
-and are
-  committed in their order (a database sequence promises neither). Other numbers are the database's own.
+- Ids of events and audit entries come from `counters`, in the transaction that writes them: they have no
+  gaps and are committed in their order (a database sequence promises neither). Other numbers are the
+  database's own.
 - A row of `robot_state` outlives its robot: revisions and fencing numbers never go back.
 
 A change here needs a migration in migrations/versions/ and HEAD set to it; a test compares the two.

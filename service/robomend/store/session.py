@@ -1,11 +1,9 @@
 """The instance's standing link to its database: it shows that we live, and hears when others have written.
 
     PostgreSQL   one connection that holds an advisory lock of ours and LISTENs; the server frees the lock
-    when the
-                 connection ends, however it ends
+                 when the connection ends, however it ends
     SQLite       a lock file beside the database (flock, freed by the kernel when the process ends), and a
-    look at
-                 SQLite's data_version every 50 ms
+                 look at SQLite's data_version every 50 ms
 
 Who wants to know whether another instance lives tries its lock. A new name is drawn whenever the lock was
 lost, so that nothing written under the old name counts as ours again.
@@ -155,8 +153,7 @@ class SqliteSession(Session):
             _free(old)
         instance = secrets.token_hex(8)
         path = self._locks / f"{instance}.lock"
-        # Not inheritable (Python's default), so that no worker process keeps the lock alive for a dead
-        # service.
+        # Not inheritable (Python's default): no worker process keeps the lock alive for a dead service.
         lock = os.open(path, os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o600)
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)

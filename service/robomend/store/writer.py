@@ -1,7 +1,7 @@
 """One thread that writes: whatever is queued goes into one transaction, with one fsync (group commit).
 
-    await write ──► queue (bounded) ──► take all ──► one transaction ──► COMMIT ──► results, events to the
-    event loop
+    await write ──► queue (bounded) ──► take all ──► one transaction ──► COMMIT ──► results and events
+                                                                          to the event loop
 
 Nobody waits for a group to fill: while one group is being committed the next one gathers. The busier the
 store, the larger the groups and the cheaper each write.
@@ -10,9 +10,9 @@ What goes wrong ends with those whom it concerns:
 
 - A change that raises: its own savepoint is rolled back; the others go on.
 - A deadlock, a unique key that another instance was faster with, a connection found dead: the group is
-repeated.
+  repeated.
 - Rows that the database refuses at the end of the group: the group is repeated one by one, to find the
-culprit.
+  culprit.
 - No connection: everything queued fails at once, and the next write tries again.
 - Lost during COMMIT: nobody knows; StoreError says so, and idempotency keys make a repeat safe.
 """

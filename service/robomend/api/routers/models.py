@@ -58,8 +58,8 @@ async def put_model(
     if_match: IfMatch = None,
     if_none_match: IfNoneMatch = None,
 ) -> ModelOut:
-    """Create a model, or add a version; replacing needs If-Match. The robots that follow it are diagnosed
-    anew.
+    """Create a model, or add a version; replacing needs If-Match.
+    The robots that follow it are diagnosed anew.
     """
     body = await read_model(request, parts.settings)
     expected = expected_etag(if_match, if_none_match)

@@ -25,8 +25,8 @@ async def healthz() -> dict[str, str]:
 
 @router.get("/readyz", responses={**problems(), 503: {"model": Readiness, "description": "Not ready"}})
 async def readyz(parts: PartsDep, response: Response) -> Readiness:
-    """Say whether requests can be served: the store writes, workers live. Boards are told, but do not
-    decide.
+    """Say whether requests can be served: the store writes, workers live.
+    Boards are told, but do not decide.
     """
     found = await readiness(parts)
     response.status_code = 200 if found.ready else 503

@@ -1,5 +1,5 @@
-"""How a database of an older version gets to the current one. Alembic runs env.py and the files in
-versions/.
+"""How a database of an older version gets to the current one.
+Alembic runs env.py and the files in versions/.
 """
 
 from __future__ import annotations
