@@ -1,9 +1,8 @@
 """What people would use instead, as they would: on the whole model, without its structure.
 
-    rc2-fresh       RC2(wcnf, solver="g4", exhaust=True, minz=True), a new formula and solver for each
-    observation layered-full    one solver for the model; a totalizer over all health literals, bound 0, 1,
-    2, … clingo-domain   one grounding; the solver prefers ¬AB, so that each answer set it meets is
-    subset-minimal
+    rc2-fresh       RC2(wcnf, solver="g4", exhaust=True, minz=True), a new formula and solver each time
+    layered-full    one solver for the model; a totalizer over all health literals, bound 0, 1, 2, …
+    clingo-domain   one grounding; the solver prefers ¬AB, so that each answer set is subset-minimal
 
 HS-DAG, the fourth, is an engine of robomend itself (`hs_dag`). Each takes literals and returns diagnoses as
 tuples of health variables; the caller counts them.
@@ -147,9 +146,8 @@ class ClingoDomain:
                 ]
                 backend.add_rule([], body)
         self._atom = atom
-        self._bounds: dict[
-            int, int
-        ] = {}  # size -> the atom that, assumed, allows no more abnormal components
+        # Size -> the atom that, assumed, allows no more abnormal components.
+        self._bounds: dict[int, int] = {}
 
     def diagnoses(self, observations: Iterable[Literal], mode: str, max_size: int) -> Diagnoses:
         """Yield subset-minimal diagnoses up to a size, unordered; in other modes those of least size."""

@@ -43,9 +43,8 @@ class Wish:
     instances: int | None = None  # questions a group; None: the suite's own choice
     seed: int = 1
     faults: tuple[int, int] = (1, 10)  # how many are injected, at least and at most
-    size: int | None = (
-        None  # only questions whose diagnoses have this minimum cardinality, where a suite can tell
-    )
+    # Only questions whose diagnoses have this minimum cardinality, where a suite can tell.
+    size: int | None = None
     max_size: int = 2  # in mode "subset"
     timeout_s: float = 10.0  # a question
     clock: Clock = "wall"  # or "cpu": the time of the process, for machines that others use too

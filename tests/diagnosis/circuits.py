@@ -129,9 +129,7 @@ def netlist_model(inputs: list[str], gates: dict[str, tuple[str, list[str]]]) ->
 
 @st.composite
 def observed_circuits(draw: st.DrawFn) -> tuple[Circuit, frozenset[Literal]]:
-    """Draw a circuit of up to 8 gates that share nets, and observations of some nets, mostly inputs and
-    outputs.
-    """
+    """Draw a circuit of up to 8 gates that share nets, and observations, mostly of inputs and outputs."""
     inputs = [f"x{i}" for i in range(draw(st.integers(1, 3)))]
     nets = list(inputs)
     gates: dict[str, tuple[str, list[str]]] = {}

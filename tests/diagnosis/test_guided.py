@@ -7,7 +7,8 @@ from itertools import combinations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robomend.diagnosis.guided import AnyHittingSets, CheapestHittingSets, bits, made_minimal
+from robomend.diagnosis.guided import AnyHittingSets, CheapestHittingSets, made_minimal
+from robomend.diagnosis.masks import bits
 from robomend.diagnosis.oracle import Clock
 
 COMPONENTS = 7
@@ -78,4 +79,3 @@ def test_without_conflicts_nothing_need_be_chosen() -> None:
 
 def test_what_the_conflicts_do_not_need_is_left_out() -> None:
     assert made_minimal(0b111, [0b011, 0b110]) == 0b010
-    assert bits(0b101001) == [0, 3, 5]

@@ -102,7 +102,7 @@ def test_the_posterior_is_that_of_the_states(family: list[int], priors: dict[str
 def test_diagnoses_come_in_order_of_probability(family: list[int], priors: dict[str, float]) -> None:
     found = enumerate_all(family, priors)
     assert sorted(found) == sorted(minimal_hitting_sets(family))
-    weights = [sum(log_odds(priors[name]) for name in named(mask)) for mask in found]
+    weights = [math.fsum(log_odds(priors[name]) for name in named(mask)) for mask in found]  # exact sums
     assert weights == sorted(weights, reverse=True)
 
 

@@ -25,7 +25,7 @@ from typing import Any
 
 import clingo
 
-from robomend.diagnosis.base import Answer, Bad, BaseEngine, NoDiagnosis
+from robomend.diagnosis.base import Answer, Bad, BaseEngine, NoDiagnosis, by_size
 from robomend.diagnosis.observed import Observed, Supposed
 from robomend.diagnosis.oll import TooLarge
 from robomend.diagnosis.oracle import OutOfTime
@@ -61,7 +61,7 @@ class AspEngine(BaseEngine):
 
     def _search(self, observed: Observed, what_if: Supposed, options: Options, answer: Answer) -> None:
         self._clock.check()
-        literals = [*observed.numbers, *what_if.healthy, *(-variable for variable in what_if.abnormal)]
+        literals = [*observed.numbers, *what_if.numbers]
         if options.minimal == "cardinality":
             self._minimum(literals, options, answer)
         else:
@@ -88,18 +88,19 @@ class AspEngine(BaseEngine):
                 most = None if options.limit is None else options.limit + 1
                 found = self._all_of(literals, None, most, answer)
         except _Partial as partial:
-            for bad in sorted(partial.found, key=_by_size):
+            for bad in sorted(partial.found, key=by_size):
                 answer.add(bad)
             raise OutOfTime from None
         size = 0
         while options.max_size is None and options.limit is not None and len(found) > options.limit:
             # More than wanted, in no particular order: fetch the smallest ones.
-            by_size = self._all_of(literals, size, None, answer)
-            if len(by_size) >= options.limit:
-                found = [*by_size, *(bad for bad in found if bad not in set(by_size))]
+            smallest = self._all_of(literals, size, None, answer)
+            if len(smallest) >= options.limit:
+                already = set(smallest)
+                found = [*smallest, *(bad for bad in found if bad not in already)]
                 break
             size += 1
-        for bad in sorted(found, key=_by_size):
+        for bad in sorted(found, key=by_size):
             answer.add(bad)
         if not found and options.max_size is None:
             raise NoDiagnosis
@@ -222,7 +223,3 @@ def _facts(cnf: HealthCnf) -> str:
         ]
         lines.append("".join(facts))
     return "\n".join(lines)
-
-
-def _by_size(bad: Bad) -> tuple[int, Bad]:
-    return len(bad), bad

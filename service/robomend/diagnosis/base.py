@@ -20,9 +20,10 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from time import perf_counter
 
-from robomend.diagnosis.conflicts import Conflicts, Known, mask_of
+from robomend.diagnosis.conflicts import Conflicts, Known
 from robomend.diagnosis.explanations import Cleared
 from robomend.diagnosis.justification import Justification
+from robomend.diagnosis.masks import mask_of
 from robomend.diagnosis.observed import (
     NOTHING_SUPPOSED,
     ObservationReader,
@@ -69,15 +70,13 @@ class NoDiagnosis(Exception):
 class Answer:
     """What a search has found so far."""
 
-    limit: int | None
+    limit: int
     found: list[Bad] = field(default_factory=list)
     modes: dict[Bad, Mapping[str, str]] = field(default_factory=dict)
-    known: list[Known] = field(
-        default_factory=list
-    )  # conflicts met on the way; need not be minimal under all of OBS
-    rows: list[tuple[Sequence[int], ...]] = field(
-        default_factory=list
-    )  # factored: per member, its alternatives
+    # Conflicts met on the way; they need not be minimal under all of OBS.
+    known: list[Known] = field(default_factory=list)
+    # Factored: a row a top-level diagnosis, in it for each member what may stand in for it.
+    rows: list[tuple[Sequence[int], ...]] = field(default_factory=list)
     count: int | None = None  # exact, where the search knows more than it lists
 
     def add(self, bad: Bad) -> None:
@@ -89,7 +88,7 @@ class Answer:
         Raises:
             LimitReached: there is no room for it, or it is the one that was asked for.
         """
-        if self.limit is not None and len(self.found) >= self.limit:
+        if len(self.found) >= self.limit:
             raise LimitReached
         self.found.append(bad)
         if self.limit == 1 and bad:
@@ -214,7 +213,7 @@ class BaseEngine(ABC):
     ) -> DiagnosisResult:
         names = self.cnf.components
         if len(answer.found) > 1 and not answer.rows and options.order == "size":
-            answer.found.sort(key=_by_size)
+            answer.found.sort(key=by_size)
         masks: list[int] = []
         known: list[Known] = []
         conflicts: tuple[Conflict, ...] = ()
@@ -322,5 +321,6 @@ def refuse_order_of_probability(cnf: HealthCnf, options: Options) -> None:
         raise OptionRefused("order 'probability' needs priors, and the model has none")
 
 
-def _by_size(bad: Bad) -> tuple[int, Bad]:
+def by_size(bad: Bad) -> tuple[int, Bad]:
+    """Return what diagnoses are sorted by; those of one size by their components, as in COMPS."""
     return len(bad), bad

@@ -36,9 +36,7 @@ OBSERVED = -1  # the root: beyond the observed nets
 
 @dataclass(frozen=True)
 class Cones:
-    """Indices are of the netlist's gates; members are in topological order and end with the top-level gate
-    itself.
-    """
+    """Indices are of the netlist's gates; a cone is in topological order and ends with its top-level gate."""
 
     top: tuple[int, ...]
     members: dict[int, tuple[int, ...]]  # top-level gate -> its cone

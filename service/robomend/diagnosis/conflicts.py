@@ -1,5 +1,4 @@
-"""Minimal conflicts: components that cannot all be healthy, the observations that say so, the rules in
-between.
+"""Minimal conflicts: components that cannot all be healthy, and the observations and rules that say so.
 
 A SAT core over health and observation literals is a conflict, but seldom a minimal one. Deleting one literal
 at a time makes it so: first the components, with all of OBS assumed, then the observations, for those
@@ -26,6 +25,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from robomend.diagnosis.explanations import explain_conflict
+from robomend.diagnosis.masks import mask_of
 from robomend.diagnosis.observed import Observed, Supposed
 from robomend.diagnosis.oracle import Oracle
 from robomend.diagnosis.reasons import Reasons
@@ -48,14 +48,6 @@ class Known:
 
     def __post_init__(self) -> None:
         self.premises = frozenset(self.observations)
-
-
-def mask_of(health: Iterable[int]) -> int:
-    """Return health variables as a bit mask; component i (from 0) is bit i."""
-    mask = 0
-    for variable in health:
-        mask |= 1 << (variable - 1)
-    return mask
 
 
 class Conflicts:
@@ -118,11 +110,9 @@ class Conflicts:
         return Known(mask_of(components), tuple(components), tuple(observations))
 
     def minimise(self, oracle: Oracle, core: Iterable[int], observed: Observed, supposed: Supposed) -> Known:
-        """Return a minimal conflict inside a core. Components that are supposed healthy count as
-        observations here.
-        """
+        """Return a minimal conflict inside a core. Those supposed healthy count as observations here."""
         n = len(self._cnf.components)
-        fixed = [*supposed.healthy, *(-variable for variable in supposed.abnormal)]
+        fixed = supposed.numbers
         fixed_set = set(fixed)
         core = list(core)
         components = [lit for lit in core if 0 < lit <= n and lit not in fixed_set]
@@ -161,8 +151,7 @@ class Conflicts:
         """Return the conflict with its observations, rules and sentence."""
         if known.words is None:
             cnf = self._cnf
-            # What is supposed healthy is a premise of the conflict, though not a suspect; it is named all
-            # the same.
+            # What is supposed healthy is no suspect, but a premise of the conflict, and is named with them.
             n = len(cnf.components)
             healthy = sorted([*known.components, *(v for v in known.observations if 0 < v <= n)])
             names = tuple(cnf.components[variable - 1] for variable in healthy)

@@ -37,9 +37,7 @@ DEFAULT = "sat"
 
 
 def engine_names() -> tuple[str, ...]:
-    """Return the names that make_engine knows: ours first, then those of third parties in alphabetical
-    order.
-    """
+    """Return the names that make_engine knows: ours, then those of third parties in alphabetical order."""
     others = {point.name for point in entry_points(group=GROUP)} - BUILT_IN.keys()
     return (*BUILT_IN, *sorted(others))
 

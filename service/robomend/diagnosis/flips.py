@@ -23,6 +23,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import count
 from typing import Any
 
+from robomend.diagnosis.masks import bits
 from robomend.diagnosis.netlist import Gate, Netlist
 
 Pass = Callable[[list[int], list[int], list[int], int], int]
@@ -58,12 +59,10 @@ class Flips:
         self._pass = self._generate()
 
     def singles(self, inputs: Sequence[bool], expected: Sequence[bool]) -> tuple[bool, list[int]]:
-        """Return whether nothing need be flipped, and the gates that explain all alone, as indices into
-        flippable.
-        """
+        """Return whether nothing need be flipped, and (indices into flippable) who explains all alone."""
         ones = (2 << len(self.flippable)) - 1
         good = self._good(inputs, self._one_by_one, expected, ones)
-        return bool(good & 1), list(set_bits(good >> 1))
+        return bool(good & 1), bits(good >> 1)
 
     def explaining_alone(
         self, inputs: Sequence[bool], expected: Sequence[bool], gates: Sequence[int]
@@ -73,7 +72,7 @@ class Flips:
         for lane, gate in enumerate(gates):
             flips[self._position[gate]] = 1 << lane
         good = self._good(inputs, flips, expected, (1 << len(gates)) - 1)
-        return [gates[lane] for lane in set_bits(good)]
+        return [gates[lane] for lane in bits(good)]
 
     def pairs(
         self,
@@ -82,10 +81,9 @@ class Flips:
         supports: Sequence[int],
         between: Callable[[], None] = lambda: None,
     ) -> list[tuple[int, int]]:
-        """Return the pairs that explain all.
+        """Return the pairs (indices into flippable) that explain all.
 
-        A pair with a member that explains all by itself may be among them, when flipping the other changes
-        nothing.
+        Where one explains all alone and flipping the other changes nothing, they may be among them.
 
         Args:
             supports: conflicts as masks over the flippable gates. One member of a pair is in the smallest,
@@ -97,7 +95,7 @@ class Flips:
         alone: list[int] = []  # in all supports: anything may go with it
         paired: list[int] = []
         partners = 0
-        for one in set_bits(smallest):
+        for one in bits(smallest):
             others = everything
             for support in supports:
                 if not support >> one & 1:
@@ -109,7 +107,7 @@ class Flips:
                 partners |= others
         found: set[tuple[int, int]] = set()
         for rows, columns in ((alone, everything), (paired, partners)):
-            found.update(self._rectangle(inputs, expected, rows, list(set_bits(columns)), between))
+            found.update(self._rectangle(inputs, expected, rows, bits(columns), between))
         return sorted(found)
 
     def _rectangle(
@@ -134,7 +132,7 @@ class Flips:
                 flips[gate] = comb << position
             for index, gate in enumerate(chosen):
                 flips[gate] |= row << (index * width)
-            for lane in set_bits(self._good(inputs, flips, expected, ones)):
+            for lane in bits(self._good(inputs, flips, expected, ones)):
                 one, other = chosen[lane // width], columns[lane % width]
                 if one != other:
                     yield (one, other) if one < other else (other, one)
@@ -250,18 +248,3 @@ def compiled(source: str, name: str) -> Any:
     scope: dict[str, Any] = {}
     exec(compile(source, f"<{name} of a circuit>", "exec"), {}, scope)
     return scope[name]
-
-
-def set_bits(number: int) -> Iterable[int]:
-    """Yield the positions of the ones, ascending; in time linear in the length even for long integers."""
-    if number.bit_length() <= 64:
-        while number:
-            low = number & -number
-            yield low.bit_length() - 1
-            number ^= low
-        return
-    for base, byte in enumerate(number.to_bytes((number.bit_length() + 7) // 8, "little")):
-        while byte:
-            low = byte & -byte
-            yield base * 8 + low.bit_length() - 1
-            byte ^= low

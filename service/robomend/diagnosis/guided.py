@@ -28,17 +28,8 @@ from dataclasses import dataclass
 
 from pysat.card import ITotalizer
 
+from robomend.diagnosis.masks import bits
 from robomend.diagnosis.oracle import Clock, Oracle
-
-
-def bits(mask: int) -> list[int]:
-    """Return the numbers of the bits that are set, ascending."""
-    found = []
-    while mask:
-        low = mask & -mask
-        found.append(low.bit_length() - 1)
-        mask ^= low
-    return found
 
 
 def made_minimal(mask: int, conflicts: Sequence[int]) -> int:

@@ -50,9 +50,7 @@ class HittingSets:
         self._cut = False
 
     def of_size(self, size: int) -> Iterator[int]:
-        """Yield the minimal diagnoses of exactly this size. Call with 0, 1, 2, …: each relies on the smaller
-        ones.
-        """
+        """Yield the minimal diagnoses of exactly this size; call with 0, 1, 2, …, none left out."""
         self._cut = False
         for mask in self._search(0, 0, list(self.conflicts), 0, size):
             self.found.append(mask)

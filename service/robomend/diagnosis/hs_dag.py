@@ -51,8 +51,7 @@ class HsDagEngine(BaseEngine):
         while level:
             too_deep = options.max_size is not None and depth > options.max_size
             if too_deep:
-                assumptions = [*observed.numbers, *what_if.healthy, *(-v for v in forced)]
-                if self._any_more(assumptions, answer.found):
+                if self._any_more([*observed.numbers, *what_if.numbers], answer.found):
                     raise TooLarge
                 return
             below: dict[Path, Node] = {}

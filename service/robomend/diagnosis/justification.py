@@ -1,5 +1,4 @@
-"""Which conflicts an answer is reported with: as many as show of each member of each diagnosis that it is
-needed, all of them minimal.
+"""Which conflicts are reported: minimal ones, as many as show why each member of each diagnosis is needed.
 
 D without c is no diagnosis, so some conflict meets D in c alone. And a conflict C is minimal if for each of
 its members c there is a diagnosis that meets C in c alone: then the others can be healthy together. Both are
@@ -8,9 +7,10 @@ looked up first among what the search found, and asked of the solver where that 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
-from robomend.diagnosis.conflicts import Conflicts, Known, mask_of
+from robomend.diagnosis.conflicts import Conflicts, Known
+from robomend.diagnosis.masks import bits, mask_of, outside
 from robomend.diagnosis.observed import NOTHING_SUPPOSED, Observed, Supposed
 from robomend.diagnosis.oracle import Oracle, OutOfTime
 from robomend.model.cnf import HealthCnf
@@ -41,9 +41,9 @@ class Justification:
         self._what_if = what_if
         self._masks = masks
         self._most = MAX_CIRCUIT_CONFLICTS if cnf.circuit else MAX_CONFLICTS
-        self._components = len(cnf.components)
+        self._health = list(range(1, len(cnf.components) + 1))
         self._forced = mask_of(what_if.abnormal)
-        self._tail = [*observed.numbers, *what_if.healthy, *(-variable for variable in what_if.abnormal)]
+        self._tail = [*observed.numbers, *what_if.numbers]
 
     def of(self, met: Sequence[Known]) -> list[Known]:
         """Return the conflicts to report; `met` are those that the search came upon.
@@ -60,10 +60,11 @@ class Justification:
                     kept.setdefault(minimal.mask, minimal)
             for mask in masks[:JUSTIFIED]:
                 for bit in bits(mask & ~self._forced):
+                    member = 1 << bit
                     if len(kept) >= most:
                         return list(kept.values())
-                    if not any(conflict & mask == bit for conflict in kept):
-                        found = self._outside(mask ^ bit)
+                    if not any(conflict & mask == member for conflict in kept):
+                        found = self._outside(mask ^ member)
                         if found is not None:
                             kept.setdefault(found.mask, found)
             if not masks and not kept:
@@ -88,7 +89,7 @@ class Justification:
                     return one
         oracle = self._oracle
         for bit in bits(rest):
-            others = [variable for variable in one.components if 1 << (variable - 1) != bit]
+            others = [variable for variable in one.components if variable != bit + 1]
             if self._conflicts.horn and oracle.propagate(self._tail + others)[0]:
                 continue
             if not oracle.sat(self._tail + others):
@@ -97,13 +98,7 @@ class Justification:
 
     def _outside(self, abnormal: int) -> Known | None:
         """Return a minimal conflict outside the mask of abnormal components, or None when there is none."""
-        healthy = list(range(1, self._components + 1))
-        rest = abnormal | self._forced
-        while rest:
-            top = rest.bit_length() - 1
-            del healthy[top]
-            rest ^= 1 << top
-        if self._oracle.sat(self._tail + healthy):
+        if self._oracle.sat(self._tail + outside(self._health, abnormal | self._forced)):
             return None
         return self._minimal(self._shrunk())
 
@@ -114,11 +109,3 @@ class Justification:
         if what_if is NOTHING_SUPPOSED:
             self._conflicts.keep(known)
         return known
-
-
-def bits(mask: int) -> Iterator[int]:
-    """Yield each set bit as a mask of its own, lowest first."""
-    while mask:
-        low = mask & -mask
-        yield low
-        mask ^= low

@@ -1,5 +1,4 @@
-"""Subset-minimal diagnoses in order of size, by asking a solver for at most k abnormal components, k = 0, 1,
-2, …
+"""Subset-minimal diagnoses in order of size: a solver is asked for at most k abnormal ones, k = 0, 1, 2, …
 
 Each model found is blocked together with its supersets. With all smaller diagnoses blocked, a model with at
 most k abnormal components has exactly k, and is minimal.
@@ -55,9 +54,7 @@ class Layered:
         return LayeredSearch(self, assumptions, known)
 
     def oracle(self, size: int) -> Oracle:
-        """Return the solver, with a bound of at least this size in place. A larger bound may need a new
-        solver.
-        """
+        """Return the solver, with a bound of at least this size in place: a new one where that needs it."""
         if self._oracle is not None and (size <= self._bound or self._name not in NATIVE):
             if size > self._bound:
                 self._raise_totalizer(size)
@@ -148,8 +145,9 @@ class LayeredSearch:
             self._oracle.add([-self._guard, *diagnosis])
 
     def of_size(self, size: int) -> Iterator[tuple[list[int], list[int]]]:
-        """Yield (abnormal health variables, model) of each minimal diagnosis of this size; call in ascending
-        order.
+        """Yield (abnormal health variables, model) of each minimal diagnosis of this size.
+
+        Call with the smallest size first.
 
         Raises:
             OutOfTime: what was yielded before stays true.

@@ -145,8 +145,9 @@ def _function(component: int, output: int, clauses: list[Clause]) -> Gate | None
 
 
 def _and_or(output: int, clauses: list[Clause], inputs: tuple[int, ...]) -> tuple[str, bool] | None:
-    """Recognise AND, NAND, OR, NOR, NOT and BUF of any width: one long clause, and one of two literals an
-    input.
+    """Recognise AND, NAND, OR, NOR, NOT and BUF of any width.
+
+    Their clauses are one long one, and one of two literals an input.
 
     Returns:
         The operator between the inputs, and whether the output is the complement.

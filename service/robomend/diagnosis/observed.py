@@ -116,6 +116,11 @@ class Supposed:
     healthy: frozenset[int] = frozenset()
     abnormal: frozenset[int] = frozenset()
 
+    @property
+    def numbers(self) -> list[int]:
+        """As assumptions: signed health variables."""
+        return [*self.healthy, *(-variable for variable in self.abnormal)]
+
 
 NOTHING_SUPPOSED = Supposed()
 

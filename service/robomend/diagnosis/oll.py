@@ -94,6 +94,7 @@ class CoreGuided:
             self._leftover += search.retire()
 
     def new_variable(self) -> int:
+        """Return a variable that nothing else uses."""
         self.top += 1
         return self.top
 
@@ -157,8 +158,7 @@ class _Search:
         yield found
         if not found:
             return
-        # With all cores relaxed, what the suppositions allow costs what was paid. So once they are
-        # satisfiable
+        # With all cores relaxed, what the suppositions allow costs what was paid. Once they are satisfiable
         # again, paid = size and each model is another minimum; a core beyond that says that there is none.
         self._relax(pending)
         size = len(found)
@@ -189,9 +189,7 @@ class _Search:
         return core
 
     def _allow_one_more(self, totalizer: ITotalizer, allowed: int) -> None:
-        """The core says that more than `allowed` of the totalizer's inputs are abnormal: suppose at most one
-        more.
-        """
+        """The core says that more than `allowed` of its inputs are abnormal: suppose at most one more."""
         if allowed + 1 >= len(totalizer.lits):
             return
         if allowed + 1 >= len(totalizer.rhs):

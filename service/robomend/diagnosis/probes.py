@@ -147,11 +147,11 @@ class Prober:
         Args:
             observations: OBS, from which `result` was made.
             result: its leading diagnoses are told apart; without priors each counts the same.
-            points: the atoms that can be observed; every atom of the model if None. What OBS holds is
-            skipped. costs: seconds a measurement takes; those of the model if None, and 1 where nothing is
-            said. batch: how many to choose to be made together, at most MAX_BATCH. limit: how many single
-            probes to list. max_diagnoses, max_points, timeout_s: bounds; `complete` is False when one of
-            them was felt.
+            points: the atoms that can be observed, those in OBS left out; every atom of the model if None.
+            costs: seconds a measurement takes; those of the model if None, and 1 where nothing is said.
+            batch: how many to choose to be made together, at most MAX_BATCH.
+            limit: how many single probes to list.
+            max_diagnoses, max_points, timeout_s: bounds; `complete` is False when one of them was felt.
 
         Raises:
             OptionRefused: a bound that means nothing, or a cost that is not positive.

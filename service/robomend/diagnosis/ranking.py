@@ -30,7 +30,8 @@ from dataclasses import replace
 from heapq import heappop, heappush
 from math import exp, expm1, fsum, inf, log, log1p
 
-from robomend.diagnosis.guided import CheapestHittingSets, bits
+from robomend.diagnosis.guided import CheapestHittingSets
+from robomend.diagnosis.masks import bits
 from robomend.diagnosis.oracle import Clock, OutOfTime
 from robomend.diagnosis.result import DiagnosisResult, Options
 from robomend.errors import ModelError, OptionRefused
@@ -202,8 +203,7 @@ def by_probability(
 
     Args:
         find_conflict: takes the mask of the abnormal components; returns a conflict outside it, or None. A
-        conflict
-            of no component must be raised by it as its own error.
+            conflict of no component must be raised by it as its own error.
         components: COMPS; bit i is component i.
         priors: needed for each component that occurs in a conflict.
         clock: the deadline.

@@ -45,8 +45,7 @@ class Reasons:
     def rules(self, literals: Sequence[int]) -> tuple[int, ...]:
         """Return the rules, as indices into cnf.rules, of an unsatisfiable core of SD with these literals.
 
-        Empty when the literals do not contradict SD, or when the fallback found no refutation within its
-        budget.
+        Empty when they do not contradict SD, or when the fallback found no refutation within its budget.
         """
         used = self._by_propagation(literals)
         if used is None:

@@ -28,9 +28,8 @@ class Options:
     timeout_s: float | None = 5.0
     order: Order = "size"
     conflicts: bool = True  # minimal conflicts with their rules and observations
-    factored: bool = (
-        False  # minimal cardinality only: top-level diagnoses × replaceable cones, with the exact count
-    )
+    # Minimal cardinality only: top-level diagnoses × replaceable cones, with the exact count.
+    factored: bool = False
     healthy: frozenset[str] = frozenset()  # what-if: assumed healthy …
     abnormal: frozenset[str] = frozenset()  # … or abnormal
 
@@ -41,9 +40,8 @@ class Diagnosis:
 
     bad: tuple[str, ...]  # in the order of COMPS
     probability: float | None = None  # posterior among the diagnoses found; None without priors
-    modes: Mapping[str, str] = field(
-        default_factory=dict
-    )  # abnormal component -> fault mode, where the model has modes
+    # Abnormal component -> fault mode, where the model has modes.
+    modes: Mapping[str, str] = field(default_factory=dict)
     resolves: tuple[int, ...] = ()  # indices into DiagnosisResult.conflicts
 
 
@@ -78,9 +76,8 @@ class DiagnosisResult:
     unused: tuple[Literal, ...] = ()  # observations that no rule mentions
     factored: tuple[tuple[Factor, ...], ...] = ()
     count: int | None = None  # exact number of diagnoses asked for, where known
-    unexplored: float | None = (
-        None  # upper bound on the prior mass that was not enumerated; None without priors
-    )
+    # Upper bound on the prior mass that was not enumerated; None without priors.
+    unexplored: float | None = None
     cleared: Mapping[str, str] = field(default_factory=dict)  # healthy suspect -> why it is cleared
 
     @property
@@ -90,8 +87,7 @@ class DiagnosisResult:
 
     @property
     def learned(self) -> dict[Literal, tuple[int, ...]]:
-        """What was learned from which observation: the conflicts that rest on it, as indices into
-        `conflicts`.
+        """Observation -> the conflicts that rest on it, as indices into `conflicts`: what it taught.
 
         An observation that is not here clashes with nothing; what_was_learned puts it in words.
         """

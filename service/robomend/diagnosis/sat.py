@@ -1,7 +1,6 @@
 """The default engine: SAT with one persistent solver a model and observations as assumptions.
 
-Which search answers depends on the model and the question; all of them are exact, and all hand over to the
-next:
+Which search answers depends on the model and the question; all are exact, and each hands over to the next:
 
     a circuit, nothing supposed                              flips.py    faults of 1 or 2 gates, simulated
         minimum cardinality    toplevel.py, oll.py           top-level diagnoses, then their cones
@@ -28,9 +27,10 @@ from itertools import product
 from math import prod
 
 from robomend.diagnosis.base import Answer, Bad, BaseEngine, NoDiagnosis, refuse_order_of_probability
-from robomend.diagnosis.conflicts import Known, mask_of
+from robomend.diagnosis.conflicts import Known
 from robomend.diagnosis.hitting import HittingSets, TooManyNodes
 from robomend.diagnosis.layered import Layered
+from robomend.diagnosis.masks import mask_of, members, outside
 from robomend.diagnosis.netlist import Netlist, recover
 from robomend.diagnosis.observed import NOTHING_SUPPOSED, Observed, Supposed
 from robomend.diagnosis.oll import CoreGuided, TooLarge
@@ -136,9 +136,11 @@ class SatEngine(BaseEngine):
     def _choices(
         self, top: Top, row: Sequence[Sequence[int]], observed: Observed, top_level: TopLevel
     ) -> Iterator[tuple[int, ...]]:
-        """Yield the diagnoses behind a row. They are the product, except where unobserved inputs leave the
-        values
-        between the cones open: then two stand-ins may each fit but not together."""
+        """Yield the diagnoses behind a row.
+
+        They are the product, except where unobserved inputs leave the values between the cones open: then
+        two stand-ins may each fit, but not together.
+        """
         for choice in product(*row):
             replaced = sum(gate != member for gate, member in zip(choice, top, strict=True))
             if replaced < 2 or top_level.can_simulate or self._explains(choice, observed):
@@ -184,10 +186,8 @@ class SatEngine(BaseEngine):
 
     def _explains(self, gates: Sequence[int], observed: Observed) -> bool:
         """Ask the solver whether OBS is consistent when these gates are abnormal."""
-        assumptions = self._health.copy()
-        for variable in sorted((self._component(gate) for gate in gates), reverse=True):
-            del assumptions[variable - 1]
-        return self._oracle.sat([*assumptions, *observed.numbers])
+        healthy = outside(self._health, mask_of(map(self._component, gates)))
+        return self._oracle.sat([*healthy, *observed.numbers])
 
     def _component(self, gate: int) -> int:
         assert self._netlist is not None
@@ -260,14 +260,8 @@ class SatEngine(BaseEngine):
                     known.append(one)
                     return one.mask
             mask |= forced
-            assumptions = health.copy()
-            rest = mask
-            while rest:
-                top = rest.bit_length() - 1
-                del assumptions[top]
-                rest ^= 1 << top
             # OBS first: what was seen is then no consequence of health, so that cores stay near the fault
-            if oracle.sat(tail + assumptions):
+            if oracle.sat(tail + outside(health, mask)):
                 if self.cnf.modes:
                     bad = members(mask)
                     answer.modes[bad] = self._modes_of(bad, oracle.model() or ())
@@ -306,7 +300,7 @@ class SatEngine(BaseEngine):
         size: int,
     ) -> None:
         """Go on from the diagnoses known, all of those below `size` and perhaps some of that size."""
-        assumptions = [*observed.numbers, *what_if.healthy, *(-v for v in what_if.abnormal)]
+        assumptions = [*observed.numbers, *what_if.numbers]
         forced = len(what_if.abnormal)
         room = None if options.max_size is None else options.max_size - forced
         if room is not None and room < 0:
@@ -345,7 +339,7 @@ class SatEngine(BaseEngine):
         size: int,
     ) -> None:
         """Enumerate by size from `size` on."""
-        assumptions = [*observed.numbers, *what_if.healthy, *(-v for v in what_if.abnormal)]
+        assumptions = [*observed.numbers, *what_if.numbers]
         blocked: list[Sequence[int]] = list(known)
         with self._layered.search(assumptions, blocked) as search:
             while options.max_size is None or size <= options.max_size:
@@ -377,16 +371,6 @@ class SatEngine(BaseEngine):
         for name in ("_guided", "_layered"):
             if name in self.__dict__:
                 self.__dict__.pop(name).close()
-
-
-def members(mask: int) -> Bad:
-    """Return the health variables of a mask, ascending."""
-    found = []
-    while mask:
-        low = mask & -mask
-        found.append(low.bit_length())
-        mask ^= low
-    return tuple(found)
 
 
 def _batches(tops: Iterator[Top], size: int) -> Iterator[list[Top]]:

@@ -25,8 +25,9 @@ from time import perf_counter
 from robomend.diagnosis.base import MAX_DIAGNOSES
 from robomend.diagnosis.conflicts import Conflicts, Known
 from robomend.diagnosis.explanations import clear_suspects, explain_conflict, resolves
-from robomend.diagnosis.guided import AnyHittingSets, CheapestHittingSets, bits
+from robomend.diagnosis.guided import AnyHittingSets, CheapestHittingSets
 from robomend.diagnosis.justification import JUSTIFIED, MAX_CIRCUIT_CONFLICTS, MAX_CONFLICTS
+from robomend.diagnosis.masks import bits, mask_of, outside
 from robomend.diagnosis.observed import ObservationReader, Observed, Supposed, check_options, supposed
 from robomend.diagnosis.oracle import Clock, Oracle, OutOfTime, solver_name
 from robomend.diagnosis.reasons import Reasons
@@ -167,11 +168,11 @@ class _Search:
         self._snapshots = snapshots  # the one that refuted last comes first
         self._what_if = what_if
         self._health = list(range(1, len(cnf.components) + 1))
-        self._forced = sum(1 << (variable - 1) for variable in what_if.abnormal)
+        self._forced = mask_of(what_if.abnormal)
 
     def find_conflict(self, abnormal: int) -> int | None:
         """Return a minimal conflict that these components do not hit; None: they explain each snapshot."""
-        healthy = [variable for variable in self._health if not abnormal >> (variable - 1) & 1]
+        healthy = outside(self._health, abnormal)
         healthy += [-variable for variable in self._what_if.abnormal]
         for position, observed in enumerate(self._snapshots):
             if self._oracle.sat([*observed.numbers, *healthy]):

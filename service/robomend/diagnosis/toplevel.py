@@ -23,7 +23,8 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from pysat.process import Processor
 
 from robomend.diagnosis.cones import find_cones
-from robomend.diagnosis.flips import Flips, Values, compiled, set_bits, values_of
+from robomend.diagnosis.flips import Flips, Values, compiled, values_of
+from robomend.diagnosis.masks import bits
 from robomend.diagnosis.netlist import Netlist
 from robomend.diagnosis.oll import CoreGuided, TooLarge
 from robomend.diagnosis.oracle import Clock
@@ -286,7 +287,7 @@ class TopLevel:
             inside[gate.output] = value ^ (block << (lanes * index) if index < below else 0)
         flipped = ones & ~(inside[gates[top].output] ^ nets[gates[top].output] * copies) & wanted * copies
         found: list[list[int]] = [[] for _ in range(lanes)]
-        for bit in set_bits(flipped):
+        for bit in bits(flipped):
             found[bit % lanes].append(cone[bit // lanes])
         return found
 
