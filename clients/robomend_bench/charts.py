@@ -1,8 +1,9 @@
 """Cactus and scaling plots as SVG, written by hand: no plotting library, crisp in a browser and on paper.
 
 cactus     how many questions (x) a contender solves within a time each (y, logarithmic): lower and
-longer is better scaling    median time (y) over number of components (x), both logarithmic: the slope
-is the exponent of growth
+           longer is better
+scaling    median time (y) over number of components (x), both logarithmic: the slope is the exponent
+           of growth
 """
 
 from __future__ import annotations

@@ -1,6 +1,4 @@
-"""Engines over time: deadlines and interrupts inside a solver call, threads that go on, solvers that are
-used again.
-"""
+"""Engines over time: deadlines and interrupts inside a solver call, other threads, solvers used again."""
 
 from __future__ import annotations
 
@@ -17,7 +15,7 @@ from robomend.diagnosis.engines import make_engine
 from robomend.diagnosis.result import Options
 from robomend.errors import ContradictoryModel
 from robomend.model.cnf import Clause, HealthCnf
-from robomend_client.literals import Literal
+from robomend_client.literals import Literal, fails, holds
 
 ALL = Options(limit=None, timeout_s=None)
 
@@ -139,3 +137,21 @@ def test_a_model_of_many_faults_does_not_recurse_or_branch_without_end() -> None
     result = make_engine("sat", cnf).diagnose(observations, Options(timeout_s=20, conflicts=False))
     assert [len(d.bad) for d in result.diagnoses] == [count]
     assert result.complete
+
+
+@pytest.mark.parametrize("name", ["sat", "asp", "maxsat", "hs_dag"])
+def test_a_contradiction_that_cannot_be_explained_in_time_is_one_all_the_same(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    engine = make_engine(name, model(1, [(2,), (-1, 3)], atoms=2))
+    seen = [holds("ok", "a2"), fails("ok", "a1")]
+    with pytest.raises(ContradictoryModel) as explained:
+        engine.diagnose(seen)
+    assert explained.value.literals == ("not ok(a1)",)
+    monkeypatch.setattr("robomend.diagnosis.base.CONTRADICTION_S", 0.0)
+    with pytest.raises(ContradictoryModel) as unexplained:
+        engine.diagnose(seen)
+    assert unexplained.value.literals == ("ok(a2)", "not ok(a1)")
+    supposing = engine.diagnose(seen, Options(abnormal=frozenset({"c1"})))
+    assert (supposing.diagnoses, supposing.complete, supposing.stopped_by) == ((), False, "time")
+    engine.close()

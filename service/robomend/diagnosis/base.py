@@ -50,6 +50,7 @@ MAX_DIAGNOSES = 1_000_000
 """Where no limit is given, this one holds: some 300 MB of result. The factored form counts on without it."""
 
 CONTRADICTION_S = 10.0
+"""To explain why nothing explains OBS; when it is over, what is known by then is told."""
 
 WITNESS_EVERY = 32
 """Consistency checks that go to the solver for each one whose model is kept: taking it costs as much."""
@@ -196,7 +197,7 @@ class BaseEngine(ABC):
         except TooLarge:
             stopped = "size"
         except NoDiagnosis:
-            self._explain_contradiction(observed, what_if)
+            stopped = self._explain_contradiction(observed, what_if)
         result = self._answer(started, observed, what_if, options, answer, stopped)
         return rank(result, self.cnf, options) if self.cnf.priors else result
 
@@ -289,14 +290,24 @@ class BaseEngine(ABC):
                     break
         return told
 
-    def _explain_contradiction(self, observed: Observed, what_if: Supposed) -> None:
-        """Raise ContradictoryModel with a small core, unless it is the supposition alone that cannot be."""
+    def _explain_contradiction(self, observed: Observed, what_if: Supposed) -> StoppedBy | None:
+        """Raise ContradictoryModel with a small core, unless it is the supposition alone that cannot be.
+
+        Returns:
+            "time" if it was not settled which of the two cannot be.
+        """
         self._clock.start(CONTRADICTION_S)
-        if self._oracle.sat([*observed.numbers]):
-            return
-        core = self._conflicts.minimise(self._oracle, self._oracle.core() or (), observed, NOTHING_SUPPOSED)
-        literals = tuple(str(observed.literal(number)) for number in core.observations)
-        rules = self._reasons.rules(core.observations)
+        core: Sequence[int] = observed.numbers
+        try:
+            if self._oracle.sat([*observed.numbers]):
+                return None
+            core = self._oracle.core() or ()
+            core = self._conflicts.minimise(self._oracle, core, observed, NOTHING_SUPPOSED).observations
+        except OutOfTime:
+            if core is observed.numbers and what_if is not NOTHING_SUPPOSED:
+                return "time"  # else what is known is told: the search has proved that nothing explains OBS
+        literals = tuple(str(observed.literal(number)) for number in core)
+        rules = self._reasons.rules(core)
         raise ContradictoryModel(literals, tuple(self.cnf.rules[index].text for index in rules)) from None
 
     # --- life -------------------------------------------------------------------------------------

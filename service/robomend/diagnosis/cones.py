@@ -17,9 +17,10 @@ Under weak fault models only. The observed nets are part of the picture: other s
 
 Sources:
     A. Metodi, R. Stern, M. Kalech, M. Codish. A novel SAT-based approach to model based diagnosis. JAIR 51,
-    2014. S. Siddiqi, J. Huang. Hierarchical diagnosis of multiple faults. IJCAI 2007 (cones). T. Lengauer,
-    R. Tarjan. A fast algorithm for finding dominators in a flowgraph. TOPLAS 1(1), 1979 (the problem; an
-    acyclic graph needs only one sweep from the observed nets back).
+        2014.
+    S. Siddiqi, J. Huang. Hierarchical diagnosis of multiple faults. IJCAI 2007 (cones).
+    T. Lengauer, R. Tarjan. A fast algorithm for finding dominators in a flowgraph. TOPLAS 1(1), 1979 (the
+        problem; an acyclic graph needs only one sweep from the observed nets back).
 """
 
 from __future__ import annotations

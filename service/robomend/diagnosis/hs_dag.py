@@ -11,8 +11,9 @@ for each member of the conflict. A node without such a conflict is a diagnosis: 
 Conflicts are minimal here, so that pruning seldom has anything to do; it is done all the same.
 
 Sources:
-    R. Reiter. A theory of diagnosis from first principles. AIJ 32(1), 1987. R. Greiner, B. Smith, R.
-    Wilkerson. A correction to the algorithm in Reiter's theory of diagnosis. AIJ 41(1), 1989.
+    R. Reiter. A theory of diagnosis from first principles. AIJ 32(1), 1987.
+    R. Greiner, B. Smith, R. Wilkerson. A correction to the algorithm in Reiter's theory of diagnosis. AIJ
+        41(1), 1989.
 """
 
 from __future__ import annotations

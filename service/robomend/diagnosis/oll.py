@@ -19,8 +19,8 @@ The solver outlives the search. What a search adds is either implied definitions
 is dropped afterwards; when such leftovers outweigh the model, the solver is built anew.
 
 Sources:
-    A. Morgado, C. Dodaro, J. Marques-Silva. Core-guided MaxSAT with soft cardinality constraints. CP 2014
-    (OLL). A. Ignatiev, A. Morgado, J. Marques-Silva. RC2: an efficient MaxSAT solver. JSAT 11, 2019.
+    A. Morgado, C. Dodaro, J. Marques-Silva. Core-guided MaxSAT with soft cardinality constraints. CP 2014.
+    A. Ignatiev, A. Morgado, J. Marques-Silva. RC2: an efficient MaxSAT solver. JSAT 11, 2019.
 """
 
 from __future__ import annotations
