@@ -94,11 +94,13 @@ class ContradictoryModel(ModelError):
     code = "contradictory-model"
 
     def __init__(self, literals: tuple[str, ...] = (), rules: tuple[str, ...] = ()) -> None:
-        seen = " and ".join(literals) if literals else "the model alone"
-        with_rules = f" contradicts the rules {'; '.join(rules)}" if rules else " is contradictory"
-        super().__init__(
-            f"{seen}{with_rules}, whatever is abnormal: mend the rule, or withdraw the observation"
-        )
+        if literals:
+            with_rules = f" contradicts the rules {'; '.join(rules)}" if rules else " is contradictory"
+            clash, remedy = " and ".join(literals) + with_rules, "mend the rule, or withdraw the observation"
+        else:
+            clash = f"without any observation, the rules contradict one another: {'; '.join(rules)}"
+            remedy = "mend one of them"
+        super().__init__(f"{clash}, whatever is abnormal: {remedy}")
         self.literals = literals
         self.rules = rules
         self.args = (literals, rules)

@@ -54,6 +54,18 @@ def bad(found: dict[str, Any]) -> list[list[str]]:
     return [diagnosis["bad"] for diagnosis in found["diagnoses"]]
 
 
+def test_a_trend_denies_the_others_also_when_it_is_denied_itself_later(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    model = tmp_path / "yaw.yaml"
+    model.write_text(
+        "robomend: 1\nnodes: {gyro: {publishes: {imu: []}}}\nvalues: {yaw: {topic: imu, field: z}}\n"
+        "rules: ['not ab(gyro) -> inc(yaw)']\n"
+    )
+    assert bad(answer(capsys, str(model), "-o", "not const(yaw)")) == [[]]
+    assert bad(answer(capsys, str(model), "-o", "const(yaw)", "-o", "not const(yaw)")) == [["gyro"]]
+
+
 def test_each_observation_says_what_it_taught_and_each_diagnosis_what_it_resolves(capsys: Capture) -> None:
     found = answer(capsys, TEDUSAR, "-o", "not ok(scan)", "-o", "not ok(odom)", "-o", "ok(joy)")
     assert found["learned"] == {

@@ -167,11 +167,18 @@ def test_files_that_cannot_be_read_are_refused(tmp_path_factory: pytest.TempPath
         load_model(folder / "none.yaml")
     with pytest.raises(ModelError, match="cannot be read"):
         load_model(folder)
-    (folder / "latin.yaml").write_bytes(b"name: \xe9")
-    with pytest.raises(ModelError, match="not UTF-8"):
+    (folder / "latin.yaml").write_bytes(b"robomend: 1\nname: \xe9")
+    with pytest.raises(ModelError, match=r"latin.yaml:2: not UTF-8"):
         load_model(folder / "latin.yaml")
     (folder / "bom.yaml").write_bytes(b"\xef\xbb\xbfrobomend: 1\nnodes: [a]")
     assert load_model(folder / "bom.yaml").name == "bom"
+
+
+@pytest.mark.parametrize("character", ["\0", "\x07", "\x7f", "\ufffe"])
+def test_a_character_that_yaml_never_takes_is_refused_with_its_line(character: str) -> None:
+    with pytest.raises(ModelError, match="not YAML: control characters are not allowed") as caught:
+        load_text(f"robomend: 1\nname: a\u00e9\U0001f916\nnodes: [a{character}]\n")
+    assert caught.value.line == 3
 
 
 def test_json_is_read_as_well() -> None:

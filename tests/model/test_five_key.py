@@ -98,6 +98,13 @@ def test_a_rule_that_does_not_parse_is_refused_with_its_line(rule: str, message:
     assert message in str(caught.value)
 
 
+def test_a_proposition_that_does_not_parse_is_refused_with_its_line() -> None:
+    text = "ab: AB\nnab: NAB\nneg_prefix: not_\nprops:\n  - on(a)\n  - 'b c'\nrules: []\n"
+    with pytest.raises(ModelError) as caught:
+        load_text(text, file="robot.yaml")
+    assert str(caught.value).startswith("robot.yaml:6: proposition `b c`")
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

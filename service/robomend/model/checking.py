@@ -18,11 +18,52 @@ def check(system: System) -> tuple[str, ...]:
     """Return every doubt about a model, as sentences; loading's own warnings come first."""
     return (
         *system.warnings,
+        *contradictory(system),
         *unblamable(system),
         *excused(system),
         *unused(system),
         *partial_priors(system),
     )
+
+
+def contradictory(system: System) -> Iterator[str]:
+    """Rules that contradict one another: whatever is abnormal, or when every component is healthy."""
+    cnf = system.cnf
+    # A rule counts while its selector is assumed, so that the solver says which of them clash.
+    selectors = range(cnf.variables + 1, cnf.variables + 1 + len(cnf.rules))
+    with Solver("g4") as solver:
+        for clause, origin in zip(cnf.clauses, cnf.origins, strict=True):
+            solver.add_clause([*clause, -selectors[origin]])
+        if clash := _clash(solver, [], selectors):
+            yield (
+                "no diagnosis will ever be found: these rules contradict one another, whatever is abnormal; "
+                f"mend one of them: {_rules_of(system, clash, selectors)}"
+            )
+        elif clash := _clash(solver, list(cnf.health.values()), selectors):
+            yield (
+                "no robot will ever be healthy: when every component is, these rules contradict one another: "
+                f"{_rules_of(system, clash, selectors)}"
+            )
+
+
+def _clash(solver: Solver, healthy: list[int], selectors: range) -> list[int]:
+    """Return selectors of rules that have no model together, none to spare up to SHOWN; empty: they have."""
+    if solver.solve([*healthy, *selectors]):
+        return []
+    clash = [literal for literal in solver.get_core() or () if literal in selectors]
+    for selector in clash[:SHOWN]:
+        rest = [other for other in clash if other != selector]
+        if not solver.solve([*healthy, *rest]):
+            clash = rest
+    return clash
+
+
+def _rules_of(system: System, clash: list[int], selectors: range) -> str:
+    rules = [system.cnf.rules[selectors.index(selector)] for selector in sorted(clash)]
+    places = [f"{rule.source}, line {rule.line}" if rule.line else rule.source for rule in rules]
+    said = [f"{rule.text} ({place})" for rule, place in zip(rules[:SHOWN], places, strict=False)]
+    more = f"; and {len(rules) - SHOWN} more" if len(rules) > SHOWN else ""
+    return f"{'; '.join(said)}{more}"
 
 
 def unblamable(system: System) -> Iterator[str]:

@@ -41,13 +41,15 @@ WORD = re.compile(r"\w[\w.-]*\Z")
 
 @dataclass(frozen=True, slots=True)
 class FiveKey:
-    """The five keys as they are written; `rule_lines` is where the rules stand, if they stand anywhere."""
+    """The five keys as they are written; the lines say where props and rules stand, if they stand
+    anywhere."""
 
     ab: str
     nab: str
     neg_prefix: str
     props: tuple[str, ...]
     rules: tuple[str, ...]
+    prop_lines: tuple[int, ...] = ()
     rule_lines: tuple[int, ...] = ()
 
 
@@ -70,10 +72,16 @@ def read_five_key(tree: Tree, file: str | None = None) -> FiveKey:
     ab, nab, prefix = (_word(tree.items[key], key, file) for key in KEYS[:3])
     if len({ab, nab}) < 2 or not prefix:
         raise ModelError("`ab` and `nab` must differ, and `neg_prefix` must not be empty", file, tree.line)
-    props = [text for text, _ in _texts(tree.items["props"], "props", file)]
+    props = list(_texts(tree.items["props"], "props", file))
     rules = list(_texts(tree.items["rules"], "rules", file))
     return FiveKey(
-        ab, nab, prefix, tuple(props), tuple(text for text, _ in rules), tuple(line for _, line in rules)
+        ab,
+        nab,
+        prefix,
+        props=tuple(text for text, _ in props),
+        rules=tuple(text for text, _ in rules),
+        prop_lines=tuple(line for _, line in props),
+        rule_lines=tuple(line for _, line in rules),
     )
 
 
@@ -165,7 +173,11 @@ class _Reading:
         self.listed: set[Atom] = set()
         self.raw_props: set[Atom] = set()
         self.plain_vocabulary = Vocabulary(negative_prefix="")
-        parsed = [self._parse(text, f"proposition `{text[:60]}`", None) for text in model.props]
+        lines = model.prop_lines or (None,) * len(model.props)
+        parsed = [
+            self._parse(text, f"proposition `{text[:60]}`", line)
+            for text, line in zip(model.props, lines, strict=True)
+        ]
         self.raw_props = {atom for atom in parsed if atom is not None}
         for atom in parsed:
             if atom is not None and not self._component(atom):

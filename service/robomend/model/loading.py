@@ -28,11 +28,13 @@ def load_model(path: str | Path, *, format: str | None = None) -> System:
     try:
         if path.stat().st_size > MAX_BYTES:
             raise ModelError(f"larger than {MAX_BYTES // 2**20} MiB", str(path))
-        text = path.read_bytes().decode("utf-8-sig")
+        data = path.read_bytes()
+        text = data.decode("utf-8-sig")
     except OSError as error:
         raise ModelError(f"cannot be read: {error.strerror or error}", str(path)) from error
     except UnicodeDecodeError as error:
-        raise ModelError(f"not UTF-8 text (byte {error.start})", str(path)) from error
+        line = data.count(b"\n", 0, error.start) + 1
+        raise ModelError("not UTF-8 text; save the file as UTF-8", str(path), line) from error
     return load_text(text, name=path.stem, file=str(path), format=format)
 
 

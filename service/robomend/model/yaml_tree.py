@@ -7,6 +7,7 @@ written: a node named `on` is a name here, not the boolean of YAML 1.1.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
@@ -18,6 +19,8 @@ MAX_CHARACTERS = 256 * 1024 * 1024
 MAX_NESTING = 20
 MAX_NODES = 20_000_000
 EXCERPT = 60
+NEVER_IN_YAML = re.compile(r"[^\t\n\r -~\x85\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+"""YAML 1.1, section 5.1: outside the printable characters."""
 
 
 @dataclass(slots=True)
@@ -63,9 +66,16 @@ def read_tree(text: str, file: str | None = None) -> Tree:
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         problem = getattr(error, "problem", None) or getattr(error, "reason", None) or "cannot be read"
-        raise ModelError(f"not YAML: {problem}", file, mark.line + 1 if mark else None) from error
+        line = mark.line + 1 if mark else _line_of_control_character(text)
+        raise ModelError(f"not YAML: {problem}", file, line) from error
     except (ValueError, OverflowError, RecursionError) as error:
         raise ModelError(f"not YAML: {error}", file) from error
+
+
+def _line_of_control_character(text: str) -> int | None:
+    """Return the line of the first character that YAML never takes, which the parser gives no line of."""
+    found = NEVER_IN_YAML.search(text)
+    return text.count("\n", 0, found.start()) + 1 if found else None
 
 
 def _build(events: Iterator[yaml.Event], file: str | None) -> Tree:
