@@ -63,7 +63,7 @@ class DiskBuffer:
         self._unsynced_since: float | None = None
         try:
             self._load()
-        except BaseException:
+        except BaseException:  # whatever ends us here, another buffer may take the folder
             self._lock.close()
             raise
 

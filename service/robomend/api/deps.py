@@ -10,7 +10,7 @@ from typing import Annotated
 from fastapi import Depends, Header, Path, Query, Request
 
 from robomend.api.problems import Problem
-from robomend.api.schemas import NAME
+from robomend.api.schemas.base import NAME
 from robomend.api.streams import Hub
 from robomend.errors import PreconditionRequired
 from robomend.fleet.fleet import Fleet

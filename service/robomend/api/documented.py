@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import Any
 
 from robomend.api.problems import MEDIA_TYPE
-from robomend.api.schemas import ProblemBody
+from robomend.api.schemas.base import ProblemBody
 
 TEXTS = {
     400: "Not JSON, or not HTTP as it should be",

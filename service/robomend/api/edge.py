@@ -71,7 +71,7 @@ class Edge:
                 await self._app(scope, receive, answer)
         except ClientDisconnect:
             status = status or 499  # nobody is left to answer; the log line and the metrics say so
-        except Exception:
+        except Exception:  # a bug of ours: the client gets its 500, the log the traceback
             log.exception("unforeseen", method=scope["method"], path=scope["path"])
             if status == 0:
                 await unforeseen(request_id)(scope, receive, answer)

@@ -22,7 +22,7 @@ from robomend.api.deps import Parts
 from robomend.api.gate import Gate
 from robomend.api.ingestion import read_batch
 from robomend.api.problems import Problem, answer_to
-from robomend.api.schemas import NAME
+from robomend.api.schemas.base import NAME
 from robomend.api.views import accepted_response
 from robomend.errors import RobomendError
 from robomend.security import API

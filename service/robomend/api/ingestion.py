@@ -21,7 +21,8 @@ from robomend.api import strict_json
 from robomend.api.body import check_content_type, read_chunks
 from robomend.api.deps import Parts
 from robomend.api.problems import Problem, of_error, of_validation
-from robomend.api.schemas import MAX_INT, ObservationsBody
+from robomend.api.schemas.base import MAX_INT
+from robomend.api.schemas.observations import ObservationsBody
 from robomend.errors import RobomendError
 from robomend.fleet.batches import Batch
 from robomend.security import API, Principal

@@ -11,7 +11,7 @@ from starlette.requests import Request
 from robomend.api import strict_json
 from robomend.api.body import check_content_type, content_type, read_chunks
 from robomend.api.problems import Problem, of_validation
-from robomend.api.schemas import ModelBody
+from robomend.api.schemas.models import ModelBody
 from robomend.settings import Settings
 
 TEXTS = ("application/yaml", "text/yaml", "application/x-yaml", "text/x-yaml", "text/plain")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 
 from robomend.api.deps import Parts
-from robomend.api.schemas import Check, Readiness
+from robomend.api.schemas.operation import Check, Readiness
 from robomend.errors import RobomendError
 
 STORE_TIMEOUT_S = 2.0

@@ -9,25 +9,14 @@ from typing import Any
 
 from starlette.responses import Response
 
-from robomend.api.schemas import (
-    AssertionOut,
-    AuditOut,
-    BoardOut,
-    ChannelOut,
-    DiagnosisOptionsBody,
-    HistoryLine,
-    Items,
-    ModelOut,
-    ObservedLiteral,
-    ObsOut,
-    ProbeOut,
-    ProbesOut,
-    RobotBody,
-    RobotLine,
-    RobotOut,
-    SessionOut,
-    VersionOut,
-)
+from robomend.api.schemas.base import Items
+from robomend.api.schemas.diagnosis import ProbeOut, ProbesOut
+from robomend.api.schemas.history import AuditOut, HistoryLine
+from robomend.api.schemas.models import ModelOut, VersionOut
+from robomend.api.schemas.observations import AssertionOut, ObservedLiteral, ObsOut
+from robomend.api.schemas.repair import BoardOut, ChannelOut
+from robomend.api.schemas.robots import DiagnosisOptionsBody, RobotBody, RobotLine, RobotOut
+from robomend.api.schemas.session import SessionOut
 from robomend.diagnosis.probes import ProbeResult
 from robomend.diagnosis.result import Options
 from robomend.fleet.batches import Outcome

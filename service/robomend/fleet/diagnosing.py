@@ -212,7 +212,7 @@ class Diagnosing:
             state.announced = current
             try:
                 await self._store.write(partial(announce, state.id, current))
-            except BaseException:
+            except BaseException:  # a cancellation too: it was not said, so it is still news
                 state.announced = None
                 raise
             if began is not None:

@@ -364,7 +364,7 @@ class Fleet:
 
         try:
             kept = await self._store.write(keep, robots=(state.id,), once=once)
-        except BaseException:
+        except BaseException:  # a cancellation too: memory is ahead of the disk
             state.stale, state.announced = True, None
             raise
         state.observed.advance(kept["revision"])

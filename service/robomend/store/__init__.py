@@ -2,7 +2,7 @@
 
 `open_store(url)` gives a Store; interface.py says what it can do and records.py what it keeps.
 
-    interface.py     the contract: View (reads), Transaction (writes), Store, Ownership
+    interface.py     the contract: Transaction (writes), Store, Ownership;  view.py  View (reads)
     records.py       the frozen values;  encoding.py  as columns
     schema.py        the tables;  migrations/  how older databases get there
     database.py      connections, and what differs between SQLite and PostgreSQL

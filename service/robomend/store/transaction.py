@@ -149,7 +149,7 @@ class Group:
             result = change(item)
             if once is not None:
                 item.answer_once(once, to_json(result))
-        except Exception:
+        except Exception:  # the caller gets it; only its writes are taken back
             if not self.connection.invalidated:  # a lost connection took everything back already
                 item.undo()
             raise

@@ -10,7 +10,7 @@ from robomend.api.deps import ActionPath, PartsDep, PrincipalDep, RobotPath
 from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
 from robomend.api.ownership import check_own_action
-from robomend.api.schemas import ActionOut, ActionResultBody, FeedbackBody, FirstResult
+from robomend.api.schemas.repair import ActionOut, ActionResultBody, FeedbackBody, FirstResult
 from robomend.security import API
 
 router = APIRouter(prefix=API, tags=["agent"], route_class=GuardedRoute)

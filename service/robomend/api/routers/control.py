@@ -9,7 +9,7 @@ from fastapi import APIRouter, Path
 from robomend.api.deps import PartsDep, PrincipalDep, RobotPath
 from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
-from robomend.api.schemas import ReasonBody, StopOut
+from robomend.api.schemas.repair import ReasonBody, StopOut
 from robomend.security import API
 
 router = APIRouter(prefix=API, tags=["control"], route_class=GuardedRoute)

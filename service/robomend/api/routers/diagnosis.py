@@ -9,7 +9,8 @@ from fastapi import APIRouter, Query, Request, Response
 from robomend.api.deps import PartsDep, RobotPath
 from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
-from robomend.api.schemas import MAX_INT, CurrentDiagnosis, ProbesOut
+from robomend.api.schemas.base import MAX_INT
+from robomend.api.schemas.diagnosis import CurrentDiagnosis, ProbesOut
 from robomend.api.views import diagnosis_response, probes_out
 from robomend.security import API
 

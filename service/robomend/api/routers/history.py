@@ -9,7 +9,8 @@ from fastapi import APIRouter, Query
 from robomend.api.deps import PagingDep, PartsDep, RobotPath
 from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
-from robomend.api.schemas import NAME, AuditOut, HistoryLine, Items
+from robomend.api.schemas.base import NAME, Items
+from robomend.api.schemas.history import AuditOut, HistoryLine
 from robomend.api.views import audit_out, history_page
 from robomend.security import API
 

@@ -22,7 +22,8 @@ from robomend.api.deps import (
 from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
 from robomend.api.model_text import OPENAPI_BODY, read_model
-from robomend.api.schemas import Items, ModelOut, VersionOut
+from robomend.api.schemas.base import Items
+from robomend.api.schemas.models import ModelOut, VersionOut
 from robomend.api.views import model_out, version_out
 from robomend.security import API
 

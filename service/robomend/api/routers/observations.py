@@ -15,7 +15,7 @@ from robomend.api.deps import IdempotencyKey, PartsDep, RobotPath, parts_of, pri
 from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
 from robomend.api.ingestion import NDJSON, OPENAPI_BODY, ingest, read_batch
-from robomend.api.schemas import Accepted, Ingested, ObsOut
+from robomend.api.schemas.observations import Accepted, Ingested, ObsOut
 from robomend.api.views import accepted_response, obs_out
 from robomend.security import API
 

@@ -9,7 +9,8 @@ from fastapi import APIRouter
 from robomend.api.deps import PartsDep
 from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
-from robomend.api.schemas import AskBody, OneShotPlanBody, ResultOut
+from robomend.api.schemas.diagnosis import AskBody, ResultOut
+from robomend.api.schemas.repair import OneShotPlanBody
 from robomend.api.views import engine_options
 from robomend.fleet.oneshots import Question
 from robomend.security import API

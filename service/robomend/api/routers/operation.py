@@ -10,7 +10,7 @@ from robomend.api.deps import PartsDep
 from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
 from robomend.api.readiness import readiness
-from robomend.api.schemas import Readiness
+from robomend.api.schemas.operation import Readiness
 from robomend.metrics import CONTENT_TYPE
 from robomend.version import version_info
 

@@ -9,7 +9,7 @@ from fastapi import APIRouter
 from robomend.api.deps import PartsDep, RobotPath
 from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
-from robomend.api.schemas import PlanBody
+from robomend.api.schemas.repair import PlanBody
 from robomend.security import API
 
 router = APIRouter(prefix=f"{API}/robots/{{robot}}/plans", tags=["repair"], route_class=GuardedRoute)

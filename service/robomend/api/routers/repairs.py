@@ -9,7 +9,8 @@ from fastapi import APIRouter, Response
 from robomend.api.deps import PagingDep, PartsDep, PrincipalDep, RepairPath, RobotPath
 from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
-from robomend.api.schemas import DecisionBody, Items, RepairBody
+from robomend.api.schemas.base import Items
+from robomend.api.schemas.repair import DecisionBody, RepairBody
 from robomend.security import API
 
 router = APIRouter(prefix=API, tags=["repair"], route_class=GuardedRoute)

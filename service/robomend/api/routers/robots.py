@@ -17,7 +17,8 @@ from robomend.api.deps import (
 )
 from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
-from robomend.api.schemas import Items, RobotBody, RobotLine, RobotOut
+from robomend.api.schemas.base import Items
+from robomend.api.schemas.robots import RobotBody, RobotLine, RobotOut
 from robomend.api.views import robot_line, robot_out
 from robomend.security import API
 

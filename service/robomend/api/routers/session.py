@@ -7,7 +7,7 @@ from fastapi import APIRouter, Request, Response
 from robomend.api.deps import PrincipalDep
 from robomend.api.documented import problems
 from robomend.api.gate import Gate, GuardedRoute
-from robomend.api.schemas import SessionOut, SignInBody
+from robomend.api.schemas.session import SessionOut, SignInBody
 from robomend.api.views import session_out
 from robomend.security import API
 

@@ -1,0 +1,101 @@
+"""Questions to the engines, and their answers."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from robomend.api.schemas.base import Component, In, ModelName, Out, Sentence
+from robomend.api.schemas.robots import DiagnosisOptionsBody
+
+
+class DiagnosisOut(Out):
+    """A minimal diagnosis: these are bad, all others good."""
+
+    bad: list[str] = Field(examples=[["hokuyo"]])
+    good: list[str] = Field(examples=[["jaguar", "imu"]])
+    probability: float | None = None
+    modes: dict[str, str] = Field({})
+    text: str = Field(examples=["hokuyo is abnormal"])
+
+
+class ConflictOut(Out):
+    """Components that cannot all be healthy, given these observations."""
+
+    components: list[str]
+    observations: list[str]
+    rules: list[str]
+    text: str
+
+
+class ResultOut(Out):
+    """The answer of an engine. One empty diagnosis means healthy."""
+
+    diagnoses: list[DiagnosisOut]
+    complete: bool
+    stopped_by: Literal["limit", "size", "time"] | None
+    conflicts: list[ConflictOut]
+    elapsed_s: float
+    unused: list[str] = Field(default=[], description="observations that no rule mentions")
+    count: int | None = None
+    cleared: dict[str, str] = Field(default={}, description="healthy suspect -> why it is cleared")
+    learned: dict[str, str] = Field(default={}, description="observation -> whom it raises suspicion of")
+
+
+class FaultOut(Out):
+    """Why there is no result for these observations."""
+
+    code: str
+    detail: str
+
+
+class CurrentDiagnosis(Out):
+    """The diagnosis of a robot's OBS at `revision`."""
+
+    robot: str
+    revision: int
+    model_version: str | None
+    time_ns: int | None
+    result: ResultOut | None = Field(
+        description="null: there is none; `fault` says why, or nothing was diagnosed yet"
+    )
+    fault: FaultOut | None = None
+    expected_stopped: list[str] = Field(
+        default=[], description="nodes that are meant to be stopped: that they do not run is no fault here"
+    )
+
+
+class AskBody(In):
+    """A stateless diagnosis: model and observations in, result out."""
+
+    model: ModelName | None = Field(default=None, description="a stored model; or `source`")
+    source: str | None = Field(
+        default=None, min_length=1, max_length=64 << 20, description="a model's text; or `model`"
+    )
+    observations: list[Sentence] = Field(default=[], max_length=10_000, examples=[["not ok(scan)"]])
+    healthy: list[Component] = Field(
+        default=[], max_length=10_000, description="what if these were healthy …"
+    )
+    abnormal: list[Component] = Field(default=[], max_length=10_000, description="… and these abnormal?")
+    options: DiagnosisOptionsBody = Field(default_factory=DiagnosisOptionsBody)
+
+
+class ProbeOut(Out):
+    """An observation worth making next."""
+
+    atom: str = Field(examples=["ok(map)"])
+    gain_bits: float = Field(description="expected information")
+    cost_s: float
+    if_true: list[list[str]] = Field(description="the diagnoses that predict true …")
+    if_false: list[list[str]] = Field(description="… and false; the others allow both")
+
+
+class ProbesOut(Out):
+    """What to look at next, best first."""
+
+    revision: int
+    probes: list[ProbeOut]
+    entropy_bits: float = Field(description="how uncertain the diagnosis is; no probe can tell more")
+    complete: bool = Field(description="every observable and every diagnosis found was considered")
+    reason: str | None = Field(description="why no probe can discriminate")

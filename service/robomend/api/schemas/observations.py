@@ -1,0 +1,81 @@
+"""What was observed, and OBS."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field
+
+from robomend.api.schemas.base import In, Nanoseconds, Out, Sentence
+
+
+class ObservationsBody(In):
+    """One batch of sentences, observed by one source at one time."""
+
+    observations: list[Sentence] = Field(
+        default=[], max_length=10_000, examples=[["not ok(scan)", "on(hokuyo)"]]
+    )
+    assertions: dict[Annotated[str, Field(min_length=1, max_length=200)], Sentence] = Field(
+        default={}, max_length=1000, description="named sentences, kept until they are withdrawn"
+    )
+    time: Nanoseconds | None = Field(default=None, description="nanoseconds since the epoch; null: now")
+    source: str = Field(default="http", min_length=1, max_length=200, examples=["general_observer"])
+    lifetime_s: float | None = Field(
+        default=None, gt=0, le=10 * 365 * 86400, description="after it the literals are unknown"
+    )
+    together: bool = Field(
+        default=True, description="false: keep the good sentences of the batch, report the rest"
+    )
+
+
+class RefusedSentence(Out):
+    """A sentence that was not kept, and why."""
+
+    sentence: str
+    position: int
+    message: str
+
+
+class Accepted(Out):
+    """What became of a batch. `changed` are the literals that OBS now holds anew."""
+
+    revision: int
+    changed: list[str]
+    refused: list[RefusedSentence] = Field([])
+
+
+class Ingested(Out):
+    """What became of an NDJSON stream."""
+
+    revision: int
+    lines: int
+    accepted: int
+
+
+class ObservedLiteral(Out):
+    """One literal of OBS."""
+
+    literal: str = Field(examples=["not ok(scan)"])
+    source: str
+    time_ns: int
+    expires_ns: int | None = None
+    fresh: bool = Field(description="false: it has outlived its lifetime and is unknown")
+    used: bool = Field(description="false: no rule of the model mentions it")
+
+
+class AssertionOut(Out):
+    """A named sentence of OBS."""
+
+    name: str
+    sentence: str
+    source: str
+    time_ns: int
+    expires_ns: int | None = None
+
+
+class ObsOut(Out):
+    """OBS now."""
+
+    revision: int
+    observations: list[ObservedLiteral]
+    assertions: list[AssertionOut]

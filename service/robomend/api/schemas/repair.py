@@ -1,0 +1,127 @@
+"""Plans, repairs, the agent's side of them, and the power board."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from robomend.api.schemas.base import Component, In, ModelName, Out, Reason, Sentence
+from robomend.api.schemas.robots import ExpectedBody
+
+
+class PlanBody(In):
+    """Plan without acting."""
+
+    bad: list[Component] | None = Field(
+        default=None, max_length=10_000, description="null: choose among the diagnoses"
+    )
+    planner: str | None = Field(default=None, max_length=64)
+    timeout_s: float = Field(default=10.0, gt=0, le=600)
+    pddl: bool = Field(default=False, description="include domain and problem")
+
+
+class OneShotPlanBody(In):
+    """A stateless plan: model, observations and what is bad in, plan out."""
+
+    model: ModelName | None = None
+    source: str | None = Field(default=None, min_length=1, max_length=64 << 20)
+    observations: list[Sentence] = Field(default=[], max_length=10_000)
+    bad: list[Component] | None = Field(
+        default=None, max_length=10_000, description="null: the first diagnosis"
+    )
+    expected: ExpectedBody = Field(default_factory=ExpectedBody)
+    planner: str = Field(default="pyperplan", max_length=64)
+    timeout_s: float = Field(default=10.0, gt=0, le=600)
+    pddl: bool = False
+
+
+class RepairBody(In):
+    """Ask for a repair."""
+
+    bad: list[Component] | None = Field(
+        default=None, max_length=10_000, description="null: choose among the diagnoses"
+    )
+    reason: Reason = ""
+
+
+class DecisionBody(In):
+    """Decide on a repair."""
+
+    decision: Literal["approve", "cancel"]
+    reason: Reason = ""
+
+
+class ReasonBody(In):
+    """Why; it goes to the audit log."""
+
+    reason: Reason = ""
+
+
+class ChannelBody(In):
+    """Switch a channel."""
+
+    on: bool
+    reason: Reason = ""
+
+
+class FeedbackBody(In):
+    """How far an action is."""
+
+    code: int = Field(ge=-(2**31), le=2**31 - 1)
+    message: str = Field(default="", max_length=4000)
+
+
+class ActionResultBody(In):
+    """The end of an action; 0 is success (the paper's integer result)."""
+
+    code: int = Field(ge=-(2**31), le=2**31 - 1, examples=[0])
+    message: str = Field(default="", max_length=4000)
+
+
+class ActionOut(Out):
+    """What an agent is asked to do; `id` is the same when it is asked again."""
+
+    id: str = Field(examples=["r-7k2m9x4q:2"])
+    name: str = Field(examples=["start_node"])
+    parameters: list[str] = Field(examples=[["jaguar_node"]])
+    timeout_s: float
+    host: str | None = None
+
+
+class FirstResult(Out):
+    """The result that counts: that of the first report."""
+
+    code: int
+    message: str
+
+
+class StopOut(Out):
+    """The global stop."""
+
+    active: bool
+    by: str | None = None
+    reason: str = ""
+    since_ns: int | None = None
+
+
+class ChannelOut(Out):
+    """A channel of the power board; null is unknown."""
+
+    channel: int
+    component: str | None
+    on: bool | None
+    current_a: float | None
+    voltage_v: float | None
+    protected: bool
+
+
+class BoardOut(Out):
+    """The robot's power board."""
+
+    host: str
+    port: int
+    state: str = Field(examples=["connected"])
+    reason: str
+    time_ns: int
+    channels: list[ChannelOut]
