@@ -85,12 +85,16 @@ class ControlPort:
 
     async def _answer(self, line: bytes) -> dict[str, Any]:
         try:
-            request = json.loads(line)
-            kinds = [kind for kind in REQUESTS if isinstance(request, dict) and kind in request]
-            if len(kinds) != 1:
-                raise FaultError(f"a request is an object with one of the keys {', '.join(REQUESTS)}")
+            request = json.loads(line.decode("utf-8"))
+        except (ValueError, RecursionError):  # no UTF-8, no JSON, or nested too deep
+            request = None
+        kinds = [kind for kind in REQUESTS if isinstance(request, dict) and kind in request]
+        if len(kinds) != 1:
+            expected = f"a request is a JSON object with one of the keys {', '.join(REQUESTS)}"
+            return {"ok": False, "error": expected}
+        try:
             return {"ok": True, **await self._do(kinds[0], request)}
-        except (ValueError, RecursionError) as error:  # not JSON, or a FaultError
+        except FaultError as error:
             return {"ok": False, "error": str(error)}
         except OSError as error:
             return {"ok": False, "error": f"port {self._emulator.port} cannot be opened again: {error}"}

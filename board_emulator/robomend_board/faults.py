@@ -7,7 +7,6 @@ robomend_board.server, a test that shows it, and a row in docs/board.md.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -111,7 +110,9 @@ def parse_fault(request: Mapping[str, Any], channels: int) -> Fault:
 
 def parse_channel(request: Mapping[str, Any], channels: int) -> int:
     """Return the request's channel; FaultError if the board has no such one."""
-    channel = request.get("channel")
+    if "channel" not in request:
+        raise FaultError(f"channel is missing; the board has 0 to {channels - 1}")
+    channel = request["channel"]
     if isinstance(channel, bool) or not isinstance(channel, int) or not 0 <= channel < channels:
         raise FaultError(f"channel is {channel!r}; the board has 0 to {channels - 1}")
     return channel
@@ -120,7 +121,7 @@ def parse_channel(request: Mapping[str, Any], channels: int) -> int:
 def _number(name: str, value: Any, rule: Parameter) -> float:
     if value is None:
         return rule.default
-    number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    number = isinstance(value, int | float) and not isinstance(value, bool)
     if not number or not rule.least <= value <= rule.most or (rule.whole and value != int(value)):
         kind = "a whole number" if rule.whole else "a number"
         raise FaultError(f"{name} is {value!r}; it is {kind} from {rule.least:g} to {rule.most:g}")

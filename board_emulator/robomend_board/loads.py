@@ -97,7 +97,9 @@ def read_rig(path: Path, channels: int) -> Rig:
     """
     try:
         document = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+    except OSError as error:
+        raise LoadsError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except (UnicodeDecodeError, yaml.YAMLError, RecursionError) as error:
         raise LoadsError(f"{path}: {error}") from error
     if not isinstance(document, dict) or not set(document) <= {"supply", "channels"}:
         raise LoadsError(f"{path}: expected a mapping with the keys supply and channels")

@@ -87,9 +87,13 @@ def main(
     closed = on if kept is None else [number for number, relay in enumerate(kept) if relay]
     board = Board(rig, closed, seed)
     keep: Callable[[tuple[bool, ...]], None] = partial(write_relays, state) if state else _keep_nothing
-    try:
-        if kept is None:
+    if state is not None and kept is None:
+        try:
             keep(board.relays())
+        except OSError as error:
+            click.echo(f"robomend-board: {state}: cannot be written: {error.strerror or error}", err=True)
+            sys.exit(FAILED)
+    try:
         if control_port is None:
             control_port = port + 1 if 0 < port < 65535 else 0
         asyncio.run(_serve(board, keep, host, port, control_port, max_clients, seed, end_with_parent))

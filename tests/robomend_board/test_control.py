@@ -81,8 +81,9 @@ def test_a_relay_that_sticks_cannot_be_set_either(control: Control) -> None:
 @pytest.mark.parametrize(
     ("line", "says"),
     [
-        ("hello", "Expecting value"),
-        ("[" * 5000, ""),
+        ("hello", "a JSON object with one of the keys fault, clear, set, status, watch"),
+        ("\x00h\x00i", "a JSON object with one of the keys"),  # json would take it for UTF-16
+        ("[" * 5000, "a JSON object with one of the keys"),
         ("7", "one of the keys fault, clear, set, status, watch"),
         ("{}", "one of the keys"),
         ('{"status": true, "watch": true}', "one of the keys"),

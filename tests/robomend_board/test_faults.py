@@ -25,7 +25,7 @@ def test_every_fault_can_be_asked_for_with_its_defaults(name: str) -> None:
     [
         ({"fault": "gremlins"}, "there are stuck, open"),
         ({"fault": ["stuck"]}, "there are stuck, open"),
-        ({"fault": "stuck"}, "0 to 9"),
+        ({"fault": "stuck"}, "channel is missing; the board has 0 to 9"),
         ({"fault": "stuck", "channel": 10}, "0 to 9"),
         ({"fault": "stuck", "channel": -1}, "0 to 9"),
         ({"fault": "stuck", "channel": True}, "0 to 9"),
@@ -34,6 +34,7 @@ def test_every_fault_can_be_asked_for_with_its_defaults(name: str) -> None:
         ({"fault": "open", "channel": 7, "at": "on"}, "it takes channel"),
         ({"fault": "late", "delay_s": -1}, "from 0 to 60"),
         ({"fault": "late", "delay_s": float("nan")}, "from 0 to 60"),
+        ({"fault": "late", "delay_s": 10**400}, "from 0 to 60"),
         ({"fault": "late", "delay_s": "long"}, "from 0 to 60"),
         ({"fault": "late", "channel": 7}, "it takes delay_s"),
         ({"fault": "split", "size": 1.5}, "a whole number"),

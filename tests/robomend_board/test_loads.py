@@ -74,5 +74,5 @@ def test_a_wrong_file_is_refused_with_the_place(tmp_path: Path, text: str, says:
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(LoadsError, match=r"none\.yaml"):
+    with pytest.raises(LoadsError, match=r"none\.yaml: cannot be read: No such file"):
         read_rig(tmp_path / "none.yaml", 3)

@@ -178,7 +178,7 @@ def test_a_port_that_is_taken_ends_with_3() -> None:
 def test_a_state_file_that_cannot_be_written_ends_with_3(tmp_path: Path) -> None:
     ended = board("--port", "0", "--control-port", "0", "--state", str(tmp_path / "missing" / "state"))
     assert ended.returncode == 3
-    assert "missing" in ended.stderr
+    assert ended.stderr.endswith("missing/state: cannot be written: No such file or directory\n")
 
 
 # --- the control command -------------------------------------------------------------------------------
