@@ -43,7 +43,7 @@ class ServiceProcess:
             stderr=asyncio.subprocess.DEVNULL,
         )
         assert self.process.stdout is not None
-        async with asyncio.timeout(30):
+        async with asyncio.timeout(120):
             line = await self.process.stdout.readline()
         assert line, "the service did not start"
         self.url = json.loads(line)["url"]
@@ -60,7 +60,7 @@ class ServiceProcess:
     async def _end(self, how: signal.Signals) -> None:
         if self.process is not None and self.process.returncode is None:
             self.process.send_signal(how)
-            async with asyncio.timeout(20):
+            async with asyncio.timeout(60):
                 await self.process.wait()
         client, self.client = self.client, None  # first, so that nobody uses one that is being closed
         if client is not None:
@@ -201,7 +201,7 @@ async def remote_robot(running: list[ServiceProcess], **changes: Any) -> AsyncIt
 async def latest(
     running: list[ServiceProcess],
     wanted: Callable[[dict[str, Any]], bool],
-    timeout_s: float = 40.0,
+    timeout_s: float = 120.0,
     robot: str = "r1",
 ) -> dict[str, Any]:
     """Return the robot's latest repair as soon as it is as wanted."""

@@ -181,7 +181,7 @@ async def running(robot: Robot) -> AsyncIterator[Robot]:
         await asyncio.wait(tasks)
 
 
-async def the_repair(runtime: Runtime, *, ended: bool = True, timeout_s: float = 20.0) -> dict[str, Any]:
+async def the_repair(runtime: Runtime, *, ended: bool = True, timeout_s: float = 60.0) -> dict[str, Any]:
     """Return the robot's latest repair, once it has ended (or awaits approval)."""
     async with asyncio.timeout(timeout_s):
         while True:

@@ -47,7 +47,7 @@ async def test_a_start_under_way_is_given_up_and_done_once_when_it_is_wanted_aga
         return [int(line) for line in file.read_text().split()] if file.exists() else []
 
     async def until(seen: Callable[[], object]) -> None:
-        async with asyncio.timeout(30):
+        async with asyncio.timeout(120):
             while not seen():
                 await asyncio.sleep(0.02)
 

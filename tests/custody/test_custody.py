@@ -28,6 +28,46 @@ async def test_a_device_that_lost_power_is_repaired_in_one_plan(tmp_path: Path) 
     assert len(repair["rounds"]) == 1
 
 
+async def test_silence_that_the_model_blames_nobody_for_is_told_at_the_end(tmp_path: Path) -> None:
+    """Topics that wait for each other may be silent on a healthy robot; a person should know about it."""
+    model = """
+    robomend: 1
+    nodes:
+      camera: {publishes: {image: []}}
+      slam: {publishes: {map: [pose, image]}}
+      localizer: {publishes: {pose: [map]}}
+    """
+
+    class Circular(Robot):
+        def sentences(self) -> list[str]:
+            said = [
+                f"running({node})" if runs else f"not running({node})" for node, runs in self.running.items()
+            ]
+            return [
+                *said,
+                "ok(image)" if self.running["camera"] else "not ok(image)",
+                "not ok(map)",
+                "not ok(pose)",
+            ]
+
+        def do(self, name: str, parameter: str) -> None:
+            self.running[parameter] = name == "start_node"
+
+    async with service(tmp_path) as runtime:
+        await runtime.fleet.models.put("circular", model, format=None, expected=None, by="test")
+        nodes = dict.fromkeys(("camera", "slam", "localizer"), True)
+        observed = [f"running({node})" for node in nodes] + ["ok(image)", "ok(map)", "ok(pose)"]
+        config = {**CONFIG, "model": "circular", "observed": observed}
+        await runtime.fleet.put_robot("r1", config, expected=None, by="test")
+        async with running(Circular(runtime.repairs, runtime.fleet, running=nodes | {"camera": False})):
+            repair = await the_repair(runtime)
+    assert (repair["state"], repair["reason"]) == (
+        "repaired",
+        "every observation is what a healthy robot would show; "
+        "not ok(map), not ok(pose): still seen, and the model blames nobody for it",
+    )
+
+
 async def test_everything_off_is_powered_up_in_one_plan(tmp_path: Path) -> None:
     async with service(tmp_path) as runtime, robot_on(runtime, policy="approve") as robot:
         robot.on = dict.fromkeys(robot.on, False)
@@ -106,12 +146,14 @@ async def test_a_release_counts_although_the_service_ended_before_the_next_try(t
         await runtime.repairs.stop(by="ann", reason="the relay is being replaced")
         await runtime.repairs.release("r1", "base", by="ann", reason="relay replaced")
         await asyncio.sleep(0.2)  # the release has reached the keeper
-    async with service(tmp_path) as runtime:
-        async with running(Robot(runtime.repairs, runtime.fleet, on=robot.on, connected=robot.connected)):
-            await asyncio.sleep(0.5)
-            await runtime.repairs.resume(by="ann", reason="done")
-            while (second := await the_repair(runtime))["id"] == first["id"]:
-                await asyncio.sleep(0.02)
+    async with (
+        service(tmp_path) as runtime,
+        running(Robot(runtime.repairs, runtime.fleet, on=robot.on, connected=robot.connected)),
+    ):
+        await asyncio.sleep(0.5)
+        await runtime.repairs.resume(by="ann", reason="done")
+        while (second := await the_repair(runtime))["id"] == first["id"]:
+            await asyncio.sleep(0.02)
     assert second["state"] == "repaired"
 
 
@@ -207,6 +249,29 @@ async def test_observations_that_stop_stop_the_repair(tmp_path: Path) -> None:
     assert repair["state"] == "escalated"
     assert repair["reason"].startswith("nobody reported ok(odom) within 3 s")
     assert robot.done == []
+
+
+async def test_observers_that_fall_silent_under_way_are_named_and_not_the_component(tmp_path: Path) -> None:
+    async def silences(robot: Robot, name: str, parameter: str) -> int | None:
+        robot.silent = True
+        await asyncio.sleep(1.0)  # what was on its way has arrived
+        return None
+
+    async with service(tmp_path) as runtime, robot_on(runtime, observed_timeout_s=2.0) as robot:
+        robot.spoil = silences
+        await asyncio.sleep(0.2)
+        robot.cut("base")
+        repair = await the_repair(runtime)
+        quarantined = await runtime.repairs.quarantined("r1")
+        attempts = await runtime.store.read(lambda view: view.tried("r1"))
+    assert repair["state"] == "escalated"
+    assert repair["reason"] == (
+        "power_up(base) answered 'done', but on(base) was not seen within 1 s, and nobody reported on(base) "
+        "since: look whether the observers still work"
+    )
+    assert [one["ending"] for one in repair["rounds"]] == ["stale"]
+    assert robot.done == ["power_up(base)"]
+    assert (quarantined, attempts) == ({}, ())
 
 
 async def test_the_wrong_component_repaired_first_is_followed_by_the_right_one(tmp_path: Path) -> None:

@@ -182,7 +182,7 @@ async def test_no_answer_is_asked_about_although_the_service_is_killed_while_oth
         await running[0].kill()
         await running[0].start()
         robot.spoil = None
-        asked = await latest(running, awaits, timeout_s=60)
+        asked = await latest(running, awaits)
     assert "recalibrate(base_node)" in asked["reason"]
     assert "must not be done twice" in asked["reason"]
 

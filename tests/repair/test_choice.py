@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import permutations
 
 from hypothesis import given
@@ -75,6 +76,33 @@ def test_a_repair_whose_effect_was_never_seen_may_be_tried_again() -> None:
     seen = weights([one.diagnosis for one in candidates], [tried("jaguar", seen=True)])
     unseen = weights([one.diagnosis for one in candidates], [tried("jaguar", seen=False)])
     assert seen[0] < unseen[0] < 0.5
+
+
+def test_another_way_comes_before_the_same_that_did_not_help() -> None:
+    """A restart for 4 was done in vain; the spare for 44 is next, not the restart once more."""
+    spare = candidate("gps", 44, repairs="gps driver")
+    restart = candidate("driver", 4)
+    history = [
+        replace(tried("driver"), actions=("mend(driver)",)),
+        replace(tried("gps", repaired="gps driver"), actions=("cycle(gps)", "mend(driver)")),
+    ]
+    assert choose([restart, spare]).plan is restart.plan
+    assert choose([restart, spare], history).plan is spare.plan
+    assert choose([restart], history).plan is restart.plan  # where nothing else is left, once more
+
+
+def test_what_was_done_in_vain_is_not_repeated_when_it_hardly_helps_any_more() -> None:
+    """The device is in quarantine; the driver was restarted twice, each time with its effect seen."""
+    device = Candidate(Diagnosis(("imu",)), replace(plan(0), excluded=("imu",)))
+    driver = candidate("driver", 4)
+    once = [replace(tried("driver"), actions=("mend(driver)",))]
+    assert choose([device, driver], once).plan is driver.plan
+    assert choose([driver], once * 2).plan is driver.plan
+    assert choose([device, driver], once * 2).plan is None
+    assert choose([device, driver], once * 2).reason == (
+        "no known repair: driver was repaired before, and it did not help; "
+        "imu left alone for a while, as its repairs keep failing"
+    )
 
 
 def test_a_restart_that_came_with_the_power_cycle_counts_against_the_driver_too() -> None:

@@ -115,7 +115,7 @@ def test_several_diagnoses_are_planned_in_one_call(pool: PlannerPool) -> None:
     wanted = [["jaguar"], ["jaguar_node"], ["imu"]]
     plans = pool.plans_now(TEDUSAR, [], wanted, PlanOptions())
     assert [found.cost for found in plans] == [29, 4, 0]
-    assert plans[2].unreachable == ("imu: no known action makes it good",)
+    assert plans[2].unreachable == ("imu: no known action makes it good (it has no power channel)",)
 
 
 def test_what_is_wrong_with_the_input_comes_back_as_such(pool: PlannerPool) -> None:

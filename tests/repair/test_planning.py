@@ -103,7 +103,7 @@ def test_what_nobody_observed_of_a_bad_component_is_assumed_and_said() -> None:
 def test_unreachable_goals_are_named_and_the_rest_is_planned(planner: str) -> None:
     plan = plan_for(TEDUSAR, [], ["imu", "rviz"], PlanOptions(planner=planner))
     assert plan.outcome is Outcome.UNSOLVABLE
-    assert plan.unreachable == ("imu: no known action makes it good",)
+    assert plan.unreachable == ("imu: no known action makes it good (it has no power channel)",)
     assert texts(plan) == ["stop_node(rviz)", "start_node(rviz)"]
 
 

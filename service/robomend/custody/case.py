@@ -87,6 +87,7 @@ class RobotCase:
         self.rounds = max(1, self._policy.rounds - len(book.data.get("rounds", ())))
         self._sight = LiveSight(fleet, state)
         self._components = frozenset(state.system.cnf.components)
+        self._settled = 0  # the revision of OBS when the last action had answered
         self._first = 0  # number of the present round's first step within the repair
         self._attempts: Counter[str] = Counter()  # actions by component in the last hour
 
@@ -243,6 +244,7 @@ class RobotCase:
     def setting(self, plan: Plan) -> Setting:
         """Return what the execution of this plan needs."""
         _, system, _ = self._state.question()
+        once = self._chooser.not_idempotent(self._state)
 
         async def permit(step: Step) -> str | None:
             return self._policy.refusal(step, self._attempts, self._components)
@@ -260,8 +262,8 @@ class RobotCase:
             permit=permit,
             halt=self._signals.halt,
             observed=self._hearing.observed,
-            timing={name: _timing(value) for name, value in self._state.config.actions.items()},
-            not_idempotent=self._chooser.not_idempotent(self._state),
+            timing=_timings(self._state.config.actions, once),
+            not_idempotent=once,
             report=report,
         )
 
@@ -272,6 +274,7 @@ class RobotCase:
 
     async def settle(self, action: Action, result: ActionResult, report: StepReport) -> None:
         """Write an outcome (robomend.repair.execution_values.Journal)."""
+        self._settled = self._sight.revision
         await self._book.settle(action, result, report)
 
     # --- look, remember
@@ -279,6 +282,8 @@ class RobotCase:
     async def look(self, choice: Choice, execution: Execution) -> DiagnosisResult:
         """Return the diagnosis of what came after: at once when it is clear, else when OBS had its time."""
         assert choice.diagnosis is not None
+        if execution.ending is Ending.EFFECT_MISSING:
+            await self._hear_the_missing(execution)
         done = execution.ending is Ending.DONE
         timing = Timing()
         deadline = time.monotonic() + (timing.effect_timeout_s if done else timing.hold_s)
@@ -293,6 +298,20 @@ class RobotCase:
             if result.healthy or (done and helped) or time.monotonic() >= deadline:
                 return result
             await self._unless_halted(self._sight.changed(revision, LOOK_S))
+
+    async def _hear_the_missing(self, execution: Execution) -> None:
+        """An effect that nobody could tell us of says nothing of the robot: Silent, unless they speak."""
+        missing = [literal.atom for report in execution.steps for literal in report.missing]
+        deadline = time.monotonic() + self._state.config.observed_timeout_s
+        while silent := await self._hearing.silent_since(missing, self._settled):
+            if time.monotonic() >= deadline:
+                why = (
+                    f"{execution.reason}, and nobody reported {', '.join(map(str, silent))} "
+                    "since: look whether the observers still work"
+                )
+                await self._book.end_round(str(Ending.STALE), why, helped=False)
+                raise Silent(why)
+            await self._unless_halted(self._sight.changed(self._sight.revision, LOOK_S))
 
     async def remember(self, choice: Choice, execution: Execution, *, helped: bool) -> None:
         """Keep the attempt; components whose repairs keep failing go into quarantine."""
@@ -364,14 +383,20 @@ class NotPermitted(RobomendError):
     code = "not-permitted"
 
 
-def _timing(value: Mapping[str, object]) -> Timing:
-    given = {
-        name: value[key]
-        for name, key in (
-            ("action_timeout_s", "timeout_s"),
-            ("effect_timeout_s", "effect_timeout_s"),
-            ("retries", "retries"),
-        )
-        if value.get(key) is not None
+def _timings(configured: Mapping[str, Mapping[str, object]], once: Collection[str]) -> dict[str, Timing]:
+    """Return action name -> its bounds; what must not be repeated is retried only if that is configured."""
+    careful = {name: {"retries": 0} for name in once}
+    return {
+        name: _timing({**careful.get(name, {}), **_given(configured.get(name, {}))})
+        for name in {*configured, *once}
     }
+
+
+def _given(value: Mapping[str, object]) -> dict[str, object]:
+    return {key: one for key, one in value.items() if one is not None}
+
+
+def _timing(value: Mapping[str, object]) -> Timing:
+    names = {"timeout_s": "action_timeout_s", "effect_timeout_s": "effect_timeout_s", "retries": "retries"}
+    given = {name: value[key] for key, name in names.items() if key in value}
     return Timing(**given)  # type: ignore[arg-type]  # checked by the wire model

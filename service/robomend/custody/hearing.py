@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import partial
 
 from robomend.fleet.boards import SOURCE
@@ -72,21 +73,37 @@ class Hearing:
         entry = self._state.obs.get(atom)
         return None if entry is None else entry.source
 
+    async def silent_since(self, atoms: Iterable[Atom], since: int) -> list[Atom]:
+        """Return those of the configured atoms whose observer has said nothing since a revision of OBS.
+
+        An observer that speaks of other things is alive. A board's link knows when it is not.
+        """
+        asked = {atom: self._source(atom) for atom in atoms if atom in self.observed}
+        asked = {atom: source for atom, source in asked.items() if source not in {None, SOURCE}}
+        if not asked:
+            return []
+        spoke = {entry.source for batch in await self._batches_after(since) for entry in batch.entries}
+        return sorted(atom for atom, source in asked.items() if source not in spoke)
+
     async def _hear_since(self) -> None:
         """Note what was reported since the crash, to any instance, also where it only said the same again.
 
         By revision, not by time: a robot's clock may be an hour off.
         """
-        last = newest = self._since
+        new = await self._batches_after(self._since)
+        self._heard.update(atom for batch in new for atom in _atoms(batch))
+        self._since = max([self._since, *(batch.revision for batch in new)])
+
+    async def _batches_after(self, revision: int) -> list[Accepted]:
+        found: list[Accepted] = []
         paging: Paging | None = Paging(limit=200)
         while paging is not None:
             page = await self._store.read(partial(_history, self._state.id, paging))
-            new = [batch for batch in page.items if batch.revision > last]
-            self._heard.update(atom for batch in new for atom in _atoms(batch))
-            newest = max([newest, *(batch.revision for batch in new)])
+            new = [batch for batch in page.items if batch.revision > revision]
+            found += new
             more = page.next is not None and len(new) == len(page.items)
             paging = Paging(page.next, 200) if more else None
-        self._since = newest
+        return found
 
 
 def _history(robot: str, paging: Paging, view: View) -> Page[Accepted]:

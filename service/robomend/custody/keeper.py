@@ -15,7 +15,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -24,14 +23,21 @@ import structlog
 
 from robomend.custody.case import Declined, Halted, NotPermitted, Overtaken, RobotCase, Silent
 from robomend.custody.choosing import Chooser
+from robomend.custody.conclusions import (
+    Situation,
+    conclusion,
+    in_doubt,
+    is_healthy,
+    nobodys_fault,
+    situation_of,
+)
 from robomend.custody.reentry import Reentry, open_question
 from robomend.custody.signals import Signals
-from robomend.cycle import Turn, Verdict, mend
+from robomend.cycle import mend
 from robomend.errors import NotFound, Refused, RobomendError, StoreError
 from robomend.fleet.fleet import Fleet
 from robomend.fleet.robot_state import RobotState
 from robomend.repair.book import LOOP, Book, Json, repair_json
-from robomend.repair.execution_values import Ending
 from robomend.repair.executors.agent import AgentExecutor, AgentQueue
 from robomend.repair.executors.board import BoardExecutor
 from robomend.repair.executors.configured import executors
@@ -48,9 +54,6 @@ IDLE_S = 30.0
 
 RETRY_S = 1.0
 """After a failure of the store or of a worker."""
-
-Situation = frozenset[tuple[str, ...]]
-"""The diagnoses' bad sets: what a repair gave up on is not tried again until they change."""
 
 
 @dataclass
@@ -239,6 +242,8 @@ class Keeper:
                 last = await mend(await self._case(state, book, heard_since))
             situation = situation_of(state)
             outcome, reason = conclusion(last, signals, book.data)
+            if outcome == "repaired":
+                reason += nobodys_fault(state)
         except Halted as how:
             outcome, reason = "cancelled", signals.reason
             declined = isinstance(how, Declined)
@@ -379,54 +384,3 @@ def reconsidered(view: View, ended: Repair) -> bool:
 
 def _answer(request: int, fence: Fence, tx: Transaction) -> None:
     tx.answer(request, fence=fence)
-
-
-def is_healthy(state: RobotState) -> bool:
-    """Return whether the present diagnosis says that all is well; False where there is none."""
-    result = None if state.current is None else state.current.result
-    return result is not None and any(not diagnosis["bad"] for diagnosis in result["diagnoses"])
-
-
-def situation_of(state: RobotState) -> Situation | None:
-    """Return the bad sets of the present diagnoses; None when healthy, or not diagnosed."""
-    result = None if state.current is None else state.current.result
-    if result is None:
-        return None
-    bads = frozenset(tuple(diagnosis["bad"]) for diagnosis in result["diagnoses"])
-    return None if () in bads or not bads else bads
-
-
-def in_doubt(last: Turn) -> str | None:
-    """Return why a person must look: what must not be repeated was sent, and nobody knows if it acted."""
-    done = last.execution
-    if last.verdict is not Verdict.ASK or done is None or done.ending is not Ending.UNKNOWN_OUTCOME:
-        return None
-    return done.reason
-
-
-def conclusion(last: Turn, signals: Signals, written: Json) -> tuple[str, str]:
-    """Return the final state of a repair and the reason, from its last turn and what is written of it."""
-    rounds = [one for one in written.get("rounds", ()) if one.get("reason") and not one.get("helped")]
-    why = last.execution.reason if last.execution is not None else ""
-    match last.verdict:
-        case Verdict.HEALTHY:
-            return "repaired", "every observation is what a healthy robot would show"
-        case Verdict.HALTED | Verdict.NOT_APPROVED:
-            return "cancelled", signals.reason or why or "cancelled"
-        case Verdict.NOTHING_TO_TRY:
-            assert last.choice is not None
-            return "escalated", f"{_tried(rounds)}{last.choice.reason}"
-        case Verdict.ASK:
-            return "escalated", why
-        case _:
-            return "escalated", (
-                f"{_tried(rounds)}that is as many plans as one repair may try (limits.rounds), and the robot "
-                f"is not healthy{': ' + why if not rounds else ''}"
-            )
-
-
-def _tried(rounds: Sequence[Json]) -> str:
-    """Return what the rounds that did not help came to: each end once, with how often, the last one first."""
-    counts = Counter(one["reason"] for one in reversed(rounds))
-    told = [f"{reason} ({count} times)" if count > 1 else str(reason) for reason, count in counts.items()]
-    return "".join(f"{one}; " for one in told)

@@ -25,11 +25,12 @@ from robomend.custody.signals import Signals
 from robomend.errors import NotFound
 from robomend.fleet.robot_state import RobotState
 from robomend.repair.book import LOOP, Book
-from robomend.repair.execution_values import MAY_HAVE_ACTED
+from robomend.repair.execution_values import MAY_HAVE_ACTED, StepState
 from robomend.repair.executors.agent import AgentQueue
 from robomend.store.interface import Store, Transaction, View
 from robomend.store.records import AuditEntry, Fence, Intent, Paging
-from robomend_client.actions import TIMED_OUT
+from robomend_client.actions import OK, TIMED_OUT
+from robomend_client.events import Kind
 
 RETRY_S = 1.0
 """An event wakes us; this is for one that was lost."""
@@ -172,9 +173,16 @@ class LeftOpen:
         return look_first(f"{doubt} was cut off ({why}), and must not be done twice") if doubt else None
 
     def settle(self, tx: Transaction) -> None:
-        """Write the outcomes."""
+        """Write the outcomes, also into the steps, which nobody reports on any more."""
         for intent, code, message in self.fates:
             tx.settle(intent.id, code, message, fence=self.fence)
+            for step in tx.steps(intent.repair):
+                if step.step == intent.step and step.data.get("id") == intent.id:
+                    state = str(StepState.DONE if code == OK else StepState.FAILED)
+                    told = {"state": state, "result": code, "message": message}
+                    data = {**step.data, **told, "ended_ns": tx.now_ns}
+                    tx.put_step(intent.repair, intent.step, state=state, data=data, fence=self.fence)
+                    tx.emit(Kind.ACTION, intent.robot, {"repair": intent.repair, **data})
             text = intent_text(intent)
             tx.note(AuditEntry(LOOP, "action.result", text, intent.robot, message, after={"result": code}))
 

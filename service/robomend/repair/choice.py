@@ -8,7 +8,8 @@ and cost c(i), the expected cost Σ c(i) · P(none before i helped) is least in 
                             lowered by each repair of it that did not help: much when its effect was seen
                             (the power is back and still nothing: it was not that), little when it was not
     p(plan)                 weight of all diagnoses whose components the plan repairs: a power cycle that
-                            restarts the driver helps against a bad device and against a bad driver
+                            restarts the driver helps against a bad device and against a bad driver; lowered
+                            for a plan that was carried out before, with its effects seen, and did not help
     common part             components that every leading diagnosis blames are repaired first, by
                             themselves, if what is saved when the first full repair is wrong exceeds the
                             cost of one more look
@@ -65,6 +66,7 @@ class Patience:
     memory_s: float = 3600.0  # how long an attempt lowers its diagnosis
     look_cost: float = 2.0  # of one more round of repair and diagnosis
     person_cost: float = 300.0  # when every repair failed and somebody must come
+    least_help: float = 0.001  # what was done in vain is not repeated below this probability of helping
     attempts: int = 3  # failures in a row until quarantine
     backoff_s: float = 300.0  # the first quarantine; doubled by each further failure …
     max_backoff_s: float = 86_400.0  # … up to this
@@ -190,15 +192,17 @@ def choose(
         now_ns: the time, on the clock of `Tried.time_ns`.
     """
     chances = weights([one.diagnosis for one in candidates], tried, now_ns=now_ns, patience=patience)
+    oldest = now_ns - int(patience.memory_s * S_TO_NS)
+    recent = [one for one in tried if one.time_ns >= oldest]
     weighed = [
-        _weigh(one, chance, candidates, chances, tried)
+        _weigh(one, chance, candidates, chances, recent, patience)
         for one, chance in zip(candidates, chances, strict=True)
     ]
     ranked = sorted(weighed, key=lambda one: (-one.score, one.plan.cost, len(one.diagnosis.bad)))
     best = next((one for one in ranked if one.score > 0), None)
     cost = _expected_cost(candidates, chances, patience)
     if best is None:
-        return Choice(None, None, None, tuple(ranked), cost, _nothing(candidates))
+        return Choice(None, None, None, tuple(ranked), cost, _nothing(candidates, ranked))
     probe, probe_cost = _best_look(candidates, chances, looks, patience)
     if probe is not None and probe_cost < cost:
         reason = f"looking at {probe.atom} first: expected cost {probe_cost:.3g} instead of {cost:.3g}"
@@ -290,13 +294,17 @@ def _weigh(
     candidates: Sequence[Candidate],
     chances: Sequence[float],
     tried: Sequence[Tried],
+    patience: Patience,
 ) -> Alternative:
     bad = frozenset(one.diagnosis.bad)
     plan = one.plan
     helps = _helps(plan, one.diagnosis, candidates, chances) if plan.steps else 0.0
     failures = [attempt for attempt in tried if attempt.bad == bad and not attempt.helped]
+    texts = {str(step) for step in plan.steps}
+    in_vain = sum(attempt.effect_seen and texts <= set(attempt.actions) for attempt in failures)
+    helps *= patience.seen_factor**in_vain  # even if the diagnosis is right, the same again hardly cures it
     # A plan of free actions is as good as one that costs next to nothing.
-    score = helps / max(plan.cost, 1e-6)
+    score = 0.0 if in_vain and helps < patience.least_help else helps / max(plan.cost, 1e-6)
     names = ", ".join(one.diagnosis.bad) or "nothing"
     if plan.outcome is Outcome.GAVE_UP:
         reason = f"{names}: no plan was found in time"
@@ -313,12 +321,18 @@ def _weigh(
     return Alternative(one.diagnosis, plan, chance, helps, score, len(failures), reason)
 
 
-def _nothing(candidates: Sequence[Candidate]) -> str:
+def _nothing(candidates: Sequence[Candidate], weighed: Sequence[Alternative]) -> str:
     if not candidates:
         return "nothing is diagnosed bad"
     sentences = dict.fromkeys(
-        sentence for one in candidates for sentence in one.plan.unreachable or _unplanned(one)
+        sentence
+        for one in candidates
+        if not one.plan.steps
+        for sentence in one.plan.unreachable or _unplanned(one)
     )
+    for one in weighed:
+        if one.plan.steps:
+            sentences[f"{' and '.join(one.diagnosis.bad)} was repaired before, and it did not help"] = None
     aside = sorted({name for one in candidates for name in one.plan.excluded if name in one.diagnosis.bad})
     if aside:
         repairs = "its repairs keep" if len(aside) == 1 else "their repairs keep"

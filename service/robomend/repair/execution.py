@@ -339,11 +339,11 @@ class _Run:
         seen = tuple(sorted(awaited - left))
         self._agreed.update(seen)
         if left:
-            names = " and ".join(map(str, sorted(left)))
+            names, was = " and ".join(map(str, sorted(left))), "was" if len(left) == 1 else "were"
             self._report(step, seen=seen, missing=tuple(sorted(left)))  # written with the reason
             raise _Stop(
                 Ending.EFFECT_MISSING,
-                f"{step} answered 'done', but {names} was not seen within {timeout_s:g} s",
+                f"{step} answered 'done', but {names} {was} not seen within {timeout_s:g} s",
                 min(left),
             )
         await self._note(step, state=StepState.DONE, seen=seen)

@@ -123,7 +123,9 @@ def _why(grounder: Grounder, goal: int, reached: frozenset[int], actions: Sequen
             if number in grounder.refused:
                 words.append(grounder.refused[number])
             elif number == goal:
-                words.append(f"no known action makes it {grounder.fact(number)[0]}")
+                words.append(
+                    f"no known action makes it {grounder.fact(number)[0]}{_what_it_lacks(grounder, goal)}"
+                )
             else:
                 words.append("no known action brings that about")
             break
@@ -137,3 +139,17 @@ def _why(grounder: Grounder, goal: int, reached: frozenset[int], actions: Sequen
         words.append(f"{action} needs {grounder.literal(number)}")
     name = grounder.fact(goal)[1:]
     return f"{', '.join(name) or grounder.fact(goal)[0]}: {', and '.join(words)}"
+
+
+def _what_it_lacks(grounder: Grounder, goal: int) -> str:
+    """Return why the shipped actions do not apply to a component, in brackets; nothing where they might."""
+    _, *names = grounder.fact(goal)
+    for name in names:
+        kind = grounder.problem.objects.get(name, "object")
+        for wanted, fact, why in (
+            ("hardware", "switchable", " (it has no power channel)"),
+            ("node", "restartable", " (it is not restartable)"),
+        ):
+            if grounder.domain.is_a(kind, wanted) and (fact, name) not in grounder.problem.initial:
+                return why
+    return ""
