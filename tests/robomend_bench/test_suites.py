@@ -137,21 +137,21 @@ class Odd:
 
 
 @pytest.mark.parametrize(
-    ("contender", "status", "note"),
+    ("contender", "timeout_s", "status", "note"),
     [
-        ("late", "timeout", "killed"),
-        ("dead", "error", "died"),
-        ("wrong", "error", "it has a bug"),
+        ("late", 0.05, "timeout", "killed"),
+        ("dead", 300.0, "error", "died"),
+        ("wrong", 300.0, "error", "it has a bug"),
     ],
 )
 def test_a_contender_that_misbehaves_harms_nobody(
-    contender: str, status: str, note: str, monkeypatch: pytest.MonkeyPatch
+    contender: str, timeout_s: float, status: str, note: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # fork, so that the child knows the suite of this test; the runs themselves spawn
     monkeypatch.setattr("robomend_bench.worker.START_METHOD", "fork")
     monkeypatch.setattr("robomend_bench.worker.find_suite", lambda name: Odd())
     (group,) = Odd().groups(Wish(mode="first"))
-    contestant = Contestant("odd", contender, group, Wish(mode="first", timeout_s=0.05))
+    contestant = Contestant("odd", contender, group, Wish(mode="first", timeout_s=timeout_s))
     try:
         for _ in range(2):  # it starts again after the first
             got, _answer, _seconds, why = contestant.ask(0)
