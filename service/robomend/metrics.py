@@ -10,6 +10,8 @@ from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, gene
 from prometheus_client.core import GaugeMetricFamily
 from prometheus_client.registry import Collector
 
+from robomend.figures import SharedFigures, added
+
 CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 
 FINE_S = (0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 30.0)
@@ -39,6 +41,7 @@ class Metrics:
 
     def __init__(self) -> None:
         self.registry = CollectorRegistry()
+        self.shared: SharedFigures | None = None
         self.requests = Counter(
             "robomend_requests", "HTTP requests", ("method", "route", "status"), registry=self.registry
         )
@@ -102,5 +105,12 @@ class Metrics:
         self.registry.register(_OnDemand(name, text, labels, read))
 
     def text(self) -> bytes:
-        """Return everything in Prometheus' text format."""
-        return generate_latest(self.registry)
+        """Return everything in Prometheus' text format; with workers, of all of them."""
+        own = generate_latest(self.registry)
+        others = self.shared.others() if self.shared is not None else []
+        return added([own, *others]) if others else own
+
+    def leave(self) -> None:
+        """Leave this worker's figures for the others, if there are any."""
+        if self.shared is not None:
+            self.shared.leave(generate_latest(self.registry))

@@ -17,6 +17,7 @@ from robomend.api.app import create_app
 from robomend.api.deps import Parts
 from robomend.api.streams import Hub
 from robomend.errors import RobomendError
+from robomend.figures import EVERY_S
 from robomend.fleet.diagnoser import Diagnoser
 from robomend.fleet.fleet import Fleet
 from robomend.fleet.oneshots import OneShots
@@ -78,6 +79,8 @@ class Runtime:
             stack.callback(self.one_shots.close)
             self.hub.start()
             stack.callback(self.store.subscribe(self._count))
+            telling = asyncio.create_task(self._tell_figures(), name="figures for the other workers")
+            stack.callback(telling.cancel)
             pruning = asyncio.create_task(self._prune(), name="retention")
             stack.callback(pruning.cancel)
             stack.push_async_callback(self.fleet.close)
@@ -95,6 +98,12 @@ class Runtime:
                 self.metrics.repairs.labels(str(event.data.get("state"))).inc()
             elif event.kind is Kind.ACTION and "repair" in event.data and event.data.get("state") in ENDED:
                 self.metrics.actions.labels(str(event.data.get("name")), str(event.data.get("result"))).inc()
+
+    async def _tell_figures(self) -> None:
+        """Keep the other workers' /metrics up to date about this one."""
+        while self.metrics.shared is not None:
+            self.metrics.leave()
+            await asyncio.sleep(EVERY_S)
 
     async def _prune(self) -> None:
         """Remove what is older than the settings keep, now and then."""

@@ -25,6 +25,7 @@ from collections.abc import Callable, Sequence
 import structlog
 
 from robomend.errors import InputError
+from robomend.figures import shared_file
 from robomend.settings import Settings
 from robomend.workers.parent import die_with_parent
 
@@ -71,6 +72,7 @@ class Supervisor:
         self._failures = 0
         self._code = 0
         self._children: set[Process] = set()
+        self._figures = shared_file()
         self._ending = asyncio.Event()
 
     async def run(self) -> int:
@@ -97,7 +99,7 @@ class Supervisor:
             ours, theirs = socket.socketpair()
             with ours, theirs:
                 ours.setblocking(False)
-                child = await self._start(theirs)
+                child = await self._start(theirs, number)
                 theirs.close()
                 self._children.add(child)
                 if self._ending.is_set():  # the signal came while it started, and did not reach it
@@ -121,9 +123,11 @@ class Supervisor:
                     return
                 await asyncio.sleep(BACK_OFF_S)
 
-    async def _start(self, theirs: socket.socket) -> Process:
-        descriptors = (self._listener.fileno(), theirs.fileno())
-        inherited = ["--listen-fd", str(descriptors[0]), "--parent-fd", str(descriptors[1])]
+    async def _start(self, theirs: socket.socket, number: int) -> Process:
+        descriptors = (self._listener.fileno(), theirs.fileno(), self._figures)
+        names = ("--listen-fd", "--parent-fd", "--figures-fd")
+        inherited = [text for name, fd in zip(names, descriptors, strict=True) for text in (name, str(fd))]
+        inherited += ["--place", str(number)]
         program = [sys.executable, "-m", "robomend", *self._arguments, *inherited]
         return await asyncio.create_subprocess_exec(*program, pass_fds=descriptors)
 

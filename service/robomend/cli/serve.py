@@ -9,6 +9,7 @@ import os
 import socket
 import sys
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,7 @@ import click
 from robomend.cli.settings_options import read_settings, settings_options
 
 if TYPE_CHECKING:
+    from robomend.figures import SharedFigures
     from robomend.settings import Settings
 
 STARTUP_FAILED = 3
@@ -35,12 +37,16 @@ STARTUP_FAILED = 3
 @click.option("--workers", type=click.IntRange(1, 64), help="Service processes on this port and database.")
 @click.option("--listen-fd", type=int, hidden=True, help="Of a worker: the socket that it inherits.")
 @click.option("--parent-fd", type=int, hidden=True, help="Of a worker: its line to its parent.")
+@click.option("--figures-fd", type=int, hidden=True, help="Of a worker: the file with the figures of all.")
+@click.option("--place", type=int, hidden=True, help="Of a worker: which one it is.")
 def command(
     config_file: Path | None,
     announce: bool,
     allowed_hosts: tuple[str, ...],
     listen_fd: int | None,
     parent_fd: int | None,
+    figures_fd: int | None,
+    place: int | None,
     **flags: Any,
 ) -> int:
     """Run the service. Settings: flags over ROBOMEND_* over --config over defaults; see `robomend config`."""
@@ -49,8 +55,8 @@ def command(
     settings, _ = read_settings(config_file, allowed_hosts=allowed_hosts or None, **flags)
     configure(settings.log_level, settings.log_format)
     with asyncio.Runner(loop_factory=loop_factory()) as runner:
-        if listen_fd is not None and parent_fd is not None:
-            return runner.run(work(settings, listen_fd, parent_fd))
+        if listen_fd is not None and parent_fd is not None and figures_fd is not None and place is not None:
+            return runner.run(work(settings, Inherited(listen_fd, parent_fd, figures_fd, place)))
         if settings.workers > 1:
             return runner.run(supervise(settings, announce=announce))
         return runner.run(serve(settings, announce=announce))
@@ -89,15 +95,27 @@ async def serve(settings: Settings, *, announce: bool) -> int:
     return await _run(settings, lambda url: tell(url, announce=announce), None)
 
 
-async def work(settings: Settings, listen_fd: int, parent_fd: int) -> int:
+@dataclass(frozen=True, slots=True)
+class Inherited:
+    """What a worker has from its parent: descriptors, and which of the workers it is."""
+
+    listen_fd: int
+    parent_fd: int
+    figures_fd: int
+    place: int
+
+
+async def work(settings: Settings, inherited: Inherited) -> int:
     """Serve an inherited socket as one of several workers."""
     from robomend.api.supervising import Parent
+    from robomend.figures import SharedFigures
 
-    parent = Parent(parent_fd)
+    parent = Parent(inherited.parent_fd)
     parent.watch()
-    with socket.socket(fileno=listen_fd) as listener:
-        os.set_inheritable(listen_fd, False)
-        return await _run(settings, lambda _: parent.ready(), [listener])
+    figures = SharedFigures(inherited.figures_fd, inherited.place, settings.workers)
+    with socket.socket(fileno=inherited.listen_fd) as listener:
+        os.set_inheritable(inherited.listen_fd, False)
+        return await _run(settings, lambda _: parent.ready(), [listener], figures)
 
 
 async def supervise(settings: Settings, *, announce: bool) -> int:
@@ -111,13 +129,19 @@ async def supervise(settings: Settings, *, announce: bool) -> int:
         return await supervisor.run()
 
 
-async def _run(settings: Settings, told: Callable[[str], None], sockets: list[socket.socket] | None) -> int:
+async def _run(
+    settings: Settings,
+    told: Callable[[str], None],
+    sockets: list[socket.socket] | None,
+    figures: SharedFigures | None = None,
+) -> int:
     from robomend.api.runtime import Runtime, any_key
     from robomend.api.server import check_exposure, make_server
     from robomend.custody.custody import make_repairs
 
     check_exposure(settings, await any_key(settings))
     runtime = Runtime(settings, make_repairs)
+    runtime.metrics.shared = figures
 
     def ready(url: str) -> None:
         runtime.planners.start()  # it warms up now instead of at the first repair
