@@ -80,11 +80,20 @@ def test_the_key_is_in_no_representation(tmp_path: Path) -> None:
         ("robot: tedusar", "robot:", ":1: robot: has no value"),
         ("host: pc", "agent: pc", ":3: agent: is there twice"),
         ("http://", "ftp://", ":4: service.url: must start with http://"),
+        ("http://127.0.0.1:8080", "http://127.0.0.1:x", ":4: service.url: must be like http://"),
+        ("http://127.0.0.1:8080", "http://127.0.0.1:99999", ":4: service.url: must be like http://"),
+        ("http://127.0.0.1:8080", "http://", ":4: service.url: must be like http://"),
+        ("http://127.0.0.1:8080", "https://[::1", ":4: service.url: must be like http://"),
+        ("http://127.0.0.1:8080", "http://127.0.0.1/?a", ":4: service.url: must be like http://"),
+        ("key_file: key", "key_file: agent.yaml", ":4: service.key_file: holds no key"),
+        ("state_dir: state", 'state_dir: "a\\0b"', ":5: state_dir: holds a NUL"),
+        ("tcp:127.0.0.1:0", "unix:a\\0b", ":6: bus.listen: holds a NUL"),
         ("key_file: key", "key_file: none", ":4: service.key_file: cannot be read"),
         ("tcp:127.0.0.1:0", "127.0.0.1", ":6: bus.listen: '127.0.0.1' is no bus address"),
         ("lifetime_s: 5", "lifetime_s: 1.5", ":7: report.lifetime_s: must be at least twice"),
         ("lifetime_s: 5", "lifetime_s: soon", ":7: report.lifetime_s: must be a number"),
         ("lifetime_s: 5", "lifetime_s: .nan", ":7: report.lifetime_s: must be a number"),
+        ("lifetime_s: 5", "lifetime_s: 5__0", ":7: report.lifetime_s: must be a number"),
         ("buffer_mb: 1}", "buffer_mb: 0}", ":7: report.buffer_mb: must be from 0.01"),
         ("when_agent_ends: keep", "when_agent_ends: pray", ":8: when_agent_ends: must be one of stop, keep"),
         ("settle: 5", "settle: 11", ":9: rate.settle: settle must be from 1 to window"),
@@ -94,9 +103,14 @@ def test_the_key_is_in_no_representation(tmp_path: Path) -> None:
         ("[laser, --device, /dev/ttyACM0]", "laser --device", ":15: processes.laser.command: must be a list"),
         ("[laser, --device, /dev/ttyACM0]", "[]", ":15: processes.laser.command: must be a list"),
         ("ready|up", "(", ":18: processes.laser.ready.output: is no regular expression"),
-        ('ready: {output: "ready|up"}', "ready: never", ":18: processes.laser.ready: must be one of"),
+        (
+            'ready: {output: "ready|up"}',
+            "ready: never",
+            ":18: processes.laser.ready: must be exec, notify or",
+        ),
         ("start: yes", "start: maybe", ":21: processes.laser.start: must be true or false"),
         ("topics:", "topics: [", "not YAML"),
+        ("  odom:", "  # é🤖\n  odom\a:", ":13: not YAML: character #x07 is not allowed"),
         ("processes:", "processes: 3\nx:", ":13: processes: must be a mapping"),
     ],
 )
@@ -112,6 +126,12 @@ def test_each_mistake_is_named_with_its_place(tmp_path: Path, old: str, new: str
 def test_what_is_no_configuration_is_refused_whole(tmp_path: Path, text: str) -> None:
     with pytest.raises(ConfigError):
         loaded(tmp_path, text)
+
+
+def test_a_file_that_is_no_text_is_named_with_the_line(tmp_path: Path) -> None:
+    (tmp_path / "agent.yaml").write_bytes(b"robot: r\nhost: \xe9\n")
+    with pytest.raises(ConfigError, match=r"agent.yaml:2: not YAML: the file is not UTF-8 text"):
+        load(tmp_path / "agent.yaml")
 
 
 def test_a_file_that_is_not_there_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -44,6 +44,17 @@ class Broker:
         self._server: asyncio.Server | None = None
 
     async def open(self) -> None:
+        """Listen.
+
+        Raises:
+            OSError: the address is taken, or is none of this machine's.
+        """
+        try:
+            await self._listen()
+        except OSError as error:
+            raise OSError(f"the bus cannot listen on {self.address}: {error.strerror or error}") from error
+
+    async def _listen(self) -> None:
         loop = asyncio.get_running_loop()
         where = parse_address(self.address)
         if isinstance(where, str):

@@ -31,6 +31,7 @@ import re
 import socket
 from dataclasses import dataclass, fields
 from pathlib import Path
+from urllib.parse import urlsplit
 
 from robomend_client.agent.yaml_reader import Section, read
 from robomend_client.bus import parse_address
@@ -61,10 +62,19 @@ class Service:
     key_env: str | None = None
 
     def key(self) -> str | None:
-        """Return the bearer key, read now: a rotated key needs no new configuration."""
+        """Return the bearer key, read now: a rotated key needs no new configuration.
+
+        Raises:
+            OSError: the file cannot be read.
+            ValueError: it holds something that cannot be a key.
+        """
         if self.key_file is not None:
-            return self.key_file.read_text().strip()
-        return os.environ.get(self.key_env, "").strip() or None if self.key_env else None
+            key: str | None = self.key_file.read_text("ascii", errors="replace").strip()
+        else:
+            key = os.environ.get(self.key_env, "").strip() if self.key_env else None
+        if key and not (key.isascii() and key.isprintable()):
+            raise ValueError("holds no key: one line of letters, digits and punctuation")
+        return key or None
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,6 +148,8 @@ def _service(section: Section, base: Path) -> Service:
     url = section.text("url")
     if not url.startswith(("http://", "https://")):
         raise section.error("url", f"must start with http:// or https://, not {url!r}")
+    if not _names_a_host(url):
+        raise section.error("url", f"must be like http://robomend.local:8600, not {url!r}")
     key_file = section.optional("key_file")
     service = Service(url, base / key_file if key_file else None, section.optional("key_env"))
     section.finish()
@@ -145,7 +157,17 @@ def _service(section: Section, base: Path) -> Service:
         service.key()
     except OSError as error:
         raise section.error("key_file", f"cannot be read: {error.strerror}") from error
+    except ValueError as error:
+        raise section.error("key_file" if key_file else "key_env", str(error)) from error
     return service
+
+
+def _names_a_host(url: str) -> bool:
+    try:
+        parts = urlsplit(url)
+        return bool(parts.hostname) and parts.port != 0 and not (parts.query or parts.fragment or " " in url)
+    except ValueError:  # a port that is none, a bracket that does not close
+        return False
 
 
 def _bus(section: Section, state_dir: Path) -> tuple[str, bool]:
@@ -194,7 +216,9 @@ def _process(name: str, section: Section, base: Path) -> ProcessSpec:
             raise output.error("output", f"is no regular expression: {error}") from error
         output.finish()
     else:
-        ready = section.choice("ready", ("exec", "notify"), "exec")
+        ready = section.text("ready", "exec")
+        if ready not in ("exec", "notify"):
+            raise section.error("ready", f"must be exec, notify or {{output: REGEX}}, not {ready!r}")
     spec = ProcessSpec(
         name=name,
         command=command,

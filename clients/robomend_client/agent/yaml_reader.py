@@ -12,10 +12,11 @@ from difflib import get_close_matches
 from pathlib import Path
 
 import yaml
+from yaml.reader import ReaderError
 
 LARGEST_FILE = 4 * 1024 * 1024
 
-_NUMBER = re.compile(r"[+-]?(\d[\d_]*)(\.\d*)?([eE][+-]?\d+)?\Z|[+-]?\.\d+\Z")
+_NUMBER = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?\Z")
 
 
 class ConfigError(ValueError):
@@ -48,7 +49,10 @@ def read(file: Path) -> Section:
     except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
         mark = getattr(error, "problem_mark", None)
         problem = getattr(error, "problem", None) or str(error).splitlines()[0]
-        raise ConfigError(name, mark.line + 1 if mark else None, "", f"not YAML: {problem}") from error
+        line = mark.line + 1 if mark else None
+        if isinstance(error, ReaderError):
+            line, problem = _unreadable(data, error)
+        raise ConfigError(name, line, "", f"not YAML: {problem}") from error
     if node is None:
         raise ConfigError(name, None, "", "is empty")
     return Section(node, name, "")
@@ -177,10 +181,20 @@ class Section:
             )
         if _is_null(node):
             raise ConfigError(self._file, _line(node), self._name(key), "has no value")
+        if "\0" in node.value:
+            raise ConfigError(self._file, _line(node), self._name(key), "holds a NUL, which no text here may")
         return str(node.value)
 
     def _name(self, key: str) -> str:
         return f"{self._place}.{key}" if self._place else key
+
+
+def _unreadable(data: bytes, error: ReaderError) -> tuple[int, str]:
+    """Return the line of what is no text, which the parser gives no line of, and what it is."""
+    if error.encoding == "unicode":  # decoded, and then a character that YAML never takes
+        before = data.decode()[: error.position].encode()
+        return before.count(b"\n") + 1, f"character #x{error.character:02x} is not allowed"
+    return data.count(b"\n", 0, error.position) + 1, "the file is not UTF-8 text"
 
 
 def _is_null(node: yaml.Node) -> bool:
