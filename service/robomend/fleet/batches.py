@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import structlog
 
 from robomend.errors import InputError, ObservationError
+from robomend.fleet.boards import SOURCE as BOARD
 from robomend.fleet.robot_state import RobotState
 from robomend.model.clauses import Assertion
 from robomend.model.system import System
@@ -16,7 +17,7 @@ from robomend.observations.language import Unknown, parse, read, read_assertion
 from robomend.observations.obs import Observed
 from robomend.robots import RobotConfig
 from robomend.store import records
-from robomend_client.literals import Atom
+from robomend_client.literals import Atom, Literal
 
 log = structlog.get_logger("robomend.fleet.batches")
 
@@ -98,6 +99,24 @@ def read_batch(state: RobotState, batch: Batch) -> ReadBatch:
                 raise
             refused.append(error)
     return ReadBatch(tuple(observed), tuple(asserted), refused=tuple(refused))
+
+
+def board_batch(state: RobotState, said: frozenset[Literal], time_ns: int) -> ReadBatch:
+    """Return what a board changes in OBS by saying this: what is new, and to forget what it says no more."""
+    declares = state.system.vocabulary.declares
+    observed = tuple(
+        Observed(literal, BOARD, time_ns)
+        for literal in sorted(said)
+        if declares(literal.atom)
+        and ((held := state.obs.get(literal.atom)) is None or held.literal != literal)
+    )
+    atoms = {literal.atom for literal in said}
+    forgotten = tuple(
+        entry.literal.atom
+        for entry in state.obs.entries()
+        if entry.source == BOARD and entry.literal.atom not in atoms
+    )
+    return ReadBatch(observed=observed, forgotten=forgotten)
 
 
 def stored_assertion(record: records.Assertion, system: System, config: RobotConfig) -> Assertion | None:

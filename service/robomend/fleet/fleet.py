@@ -33,22 +33,22 @@ from robomend.errors import (
     RobomendError,
     TooLarge,
 )
-from robomend.fleet.batches import Batch, Outcome, ReadBatch, read_batch, stored_assertion
+from robomend.fleet.batches import Batch, Outcome, ReadBatch, board_batch, read_batch, stored_assertion
 from robomend.fleet.boards import SOURCE, Board, Boards
 from robomend.fleet.diagnoser import Diagnoser
 from robomend.fleet.diagnosing import Diagnosing, announce, published, same
+from robomend.fleet.following import Following
 from robomend.fleet.robot_state import Changes, RobotState
 from robomend.fleet.systems import Systems
 from robomend.metrics import Metrics
 from robomend.model.system import System
 from robomend.observations.language import parse
-from robomend.observations.obs import Observed
 from robomend.robots import RobotConfig
 from robomend.settings import Settings
 from robomend.store import records
 from robomend.store.interface import Store, Transaction, View
 from robomend.store.records import AuditEntry, Json, Once
-from robomend_client.events import Event, Kind
+from robomend_client.events import Kind
 from robomend_client.literals import Literal
 
 log = structlog.get_logger("robomend.fleet.fleet")
@@ -87,7 +87,8 @@ class Fleet:
 
     async def start(self) -> None:
         """Take up the robots that work without being asked: those with a board or a period."""
-        self._unsubscribe = self._store.subscribe(self._follow)
+        following = Following(self._robots, self.diagnosing, self._deleted_elsewhere)
+        self._unsubscribe = self._store.subscribe(following.follow)
         paging: records.Paging | None = records.Paging(limit=1000)
         while paging is not None:
             page = await self._store.read(partial(_page, paging))
@@ -221,6 +222,9 @@ class Fleet:
                 state.task.cancel()
             state.diagnosed.wake()
             state.observed.wake()
+
+    def _deleted_elsewhere(self, robot: str) -> None:
+        self._spawn(self._drop(robot), "robot deleted elsewhere")
 
     async def _load(self, robot: str) -> RobotState:
         """Read a robot from the store into memory, keeping those who wait for it."""
@@ -417,20 +421,8 @@ class Fleet:
         """Take what a board says into OBS: what is new, and to forget what it no longer says."""
         try:
             state = await self.robot(robot)
-            declares = state.system.vocabulary.declares
-            observed = tuple(
-                Observed(literal, SOURCE, time_ns)
-                for literal in sorted(said)
-                if declares(literal.atom)
-                and ((held := state.obs.get(literal.atom)) is None or held.literal != literal)
-            )
-            atoms = {literal.atom for literal in said}
-            forgotten = tuple(
-                entry.literal.atom
-                for entry in state.obs.entries()
-                if entry.source == SOURCE and entry.literal.atom not in atoms
-            )
-            await self._accept(state, lambda: ReadBatch(observed=observed, forgotten=forgotten), None)
+            batch = board_batch(state, said, time_ns)
+            await self._accept(state, lambda: batch, None)
         except RobomendError as error:
             log.warning("board observation not kept", robot=robot, code=error.code, detail=str(error))
 
@@ -450,44 +442,6 @@ class Fleet:
         task = asyncio.create_task(run(), name=name)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
-
-    # --- what other instances did
-
-    def _follow(self, events: Sequence[Event]) -> None:
-        for event in events:
-            if event.kind is Kind.MODEL:
-                self._follow_model(event)
-            state = None if event.robot is None else self._robots.get(event.robot)
-            if state is not None:
-                self._follow_robot(state, event)
-
-    def _follow_model(self, event: Event) -> None:
-        for state in self._robots.values():
-            if (
-                state.stored.config.get("model") == event.data.get("name")
-                and event.data.get("version") not in (None, state.model.version)
-                and not state.stale
-            ):
-                state.stale = True
-                self.diagnosing.wake(state)
-
-    def _follow_robot(self, state: RobotState, event: Event) -> None:
-        data = event.data
-        if event.kind is Kind.OBSERVATIONS and data["revision"] > state.head:
-            state.stale = True
-            state.observed.wake()  # whoever waits for OBS looks, and reads it anew
-            if state.diagnosed.awaited:  # there is no event if the other's diagnosis says nothing new
-                self.diagnosing.wake(state)
-        elif event.kind is Kind.ROBOT and data.get("etag") not in (None, state.stored.etag):
-            state.stale = True
-            self.diagnosing.wake(state)
-        elif event.kind is Kind.ROBOT and data.get("what") == "deleted":
-            self._spawn(self._drop(state.id), "robot deleted elsewhere")
-        elif event.kind is Kind.DIAGNOSIS:
-            known = -1 if state.announced is None else state.announced.revision
-            if data["revision"] > known:  # ours are announced before they are written
-                state.current = state.announced = published(data["revision"], event.time_ns, data)
-                state.diagnosed.advance(state.diagnosed.value + 1)
 
 
 def _page(paging: records.Paging, view: View) -> records.Page[records.Robot]:
