@@ -1,5 +1,4 @@
-"""Ends the agent's process groups when the agent itself was killed. A process of its own; run by path,
-stand-alone.
+"""Ends the agent's process groups when the agent itself was killed. A stand-alone process, run by path.
 
 A parent-death signal (prctl) reaches only the process that the agent started, not what that one started in
 turn, and a process may ignore SIGTERM. The guard hears of the agent's death by the end of its standard input,

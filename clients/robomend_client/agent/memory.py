@@ -1,5 +1,4 @@
-"""The first result of each action, kept so that an action id that comes again gets it again and nothing acts
-twice.
+"""The first result of each action: an action id that comes again gets it again, and nothing acts twice.
 
 The newest `limit` results are kept, in memory and, one JSON line each, in a file that survives the agent. A
 torn last line (the power went) is skipped: that action's result never left this machine.

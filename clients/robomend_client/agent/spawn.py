@@ -101,7 +101,7 @@ def adopt(pid: int, ticks: int) -> Handle | None:
 def start_ticks(pid: int) -> int | None:
     """Return when a live process started, in clock ticks since boot; None for a zombie or nobody.
 
-    Pid and start time together name a process for good. Source: proc(5), fields 3 and 22 of /proc/PID/stat.
+    Pid and start time together name a process for good, within one boot. Source: proc(5), fields 3 and 22 of /proc/PID/stat.
     """
     try:
         stat = Path(f"/proc/{pid}/stat").read_bytes()
@@ -109,6 +109,11 @@ def start_ticks(pid: int) -> int | None:
         return None
     fields = stat[stat.rindex(b")") + 2 :].split()  # the name before it may hold spaces and brackets
     return None if fields[0] in (b"Z", b"X") else int(fields[19])
+
+
+def boot_id() -> str:
+    """Return the kernel's name of this boot, the same until the computer restarts. Source: random(4)."""
+    return Path("/proc/sys/kernel/random/boot_id").read_text().strip()
 
 
 def _die_with(parent: int) -> Callable[[], None]:

@@ -1,7 +1,9 @@
 """All processes of one agent: the allow-list, the guard, and the table that outlives the agent.
 
 The table (state_dir/processes.json) holds pid and start time of what runs, so that an agent that comes back
-adopts what its predecessor left running instead of starting it twice.
+adopts what its predecessor left running instead of starting it twice. Start times count from the boot, so the
+table also says which boot it was: after a restart of the computer nothing is adopted. Nor is what was to end with
+an agent that was killed: its guard may be ending that already, so it is ended here too, and can start anew.
 """
 
 from __future__ import annotations
@@ -15,10 +17,11 @@ import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
+from robomend_client.actions import ActionResult
 from robomend_client.agent import guard
 from robomend_client.agent.config import ProcessSpec
 from robomend_client.agent.processes import SupervisedProcess
-from robomend_client.agent.spawn import adopt
+from robomend_client.agent.spawn import adopt, boot_id
 from robomend_client.bus import ENVIRONMENT as BUS
 
 log = logging.getLogger(__name__)
@@ -42,9 +45,11 @@ class Supervisor:
         }
         self._keep = keep
         self._table = state_dir / "processes.json"
+        self._boot = boot_id()
         self._on_change = on_change
         self._guarded: dict[str, int] = {}
         self._guard: subprocess.Popen[bytes] | None = None
+        self._leftovers: list[asyncio.Task[ActionResult]] = []
 
     def running(self) -> frozenset[str]:
         """Return the names of the processes that run."""
@@ -56,18 +61,28 @@ class Supervisor:
             self._guard = subprocess.Popen(
                 [sys.executable, "-I", "-S", guard.__file__], stdin=subprocess.PIPE, start_new_session=True
             )
-        for name, (pid, ticks) in self._read_table().items():
+        for name, (pid, ticks, kept) in self._read_table().items():
             process = self.processes.get(name)
             handle = adopt(pid, ticks) if process is not None else None
-            if process is not None and handle is not None:
+            if process is None or handle is None:
+                continue
+            process.adopted(handle)
+            if kept:
                 log.info("%s still runs as process %d: adopted", name, pid)
-                process.adopted(handle)
+            else:
+                log.info("%s still runs as process %d, whose agent was killed: ended", name, pid)
+                # Begins now, so before any start of it: starts and stops of one process take turns.
+                self._leftovers.append(asyncio.create_task(self._stop(process), name=f"leftover {name}"))
 
     async def start_initial(self) -> None:
         """Start those that are to be started with the agent, side by side."""
         wanted = [process for process in self.processes.values() if process.spec.start]
         results = await asyncio.gather(
-            *(process.start(_log_only, process.spec.start_timeout_s + 1.0) for process in wanted),
+            *(
+                # The end of a leftover may have to be awaited first.
+                process.start(_log_only, process.spec.start_timeout_s + process.spec.stop_grace_s + 4.0)
+                for process in wanted
+            ),
             return_exceptions=True,
         )
         for process, result in zip(wanted, results, strict=True):
@@ -75,11 +90,10 @@ class Supervisor:
 
     async def close(self) -> None:
         """End what runs, all at once, unless it is to be kept; then the guard."""
+        await asyncio.gather(*self._leftovers, return_exceptions=True)
         if not self._keep:
             stopping = [
-                process.stop(_log_only, process.spec.stop_grace_s + 3.0)
-                for process in self.processes.values()
-                if process.handle is not None
+                self._stop(process) for process in self.processes.values() if process.handle is not None
             ]
             for result in await asyncio.gather(*stopping, return_exceptions=True):
                 if isinstance(result, BaseException):
@@ -92,6 +106,9 @@ class Supervisor:
             except subprocess.TimeoutExpired:
                 self._guard.kill()
                 self._guard.wait()
+
+    async def _stop(self, process: SupervisedProcess) -> ActionResult:
+        return await process.stop(_log_only, process.spec.stop_grace_s + 3.0)
 
     # --- the table and the guard --------------------------------------------------------------------------
 
@@ -119,7 +136,12 @@ class Supervisor:
 
     def _write_table(self) -> None:
         table = {
-            name: {"pid": process.handle.pid, "start_ticks": process.handle.start_ticks}
+            name: {
+                "pid": process.handle.pid,
+                "start_ticks": process.handle.start_ticks,
+                "boot": self._boot,
+                "kept": self._keep,
+            }
             for name, process in self.processes.items()
             if process.handle is not None
         }
@@ -130,10 +152,14 @@ class Supervisor:
         except OSError as error:  # a full disk must not stop a repair
             log.error("cannot write %s: %s", self._table, error)
 
-    def _read_table(self) -> dict[str, tuple[int, int]]:
+    def _read_table(self) -> dict[str, tuple[int, int, bool]]:
         try:
             table = json.loads(self._table.read_text())
-            return {str(name): (int(row["pid"]), int(row["start_ticks"])) for name, row in table.items()}
+            return {
+                str(name): (int(row["pid"]), int(row["start_ticks"]), bool(row["kept"]))
+                for name, row in table.items()
+                if row["boot"] == self._boot
+            }
         except FileNotFoundError:
             return {}
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:

@@ -109,7 +109,7 @@ class Reentry:
         once = self._chooser.not_idempotent(state)
         intents = await self._store.read(lambda view: view.unsettled(self._book.robot))
         fates = [(intent, *await self._fate(intent, why, patient)) for intent in intents]
-        return LeftOpen(tuple(fates), once, self._fence)
+        return LeftOpen(tuple(fates), once, self._book.id, self._fence)
 
     async def _recall_approval(self, left: LeftOpen) -> None:
         """Settle the journal, and keep a yes that came to the plan in the book before we had read it."""
@@ -156,6 +156,7 @@ class LeftOpen:
 
     fates: tuple[tuple[Intent, int, str], ...]  # with code and message of the result
     once: frozenset[str]  # actions that must not be sent twice
+    repair: str
     fence: Fence
 
     @property
@@ -173,18 +174,23 @@ class LeftOpen:
         return look_first(f"{doubt} was cut off ({why}), and must not be done twice") if doubt else None
 
     def settle(self, tx: Transaction) -> None:
-        """Write the outcomes, also into the steps, which nobody reports on any more."""
+        """Write the outcomes, also into the repair's steps, which nobody reports on any more."""
+        outcomes = {}
         for intent, code, message in self.fates:
             tx.settle(intent.id, code, message, fence=self.fence)
-            for step in tx.steps(intent.repair):
-                if step.step == intent.step and step.data.get("id") == intent.id:
-                    state = str(StepState.DONE if code == OK else StepState.FAILED)
-                    told = {"state": state, "result": code, "message": message}
-                    data = {**step.data, **told, "ended_ns": tx.now_ns}
-                    tx.put_step(intent.repair, intent.step, state=state, data=data, fence=self.fence)
-                    tx.emit(Kind.ACTION, intent.robot, {"repair": intent.repair, **data})
             text = intent_text(intent)
             tx.note(AuditEntry(LOOP, "action.result", text, intent.robot, message, after={"result": code}))
+            outcomes[intent.id] = (code, message)
+        for step in tx.steps(self.repair):
+            if step.state == str(StepState.RUNNING):
+                # Answered already, if it has no fate: then it was its effect that was awaited.
+                seen = (step.data["result"], "nobody waited for its effect any more")
+                code, message = outcomes.get(step.data["id"], seen)
+                state = str(StepState.DONE if code == OK else StepState.FAILED)
+                data = {**step.data, "state": state, "result": code, "message": message}
+                data["ended_ns"] = tx.now_ns
+                tx.put_step(self.repair, step.step, state=state, data=data, fence=self.fence)
+                tx.emit(Kind.ACTION, self.fence.robot, {"repair": self.repair, **data})
 
 
 def open_question(view: View, robot: str) -> str | None:

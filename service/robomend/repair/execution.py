@@ -1,8 +1,7 @@
 """Carry out a plan: check, send, and look whether it worked, step by step.
 
-    step's predecessors done ──► permitted? ──► preconditions hold in OBS? ──► effect already there? ── yes
-    ──► done
-                                                                                    │ no
+    predecessors done ──► permitted? ──► preconditions hold in OBS? ──► effect already there? ── yes ──► done
+                                                                            │ no
         done ◄── OBS shows the effect ◄── await it ◄── result 0 ◄── send ◄── journal the intent
 
 Steps that the plan does not order run side by side. While they run, a watch compares OBS with the state
@@ -177,9 +176,7 @@ class _Run:
             raise _Stop(Ending.NOT_PERMITTED, f"{step}: no executor is configured for {step.name!r}")
 
     async def _check_preconditions(self, step: Step, timing: Timing) -> None:
-        """A precondition that OBS contradicts, or that its observer no longer reports, gets a moment to
-        clear up.
-        """
+        """One that OBS contradicts, or that its observer no longer reports, gets a moment to clear up."""
         conditions = [observable(p) for p in step.preconditions]
         conditions = [p for p in conditions if p.atom.predicate not in {"good", "bad"}]
 
@@ -209,9 +206,7 @@ class _Run:
         )
 
     def _visible(self, step: Step) -> bool:
-        """Whether OBS already shows what the step is for: each on/off, running/stopped that it brings
-        about.
-        """
+        """Whether OBS already shows each on/off and running/stopped that the step brings about."""
         facts = {
             observable(effect)
             for effect in step.effects
@@ -333,8 +328,7 @@ class _Run:
             return frozenset(w for w in awaited if sight.value(w.atom) != w.positive) or None
 
         left = await self._until_none(missing, timeout_s) or frozenset()
-        # Another step may have begun meanwhile and taken away what this one gave: no longer expected, not
-        # missing.
+        # Another step may have begun meanwhile and taken away what this one gave: not missing.
         left &= self._setting.prediction.expected()
         seen = tuple(sorted(awaited - left))
         self._agreed.update(seen)

@@ -84,9 +84,7 @@ def theory_of(cnf: HealthCnf) -> Theory:
 
 
 class Prediction:
-    """The predicted state: starts as the plan's initial state and follows the actions as they are sent and
-    done.
-    """
+    """The predicted state: the plan's initial state, then what the actions do as they are sent and done."""
 
     def __init__(self, theory: Theory, components: Iterable[str], initial: Iterable[Atom]) -> None:
         self._theory = theory
@@ -95,9 +93,7 @@ class Prediction:
         self._expected: frozenset[Literal] | None = None  # until a fact changes
 
     def begin(self, step: Step) -> None:
-        """The action is being sent: what it takes away may be gone from now on, and what it gives is not
-        there yet.
-        """
+        """The action is being sent: what it takes away may be gone now, what it gives is not there yet."""
         self._expected = None
         for effect in step.effects:
             if not effect.positive:
