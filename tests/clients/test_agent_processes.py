@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import sys
@@ -221,6 +222,41 @@ def test_kill_9_of_the_agent_leaves_no_orphan(service: ServiceDouble, tmp_path: 
         eventually(lambda: not marked(str(tmp_path)), "no process of this test")
     with agent(file):  # and the state directory serves the next one
         eventually(lambda: runs(service, "laser") is True, "running(laser)")
+
+
+def test_what_was_to_end_with_a_killed_agent_is_started_anew_by_the_next(
+    service: ServiceDouble, tmp_path: Path
+) -> None:
+    process = {"command": python(DEAF, tmp_path / "pid"), "stop_grace_s": 0.1, "start": True}
+    file = config(tmp_path, service.url, {"laser": process})
+    with agent(file) as killed:
+        eventually(lambda: runs(service, "laser") is True, "running(laser)")
+        eventually((tmp_path / "pid").exists, "the process's own sign")
+        before = pid_file(tmp_path, "pid")
+        killed.send_signal(signal.SIGKILL)
+        killed.wait(20)
+    with agent(file):  # at once, while the guard still waits for the deaf one to end
+        eventually(lambda: pid_file(tmp_path, "pid") != before, "another process")
+        assert not alive(before)
+
+
+def test_nothing_is_adopted_after_a_restart_of_the_computer(service: ServiceDouble, tmp_path: Path) -> None:
+    command = python(WRITES_PID + "time.sleep(1000)", tmp_path / "pid")
+    file = config(tmp_path, service.url, {"laser": {"command": command}}, when_agent_ends="keep")
+    with agent(file):
+        service.do("r:1", "start_node", "laser")
+        eventually((tmp_path / "pid").exists, "the process's own sign")
+    before = pid_file(tmp_path, "pid")
+    try:
+        table = tmp_path / "state" / "processes.json"
+        row = json.loads(table.read_text())["laser"]
+        assert row["pid"] == before
+        table.write_text(json.dumps({"laser": row | {"boot": "another"}}))
+        with agent(file):  # the same pid and start time, but of another boot: somebody else's process
+            eventually(lambda: runs(service, "laser") is False, "not running(laser)")
+        assert alive(before)
+    finally:
+        os.kill(before, signal.SIGKILL)
 
 
 def test_processes_that_are_kept_are_adopted_by_the_next_agent(

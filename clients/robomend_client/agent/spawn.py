@@ -101,7 +101,8 @@ def adopt(pid: int, ticks: int) -> Handle | None:
 def start_ticks(pid: int) -> int | None:
     """Return when a live process started, in clock ticks since boot; None for a zombie or nobody.
 
-    Pid and start time together name a process for good, within one boot. Source: proc(5), fields 3 and 22 of /proc/PID/stat.
+    Pid and start time together name a process for good, within one boot. Source: proc(5), fields 3 and 22 of
+    /proc/PID/stat.
     """
     try:
         stat = Path(f"/proc/{pid}/stat").read_bytes()

@@ -1,9 +1,9 @@
 """All processes of one agent: the allow-list, the guard, and the table that outlives the agent.
 
 The table (state_dir/processes.json) holds pid and start time of what runs, so that an agent that comes back
-adopts what its predecessor left running instead of starting it twice. Start times count from the boot, so the
-table also says which boot it was: after a restart of the computer nothing is adopted. Nor is what was to end with
-an agent that was killed: its guard may be ending that already, so it is ended here too, and can start anew.
+adopts what its predecessor left running instead of starting it twice. Start times count from the boot, so
+the table also says which boot it was: after a restart of the computer nothing is adopted. Nor is what was to
+end with an agent that was killed: its guard may be ending that already, so it is ended, and can start anew.
 """
 
 from __future__ import annotations
