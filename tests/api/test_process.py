@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -14,6 +15,8 @@ from pathlib import Path
 
 import httpx
 from tests.api.conftest import TEDUSAR
+
+from robomend.cli.serve import OPEN_FILES
 
 
 def command(*arguments: str) -> list[str]:
@@ -154,3 +157,15 @@ def test_a_wrong_setting_is_bad_input_with_its_source(tmp_path: Path) -> None:
         assert answer.returncode == 2
         assert words in answer.stderr
         assert "Traceback" not in answer.stderr
+
+
+def test_it_takes_more_connections_than_the_usual_soft_limit_allows(tmp_path: Path) -> None:
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (min(512, hard), hard))
+    try:
+        with served(tmp_path) as (process, _):
+            found = resource.prlimit(process.pid, resource.RLIMIT_NOFILE)
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+    wanted = OPEN_FILES if hard == resource.RLIM_INFINITY else min(OPEN_FILES, hard)
+    assert found == (wanted, hard)

@@ -6,6 +6,7 @@ import asyncio
 import gc
 import json
 import os
+import resource
 import socket
 import sys
 from collections.abc import Callable
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from robomend.settings import Settings
 
 STARTUP_FAILED = 3
+OPEN_FILES = 65_536
 
 
 @click.command("serve")
@@ -54,6 +56,7 @@ def command(
 
     settings, _ = read_settings(config_file, allowed_hosts=allowed_hosts or None, **flags)
     configure(settings.log_level, settings.log_format)
+    allow_connections()
     with asyncio.Runner(loop_factory=loop_factory()) as runner:
         if listen_fd is not None and parent_fd is not None and figures_fd is not None and place is not None:
             return runner.run(work(settings, Inherited(listen_fd, parent_fd, figures_fd, place)))
@@ -69,6 +72,17 @@ def loop_factory() -> Any:
     except ImportError:
         return None
     return uvloop.new_event_loop
+
+
+def allow_connections() -> None:
+    """Let this process have as many open files as it may: each robot and each stream is one.
+
+    The usual soft limit of 1024 is for programs that still use select(); ours do not.
+    """
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    wanted = OPEN_FILES if hard == resource.RLIM_INFINITY else min(OPEN_FILES, hard)
+    if soft != resource.RLIM_INFINITY and soft < wanted:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
 
 
 def settle_memory() -> None:
