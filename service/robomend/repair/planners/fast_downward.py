@@ -1,8 +1,8 @@
 """Fast Downward through Unified Planning: cheapest plans (A* with the LM-cut heuristic).
 
 An extra, `pip install 'robomend[fast-downward]'`: it is GPLv3 and 216 MB. It runs as a process of its own
-for each part, so it is slow for many small ones. It honours its deadline; as the kernel bounds its CPU time as
-well, it ends even if we were killed.
+for each part, so it is slow for many small ones. It honours its deadline; as the kernel bounds its CPU time
+as well, it ends even if we were killed.
 
 Source: M. Helmert. The Fast Downward planning system. JAIR 26, 2006.
 """
