@@ -4,8 +4,8 @@ This is a node's side of it.
 Lines of JSON over one stream socket to the broker, which runs inside the agent
 (robomend_client/agent/broker.py):
 
-    {"topic": "scan", "data": …}         publish (node → broker), and delivery (broker → subscriber), the same
-    line {"subscribe": ["scan", "joy"]}       from now on, deliver these
+    {"topic": "scan", "data": …}         publish (node → broker); delivery (broker → subscriber) is the same
+    {"subscribe": ["scan", "joy"]}       from now on, deliver these
 
 A line has at most LONGEST_LINE bytes. There are no acknowledgements and no history: a subscriber that does
 not keep up loses the newest messages, as on any robot. Addresses are `unix:PATH` or `tcp:HOST:PORT`; the

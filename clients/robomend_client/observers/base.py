@@ -1,8 +1,8 @@
 """The one shape of all observers: values with their times go in, literals come out. No clocks, no sockets, no
 threads.
 
-    feed(source, time_ns, value)   a message of a topic, the table of processes, …; sources says which it
-    wants check(now_ns)                  the literals that hold now; an atom that is not among them is unknown
+    feed(source, time_ns, value)   a message of a topic, the table of processes, …; `sources` says which
+    check(now_ns)                  the literals that hold now; an atom that is not among them is unknown
 
 So the same observer runs on a robot (fed by the agent), in a bridge (fed by ROS) and over a log (fed from a
 bag, with the bag's times). Times are integer nanoseconds of any one clock that does not go back; an observer

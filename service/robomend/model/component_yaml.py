@@ -59,8 +59,7 @@ class _Reader:
     def fail(self, message: str, line: int) -> NoReturn:
         raise ModelError(message, self.file, line)
 
-    # --- the whole
-    # ---------------------------------------------------------------------------------------------------
+    # --- the whole --------------------------------------------------------------------------------------
 
     def model(self, tree: Tree, name: str | None) -> ComponentModel:
         top = self.mapping(tree, "a model", MODEL_KEYS)
@@ -110,8 +109,7 @@ class _Reader:
         Checks(self.file, top, model).all()
         return model
 
-    # --- its entries
-    # -------------------------------------------------------------------------------------------------
+    # --- its entries ------------------------------------------------------------------------------------
 
     def hardware(
         self, name: str, tree: Tree, line: int, channels: int, blame: bool, protected: Collection[int]
@@ -196,8 +194,7 @@ class _Reader:
             found.append(((names[0], names[1]), item.line))
         return found
 
-    # --- shapes
-    # ------------------------------------------------------------------------------------------------------
+    # --- shapes -----------------------------------------------------------------------------------------
 
     def mapping(self, tree: Tree, what: str, allowed: Collection[str] | None = None) -> yaml_tree.Mapping:
         if _empty(tree):

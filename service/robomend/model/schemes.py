@@ -16,8 +16,8 @@ Opt-in keys add premises, never clauses of another shape:
 
 - `inputs_matter` on a driver: ok(i) for the inputs of t, as in scheme 4.
 - `blame_hardware` on a device without channel: ¬AB(h) in the clauses of its drivers, so that it can be
-blamed. - `fed_by: [psu]`: power is a chain of on(…), as data is a chain of ok(…). The fed device's clause 1
-reads
+  blamed.
+- `fed_by: [psu]`: power is a chain of on(…), as data is a chain of ok(…). The fed device's clause 1 reads
   ¬AB(h) ∧ on(psu) → on(h), for every feeder (all are needed), and its drivers' clauses also need on(h): a
   device that gets no power is not to blame for being silent, nor is its driver. A feeder without channel
   gets a clause 1 of its own, since its on(psu) now bears weight. Chains of feeds work by themselves;

@@ -12,9 +12,8 @@
 
 A quantifier reaches as far to the right as it can. A name holds letters, digits and `_ . / -`, or is anything
 in double quotes (`\\"` and `\\\\` inside them); a leading `/` is dropped. `not` is also written `~`, `!` or
-`¬`; `and` `&`, `∧`;
-`or` `|`, `∨`; the arrows `→`, `↔`; the quantifiers `∀`, `∃`. `ok(current(arm))` is `ok(current,arm)`. A bound
-name hides a name of the model; in quotes it is always the name.
+`¬`; `and` is `&`, `∧`; `or` is `|`, `∨`; the arrows `→`, `↔`; the quantifiers `∀`, `∃`. `ok(current(arm))` is
+`ok(current,arm)`. A bound name hides a name of the model; in quotes it is always the name.
 
 The relations of a guard are those that the model fixes (`drives(node, device)`, `publishes(node, topic)`, …,
 see Vocabulary.relations), and `same(a, b)`.

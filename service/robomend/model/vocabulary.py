@@ -185,8 +185,8 @@ def for_robot(
     """Return the vocabulary of a component model (design, section 4).
 
     Besides topics and properties, `ok` takes a property of one component, `ok(temperature,arm)`; the
-    resources of a process,
-    `ok(CPU,node)`; and the current of a board channel, written `ok(current(jaguar))` or `ok(current,jaguar)`.
+    resources of a process, `ok(CPU,node)`; and the current of a board channel, written `ok(current(jaguar))`
+    or `ok(current,jaguar)`.
     """
     return Vocabulary(
         sorts={
