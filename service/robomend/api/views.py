@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Sequence
 from typing import Any
 
@@ -21,6 +20,7 @@ from robomend.diagnosis.probes import ProbeResult
 from robomend.diagnosis.result import Options
 from robomend.fleet.batches import Outcome
 from robomend.fleet.boards import Board
+from robomend.fleet.clock import CLOCK
 from robomend.fleet.robot_state import Current, RobotState
 from robomend.model.system import System
 from robomend.security import Principal
@@ -109,7 +109,7 @@ def accepted_response(outcome: Outcome) -> Response:
 
 def obs_out(state: RobotState) -> ObsOut:
     """Return OBS now, in the order of the atoms."""
-    now = time.time_ns()
+    now = CLOCK.now_ns()
     used = state.system.cnf.atom_variable
     entries = sorted(state.obs.entries(), key=lambda entry: entry.literal.atom)
     return ObsOut(

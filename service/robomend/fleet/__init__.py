@@ -7,5 +7,6 @@ diagnosing.py    when a robot is diagnosed;  diagnoser.py  by which engine, with
     solvers.py       engines in worker processes, each kept warm where it was last used
 systems.py       models, compiled once for all robots that have them
 oneshots.py      questions without a robot
+clock.py         a clock that never goes back
 turnstile.py     waiting for a revision
 """

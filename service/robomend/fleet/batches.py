@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -10,7 +9,8 @@ import structlog
 
 from robomend.errors import InputError, ObservationError
 from robomend.fleet.boards import SOURCE as BOARD
-from robomend.fleet.robot_state import RobotState
+from robomend.fleet.clock import CLOCK
+from robomend.fleet.robot_state import AHEAD_NS, RobotState
 from robomend.model.clauses import Assertion
 from robomend.model.system import System
 from robomend.observations.language import Unknown, parse, read, read_assertion
@@ -20,9 +20,6 @@ from robomend.store import records
 from robomend_client.literals import Atom, Literal
 
 log = structlog.get_logger("robomend.fleet.batches")
-
-AHEAD_NS = 60 * 10**9
-"""How far in the future a client's clock may be: an entry from the future outlives everything older."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +66,7 @@ def read_batch(state: RobotState, batch: Batch) -> ReadBatch:
         ObservationError: the sentence at fault, where the batch is kept or refused together.
         InputError: the batch is from too far in the future.
     """
-    now = time.time_ns()
+    now = CLOCK.now_ns()
     at = now if batch.time_ns is None else batch.time_ns
     if at > now + AHEAD_NS:
         ahead_s = (at - now) / 1e9

@@ -21,6 +21,7 @@ import structlog
 
 from robomend.diagnosis.result import Options
 from robomend.errors import NotFound, Overloaded, RobomendError
+from robomend.fleet.clock import CLOCK
 from robomend.fleet.diagnoser import Answer, Diagnoser
 from robomend.fleet.robot_state import Current, RobotState
 from robomend.metrics import Metrics
@@ -110,7 +111,7 @@ class Diagnosing:
 
     def _set_expiry(self, state: RobotState) -> None:
         """Wake when the next literal becomes stale: stale is unknown, so the diagnosis may change."""
-        now = time.time_ns()
+        now = CLOCK.now_ns()
         expires = state.obs.next_expiry_ns(now)
         if expires is not None:
             self._later(state, "expiry", min((expires - now) / 1e9 + 0.001, 86400.0))

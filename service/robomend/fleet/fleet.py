@@ -35,6 +35,7 @@ from robomend.errors import (
 )
 from robomend.fleet.batches import Batch, Outcome, ReadBatch, board_batch, read_batch, stored_assertion
 from robomend.fleet.boards import SOURCE, Board, Boards
+from robomend.fleet.clock import CLOCK
 from robomend.fleet.diagnoser import Diagnoser
 from robomend.fleet.diagnosing import Diagnosing, announce, published, same
 from robomend.fleet.following import Following
@@ -421,7 +422,7 @@ class Fleet:
         """Take what a board says into OBS: what is new, and to forget what it no longer says."""
         try:
             state = await self.robot(robot)
-            batch = board_batch(state, said, time_ns)
+            batch = board_batch(state, said, CLOCK.now_ns())
             await self._accept(state, lambda: batch, None)
         except RobomendError as error:
             log.warning("board observation not kept", robot=robot, code=error.code, detail=str(error))

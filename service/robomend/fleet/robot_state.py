@@ -10,11 +10,11 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import json
-import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from robomend.fleet.clock import CLOCK
 from robomend.fleet.diagnoser import Answer
 from robomend.fleet.turnstile import Turnstile
 from robomend.model.clauses import Assertion, extend, without_running
@@ -23,6 +23,9 @@ from robomend.observations.obs import Obs, Observed, consequences
 from robomend.robots import RobotConfig
 from robomend.store import records
 from robomend_client.literals import Atom, Literal
+
+AHEAD_NS = 60 * 10**9
+"""How far in the future a client's clock may be: an entry from the future outlives everything older."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +120,7 @@ class RobotState:
 
     def value(self, atom: Atom) -> bool | None:
         """Return whether the atom is observed to hold; None: unknown, or stale."""
-        return self.obs.known(atom, time.time_ns())
+        return self.obs.known(atom, CLOCK.now_ns())
 
     async def changed(self, revision: int, timeout_s: float) -> int:
         """Return the revision once it is above `revision`, or the present one after the time-out."""
@@ -125,7 +128,7 @@ class RobotState:
 
     def literals(self) -> tuple[Literal, ...]:
         """Return what is known now."""
-        return self.obs.literals(time.time_ns())
+        return self.obs.literals(CLOCK.now_ns())
 
     # --- what the engine is asked
 
@@ -193,6 +196,9 @@ class RobotState:
             for entry in stored.entries
         )
         self.obs = Obs(entries, assertions)
+        newest_ns = max((entry.time_ns for entry in stored.entries), default=0)
+        if newest_ns > CLOCK.now_ns() + AHEAD_NS:  # no client's clock may be so far ahead: ours went back
+            CLOCK.no_earlier_than(newest_ns)
         self.assertion_records = {assertion.name: assertion for assertion in stored.assertions}
         self.head = stored.revision
         self.generation += 1
