@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import time
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ from typing import Any
 import httpx
 import pytest
 
-from robomend_client.agent.reporter import Reporter
+from robomend_client.agent.reporter import Reporter, Stamps
 from robomend_client.buffer import DiskBuffer
 from robomend_client.literals import Atom, fails, holds
 from robomend_client.outbox import AsyncOutbox
@@ -93,3 +94,61 @@ def test_a_cancellation_that_comes_with_a_change_is_not_swallowed(tmp_path: Path
         assert task.cancelled()
 
     reporting(tmp_path, test)
+
+
+HOUR_NS = 3600 * 10**9
+
+
+class WallClock:
+    """The computer's clock, to be set by a test."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.ns = 1_800_000_000 * 10**9
+        monkeypatch.setattr(time, "time_ns", lambda: self.ns)
+
+
+def test_stamps_go_on_when_the_computers_clock_is_set_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = WallClock(monkeypatch)
+    stamps = Stamps()
+    first = stamps.now_ns()
+    clock.ns -= HOUR_NS
+    later = [stamps.now_ns() for _ in range(1000)]
+    assert first <= later[0]
+    assert later == sorted(later)
+    assert later[0] < later[-1]
+    clock.ns += 2 * HOUR_NS
+    assert stamps.now_ns() >= clock.ns
+
+
+def test_stamps_that_the_service_refuses_follow_the_computers_clock(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = WallClock(monkeypatch)
+    right_ns = clock.ns
+    clock.ns += HOUR_NS  # wrong at first, and mended later
+    stamped: list[int] = []
+
+    def answer(request: httpx.Request) -> httpx.Response:
+        at = json.loads(request.content)["time"]
+        stamped.append(at)
+        ahead = at > right_ns + HOUR_NS // 60
+        return httpx.Response(422 if ahead else 200, json={"code": "bad-input"} if ahead else {"revision": 1})
+
+    async def run() -> None:
+        buffer = DiskBuffer(tmp_path)
+        async with AsyncClient("http://service", transport=httpx.MockTransport(answer)) as client:
+            outbox = AsyncOutbox(client, "r", buffer)
+            reporter = Reporter(outbox, "agent", heartbeat_s=0.02, lifetime_s=1)
+            reporter.update([SCAN], [holds("ok", "scan")])
+            task = asyncio.create_task(reporter.run())
+            try:
+                async with asyncio.timeout(20):
+                    await until(lambda: outbox.refused)
+                    clock.ns -= HOUR_NS
+                    await until(lambda: right_ns <= stamped[-1] < right_ns + HOUR_NS // 60)
+            finally:
+                task.cancel()
+                await asyncio.wait({task}, timeout=5)
+        buffer.close()
+
+    asyncio.run(run())

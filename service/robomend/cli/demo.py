@@ -54,7 +54,8 @@ def command(scenario: str | None, domain: str, hold: bool, report: Path, format_
     """Watch a robot being diagnosed and repaired: the paper's two scenarios, with real processes.
 
     Starts the service, an emulated power board, and a robot of nine node processes, all on free ports of this
-    computer; everything is gone at the end. Exit codes: 0 repaired and verified, 3 not.
+    computer; everything is gone at the end. Exit codes: 0 repaired and verified, 3 not, 130
+    interrupted.
     """
     from rich.console import Console
 
