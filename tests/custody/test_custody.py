@@ -173,6 +173,31 @@ async def test_a_node_that_dies_at_its_start_is_escalated_by_name(tmp_path: Path
     )
 
 
+async def test_a_node_that_runs_and_soon_dies_again_is_not_restarted_for_ever(tmp_path: Path) -> None:
+    async def dies_soon(robot: Robot, name: str, parameter: str) -> int | None:
+        if (name, parameter) == ("start_node", "mapping"):
+            asyncio.get_running_loop().call_later(1.0, robot.running.__setitem__, "mapping", False)
+        return None
+
+    limits = {"attempts_per_hour": 6, "rounds": 6}
+    async with service(tmp_path) as runtime, robot_on(runtime, limits=limits) as robot:
+        robot.spoil = dies_soon
+        await asyncio.sleep(0.2)
+        robot.running["mapping"] = False
+        async with asyncio.timeout(100):
+            while (repair := await the_repair(runtime))["state"] != "escalated":
+                assert len(robot.done) <= 4
+                await asyncio.sleep(0.1)
+        aside = await runtime.repairs.quarantined("r1")
+    assert robot.done == ["start_node(mapping)"] * 4
+    assert repair["reason"] == (
+        "no known repair: mapping left alone for a while, as its repairs keep failing"
+    )
+    assert aside["mapping"].startswith(
+        "mapping was repaired 3 times in a row, each time it helped, and soon it was broken again"
+    )
+
+
 async def test_a_late_effect_is_waited_for(tmp_path: Path) -> None:
     async def late(robot: Robot, name: str, parameter: str) -> int | None:
         if name != "power_up":

@@ -189,6 +189,20 @@ def test_a_hundred_bad_components_do_not_underflow() -> None:
     assert weights([Diagnosis(many), Diagnosis((*many[1:], "x"))]) == [0.5, 0.5]
 
 
+def test_what_soon_breaks_again_however_often_it_is_mended_is_quarantined() -> None:
+    patience = Patience(relapses=3, relapse_s=60, backoff_s=100)
+    loop = [tried("a", helped=True, at_s=at) for at in (0, 30, 60, 90)]
+    assert quarantined(loop[:3], now_ns=61 * SECOND, patience=patience) == {}  # the third may last
+    aside = quarantined(loop, now_ns=91 * SECOND, patience=patience)["a"]
+    assert (aside.failures, aside.until_ns) == (3, 190 * SECOND)
+    assert "each time it helped, and soon it was broken again" in aside.reason
+    # Tried once more when the back-off is over: in vain again, so that it doubles.
+    fifth = [*loop, tried("a", helped=True, at_s=195)]
+    assert quarantined(fifth, now_ns=196 * SECOND, patience=patience)["a"].until_ns == 395 * SECOND
+    lasting = [*loop, tried("a", helped=True, at_s=300)]
+    assert quarantined(lasting, now_ns=301 * SECOND, patience=patience) == {}
+
+
 def test_three_failures_in_a_row_are_quarantined_with_doubling_back_off() -> None:
     patience = Patience(attempts=3, backoff_s=100)
     failures = [tried("a", at_s=t) for t in (0, 10, 20)]

@@ -10,6 +10,7 @@ import asyncio
 import time
 from collections import Counter
 from collections.abc import Awaitable, Collection, Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import TypeVar
 
 from robomend.custody.choosing import Chooser, record_of
@@ -338,7 +339,12 @@ class RobotCase:
             },
         )
         memory = await self._chooser.remembered(self._state.id)
-        left_alone = quarantined([*memory.tried, tried], now_ns=now, patience=self._chooser.patience)
+        patience = self._chooser.patience
+        # Whoever allows many actions an hour means to mend what breaks often.
+        relapses = max(patience.attempts, self._state.config.limits.attempts_per_hour // 2)
+        left_alone = quarantined(
+            [*memory.tried, tried], now_ns=now, patience=replace(patience, relapses=relapses)
+        )
         await self._book.end_round(
             str(execution.ending),
             execution.reason,
@@ -348,7 +354,7 @@ class RobotCase:
                 Quarantine(
                     robot=self._state.id,
                     component=name,
-                    reason=f"{entry.reason}; last: {execution.reason}",
+                    reason=f"{entry.reason}; last: {execution.reason}" if execution.reason else entry.reason,
                     failures=entry.failures,
                     since_ns=now,
                     until_ns=entry.until_ns,

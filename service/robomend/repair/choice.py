@@ -68,6 +68,8 @@ class Patience:
     person_cost: float = 300.0  # when every repair failed and somebody must come
     least_help: float = 0.001  # what was done in vain is not repeated below this probability of helping
     attempts: int = 3  # failures in a row until quarantine
+    relapses: int = 6  # the same for repairs that helped, and not for long
+    relapse_s: float = 60.0  # what needs a repair again so soon was not mended by the last one
     backoff_s: float = 300.0  # the first quarantine; doubled by each further failure …
     max_backoff_s: float = 86_400.0  # … up to this
     leading: int = 6  # how many diagnoses are planned for
@@ -216,6 +218,50 @@ def choose(
     return Choice(best.diagnosis, best.plan, None, tuple(ranked), cost, best.reason)
 
 
+@dataclass
+class _Record:
+    """How the repairs of one component went lately."""
+
+    patience: Patience
+    failures: int = 0  # repairs in a row that did not help
+    relapses: int = 0  # repairs in a row that helped, and not for long
+    last_ns: int = 0
+    helped: bool = False  # the last one
+
+    def add(self, one: Tried) -> None:
+        """Take the next repair into account; it is also the news that the one before did not last."""
+        if self.helped:
+            # A quarantine in between was no time in which the component could break again and be repaired.
+            soon_s = self.patience.relapse_s + self.backoff_s
+            self.relapses = self.relapses + 1 if one.time_ns - self.last_ns <= soon_s * S_TO_NS else 0
+        self.failures = 0 if one.helped else self.failures + 1
+        self.last_ns, self.helped = one.time_ns, one.helped
+
+    @property
+    def relapsing(self) -> bool:
+        """Whether it is the relapses that count most."""
+        return self.relapses - self.patience.relapses > self.failures - self.patience.attempts
+
+    @property
+    def count(self) -> int:
+        return self.relapses if self.relapsing else self.failures
+
+    @property
+    def backoff_s(self) -> float:
+        """How long to leave the component alone after the last repair."""
+        beyond = self.count - (self.patience.relapses if self.relapsing else self.patience.attempts)
+        if beyond < 0:
+            return 0.0
+        # 2**63 s is longer than anybody waits; the exponent is bounded so that the power is too.
+        return min(self.patience.max_backoff_s, self.patience.backoff_s * 2.0 ** min(beyond, 63))
+
+    @property
+    def why(self) -> str:
+        if self.relapsing:
+            return f"{self.count} times in a row, each time it helped, and soon it was broken again"
+        return f"{self.count} times in a row and it did not help"
+
+
 def quarantined(
     tried: Iterable[Tried],
     *,
@@ -223,29 +269,23 @@ def quarantined(
     released: Mapping[str, int] | None = None,
     patience: Patience = Patience(),
 ) -> dict[str, Quarantined]:
-    """Return the components to leave alone now: those whose last repairs all failed, with doubling back-off.
+    """Return the components to leave alone now, with doubling back-off.
+
+    Those whose last repairs all failed, and those that broke again each time, soon after a repair had helped.
 
     Args:
         released: when a person let a component be tried again; what came before does not count.
     """
-    failures: dict[str, list[int]] = {}
+    records: dict[str, _Record] = {}
     for one in sorted(tried, key=lambda one: one.time_ns):
         for name in one.bad:
-            if one.helped:
-                failures.pop(name, None)
-            elif one.time_ns >= (released or {}).get(name, one.time_ns):
-                failures.setdefault(name, []).append(one.time_ns)
+            if one.time_ns >= (released or {}).get(name, one.time_ns):
+                records.setdefault(name, _Record(patience)).add(one)
     found: dict[str, Quarantined] = {}
-    for name, times in failures.items():
-        beyond = len(times) - patience.attempts
-        if beyond < 0:
-            continue
-        # 2**63 s is longer than anybody waits; the exponent is bounded so that the power is too.
-        backoff_s = min(patience.max_backoff_s, patience.backoff_s * 2.0 ** min(beyond, 63))
-        until_ns = times[-1] + int(backoff_s * S_TO_NS)
+    for name, record in records.items():
+        until_ns = record.last_ns + int(record.backoff_s * S_TO_NS)
         if now_ns < until_ns:
-            reason = f"{name} was repaired {len(times)} times in a row and it did not help"
-            found[name] = Quarantined(len(times), until_ns, reason)
+            found[name] = Quarantined(record.count, until_ns, f"{name} was repaired {record.why}")
     return found
 
 
