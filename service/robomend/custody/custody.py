@@ -179,14 +179,14 @@ class Custody:
         self, robot: str, *, bad: Sequence[str] | None, planner: str | None, timeout_s: float, pddl: bool
     ) -> Json:
         """Plan without acting: what would be done now?"""
-        state = await self._tools.fleet.robot(robot)
+        state = await self._tools.fleet.latest(robot)
         return await self._tools.chooser.describe(
             state, bad=bad, planner=planner, timeout_s=timeout_s, pddl=pddl
         )
 
     async def create(self, robot: str, *, bad: Sequence[str] | None, by: str, reason: str) -> Json:
         """Begin a repair on request; the owner takes it up."""
-        state = await self._tools.fleet.robot(robot)
+        state = await self._tools.fleet.latest(robot)
         if state.config.policy == "observe":
             raise Refused(f"the policy of robot {robot!r} is 'observe': it is never acted on")
         if self._tools.stop.active:
