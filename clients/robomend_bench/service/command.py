@@ -37,7 +37,11 @@ Row = tuple[str, str, str]
     "--rate", type=click.FloatRange(0.01, 100), default=1.0, show_default=True, help="Changes a second, each."
 )
 @click.option(
-    "--seconds", type=click.FloatRange(1, 86_400), default=20.0, show_default=True, help="The documented figures are of 300."
+    "--seconds",
+    type=click.FloatRange(1, 86_400),
+    default=20.0,
+    show_default=True,
+    help="The documented figures are of 300.",
 )
 @click.option("--faults", type=click.IntRange(1, 11), default=3, show_default=True, help="At most, a robot.")
 @click.option("--changes", type=click.IntRange(10), default=300, show_default=True, help="In part single.")

@@ -1,4 +1,4 @@
-"""`robomend model`: check a model, or propose one."""
+"""`robomend model`: what is done with a model by itself."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ COMMANDS: Table = {
 
 @click.group("model", cls=LazyGroup, table=COMMANDS)
 def command() -> None:
-    """Check a model, or propose one."""
+    """Check a model."""
 
 
 @click.command("check")
