@@ -63,6 +63,15 @@ class Declared:
     file: str | None
 
 
+def is_a(supertype: Mapping[str, str], kind: str, wanted: str) -> bool:
+    """Return whether type `kind` is `wanted` or a kind of it, given what each type is a kind of."""
+    while kind != wanted:
+        if kind == "object":
+            return False
+        kind = supertype[kind]
+    return True
+
+
 @dataclass(frozen=True, eq=False)
 class Domain:
     """A checked domain. Compared by identity: `load_domain` gives equal texts the same one."""
@@ -84,11 +93,7 @@ class Domain:
 
     def is_a(self, kind: str, wanted: str) -> bool:
         """Return whether every object of type `kind` is one of type `wanted`."""
-        while kind != wanted:
-            if kind == "object":
-                return False
-            kind = self.supertype[kind]
-        return True
+        return is_a(self.supertype, kind, wanted)
 
     @cached_property
     def pddl(self) -> str:

@@ -24,7 +24,7 @@ from functools import lru_cache
 from robomend.errors import DomainError
 from robomend.repair.domain import Domain
 from robomend.repair.domain_parser import domain_name, parse
-from robomend.repair.sexpr import Group, Word, read
+from robomend.repair.sexpr import Group, Word, fail, read
 from robomend.resources import resource
 
 DEFAULT_DOMAIN = "repair.pddl"
@@ -83,16 +83,15 @@ def _merge(base: Group, extension: Group) -> Group:
     """Return the base with the sections of the extension added to its own."""
     name, extended = domain_name(base), domain_name(extension)
     if extended.text != name.text:
-        raise DomainError(
+        fail(
+            extended,
             f"this extends the domain {extended.text!r}, but actions are added to {name.text!r}: write "
             f"(define (domain {name.text}) …), or declare (good ?c - component) to bring your own domain",
-            extended.file,
-            extended.line,
         )
     merged = list(base.items)
     for item in extension.items[2:]:
         if not isinstance(item, Group):
-            raise DomainError(f"expected a section in brackets, found {item.text!r}", item.file, item.line)
+            fail(item, f"expected a section in brackets, found {item.text!r}")
         if item.head == ":requirements":
             mine = next(i for i, one in enumerate(merged) if _is_section(one, ":requirements"))
             present = {word.text for word in _words(merged[mine])}

@@ -4,13 +4,14 @@
 
 Words fold to lower case, as PDDL wants, except those in double quotes: `"Front/Lidar"` names an object
 whose name is no PDDL word. A comment runs from `;` to the end of its line. Nothing here knows what the
-words mean: see robomend.repair.domain.
+words mean: see robomend.repair.domain_parser.
 """
 
 from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from typing import NoReturn
 
 from robomend.errors import DomainError
 
@@ -45,6 +46,11 @@ class Group:
         """The first word, when there is one: `and`, `:action`, …"""
         first = self.items[0] if self.items else None
         return first.text if isinstance(first, Word) else None
+
+
+def fail(where: Word | Group, message: str) -> NoReturn:
+    """Refuse a word or group with DomainError, at its place."""
+    raise DomainError(message, where.file, where.line)
 
 
 def read(text: str, file: str | None = None) -> Group:
