@@ -7,6 +7,7 @@ The service, the stateless one-shots and the command line all go through here.
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -85,9 +86,7 @@ async def advise(pool: PlannerPool, situation: Situation, options: PlanOptions) 
 
 def advise_now(pool: PlannerPool, situation: Situation, options: PlanOptions) -> Choice:
     """Like `advise`, for code without an event loop."""
-    wanted = [one.bad for one in situation.wanted]
-    plans = pool.plans_now(situation.model, situation.observed, wanted, options) if wanted else []
-    return situation.decide(plans)
+    return asyncio.run(advise(pool, situation, options))
 
 
 def parts_of(system: System) -> ComponentModel:

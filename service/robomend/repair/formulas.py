@@ -2,6 +2,9 @@
 
 Terms are strings: a variable starts with `?`, everything else names an object. `(imply a b)` is read as
 `(or (not a) b)`.
+
+Not shared with robomend.model.formulas, whose leaves are literals with a place, whose quantifiers bind one
+variable over a sort, and whose clauses follow polarity through `iff` instead of a negation normal form.
 """
 
 from __future__ import annotations

@@ -9,6 +9,7 @@ Out of time is an answer (GAVE_UP); a crash of planner and fallback alike is Wor
 
 from __future__ import annotations
 
+import asyncio
 import time
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
@@ -24,6 +25,9 @@ from robomend_client.literals import Literal
 
 SHARE = 0.6
 """Of the time, for the planner that was asked; the rest is the fallback's."""
+
+GRACE_S = 0.25
+"""What a worker gets beyond a planner's own deadline, to hand in what it has."""
 
 MEMORY_BYTES = 4 << 30
 """Address space, of which a planner touches about 120 MB."""
@@ -80,10 +84,9 @@ class PlannerPool:
         literals = tuple(observed)
         wanted = [tuple(bad) for bad in diagnoses]
         while True:
-            part = attempts.current
             try:
                 return await self._workers.run(
-                    plans_for, model, literals, wanted, part, timeout_s=attempts.deadline_s
+                    plans_for, model, literals, wanted, attempts.current, timeout_s=attempts.deadline_s
                 )
             except (WorkerTimeout, WorkerDied) as error:
                 if not attempts.next():
@@ -97,18 +100,7 @@ class PlannerPool:
         options: PlanOptions,
     ) -> list[Plan]:
         """Like `plans`, for code without an event loop."""
-        attempts = _Attempts(options)
-        literals = tuple(observed)
-        wanted = [tuple(bad) for bad in diagnoses]
-        while True:
-            part = attempts.current
-            try:
-                return self._workers.call(
-                    plans_for, model, literals, wanted, part, timeout_s=attempts.deadline_s
-                )
-            except (WorkerTimeout, WorkerDied) as error:
-                if not attempts.next():
-                    return attempts.given_up(error, len(wanted))
+        return asyncio.run(self.plans(model, observed, diagnoses, options))
 
     def close(self) -> None:
         """End every process."""
@@ -122,10 +114,6 @@ class PlannerPool:
     def pids(self) -> tuple[int, ...]:
         """The process ids of the workers."""
         return self._workers.pids
-
-
-GRACE_S = 0.25
-"""What a worker gets beyond a planner's own deadline, to hand in what it has."""
 
 
 class _Attempts:

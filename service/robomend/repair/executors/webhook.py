@@ -9,9 +9,8 @@
 The receiver answers 2xx with {"code": 0, "message": "…"} when the action is done. A lost connection, 429
 and 5xx are tried again with the same id until the action's time is up. Then the outcome is unknown, unless no
 call got through (or every one was turned away with 429); a 2xx that says no code leaves it unknown as well,
-as the receiver did take the call. Where a webhook may point is checked
-on every call, after the name was looked up and against the very address that is then connected to, so that
-a name cannot change in between.
+as the receiver did take the call. Where a webhook may point is checked on every call, after the name was
+looked up and against the very address that is then connected to, so that a name cannot change in between.
 """
 
 from __future__ import annotations
