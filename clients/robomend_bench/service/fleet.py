@@ -119,6 +119,7 @@ async def run_fleet(
     connections = [await connect(url) for _ in robots]
     asker = await connect(url)
     before = await _diagnoses(asker)
+    asker.close()  # the service would, after 30 s without a word
     phases = random.Random(seed)
     order = sorted((phases.random() / rate_hz, index) for index in range(len(robots)))
     turns = round(seconds * rate_hz)
@@ -141,6 +142,7 @@ async def run_fleet(
     service_cpu = None if served is None else (cpu_s(served.pid) - cpu_before) / elapsed
     own_cpu = (time.process_time() - own_before) / elapsed
     load = load_of_others()
+    asker = await connect(url)
     after = await _diagnoses(asker)
     lost = await _differences(asker, robots)
     stream.close()

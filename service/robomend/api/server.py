@@ -17,6 +17,14 @@ from robomend.security import loopback
 from robomend.settings import Settings
 
 
+SEND_BUFFER = 128 << 10
+"""Bytes that the kernel takes for a client that does not read (it doubles the number).
+
+Left to itself it takes megabytes, and each event would be handed to slow readers for minutes as if they kept
+up. A second's worth of a busy fleet's events is enough for everybody else.
+"""
+
+
 class Server(uvicorn.Server):
     """An open event stream would block uvicorn's shutdown, so streams are ended first."""
 
@@ -31,6 +39,8 @@ class Server(uvicorn.Server):
         await super().startup(sockets)
         if self.started:
             listening = sockets or self.servers[0].sockets
+            for listener in listening:  # the connections that it accepts inherit it
+                listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
             self._ready(url_of(listening[0].getsockname(), secure=self.config.is_ssl))
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
