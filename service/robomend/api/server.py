@@ -16,7 +16,6 @@ from robomend.errors import InputError
 from robomend.security import loopback
 from robomend.settings import Settings
 
-
 SEND_BUFFER = 128 << 10
 """Bytes that the kernel takes for a client that does not read (it doubles the number).
 
