@@ -18,11 +18,11 @@ from robomend.repair.choice import (
     choose,
     common_part,
     leading,
-    quarantined,
     repaired_by,
     weights,
 )
 from robomend.repair.plan import Outcome, Plan, Step
+from robomend.repair.quarantine import quarantined
 from robomend_client.literals import Atom, fails, holds
 
 SECOND = 1_000_000_000

@@ -22,11 +22,12 @@ from robomend.errors import InputError, Overloaded, RobomendError
 from robomend.fleet.fleet import Fleet
 from robomend.fleet.robot_state import RobotState
 from robomend.repair.book import Book
-from robomend.repair.choice import Choice, attempt, quarantined
+from robomend.repair.choice import Choice, attempt
 from robomend.repair.execution_values import Ending, Execution, Setting, StepReport, StepState, Timing
 from robomend.repair.plan import Plan, Step
 from robomend.repair.policy import Mode, Policy
 from robomend.repair.prediction import Prediction, theory_of
+from robomend.repair.quarantine import quarantined
 from robomend.store.interface import Store
 from robomend.store.records import Quarantine
 from robomend_client.actions import Action, ActionResult, Executor
