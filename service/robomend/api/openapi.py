@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 from robomend.api.problems import MEDIA_TYPE
@@ -32,7 +33,7 @@ TAGS = [
 
 
 def complete(document: dict[str, Any]) -> dict[str, Any]:
-    """Add the schemes of key and cookie where one is needed, and give problems their media type."""
+    """Name operations, add the schemes of key and cookie, give problems their media type."""
     components = document.setdefault("components", {})
     components["securitySchemes"] = {
         "key": {
@@ -49,6 +50,9 @@ def complete(document: dict[str, Any]) -> dict[str, Any]:
     }
     for path, operations in document["paths"].items():
         for method, operation in operations.items():
+            # The function's name alone: generated clients call their methods so.
+            place = re.sub(r"\W", "_", path)
+            operation["operationId"] = operation["operationId"].removesuffix(f"{place}_{method}")
             if RULES.get((method.upper(), path)) is not EVERYONE:
                 operation["security"] = [{"key": []}, {"cookie": []}, {}]
             for status, response in operation.get("responses", {}).items():

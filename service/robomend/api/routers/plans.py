@@ -16,7 +16,7 @@ router = APIRouter(prefix=f"{API}/robots/{{robot}}/plans", tags=["repair"], rout
 
 
 @router.post("", responses=problems(404, 409, body=True))
-async def plan(robot: RobotPath, body: PlanBody, parts: PartsDep) -> dict[str, Any]:
+async def plan_repair(robot: RobotPath, body: PlanBody, parts: PartsDep) -> dict[str, Any]:
     """Plan a repair of the diagnosis `bad`, or of the best choice among those there are; nothing is done."""
     return dict(
         await parts.repairs.plan(

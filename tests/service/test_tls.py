@@ -1,0 +1,47 @@
+"""TLS: the service speaks it with a certificate, to clients that trust it, and to nobody in plain text."""
+
+from __future__ import annotations
+
+import ssl
+from pathlib import Path
+
+import httpx
+import pytest
+import trustme
+
+from robomend_bench.service.process import NotReady, served
+
+
+@pytest.fixture
+def authority() -> trustme.CA:
+    return trustme.CA()
+
+
+def issue(authority: trustme.CA, folder: Path) -> list[str]:
+    """Write a certificate of 127.0.0.1 and its key; return the service's options."""
+    issued = authority.issue_cert("127.0.0.1")
+    certificate, key = folder / "certificate.pem", folder / "key.pem"
+    issued.private_key_pem.write_to_path(key)
+    for number, blob in enumerate(issued.cert_chain_pems):
+        blob.write_to_path(certificate, append=number > 0)
+    return ["--tls-certificate", str(certificate), "--tls-key", str(key)]
+
+
+def test_a_service_with_a_certificate_is_reached_over_tls_alone(
+    authority: trustme.CA, tmp_path: Path
+) -> None:
+    trusting = ssl.create_default_context()
+    authority.configure_trust(trusting)
+    with served(issue(authority, tmp_path)) as service:
+        assert service.url.startswith("https://127.0.0.1:")
+        assert httpx.get(f"{service.url}/healthz", verify=trusting, timeout=20).json() == {"status": "ok"}
+        with pytest.raises(httpx.ConnectError):  # whoever does not know the authority does not talk to it
+            httpx.get(f"{service.url}/healthz", timeout=20)
+        with pytest.raises(httpx.HTTPError):
+            httpx.get(f"{service.url}/healthz".replace("https:", "http:"), timeout=20)
+
+
+def test_a_certificate_without_its_key_is_refused(authority: trustme.CA, tmp_path: Path) -> None:
+    without_key = issue(authority, tmp_path)[:2]
+    with pytest.raises(NotReady, match="tls_certificate and tls_key go together"), served(without_key):
+        pass
