@@ -360,7 +360,7 @@ async def test_cancelling_cuts_off_a_running_action_within_a_second(tmp_path: Pa
         robot.cut("base")
         await begun.wait()
         [running] = await runtime.repairs.repairs("r1", before=None, limit=1)
-        async with asyncio.timeout(10.0):  # far below what the action takes; a second on an idle machine
+        async with asyncio.timeout(2.0):
             ended = await runtime.repairs.cancel(running["id"], by="ann", reason="I see smoke")
     assert (ended["state"], ended["reason"]) == ("cancelled", "I see smoke")
     assert robot.done == []

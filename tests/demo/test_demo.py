@@ -196,7 +196,7 @@ def test_kill_9_of_the_service_ends_its_workers_and_is_told(tmp_path: Path) -> N
         workers = children(service)
         assert workers
         os.kill(service, signal.SIGKILL)
-        eventually(lambda: not any(map(alive, workers)), "its workers are gone", 15)
+        eventually(lambda: not any(map(alive, workers)), "its workers are gone", 2)
         assert "service was ended by signal 9" in failed(demo)
 
 

@@ -78,9 +78,7 @@ async def test_the_robots_of_a_killed_process_are_taken_over_with_its_repairs(st
             while "r1" not in await store.ownership.orphans():
                 await asyncio.sleep(0.05)
         fence = await store.ownership.acquire("r1")
-    assert (
-        time.monotonic() - killed < 20
-    )  # 5 s is promised and milliseconds are taken; the machine may be busy
+    assert time.monotonic() - killed < 5  # the promise of the design; it takes some milliseconds
     assert fence == Fence("r1", int(number) + 1)
     assert [r.id for r in (await store.read(lambda db: db.repairs("r1", open_only=True))).items] == [repair]
     assert [intent.id for intent in await store.read(lambda db: db.unsettled("r1"))] == [f"{repair}:0"]
