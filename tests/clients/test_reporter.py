@@ -12,8 +12,9 @@ from typing import Any
 import httpx
 import pytest
 
-from robomend_client.agent.reporter import Reporter, Stamps
+from robomend_client.agent.reporter import Reporter
 from robomend_client.buffer import DiskBuffer
+from robomend_client.clock import Clock
 from robomend_client.literals import Atom, fails, holds
 from robomend_client.outbox import AsyncOutbox
 from robomend_client.rest import AsyncClient
@@ -109,7 +110,7 @@ class WallClock:
 
 def test_stamps_go_on_when_the_computers_clock_is_set_back(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = WallClock(monkeypatch)
-    stamps = Stamps()
+    stamps = Clock()
     first = stamps.now_ns()
     clock.ns -= HOUR_NS
     later = [stamps.now_ns() for _ in range(1000)]

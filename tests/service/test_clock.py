@@ -8,7 +8,7 @@ import pytest
 from tests.api.conftest import StartService, bad_sets
 from tests.api.conftest import start as start  # the fixture
 
-from robomend.fleet.clock import Clock
+from robomend_client.clock import Clock
 
 HOUR_NS = 3600 * 10**9
 

@@ -16,6 +16,7 @@ import time
 from collections import deque
 from collections.abc import Iterable
 
+from robomend_client.clock import Clock
 from robomend_client.literals import Atom, Literal
 from robomend_client.outbox import AsyncOutbox
 from robomend_client.rest.retry import Retry
@@ -24,32 +25,6 @@ log = logging.getLogger(__name__)
 
 MOST_PENDING = 1000
 """Batches of changes in memory, while one is being sent."""
-
-
-class Stamps:
-    """The times of reports: the computer's, except that they do not go back.
-
-    The service orders what it is told by these times. Were the computer's clock set back by an hour, all news
-    would count as older than what was said before, and be ignored for an hour; the service's own clock does
-    not go back either. But stamps that the service refuses (60 s ahead of its clock) were wrong all along:
-    then the computer's clock is followed, wherever it went.
-    """
-
-    def __init__(self) -> None:
-        self._latest_ns = time.time_ns()
-        self._read_at = time.monotonic_ns()
-
-    def now_ns(self) -> int:
-        """Return nanoseconds since the epoch."""
-        at = time.monotonic_ns()
-        self._latest_ns = max(time.time_ns(), self._latest_ns + at - self._read_at)
-        self._read_at = at
-        return self._latest_ns
-
-    def follow(self) -> None:
-        """Go on from the computer's clock, also if that is back."""
-        self._latest_ns = time.time_ns()
-        self._read_at = time.monotonic_ns()
 
 
 class Reporter:
@@ -64,7 +39,7 @@ class Reporter:
         self._pending: deque[tuple[int, list[Literal]]] = deque()
         self._wake = asyncio.Event()
         self._away = False
-        self._stamps = Stamps()
+        self._clock = Clock()
         self._refused = outbox.refused
 
     @property
@@ -84,7 +59,7 @@ class Reporter:
             if len(self._pending) >= MOST_PENDING:
                 self._pending[-1][1].extend(changed)
             else:
-                self._pending.append((self._stamps.now_ns(), changed))
+                self._pending.append((self._clock.now_ns(), changed))
             self._wake.set()
 
     async def run(self) -> None:
@@ -104,7 +79,8 @@ class Reporter:
                 due = time.monotonic() + self._heartbeat_s
             if self._outbox.refused != self._refused:
                 self._refused = self._outbox.refused
-                self._stamps.follow()
+                # Perhaps for stamps 60 s ahead of the service's clock: those were wrong all along.
+                self._clock.follow()
             self._say(arrived)
             failures = 0 if arrived else failures + 1
 
@@ -129,7 +105,7 @@ class Reporter:
             return True
         return await self._outbox.observe(
             self.holding,
-            time_ns=self._stamps.now_ns(),
+            time_ns=self._clock.now_ns(),
             source=self._source,
             lifetime_s=self._lifetime_s,
             buffered=False,
