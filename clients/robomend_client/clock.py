@@ -14,7 +14,8 @@ class Clock:
     """See the module. It is at least the computer's clock, and at least as far on as time has passed."""
 
     def __init__(self) -> None:
-        self.follow()
+        self._latest_ns = time.time_ns()
+        self._read_at = time.monotonic_ns()
 
     def now_ns(self) -> int:
         """Return nanoseconds since the epoch."""
