@@ -36,27 +36,27 @@ class TooManyNodes(Exception):
 
 
 class HittingSets:
-    """The search. `conflicts` and `found` may be read at any time; some conflicts may be known."""
+    """The search. `conflicts` and `found` may be read at any time."""
 
-    def __init__(
-        self, find_conflict: FindConflict, conflicts: list[int], node_budget: int | None = None
-    ) -> None:
-        self.conflicts = conflicts
+    def __init__(self, find_conflict: FindConflict, node_budget: int | None = None) -> None:
+        self.conflicts: list[int] = []
         self.found: list[int] = []
-        self.size = 0  # all diagnoses below this size are in `found`
-        self._found_set: set[int] = set()
+        self.at_least = 0  # no diagnosis is smaller, as far as the last search saw at its root
+        self._smaller: list[int] = []  # those found before the search that runs
         self._find_conflict = find_conflict
         self._budget = node_budget
         self._cut = False
 
     def of_size(self, size: int) -> Iterator[int]:
-        """Yield the minimal diagnoses of exactly this size; call with 0, 1, 2, …, none left out."""
+        """Yield the minimal diagnoses of exactly this size.
+
+        Call with 0 first and then with ascending sizes; only those below `at_least` may be left out.
+        """
         self._cut = False
-        for mask in self._search(0, 0, list(self.conflicts), 0, size):
+        self._smaller = self.found.copy()
+        for mask in self._search(0, 0, self.conflicts.copy(), 0, size):
             self.found.append(mask)
-            self._found_set.add(mask)
             yield mask
-        self.size = size + 1
 
     @property
     def exhausted(self) -> bool:
@@ -65,28 +65,21 @@ class HittingSets:
 
     def any_more(self, components: int) -> bool:
         """Return whether there is a diagnosis that contains none of those found, whatever its size."""
-        for _ in self._search(0, 0, list(self.conflicts), 0, components):
+        self._smaller = self.found.copy()
+        for _ in self._search(0, 0, self.conflicts.copy(), 0, components):
             return True
         return False
 
-    def lower_bound(self) -> int:
-        """Return a size that every diagnosis has at least: a greedy count of disjoint conflicts."""
-        used = bound = 0
-        for conflict in sorted(self.conflicts, key=int.bit_count):
-            if not conflict & used:
-                used |= conflict
-                bound += 1
-        return bound
-
     def _search(self, taken: int, excluded: int, unhit: list[int], depth: int, size: int) -> Iterator[int]:
+        """Yield the diagnoses with all that is taken and nothing that is excluded.
+
+        `unhit` are the conflicts that what is taken does not hit, without what is excluded; none is empty.
+        """
         if depth > MAX_DEPTH:
             raise TooManyNodes
-        if self._budget is not None:
-            self._budget -= 1
-            if self._budget < 0:
-                raise TooManyNodes
-        while not unhit:
-            if taken in self._found_set or any(taken & smaller == smaller for smaller in self.found):
+        self._spend(1)
+        if not unhit:
+            if self._contains_smaller(taken):
                 return
             conflict = self._find_conflict(taken)
             if conflict is None:
@@ -109,8 +102,13 @@ class HittingSets:
             count = conflict.bit_count()
             if count < width:
                 branch, width = conflict, count
+        if depth == 0:
+            self.at_least = disjoint
         if depth + disjoint > size:
             self._cut = True
+            return
+        if depth + 1 == size:
+            yield from self._last(taken, branch, unhit)
             return
         known = len(self.conflicts)
         while branch:
@@ -125,3 +123,34 @@ class HittingSets:
                 return  # what is excluded is all that could hit it, and later branches exclude more
             yield from self._search(taken | bit, excluded, left, depth + 1, size)
             excluded |= bit
+
+    def _last(self, taken: int, branch: int, unhit: list[int]) -> Iterator[int]:
+        """Yield the diagnoses with one component more, which must hit all that is not hit yet."""
+        common = branch
+        for conflict in unhit:
+            common &= conflict
+        if common != branch:
+            self._cut = True
+        self._spend(common.bit_count())
+        while common:
+            bit = common & -common
+            common ^= bit
+            mask = taken | bit
+            if self._contains_smaller(mask):
+                continue
+            found = self._find_conflict(mask)
+            if found is None:
+                yield mask
+            else:
+                self.conflicts.append(found)
+                common &= found
+                self._cut = True
+
+    def _spend(self, nodes: int) -> None:
+        if self._budget is not None:
+            self._budget -= nodes
+            if self._budget < 0:
+                raise TooManyNodes
+
+    def _contains_smaller(self, mask: int) -> bool:
+        return any(mask & smaller == smaller for smaller in self._smaller)

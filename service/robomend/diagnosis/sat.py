@@ -202,7 +202,7 @@ class SatEngine(BaseEngine):
         forced = mask_of(what_if.abnormal)
         forced_size = len(what_if.abnormal)
         find_conflict = self._conflict_finder(observed, what_if, answer, WIDE_CONFLICT)
-        search = HittingSets(find_conflict, [], NODE_BUDGET)
+        search = HittingSets(find_conflict, NODE_BUDGET)
         known: list[Bad] = []
         size = 0
         try:
@@ -213,7 +213,7 @@ class SatEngine(BaseEngine):
                     answer.add(bad)
                 if search.exhausted or (options.minimal == "cardinality" and known):
                     return
-                size += 1
+                size = max(size + 1, search.at_least)
             if search.any_more(len(self._health)):
                 raise TooLarge
         except TooManyNodes:
