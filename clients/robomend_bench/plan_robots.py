@@ -1,5 +1,7 @@
 """Seeded random robots and states for the planning benchmark and its tests.
 
+`random_robot` is any robot, `supplied_robot` one whose power supply makes most of it a single question.
+
 A robot of n components has about a quarter devices, half of them fed by another, most on a channel of a
 power board large enough; half of the devices have a driver; the other nodes rest on the topics of up to
 three earlier nodes, near ones preferred, so that the longest chain grows with n. Now and then a node is
@@ -49,6 +51,29 @@ def random_robot(seed: int, components: int, *, awkward: bool = True) -> Compone
             first, publishes={topic: (*on, f"topic{len(names) - 1}") for topic, on in first.publishes.items()}
         )
     return ComponentModel(f"random-{seed}", hardware, nodes, {}, channels=devices)
+
+
+def supplied_robot(seed: int) -> ComponentModel:
+    """Return a robot of 9 to 14 components: one supply feeds 4 to 6 devices, each with its driver.
+
+    Three devices or more hang on the supply itself, others now and then on a device before them; a driver may
+    be tied to the one before it, and most robots have a node that rests on two drivers. Whatever cycles the
+    supply takes all of that along: one part of 18 to 26 actions.
+    """
+    chance = random.Random(f"supplied {seed}")
+    count = chance.choice((4, 5, 6))
+    hardware = {"supply": Hardware("supply", 0)}
+    nodes: dict[str, Node] = {}
+    for index in range(count):
+        device, driver = f"device{index}", f"driver{index}"
+        chained = index >= 3 and chance.random() < 0.4
+        feeder = f"device{chance.randrange(index)}" if chained else "supply"
+        hardware[device] = Hardware(device, index + 1, fed_by=(feeder,))
+        tied = (f"driver{index - 1}",) if index and chance.random() < 0.25 else ()
+        nodes[driver] = Node(driver, drives=(device,), publishes={f"topic{index}": ()}, tied_to=tied)
+    if chance.random() < 0.6:
+        nodes["merger"] = Node("merger", publishes={"merged": ("topic0", "topic1")})
+    return ComponentModel(f"supplied-{seed}", hardware, nodes, {}, channels=count + 1)
 
 
 def broken(model: ComponentModel, bad: Collection[str], seed: int | None = None) -> list[Literal]:

@@ -40,6 +40,8 @@ class Sample:
     result: tuple[int | None, ...] | None = None
     shown: int | None = None
     note: str = ""
+    cost: float | None = None  # of a plan, see robomend_bench.costs
+    bound: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)

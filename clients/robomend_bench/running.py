@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import ExitStack
 
+from robomend_bench.costs import too_dear
 from robomend_bench.results import Built, Run, Sample, Status, disagreements, now, this_machine
 from robomend_bench.suite import Answer, Group, Suite, Wish
 from robomend_bench.worker import Contestant
@@ -71,7 +72,7 @@ def run_suite(
         clock=wish.clock,
         samples=tuple(samples),
         built=tuple(built),
-        disagreements=disagreements(samples),
+        disagreements=(*disagreements(samples), *too_dear(samples)),
     )
 
 
@@ -119,4 +120,6 @@ def _sample(
         result=answer.result if answer is not None and status == "ok" else None,
         shown=answer.shown if answer is not None else None,
         note=note,
+        cost=answer.cost if answer is not None and status == "ok" else None,
+        bound=answer.bound if answer is not None else 1.0,
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from statistics import median
 
+from robomend_bench.costs import comparisons
 from robomend_bench.results import Line, Run, ratio_at_least, slope, summarise
 
 
@@ -30,7 +31,7 @@ def times(value: float | None) -> str:
 def markdown(run: Run) -> str:
     """Return a report of one run."""
     lines = summarise(run)
-    shown = "size" if run.mode == "first" else "diagnoses"
+    shown = "size" if run.mode == "first" else _counted(run)
     head = ["group", "components", "contender", "solved", "median", "worst", shown, "peak memory"]
     against = len(run.contenders) > 1
     if against:
@@ -78,7 +79,7 @@ def _remarks(run: Run, lines: Sequence[Line]) -> list[str]:
             remarks += [f"All groups, {contender}: {len(times_of_all)} solved, {text}.", ""]
     few = _few(run)
     if few:
-        remarks += [f"Medians over questions with at most {FEW} diagnoses: {'; '.join(few)}.", ""]
+        remarks += [f"Medians over questions with at most {FEW} {_counted(run)}: {'; '.join(few)}.", ""]
     for group in run.groups:
         for contender in run.contenders[1:]:
             bound = ratio_at_least(run, contender, group)
@@ -88,15 +89,22 @@ def _remarks(run: Run, lines: Sequence[Line]) -> list[str]:
                     f"what it did not finish ({bound[0]}) counts with the time it spent in vain.",
                     "",
                 ]
+    if compared := comparisons(run):
+        remarks += [*(f"- {text}" for text in compared), ""]
     for line in lines:
         if line.note:
             remarks += [f"Note: {line.contender} on {line.group}: {line.note}.", ""]
     if run.disagreements:
         remarks += [f"**{len(run.disagreements)} disagreements**, so that one contender is wrong:", ""]
         remarks += [*(f"- {text}" for text in run.disagreements[:20]), ""]
-    elif len(run.contenders) > 1:
+    elif len(run.contenders) > 1 and any(sample.result for sample in run.samples):
         remarks += ["All contenders gave the same answers.", ""]
     return remarks
+
+
+def _counted(run: Run) -> str:
+    """What the answers are made of."""
+    return "steps" if run.suite == "plans" else "diagnoses"
 
 
 FEW = 10

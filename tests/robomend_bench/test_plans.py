@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
 from robomend.errors import OptionRefused
-from robomend_bench.plan_robots import broken, longest_chain, random_robot, some_bad
+from robomend.repair import planning
+from robomend.repair.decomposition import Part
+from robomend.repair.planning import EXACT_UP_TO
+from robomend.repair.series import in_series
+from robomend_bench.plan_robots import broken, longest_chain, random_robot, some_bad, supplied_robot
+from robomend_bench.running import run_suite
 from robomend_bench.suite import Wish, find_suite
 
 
@@ -31,3 +38,41 @@ def test_every_contender_plans_the_papers_scenarios() -> None:
         assert [ask(question).shown for question in group.questions] == [12, 3], contender
     with pytest.raises(OptionRefused, match="no contender"):
         suite.prepare("graphplan", group, wish)
+
+
+def test_robots_with_a_supply_are_seeded_and_of_the_size_that_is_said() -> None:
+    robots = [supplied_robot(seed) for seed in range(100)]
+    assert supplied_robot(7) == robots[7] != robots[8]
+    assert {len(robot.components) for robot in robots} == set(range(9, 15))
+    assert all(sum("supply" in h.fed_by for h in robot.hardware.values()) >= 3 for robot in robots)
+
+
+def test_robots_with_a_supply_are_planned_in_stages(monkeypatch: pytest.MonkeyPatch) -> None:
+    staged: list[int] = []
+
+    def watched(part: Part, solve: Any) -> tuple[int, ...] | None:
+        plan = in_series(part, solve)
+        if plan is not None:
+            staged.append(len(part.actions))
+        return plan
+
+    monkeypatch.setattr(planning, "in_series", watched)
+    suite = find_suite("plans")
+    wish = Wish(mode="cost", only=("supplied-robots",), timeout_s=60)
+    (group,) = suite.groups(wish)
+    assert len(group.questions) == 30
+    ask = suite.prepare("asp", group, wish)
+    for question in group.questions:
+        staged.clear()
+        assert ask(question).complete, question.name
+        assert max(staged) > EXACT_UP_TO, question.name
+
+
+def test_mode_cost_compares_the_cost_of_plans_on_both_groups() -> None:
+    wish = Wish(mode="cost", instances=2, timeout_s=60)
+    run = run_suite(find_suite("plans"), wish, ("asp", "pyperplan"), repeats=1)
+    assert {(sample.group, sample.bound) for sample in run.samples} == {
+        (group, bound) for group in ("small-robots", "supplied-robots") for bound in (1.0, 1.1)
+    }
+    assert all(sample.cost for sample in run.samples)
+    assert run.disagreements == ()

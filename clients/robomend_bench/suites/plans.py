@@ -5,13 +5,15 @@
     up-chain              Unified Planning alone: PDDL text, up_quantifiers_remover, up_grounder, pyperplan
     fast-downward-whole   Fast Downward, optimal, over the whole problem: none of our grounding
 
-Mode `time` asks for two bad components and for all bad at once; mode `cost` compares the cost of plans on
-small robots, with Fast Downward (optimal, over the whole problem, none of our grounding) where it is
-installed.
+Mode `time` asks for two bad components and for all bad at once. Mode `cost` compares the cost of plans, with
+Fast Downward where it is installed, on two groups: small robots, each of whose parts is searched whole, and
+robots with a power supply, whose part is planned in stages (robomend.repair.series). `asp` and Fast Downward
+are held to the cheapest plan that anybody found, `pyperplan` to 1.1 times its cost.
 """
 
 from __future__ import annotations
 
+import random
 from collections.abc import Iterator, Mapping
 from importlib.util import find_spec
 from pathlib import Path
@@ -28,7 +30,7 @@ from robomend.repair.planners import make_planner, planner_names
 from robomend.repair.planning import PlanOptions, forget, plan_for
 from robomend.repair.problem import repair_problem
 from robomend.resources import resource
-from robomend_bench.plan_robots import broken, longest_chain, random_robot, some_bad
+from robomend_bench.plan_robots import broken, longest_chain, random_robot, some_bad, supplied_robot
 from robomend_bench.suite import Answer, Ask, Group, Question, Wish
 from robomend_client.literals import Literal
 
@@ -36,7 +38,11 @@ UP_CHAIN = "up-chain"
 FD_WHOLE = "fast-downward-whole"
 
 SIZES = {"tedusar": 14, "robot-100": 100, "robot-1000": 1000}
-COST_ROBOTS = 25
+SMALL, SUPPLIED = "small-robots", "supplied-robots"
+COST_ROBOTS = {SMALL: 25, SUPPLIED: 30}
+
+CHEAPEST, NEARLY = 1.0, 1.1
+"""How many times the cost of the cheapest plan that is known a plan may cost."""
 
 Payload = tuple[ComponentModel, list[Literal], tuple[str, ...]]
 """Robot, OBS and diagnosis."""
@@ -49,7 +55,7 @@ class Plans:
     summary = "repair planning: power-up and seeded robots of 100 and 1000 components"
     modes: Mapping[str, str] = {
         "time": "from diagnosis to validated plan, two components bad and all bad",
-        "cost": "cost of the plan, on tedusar and 25 small random robots",
+        "cost": "cost of the plan, on tedusar, 25 small robots and 30 planned in stages",
     }
 
     def contenders(self, mode: str) -> tuple[str, ...]:
@@ -59,13 +65,17 @@ class Plans:
         return ("asp", "pyperplan", *((FD_WHOLE,) if find_spec("up_fast_downward") else ()))
 
     def groups(self, wish: Wish) -> Iterator[Group]:
-        """Yield a robot a group; in mode `cost`, one group of all the small ones."""
-        if wish.mode == "cost":
-            yield Group("small-robots", 9, None, tuple(_cost_questions(wish)))
-            return
-        for name in wish.only or tuple(SIZES):
-            if name not in SIZES:
-                raise InputError(f"no group {name}: choose from {', '.join(SIZES)}")
+        """Yield a robot a group; in mode `cost`, a group of small ones and one of those with a supply."""
+        known = tuple(COST_ROBOTS if wish.mode == "cost" else SIZES)
+        for name in wish.only or known:
+            if name not in known:
+                raise InputError(f"no group {name}: choose from {', '.join(known)}")
+            if name == SMALL:
+                yield Group(name, 9, None, tuple(_small_questions(wish)))
+                continue
+            if name == SUPPLIED:
+                yield Group(name, 14, None, tuple(_supplied_questions(wish)))
+                continue
             if name == "tedusar":
                 robot = _tedusar()
                 off = tuple(c for c in robot.components if robot.switchable(c) or c in robot.nodes)
@@ -91,6 +101,7 @@ class Plans:
             raise OptionRefused(f"no contender {contender!r}: choose from {known}, or a planner with :warm")
         make_planner(name)
         options = PlanOptions(planner=name, timeout_s=wish.timeout_s)
+        bound = NEARLY if name == "pyperplan" else CHEAPEST
 
         def ask(question: Question) -> Answer:
             if not how:
@@ -98,14 +109,16 @@ class Plans:
             robot, seen, bad = question.payload
             plan = plan_for(robot, seen, bad, options)
             done = plan.outcome is not Outcome.GAVE_UP
-            return Answer(_result(wish, plan.cost), done, shown=len(plan.steps))
+            return _answer(wish, plan.cost, len(plan.steps), bound, complete=done)
 
         return ask
 
 
-def _result(wish: Wish, cost: float) -> tuple[int | None, ...]:
+def _answer(wish: Wish, cost: float, steps: int, bound: float, *, complete: bool = True) -> Answer:
     """Costs are compared in mode `cost` only: elsewhere planners may differ."""
-    return (round(cost),) if wish.mode == "cost" else ()
+    if wish.mode != "cost":
+        return Answer((), complete, shown=steps)
+    return Answer((), complete, shown=steps, cost=cost, bound=bound)
 
 
 def _tedusar() -> ComponentModel:
@@ -119,13 +132,24 @@ def _question(name: str, robot: ComponentModel, bad: tuple[str, ...], seed: int 
     return Question(name, payload)
 
 
-def _cost_questions(wish: Wish) -> Iterator[Question]:
+def _small_questions(wish: Wish) -> Iterator[Question]:
     tedusar = _tedusar()
     yield _question("tedusar shut-down", tedusar, ("jaguar",))
-    for number in range(wish.instances or COST_ROBOTS):
+    for number in range(wish.instances or COST_ROBOTS[SMALL]):
         seed = wish.seed * 1000 + number
         robot = random_robot(seed, 7 + seed % 3, awkward=False)
         bad = some_bad(robot, 2 + seed % 4, seed) if seed % 3 else robot.components
+        yield _question(f"robot {seed}, {len(bad)} bad", robot, bad, seed)
+
+
+def _supplied_questions(wish: Wish) -> Iterator[Question]:
+    """The supply alone, the supply with one to three others, everything."""
+    for number in range(wish.instances or COST_ROBOTS[SUPPLIED]):
+        seed = wish.seed * 1000 + number
+        robot = supplied_robot(seed)
+        others = robot.components[1:]
+        few = random.Random(f"bad supplied {seed}").sample(others, 1 + number // 3 % 3)
+        bad = (("supply",), ("supply", *few), robot.components)[number % 3]
         yield _question(f"robot {seed}, {len(bad)} bad", robot, bad, seed)
 
 
@@ -155,7 +179,7 @@ def _stock(contender: str, wish: Wish) -> Ask:
         if names is None:
             return Answer((), complete=False)
         cost = sum(next(cost for key, cost in costs.items() if name.startswith(key)) for name in names)
-        return Answer(_result(wish, cost), complete=True, shown=len(names))
+        return _answer(wish, cost, len(names), CHEAPEST)
 
     return ask
 
