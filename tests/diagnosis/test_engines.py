@@ -65,13 +65,15 @@ def test_bounds_are_kept_and_completeness_is_true(
 ) -> None:
     cnf, observations = system
     expected = brute_force(cnf, observations)
+    options = Options(minimal=minimal, max_size=max_size, limit=limit, timeout_s=None)
+    engine = make_engine(name, cnf)
     if expected is None:
+        with pytest.raises(ContradictoryModel):
+            engine.diagnose(observations, options)
         return
     if minimal == "cardinality":
         expected = {bad for bad in expected if len(bad) == min(map(len, expected))}
-    result = make_engine(name, cnf).diagnose(
-        observations, Options(minimal=minimal, max_size=max_size, limit=limit, timeout_s=None)
-    )
+    result = engine.diagnose(observations, options)
     found = {diagnosis.bad for diagnosis in result.diagnoses}
     small = {bad for bad in expected if len(bad) <= max_size}
     assert found <= small
@@ -187,6 +189,22 @@ def test_literals_that_no_rule_mentions_are_named(name: str) -> None:
     result = make_engine(name, circuit("c17").cnf).diagnose([stray])
     assert result.unused == (stray,)
     assert result.healthy
+
+
+@engines
+@pytest.mark.parametrize("minimal", ["cardinality", "subset"])
+@pytest.mark.parametrize("max_size", [None, 1])
+def test_a_model_without_components_or_sense_has_a_clear_answer(
+    name: str, minimal: Minimal, max_size: int | None
+) -> None:
+    options = Options(minimal=minimal, max_size=max_size, timeout_s=None)
+    nobody = make_engine(name, model(0, [(1, 2)], atoms=2)).diagnose([Literal(Atom("ok", ("a1",)))], options)
+    assert [diagnosis.bad for diagnosis in nobody.diagnoses] == [()]
+    assert nobody.complete
+    senseless = make_engine(name, model(3, [(4,), (-4,), (-1, -2)], atoms=1))
+    for _ in range(2):
+        with pytest.raises(ContradictoryModel):
+            senseless.diagnose([], options)
 
 
 @engines

@@ -71,7 +71,7 @@ class AspEngine(BaseEngine):
         any_at_all = False
         for bad, optimal in self._models("minimum", literals, answer):
             any_at_all = True
-            if not optimal:
+            if not optimal and self.cnf.components:  # without any, clingo has nothing to minimize
                 continue  # a better one follows
             if options.max_size is not None and len(bad) > options.max_size:
                 raise TooLarge
@@ -178,7 +178,9 @@ class _Grounded:
     def assumptions(self, literals: list[int], max_size: int | None) -> list[int]:
         """Return OBS, and a bound on the size, as clingo's literals."""
         assumed = [self._true[literal] if literal > 0 else -self._true[-literal] for literal in literals]
-        if max_size is not None and max_size < len(self._cnf.components):
+        # A model that contradicts itself is grounded to nothing: there is no bound, and no answer set either.
+        conflicting = self.control.is_conflicting
+        if max_size is not None and max_size < len(self._cnf.components) and not conflicting:
             assumed.append(self._bound(max_size))
         return assumed
 

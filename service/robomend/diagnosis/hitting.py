@@ -153,4 +153,4 @@ class HittingSets:
                 raise TooManyNodes
 
     def _contains_smaller(self, mask: int) -> bool:
-        return any(mask & smaller == smaller for smaller in self._smaller)
+        return bool(self._smaller) and any(mask & smaller == smaller for smaller in self._smaller)

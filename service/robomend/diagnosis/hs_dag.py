@@ -54,6 +54,8 @@ class HsDagEngine(BaseEngine):
             if too_deep:
                 if self._any_more([*observed.numbers, *what_if.numbers], answer.found):
                     raise TooLarge
+                if not answer.found:
+                    raise NoDiagnosis
                 return
             below: dict[Path, Node] = {}
             for node in list(level.values()):
