@@ -42,6 +42,9 @@ OBSERVED = (
     [f"on({h})" for h in HARDWARE] + [f"running({n})" for n in NODES] + ["ok(odom)", "ok(scan)", "ok(map)"]
 )
 
+SHUT_DOWN = ["power_up(base)", "stop_node(base_node)", "start_node(base_node)"]
+"""What is done when the base has lost its power."""
+
 CONFIG: dict[str, Any] = {
     "model": "small",
     "policy": "auto",

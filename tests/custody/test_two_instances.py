@@ -100,3 +100,43 @@ async def test_a_cancellation_reaches_the_owner_through_the_other_instance(datab
         await client.cancel(open_one["id"], "I see smoke")
         repair = await latest([other], ended, timeout_s=5.0)
     assert (repair["id"], repair["state"], repair["reason"]) == (open_one["id"], "cancelled", "I see smoke")
+
+
+@pytest.mark.parametrize("way", ["repair.cancel", "stop.set"])
+async def test_the_owner_sends_nothing_after_the_other_instance_was_asked_to_end_it(
+    database: tuple[str, ...], way: str
+) -> None:
+    """The audit log is in the order of the writes: no intent comes after the request."""
+    second = asyncio.Event()
+
+    async def takes_time(robot: Robot, name: str, parameter: str) -> int | None:
+        if len(robot.ids) > 1:
+            second.set()
+        return None
+
+    async with services(database, database) as running, remote_robot(running) as robot:
+        robot.spoil = takes_time
+        await asyncio.sleep(0.5)
+        robot.on = dict.fromkeys(robot.on, False)
+        robot.running = dict.fromkeys(robot.running, False)
+        robot.connected = dict.fromkeys(robot.connected, False)
+        async with asyncio.timeout(60):
+            await second.wait()
+        owner = await owner_of(running, database)
+        [other] = [service for service in running if service is not owner]
+        client = other.client
+        assert client is not None
+        open_one = (await client.repairs("r1", limit=1))["items"][0]
+        if way == "stop.set":
+            await client.stop("I see smoke")
+        else:
+            await client.cancel(open_one["id"], "I see smoke")
+        repair = await latest([other], ended)
+        await robot.rest()
+        audit = await client.audit(limit=500)
+    assert (repair["id"], repair["state"]) == (open_one["id"], "cancelled")
+    actions = [entry["action"] for entry in reversed(audit["items"])]
+    assert 2 <= actions.count("action.sent") < 5
+    after = actions[actions.index(way) : actions.index("repair.cancelled")]
+    assert "action.sent" not in after
+    assert robot.complaints == []

@@ -9,9 +9,8 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import Counter
-from collections.abc import Awaitable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import TypeVar
 
 from robomend.custody.choosing import Chooser, record_of
 from robomend.custody.hearing import Hearing, LiveSight
@@ -33,8 +32,6 @@ from robomend.store.records import Quarantine
 from robomend_client.actions import Action, ActionResult, Executor
 from robomend_client.literals import Atom, Literal
 
-T = TypeVar("T")
-
 LOOK_S = 0.25
 """How often a wait for OBS looks at the clock as well: what grows stale wakes nobody."""
 
@@ -52,14 +49,6 @@ class Overtaken(InputError):
     """While a plan waited for a person, the diagnosis changed."""
 
     code = "overtaken"
-
-
-class Halted(Exception):  # what happened, not what went wrong
-    """Ends a wait that is not the execution's own."""
-
-
-class Declined(Halted):
-    """A person answered a question with a cancellation."""
 
 
 class RobotCase:
@@ -133,7 +122,7 @@ class RobotCase:
             if names != told:
                 told = names
                 await self._book.update("waiting", reason="for observers", waiting_for=names)
-            await self._unless_halted(self._sight.changed(self._sight.revision, LOOK_S))
+            await self._signals.unless_halted(self._sight.changed(self._sight.revision, LOOK_S))
         self._hearing.anew = False
         if told:
             await self._book.update("planning", waiting_for=[])
@@ -153,13 +142,7 @@ class RobotCase:
             count = state.diagnosed.value
             if state.task is None:
                 self._fleet.diagnosing.wake(state)
-            await self._unless_halted(state.diagnosed.beyond(count, LOOK_S))
-
-    async def _unless_halted(self, wait: Awaitable[T]) -> T:
-        answer = await wait
-        if self._signals.halt.is_set():
-            raise Halted
-        return answer
+            await self._signals.unless_halted(state.diagnosed.beyond(count, LOOK_S))
 
     # --- choose
 
@@ -173,7 +156,7 @@ class RobotCase:
             )
             deadline = time.monotonic() + self._state.config.observed_timeout_s
             while self._state.value(atom) is None and time.monotonic() < deadline:
-                await self._unless_halted(self._sight.changed(self._sight.revision, LOOK_S))
+                await self._signals.unless_halted(self._sight.changed(self._sight.revision, LOOK_S))
             result = await self._newest()
             found = await self._planned(result, looks=False)
         if found.plan is not None and found.diagnosis is not None:
@@ -192,11 +175,12 @@ class RobotCase:
         deadline, pause_s = time.monotonic() + BUSY_S, 0.2
         while True:
             try:
-                return await self._chooser.choose(self._state, result, looks=looks)
+                choosing = self._chooser.choose(self._state, result, looks=looks)
+                return await self._signals.unless_halted(choosing)
             except Overloaded:
                 if time.monotonic() >= deadline:
                     raise
-            await self._unless_halted(asyncio.sleep(pause_s))
+            await self._signals.unless_halted(asyncio.sleep(pause_s))
             pause_s = min(2 * pause_s, 5.0)
 
     # --- approve
@@ -299,7 +283,7 @@ class RobotCase:
                 return await self._newest()
             if result.healthy or (done and helped) or time.monotonic() >= deadline:
                 return result
-            await self._unless_halted(self._sight.changed(revision, LOOK_S))
+            await self._signals.unless_halted(self._sight.changed(revision, LOOK_S))
 
     async def _hear_the_missing(self, execution: Execution) -> None:
         """An effect that nobody could tell us of says nothing of the robot: Silent, unless they speak."""
@@ -313,7 +297,7 @@ class RobotCase:
                 )
                 await self._book.end_round(str(Ending.STALE), why, helped=False)
                 raise Silent(why)
-            await self._unless_halted(self._sight.changed(self._sight.revision, LOOK_S))
+            await self._signals.unless_halted(self._sight.changed(self._sight.revision, LOOK_S))
 
     async def remember(self, choice: Choice, execution: Execution, *, helped: bool) -> None:
         """Keep the attempt; components whose repairs keep failing go into quarantine."""

@@ -21,7 +21,7 @@ from functools import partial
 
 import structlog
 
-from robomend.custody.case import Declined, Halted, NotPermitted, Overtaken, RobotCase, Silent
+from robomend.custody.case import NotPermitted, Overtaken, RobotCase, Silent
 from robomend.custody.choosing import Chooser
 from robomend.custody.conclusions import (
     Situation,
@@ -32,7 +32,7 @@ from robomend.custody.conclusions import (
     situation_of,
 )
 from robomend.custody.reentry import Reentry, open_question
-from robomend.custody.signals import Signals
+from robomend.custody.signals import Declined, Halted, Signals
 from robomend.cycle import mend
 from robomend.errors import NotFound, Refused, RobomendError, StoreError
 from robomend.fleet.fleet import Fleet

@@ -19,9 +19,9 @@ import asyncio
 import contextlib
 from dataclasses import dataclass
 
-from robomend.custody.case import Declined, Halted, approval
+from robomend.custody.case import approval
 from robomend.custody.choosing import Chooser
-from robomend.custody.signals import Signals
+from robomend.custody.signals import Declined, Halted, Signals
 from robomend.errors import NotFound
 from robomend.fleet.robot_state import RobotState
 from robomend.repair.book import LOOP, Book
@@ -131,7 +131,7 @@ class Reentry:
     async def _fate(self, intent: Intent, why: str, patient: bool) -> tuple[int, str]:
         """Return what is known of an action whose outcome was not written.
 
-        `patient`: an agent that is at it gets the action's time to report.
+        `patient`: an agent that is at it gets the action's time to report, unless somebody halts us (Halted).
         """
         with contextlib.suppress(NotFound):
             action = await self._store.read(lambda view: view.agent_action(intent.id))
@@ -140,8 +140,7 @@ class Reentry:
             while action.answered and action.code is None and loop.time() < deadline:
                 change = self._agents.watch(self._book.robot)
                 with contextlib.suppress(TimeoutError):
-                    async with asyncio.timeout(RETRY_S):
-                        await change.wait()
+                    await self._signals.unless_halted(asyncio.wait_for(change.wait(), RETRY_S))
                 action = await self._store.read(lambda view: view.agent_action(intent.id))
             if action.code is None:
                 action = await self._agents.withdraw(intent.id, why)

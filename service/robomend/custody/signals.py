@@ -7,6 +7,18 @@ written (`Book.update(answers=…)`), so that a crash in between loses neither a
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Awaitable
+from typing import TypeVar
+
+T = TypeVar("T")
+
+
+class Halted(Exception):  # what happened, not what went wrong
+    """Ends a wait that is not the execution's own."""
+
+
+class Declined(Halted):
+    """A person answered a question with a cancellation."""
 
 
 class Signals:
@@ -58,6 +70,20 @@ class Signals:
             for wait in waits:
                 wait.cancel()
         return self._yes.is_set() and not self.halt.is_set()
+
+    async def unless_halted(self, wait: Awaitable[T]) -> T:
+        """Return what is waited for; Halted as soon as the halt comes, and the wait is cancelled then."""
+        waiting = asyncio.ensure_future(wait)
+        halted = asyncio.create_task(self.halt.wait())
+        try:
+            await asyncio.wait({waiting, halted}, return_when=asyncio.FIRST_COMPLETED)
+            if self.halt.is_set():
+                raise Halted
+            return waiting.result()
+        finally:
+            waiting.cancel()
+            halted.cancel()
+            await asyncio.wait({waiting, halted})  # nothing of it goes on behind our back
 
     def answers(self) -> tuple[int, ...]:
         """Return the requests that the next write answers."""

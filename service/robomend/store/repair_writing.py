@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from sqlalchemy import or_, select
+from sqlalchemy import or_, select, text
 
 from robomend.errors import Conflict, NotFound
 from robomend.store import schema
@@ -22,10 +22,13 @@ from robomend.store.records import (
     Quarantine,
     Repair,
     RepairRequest,
+    Stop,
     Tried,
 )
 from robomend.store.repair_reading import agent_action_of, quarantine_of, repair_of, request_of
 from robomend.store.transaction import SqlItem
+
+_STOP_LOCK = 0x73746F70  # "stop": PostgreSQL's advisory lock; there may be no row to lock yet
 
 HANDED_OUT_NS = 5_000_000_000
 """An action that its agent has not answered for so long is handed to any."""
@@ -65,6 +68,8 @@ class RepairWriting(SqlItem):
         return self.repair(repair)
 
     def ask(self, repair: str, what: str, *, by: str, reason: str) -> RepairRequest:
+        # Its owner writes intents under the same lock: one comes wholly before the request, or sees it.
+        self.state(self._robot_of(repair))
         table = schema.repairs
         query = select(table).where(table.c.id == checked(repair)).with_for_update(read=True)
         asked = repair_of(self._one(query, f"repair {repair!r}"))
@@ -104,6 +109,16 @@ class RepairWriting(SqlItem):
         return str(self._one(query, f"repair {repair!r}").robot)
 
     # --- the action journal
+
+    def stop(self) -> Stop:
+        # Whoever sets the stop waits for those who have read that there is none and still write an intent.
+        self.hold_stop("pg_advisory_xact_lock_shared")
+        return super().stop()
+
+    def hold_stop(self, lock: str) -> None:
+        """Lock the global stop until the transaction ends; on SQLite one writes at a time anyway."""
+        if self._group.kind == "postgresql":
+            self._group.connection.execute(text(f"SELECT {lock}(:key)"), {"key": _STOP_LOCK})
 
     def intend(
         self,

@@ -235,6 +235,7 @@ class SqlTransaction(RepairWriting):
         self.change(table.delete().where(table.c.hash == checked(hash)))
 
     def set_stop(self, active: bool, *, by: str, reason: str) -> Stop:
+        self.hold_stop("pg_advisory_xact_lock")
         stop = Stop(active, by, reason, self.now_ns)
         value = {"active": active, "by": by, "reason": reason, "since_ns": self.now_ns}
         self.replace(schema.settings, {"name": "stop", "value": to_json(value)})
