@@ -78,7 +78,7 @@ def test_each_observation_says_what_it_taught_and_each_diagnosis_what_it_resolve
     assert run(["diagnose", TEDUSAR, "-o", "not ok(scan)"]) == 0
     out = capsys.readouterr().out
     assert "learned from not ok(scan): one of hokuyo and hokuyo_node is abnormal" in out
-    assert "cleared hokuyo_node: hokuyo already resolves the only conflict" in out
+    assert "healthy in 1: hokuyo_node, as hokuyo already resolves the only conflict" in out
 
 
 def test_http_says_what_was_learned_too() -> None:

@@ -12,7 +12,7 @@ HEALTHY = '{"diagnoses":[{"bad":[],'
 """How the object of a healthy set begins."""
 
 SHOWN = 20
-"""Conflicts, cleared suspects and lessons that the table lists; JSON has all of them."""
+"""Conflicts, healthy suspects and lessons that the table lists; JSON has all of them."""
 
 
 class Renderer:
@@ -94,7 +94,7 @@ def show(result: DiagnosisResult) -> None:
     sentences_of = {
         "conflicts": sentences,
         "lessons": [f"learned from {literal}: {text}" for literal, text in lessons.items()],
-        "cleared suspects": [f"cleared {name}: {why}" for name, why in result.cleared.items()],
+        "healthy suspects": [f"healthy in 1: {name}, as {why}" for name, why in result.cleared.items()],
     }
     for what, lines in sentences_of.items():
         for line in lines[:SHOWN]:
