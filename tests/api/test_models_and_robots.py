@@ -23,6 +23,8 @@ def test_a_model_is_created_read_and_replaced_with_its_etag(start: StartService)
     again = service.api("PUT", "/models/tedusar", json=changed, headers={"If-Match": etag})
     assert again.status_code == 200
     assert again.headers["etag"] != etag
+    only_new = service.api("PUT", "/models/tedusar", json=changed, headers={"If-None-Match": "*"})
+    assert (only_new.status_code, only_new.json()["code"]) == (412, "precondition-failed")
     versions = service.api("GET", "/models/tedusar/versions").json()["items"]
     assert [version["number"] for version in versions] == [2, 1]
 
@@ -36,6 +38,32 @@ def test_a_bad_model_is_refused_with_its_line_and_the_old_one_stays(start: Start
     assert answer.json()["code"] == "bad-model"
     assert answer.json()["line"] in {4, 5}
     assert service.api("GET", "/models/tedusar").json()["source"] == TEDUSAR
+
+
+def test_rules_that_contradict_one_another_are_warned_of(start: StartService) -> None:
+    service = start()
+    clash = 'robomend: 1\nname: x\nnodes: {n: {}}\nproperties: {p: {}}\nrules: ["ok(p)", "not ok(p)"]\n'
+    made = service.api("PUT", "/models/clash", json={"source": clash})
+    assert made.status_code == 201
+    (warning,) = made.json()["warnings"]
+    assert warning.startswith("no diagnosis will ever be found")
+    assert service.api("GET", "/models/clash").json()["warnings"] == [warning]
+
+
+def test_a_resource_is_created_only_where_there_is_none(start: StartService) -> None:
+    service = start()
+    new = {"If-None-Match": "*"}
+    assert service.api("PUT", "/models/m", json={"source": TEDUSAR}, headers=new).status_code == 201
+    assert service.api("PUT", "/models/m", json={"source": TEDUSAR}, headers=new).status_code == 412
+    assert service.api("PUT", "/robots/r", json={"model": "m"}, headers=new).status_code == 201
+    again = service.api("PUT", "/robots/r", json={"model": "m"}, headers=new)
+    assert (again.status_code, again.json()["code"]) == (412, "precondition-failed")
+
+
+@pytest.mark.parametrize("tag", ['W/"x"', '"x", "y"', "x", '"*"', ""])
+def test_an_etag_is_one_strong_one(service: Service, tag: str) -> None:
+    made = service.api("PUT", "/models/m", json={"source": TEDUSAR}, headers={"If-Match": tag})
+    assert made.status_code == 422
 
 
 def test_a_model_in_use_is_not_deleted(start: StartService) -> None:
@@ -70,6 +98,9 @@ def test_a_robot_is_checked_against_its_model(service: Service) -> None:
     service.with_robot("known")
     for wrong, words in (
         ({"expected": {"stopped": ["nobody"]}}, "nobody"),
+        ({"diagnosis": {"engine": "nobody"}}, "diagnosis.engine"),
+        ({"planner": "nobody"}, "planner"),
+        ({"domain": "(define (domain robot-repair) (:action"}, "domain:1"),
         ({"protected": ["nobody"]}, "nobody"),
         ({"observed": ["on(nobody)"]}, "nobody"),
         ({"policy": "never"}, "policy"),

@@ -11,6 +11,8 @@ import pytest
 from tests.api.conftest import Service, StartService
 
 NDJSON = {"Content-Type": "application/x-ndjson"}
+UNDECLARED = b'{"observations": ["ok(nothing)"]}\n'
+LONG = b'{"observations": ["' + b"x" * 70_000 + b'"]}\n'
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -121,12 +123,14 @@ def test_ndjson_is_taken_in_as_it_streams(service: Service) -> None:
 def test_a_bad_line_says_which_and_what_was_kept(service: Service) -> None:
     service.with_robot("broken")
     good = b'{"observations": ["ok(scan)"]}\n' * 1200
-    for bad, status in ((b"{nonsense\n", 400), (b'{"observations": ["ok(nothing)"]}\n', 422), (b"[]\n", 422)):
+    for bad, status in ((b"{nonsense\n", 400), (UNDECLARED, 422), (b"[]\n", 422), (LONG, 413)):
         content = good + bad + good
         answer = service.api("POST", "/robots/broken/observations", content=content, headers=NDJSON)
         assert answer.status_code == status
         assert answer.json()["lines"] == 1000
-        assert "1000 lines before were kept" in answer.json()["detail"]
+        assert "first 1000 lines were kept" in answer.json()["detail"]
+        if bad != UNDECLARED:  # a line that cannot be read is named; a sentence is found with its group
+            assert answer.json()["detail"].startswith("line 1201:")
 
 
 def test_an_endless_line_is_cut_off(service: Service) -> None:

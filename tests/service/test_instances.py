@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import threading
 import time
-from concurrent.futures import Future
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any
 
+import pytest
 from tests.api.conftest import TEDUSAR, StartService, bad_sets
 from tests.api.conftest import start as start  # the fixture
 
@@ -55,6 +58,37 @@ def test_an_instance_that_is_asked_knows_what_another_has_acknowledged(start: St
         assert bad_sets(found) == ([{"hokuyo"}, {"hokuyo_node"}] if number % 3 else [set()])
         shown = asked.api("GET", "/robots/r1").json()
         assert (shown["revision"], shown["healthy"]) == (revision, number % 3 == 0)
+
+
+def test_a_write_under_way_does_not_hide_what_another_has_acknowledged(start: StartService) -> None:
+    """Both write the same revision; the one that comes too late must not take it for its own."""
+    one, two = start(), start()
+    one.with_robot()
+    assert two.diagnosis()["revision"] == 0
+    fleet, held = two.runtime.fleet, threading.Event()
+    write = fleet._store.write
+
+    async def hold(*args: Any, **options: Any) -> Any:
+        held.set()
+        while held.is_set():
+            await asyncio.sleep(0.01)
+        return await write(*args, **options)
+
+    with ThreadPoolExecutor(3) as clients, pytest.MonkeyPatch.context() as patch:
+        patch.setattr(fleet._store, "write", hold)
+        late = clients.submit(two.observe, "ok(odom)")
+        assert held.wait(20)
+        assert one.observe("not ok(scan)").json()["revision"] == 1
+        asked = clients.submit(two.api, "GET", "/robots/r1/observations")
+        explained = clients.submit(two.diagnosis)
+        time.sleep(0.3)  # both wait for that write
+        patch.undo()
+        held.clear()
+        found = asked.result(20).json()
+        assert found["revision"] >= 1
+        assert "not ok(scan)" in {entry["literal"] for entry in found["observations"]}
+        assert explained.result(20)["revision"] >= 1
+        assert late.result(20).json()["revision"] == 2
 
 
 def test_a_configuration_or_model_put_at_one_instance_is_the_others_at_once(start: StartService) -> None:

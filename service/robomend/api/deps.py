@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from functools import partial
@@ -20,7 +21,7 @@ from robomend.repair.service_interface import Repairs
 from robomend.security import Principal
 from robomend.settings import Settings
 from robomend.store.interface import Store
-from robomend.store.records import ANY, Paging
+from robomend.store.records import ABSENT, ANY, Paging
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,18 +106,22 @@ IdempotencyKey = Annotated[
 ]
 
 
+ENTITY_TAG = re.compile(r'"[\x21\x23-\x7e]*"\Z')
+"""One strong ETag (RFC 9110, 8.8.3). A weak one never matches here, and a list has more than one version."""
+
+
 def expected_etag(if_match: str | None, if_none_match: str | None = None) -> str | None:
-    """Return what the store is to expect: an ETag's content, ANY, or None for "it must not exist yet"."""
+    """Return what the store is to expect: an ETag's content, ANY, ABSENT, or None where nothing is said."""
     if if_none_match is not None:
         if if_none_match.strip() != "*" or if_match is not None:
             raise Problem(422, "If-None-Match: only `*` is understood here, and not together with If-Match")
-        return None
+        return ABSENT
     if if_match is None:
         return None
     value = if_match.strip()
     if value == ANY:
         return ANY
-    if len(value) >= 2 and value[0] == value[-1] == '"':
+    if ENTITY_TAG.match(value) and value[1:-1] != ANY:
         return value[1:-1]
     raise Problem(422, 'If-Match: give one ETag in double quotes, as in If-Match: "5f0c9a", or `*`')
 

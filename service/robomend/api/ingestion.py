@@ -75,6 +75,7 @@ async def ingest(
     group: list[Batch] = []
     raw = hashlib.sha256()
     number = sentences = 0
+    unread = False  # line `number`, that is
 
     async def keep() -> None:
         nonlocal revision, lines, accepted, groups, sentences, raw
@@ -95,7 +96,10 @@ async def ingest(
             number += 1
             if line.isspace() or not line:
                 continue
+            unread = True
+            _check_length(line, parts.settings.max_line_bytes)
             batch = _batch(strict_json.loads(line, parts.settings.max_nesting))
+            unread = False
             size = len(batch.observations) + len(batch.assertions)
             group.append(batch)
             sentences += size
@@ -107,8 +111,9 @@ async def ingest(
     except (Problem, RobomendError) as error:
         problem = error if isinstance(error, Problem) else of_error(error)
         problem.extra.update(lines=lines, accepted=accepted, revision=revision)
-        where = f"between lines {lines + 1} and {number}" if number > lines + 1 else f"line {lines + 1}"
-        problem.detail = f"{where}: {problem.detail}; the {lines} lines before were kept"
+        apart = number > lines + 1 and not unread
+        where = f"between lines {lines + 1} and {number}" if apart else f"line {max(number, lines + 1)}"
+        problem.detail = f"{where}: {problem.detail}; the first {lines} lines were kept"
         raise problem from error
     return Response(
         json.dumps({"revision": revision, "lines": number, "accepted": accepted}),
@@ -124,10 +129,14 @@ async def _lines(request: Request, parts: Parts) -> AsyncIterator[bytes]:
         *complete, rest = (rest + chunk).split(b"\n")
         for line in complete:
             yield line
-        if len(rest) > settings.max_line_bytes:
-            raise Problem(413, f"a line has more than {settings.max_line_bytes} bytes")
+        _check_length(rest, settings.max_line_bytes)
     if rest:
         yield rest
+
+
+def _check_length(line: bytes, most: int) -> None:
+    if len(line) > most:
+        raise Problem(413, f"a line has more than {most} bytes")
 
 
 def _batch(value: Any) -> Batch:

@@ -146,20 +146,24 @@ class Diagnosing:
                     return
                 count = now
 
-    async def settle(self, state: RobotState) -> None:
-        """Have the diagnosis of all that was accepted as the current one, if it is to be had in a moment.
+    async def settle(self, state: RobotState, revision: int, deadline: float) -> None:
+        """Have the diagnosis of `revision` or a newer one as the current one, if it is to be had in a moment.
 
         A small model's is made here and now, before it is published: whoever asks need not wait for the disk.
-        Others are waited for a little.
+        Others are waited for until the deadline, and so are writes under way, which memory has already.
         """
-        deadline = time.monotonic() + SETTLE_S
-        while not (self.closing or state.gone or state.stale or _is_current(state)):
+        while not (self.closing or state.gone or state.stale or _is_current(state, revision)):
             if state.head == state.revision and (answer := self._ask(state)) is not None:
                 stopped = state.config.expected_stopped
                 state.current = _current(state.revision, state.model.version, answer, stopped)
                 return
             left = deadline - time.monotonic()
-            if left <= 0 or state.task is None:
+            if left <= 0:
+                return
+            if state.head != state.revision:
+                await state.observed.beyond(state.revision, left)
+                continue
+            if state.task is None:
                 return
             await state.diagnosed.beyond(state.diagnosed.value, left)
 
@@ -284,13 +288,11 @@ def _current(revision: int, model_version: str, answer: Answer, stopped: tuple[s
     return Current(revision, model_version, time.time_ns(), answer.json, fault, answer, stopped)
 
 
-def _is_current(state: RobotState) -> bool:
-    """Return whether the current diagnosis is of this OBS and this model."""
+def _is_current(state: RobotState, revision: int) -> bool:
+    """Return whether the current diagnosis is of this revision of OBS, or a newer one, and of this model."""
     current = state.current
     return (
-        current is not None
-        and current.revision >= state.revision
-        and current.model_version == state.model.version
+        current is not None and current.revision >= revision and current.model_version == state.model.version
     )
 
 

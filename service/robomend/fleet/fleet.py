@@ -16,7 +16,7 @@ import asyncio
 import time
 from collections import OrderedDict
 from collections.abc import Callable, Coroutine, Mapping, Sequence
-from functools import partial
+from functools import cache, partial
 from itertools import chain
 from typing import Any
 from weakref import WeakValueDictionary
@@ -24,11 +24,13 @@ from weakref import WeakValueDictionary
 import structlog
 
 from robomend.board.link import LinkState
+from robomend.diagnosis.engines import engine_names
 from robomend.errors import (
     Conflict,
     InputError,
     NotFound,
     ObservationError,
+    OptionRefused,
     Overloaded,
     RobomendError,
     TooLarge,
@@ -37,13 +39,15 @@ from robomend.fleet.batches import Batch, Outcome, ReadBatch, board_batch, read_
 from robomend.fleet.boards import SOURCE, Board, Boards
 from robomend.fleet.clock import CLOCK
 from robomend.fleet.diagnoser import Diagnoser
-from robomend.fleet.diagnosing import Diagnosing, announce, published, same
+from robomend.fleet.diagnosing import SETTLE_S, Diagnosing, announce, published, same
 from robomend.fleet.following import Following
 from robomend.fleet.robot_state import Changes, RobotState
 from robomend.fleet.systems import Systems
 from robomend.metrics import Metrics
 from robomend.model.system import System
 from robomend.observations.language import parse
+from robomend.repair.domain_loading import load_domain
+from robomend.repair.planners import planner_names
 from robomend.robots import RobotConfig
 from robomend.settings import Settings
 from robomend.store import records
@@ -56,6 +60,9 @@ log = structlog.get_logger("robomend.fleet.fleet")
 
 ATTEMPTS = 8
 """Times that a batch is tried again when another instance was faster."""
+
+WRITE_S = 10.0
+"""Longest that a reader waits for a write under way before it reads the store anew."""
 
 
 class Fleet:
@@ -152,23 +159,35 @@ class Fleet:
 
         Its event may be on the way still, so the store is asked.
         """
-        state = self._robots.get(robot)
-        if state is None or state.stale:
-            return await self.robot(robot)
+        asked = newest = await self._newest(robot)
+        until = time.monotonic() + WRITE_S
+        while True:
+            state = await self.robot(robot)  # maybe by a reading that began before we asked
+            as_configured = (state.stored.etag, state.model.version) == (newest.etag, newest.model_version)
+            if as_configured and state.revision >= asked.revision:
+                return state
+            left = until - time.monotonic()
+            if not as_configured or asked.revision > state.head or left <= 0:
+                state.stale = True
+            else:  # a write of ours is under way: it is this revision, or another instance was faster
+                await state.observed.beyond(state.revision, left)
+            newest = await self._newest(robot)
+
+    async def _newest(self, robot: str) -> records.Newest:
         try:
-            newest = await self._store.read(lambda view: view.newest(robot))
+            return await self._store.read(lambda view: view.newest(robot))
         except NotFound:
             await self._drop(robot)
             raise
-        known = (state.stored.etag, state.model.version)
-        if newest.revision > state.head or (newest.etag, newest.model_version) != known:
-            state.stale = True
-        return await self.robot(robot)
 
     async def diagnosed(self, robot: str) -> RobotState:
         """Return a robot's latest state with its diagnosis; one that is nearly there is waited for."""
         state = await self.latest(robot)
-        await self.diagnosing.settle(state)
+        revision, until = state.revision, time.monotonic() + SETTLE_S
+        await self.diagnosing.settle(state, revision, until)
+        while state.stale and not state.gone and time.monotonic() < until:  # another instance was faster
+            state = await self.robot(robot)
+            await self.diagnosing.settle(state, revision, until)
         return state
 
     async def put_robot(self, robot: str, config: Json, *, expected: str | None, by: str) -> RobotState:
@@ -180,12 +199,13 @@ class Fleet:
         """
         _, system = await self.models.current(config["model"])
         wanted = RobotConfig.from_json(robot, config)
-        _check(wanted, system)
+        await _check(wanted, system)
 
         def put(tx: Transaction) -> records.Robot:
-            before = None if expected is None else tx.robot(robot).config
+            created = expected in (None, records.ABSENT)
+            before = None if created else tx.robot(robot).config
             stored = tx.put_robot(robot, config, expected=expected)
-            what = "created" if expected is None else "updated"
+            what = "created" if created else "updated"
             tx.emit(Kind.ROBOT, robot, {"what": what, "etag": stored.etag, "by": by})
             tx.note(
                 AuditEntry(
@@ -371,6 +391,7 @@ class Fleet:
             kept = await self._store.write(keep, robots=(state.id,), once=once)
         except BaseException:  # a cancellation too: memory is ahead of the disk
             state.stale, state.announced = True, None
+            state.observed.wake()  # whoever waits for this write looks, and reads it anew
             raise
         state.observed.advance(kept["revision"])
         state.changed_at = began
@@ -445,12 +466,27 @@ class Fleet:
         task.add_done_callback(self._tasks.discard)
 
 
+@cache
+def _choices() -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the engines and planners of this installation."""
+    return engine_names(), planner_names()
+
+
 def _page(paging: records.Paging, view: View) -> records.Page[records.Robot]:
     return view.robots(paging)
 
 
-def _check(config: RobotConfig, system: System) -> None:
-    """Refuse a configuration that speaks of what the model does not have."""
+async def _check(config: RobotConfig, system: System) -> None:
+    """Refuse a configuration that speaks of what the model or this installation does not have."""
+    engines, planners = _choices()
+    for what, choice, choices in (
+        ("diagnosis.engine", config.engine, engines),
+        ("planner", config.planner, planners),
+    ):
+        if choice not in choices:
+            raise OptionRefused(f"{what}: {choice!r} is none of {', '.join(choices)}")
+    if config.domain is not None:
+        await asyncio.to_thread(load_domain, config.domain, "domain")
     known = frozenset(system.cnf.components)
     for what, names in (("expected.stopped", config.expected_stopped), ("protected", config.protected)):
         for name in names:

@@ -9,8 +9,10 @@ from __future__ import annotations
 import asyncio
 from collections import OrderedDict
 from collections.abc import Callable
+from dataclasses import replace
 
 from robomend.errors import TooLarge
+from robomend.model.checking import contradictory
 from robomend.model.loading import load_text
 from robomend.model.system import System
 from robomend.settings import Settings
@@ -23,6 +25,12 @@ KEPT = 256
 
 SHORT = 20_000
 """Characters that are compiled on the event loop: a few milliseconds, less than a thread's turn."""
+
+LOOKED_AT = 50_000
+"""Clauses of a model that is looked at for rules which contradict one another; `model check` looks at all."""
+
+CONFLICTS = 1_000
+"""Of each search for them: some milliseconds."""
 
 
 class Systems:
@@ -48,7 +56,9 @@ class Systems:
         key = (model.name, model.version)
         system = self._compiled.get(key)
         if system is None:
-            system = await self.load(model.source, name=model.name, format=model.format)
+            system = await self._looked_at(
+                await self.load(model.source, name=model.name, format=model.format)
+            )
             self._keep(key, system)
         else:
             self._compiled.move_to_end(key)
@@ -77,6 +87,19 @@ class Systems:
                 raise TooLarge(f"the model has {count} {what}; max_{what} is {limit}")
         return system
 
+    async def _looked_at(self, system: System) -> System:
+        """Add the warning that the rules contradict one another, in the words of `model check`.
+
+        Such a model is taken all the same: it is well-formed, and one that cannot be healthy may be meant.
+        """
+        if len(system.cnf.clauses) > LOOKED_AT:
+            return system
+        if len(system.source) <= SHORT:
+            clash = tuple(contradictory(system, CONFLICTS))
+        else:
+            clash = await asyncio.to_thread(lambda: tuple(contradictory(system, CONFLICTS)))
+        return replace(system, warnings=(*system.warnings, *clash)) if clash else system
+
     async def put(
         self, name: str, source: str, *, format: str | None, expected: str | None, by: str
     ) -> tuple[Model, System]:
@@ -86,7 +109,7 @@ class Systems:
             ModelError: it is none; the version before stays.
             PreconditionRequired, PreconditionFailed: see store.interface.
         """
-        system = await self.load(source, name=name, format=format)
+        system = await self._looked_at(await self.load(source, name=name, format=format))
 
         def put(tx: Transaction) -> Model:
             model = tx.put_model(name, source, format=system.format, by=by, expected=expected)

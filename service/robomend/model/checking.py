@@ -26,12 +26,19 @@ def check(system: System) -> tuple[str, ...]:
     )
 
 
-def contradictory(system: System) -> Iterator[str]:
-    """Rules that contradict one another: whatever is abnormal, or when every component is healthy."""
+UNBOUNDED = -1
+
+
+def contradictory(system: System, conflicts: int = UNBOUNDED) -> Iterator[str]:
+    """Rules that contradict one another: whatever is abnormal, or when every component is healthy.
+
+    `conflicts` bounds each of at most 42 searches; where one does not come to an end, nothing is said.
+    """
     cnf = system.cnf
     # A rule counts while its selector is assumed, so that the solver says which of them clash.
     selectors = range(cnf.variables + 1, cnf.variables + 1 + len(cnf.rules))
     with Solver("g4") as solver:
+        solver.conf_budget(conflicts)
         for clause, origin in zip(cnf.clauses, cnf.origins, strict=True):
             solver.add_clause([*clause, -selectors[origin]])
         if clash := _clash(solver, [], selectors):
@@ -48,12 +55,12 @@ def contradictory(system: System) -> Iterator[str]:
 
 def _clash(solver: Solver, healthy: list[int], selectors: range) -> list[int]:
     """Return selectors of rules that have no model together, none to spare up to SHOWN; empty: they have."""
-    if solver.solve([*healthy, *selectors]):
+    if solver.solve_limited([*healthy, *selectors]) is not False:
         return []
     clash = [literal for literal in solver.get_core() or () if literal in selectors]
     for selector in clash[:SHOWN]:
         rest = [other for other in clash if other != selector]
-        if not solver.solve([*healthy, *rest]):
+        if solver.solve_limited([*healthy, *rest]) is False:
             clash = rest
     return clash
 

@@ -61,7 +61,8 @@ class Transaction(View, Protocol):
     """A snapshot that can be changed.
 
     `expected` is the ETag that the caller has seen: None means "it must not exist yet" (PreconditionRequired
-    when it does), ANY means "whichever"; another than the current one is PreconditionFailed.
+    when it does; ABSENT says the same, and PreconditionFailed then), ANY means "whichever"; another than the
+    current one is PreconditionFailed.
     """
 
     @property

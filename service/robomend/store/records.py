@@ -23,6 +23,9 @@ Json = Mapping[str, Any]
 ANY = "*"
 """As an expected ETag: whatever the current version is, as `If-Match: *`."""
 
+ABSENT = " absent"
+"""As an expected ETag: it must not exist yet, as `If-None-Match: *`. No ETag has a space."""
+
 
 @dataclass(frozen=True, slots=True)
 class Page(Generic[T]):

@@ -20,7 +20,7 @@ from robomend.store.encoding import (
     to_json,
 )
 from robomend.store.reading import key_of
-from robomend.store.records import ANY, ApiKey, Assertion, Entry, Json, Model, Robot, SignIn, Stop
+from robomend.store.records import ABSENT, ANY, ApiKey, Assertion, Entry, Json, Model, Robot, SignIn, Stop
 from robomend.store.repair_writing import RepairWriting
 from robomend.store.transaction import RobotState
 from robomend_client.literals import Atom
@@ -245,9 +245,11 @@ class SqlTransaction(RepairWriting):
 def _check_expected(what: str, expected: str | None, current: str | None) -> None:
     """Compare the version that the caller has seen with the current one."""
     if current is None:
-        if expected is not None:
+        if expected not in (None, ABSENT):
             raise PreconditionFailed(f"{what} does not exist; leave If-Match out to create it")
     elif expected is None:
         raise PreconditionRequired(f"{what} exists; send its ETag as If-Match to replace it")
+    elif expected == ABSENT:
+        raise PreconditionFailed(f"{what} exists already")
     elif expected not in (ANY, current):
         raise PreconditionFailed(f"{what} is at version {current}, not {expected}; read it again")

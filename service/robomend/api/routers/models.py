@@ -26,6 +26,7 @@ from robomend.api.schemas.base import Items
 from robomend.api.schemas.models import ModelOut, VersionOut
 from robomend.api.views import model_out, version_out
 from robomend.security import API
+from robomend.store.records import ABSENT
 
 router = APIRouter(prefix=f"{API}/models", tags=["models"], route_class=GuardedRoute)
 
@@ -67,7 +68,7 @@ async def put_model(
     model, system = await parts.fleet.models.put(
         name, body.source, format=body.format, expected=expected, by=principal.name
     )
-    response.status_code = 201 if model.number == 1 and expected is None else 200
+    response.status_code = 201 if model.number == 1 and expected in (None, ABSENT) else 200
     response.headers["ETag"] = quoted(model.version)
     return model_out(model, system)
 

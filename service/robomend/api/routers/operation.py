@@ -9,6 +9,7 @@ from fastapi import APIRouter, Response
 from robomend.api.deps import PartsDep
 from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
+from robomend.api.problems import RETRY_AFTER_S
 from robomend.api.readiness import readiness
 from robomend.api.schemas.operation import Readiness
 from robomend.metrics import CONTENT_TYPE
@@ -29,7 +30,9 @@ async def readyz(parts: PartsDep, response: Response) -> Readiness:
     Boards are told, but do not decide.
     """
     found = await readiness(parts)
-    response.status_code = 200 if found.ready else 503
+    if not found.ready:
+        response.status_code = 503
+        response.headers["Retry-After"] = str(RETRY_AFTER_S[503])
     return found
 
 

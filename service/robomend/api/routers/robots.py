@@ -21,6 +21,7 @@ from robomend.api.schemas.base import Items
 from robomend.api.schemas.robots import RobotBody, RobotLine, RobotOut
 from robomend.api.views import robot_line, robot_out
 from robomend.security import API
+from robomend.store.records import ABSENT
 
 router = APIRouter(prefix=f"{API}/robots", tags=["robots"], route_class=GuardedRoute)
 
@@ -58,7 +59,7 @@ async def put_robot(
     state = await parts.fleet.put_robot(
         robot, body.model_dump(mode="json"), expected=expected, by=principal.name
     )
-    response.status_code = 201 if expected is None else 200
+    response.status_code = 201 if expected in (None, ABSENT) else 200
     response.headers["ETag"] = quoted(state.stored.etag)
     return robot_out(state)
 

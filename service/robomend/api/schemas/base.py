@@ -24,9 +24,9 @@ Reason = Annotated[str, Field(max_length=1000, examples=["the laser was cleaned"
 
 
 class In(BaseModel):
-    """A request body."""
+    """A request body. Nothing is converted: `true` is no time, and "5" no number."""
 
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True, strict=True)
 
 
 class Out(BaseModel):
