@@ -1,4 +1,4 @@
-"""Results and plans as JSON values, the same over HTTP, in events and from the commands."""
+"""A diagnosis result as JSON values, the same over HTTP, in events and from the commands."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from typing import Any
 
 from robomend.diagnosis.explanations import explain_diagnosis, what_was_learned
 from robomend.diagnosis.result import DiagnosisResult
-from robomend.repair.plan import Plan
 
 
 def result_json(result: DiagnosisResult) -> dict[str, Any]:
@@ -38,31 +37,4 @@ def result_json(result: DiagnosisResult) -> dict[str, Any]:
         "count": result.count,
         "cleared": dict(result.cleared),
         "learned": what_was_learned(result.conflicts, result.learned),
-    }
-
-
-def plan_json(plan: Plan) -> dict[str, Any]:
-    """Return a plan: its steps in a valid serial order, each with what must be done before it."""
-    return {
-        "outcome": str(plan.outcome),
-        "steps": [
-            {
-                "index": step.index,
-                "name": step.name,
-                "parameters": list(step.parameters),
-                "cost": step.cost,
-                "after": list(step.after),
-                "preconditions": [str(literal) for literal in step.preconditions],
-                "effects": [str(literal) for literal in step.effects],
-                "text": str(step),
-            }
-            for step in plan.steps
-        ],
-        "cost": plan.cost,
-        "planner": plan.planner,
-        "assumed": [str(literal) for literal in plan.assumed],
-        "unreachable": list(plan.unreachable),
-        "excluded": list(plan.excluded),
-        "elapsed_s": plan.elapsed_s,
-        "pddl": None if plan.pddl is None else {"domain": plan.pddl[0], "problem": plan.pddl[1]},
     }

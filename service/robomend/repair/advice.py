@@ -12,7 +12,6 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from robomend.answers import plan_json
 from robomend.diagnosis.probes import ProbeResult
 from robomend.diagnosis.result import Diagnosis, DiagnosisResult
 from robomend.errors import ModelError
@@ -136,6 +135,33 @@ def plan_answer(choice: Choice, components: Collection[str]) -> dict[str, Any]:
         "alternatives": [_alternative(one, components) for one in choice.alternatives],
         "expected_cost": round(choice.expected_cost, 6),
         "reason": choice.reason,
+    }
+
+
+def plan_json(plan: Plan) -> dict[str, Any]:
+    """Return a plan: its steps in a valid serial order, each with what must be done before it."""
+    return {
+        "outcome": str(plan.outcome),
+        "steps": [
+            {
+                "index": step.index,
+                "name": step.name,
+                "parameters": list(step.parameters),
+                "cost": step.cost,
+                "after": list(step.after),
+                "preconditions": [str(literal) for literal in step.preconditions],
+                "effects": [str(literal) for literal in step.effects],
+                "text": str(step),
+            }
+            for step in plan.steps
+        ],
+        "cost": plan.cost,
+        "planner": plan.planner,
+        "assumed": [str(literal) for literal in plan.assumed],
+        "unreachable": list(plan.unreachable),
+        "excluded": list(plan.excluded),
+        "elapsed_s": plan.elapsed_s,
+        "pddl": None if plan.pddl is None else {"domain": plan.pddl[0], "problem": plan.pddl[1]},
     }
 
 
