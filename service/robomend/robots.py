@@ -7,11 +7,16 @@ docs/http.md.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from robomend.errors import InputError
+
 POLICIES = ("observe", "approve", "auto")
+
+COVERED = "**********"
+"""What is shown of a webhook's secret. Put back as it is, it leaves the secret as it was."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +102,43 @@ class RobotConfig:
             keep_unknown=values.get("unknown") == "keep",
             **flat,
         )
+
+
+def covered(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a configuration without the secrets of its webhooks, for answers and the audit log."""
+    return _with_secrets(values, lambda _: COVERED)
+
+
+def uncovered(values: Mapping[str, Any], before: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a configuration with the secrets of the one before where they are covered.
+
+    Raises:
+        InputError: an action has a covered secret that had none before.
+    """
+
+    def known(action: str) -> str:
+        found: str | None = _options_of((before.get("actions") or {}).get(action)).get("secret")
+        if found is None:
+            raise InputError(f"actions.{action}: there is no secret yet that {COVERED} could stand for")
+        return found
+
+    return _with_secrets(values, known, only=COVERED)
+
+
+def _with_secrets(
+    values: Mapping[str, Any], secret_of: Callable[[str], str], only: str | None = None
+) -> dict[str, Any]:
+    actions = dict(values.get("actions") or {})
+    for name, action in actions.items():
+        options = _options_of(action)
+        if "secret" in options and only in (None, options["secret"]):
+            executor = {**action["executor"], "options": {**options, "secret": secret_of(name)}}
+            actions[name] = {**action, "executor": executor}
+    return {**values, "actions": actions} if actions else dict(values)
+
+
+def _options_of(action: Mapping[str, Any] | None) -> Mapping[str, Any]:
+    return ((action or {}).get("executor") or {}).get("options") or {}
 
 
 _PLAIN = frozenset(

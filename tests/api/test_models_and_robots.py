@@ -147,6 +147,30 @@ def test_replacing_a_robot_keeps_obs_and_tells_its_followers(start: StartService
     assert noted[0]["before"]["policy"] == "approve"
 
 
+def test_the_secret_of_a_webhook_is_shown_to_nobody_and_kept(start: StartService) -> None:
+    service = start()
+    hook = {"executor": {"kind": "webhook", "options": {"url": "https://example.org/", "secret": "s3cr3t"}}}
+    service.with_robot(actions={"call_human": hook})
+    shown = service.api("GET", "/robots/r1")
+    options = shown.json()["config"]["actions"]["call_human"]["executor"]["options"]
+    assert options == {"url": "https://example.org/", "secret": "**********"}
+
+    body = shown.json()["config"] | {"policy": "observe"}
+    put = service.api("PUT", "/robots/r1", json=body, headers={"If-Match": shown.headers["etag"]})
+    assert put.status_code == 200
+    stored = service.run(service.runtime.fleet.robot("r1")).config
+    assert stored.policy == "observe"
+    assert stored.actions["call_human"]["executor"]["options"]["secret"] == "s3cr3t"
+
+    never = service.api("PUT", "/robots/r2", json=body)
+    assert (never.status_code, never.json()["code"]) == (422, "bad-input")
+    gone = service.api("DELETE", "/robots/r1", headers={"If-Match": "*"})
+    assert gone.status_code == 204
+    told = service.api("GET", "/audit", params={"robot": "r1"})
+    assert len(told.json()["items"]) == 3
+    assert "s3cr3t" not in shown.text + put.text + told.text
+
+
 @pytest.mark.parametrize("kind", ["application/yaml", "text/yaml", "application/x-yaml", "text/plain"])
 def test_a_model_may_come_as_the_text_itself(service: Service, kind: str) -> None:
     name = "raw-" + kind.replace("/", "-")

@@ -23,6 +23,7 @@ from robomend.fleet.boards import Board
 from robomend.fleet.clock import CLOCK
 from robomend.fleet.robot_state import Current, RobotState
 from robomend.model.system import System
+from robomend.robots import covered
 from robomend.security import Principal
 from robomend.settings import Settings
 from robomend.store.interface import Store, View
@@ -79,7 +80,7 @@ def robot_out(state: RobotState) -> RobotOut:
     """Return a robot's configuration and how it is."""
     return RobotOut(
         id=state.id,
-        config=RobotBody.model_validate(dict(state.stored.config)),
+        config=RobotBody.model_validate(covered(state.stored.config)),
         etag=state.stored.etag,
         created_ns=state.stored.created_ns,
         updated_ns=state.stored.updated_ns,

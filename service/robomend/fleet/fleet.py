@@ -48,7 +48,7 @@ from robomend.model.system import System
 from robomend.observations.language import parse
 from robomend.repair.domain_loading import load_domain
 from robomend.repair.planners import planner_names
-from robomend.robots import RobotConfig
+from robomend.robots import RobotConfig, covered, uncovered
 from robomend.settings import Settings
 from robomend.store import records
 from robomend.store.interface import Store, Transaction, View
@@ -204,12 +204,17 @@ class Fleet:
         def put(tx: Transaction) -> records.Robot:
             created = expected in (None, records.ABSENT)
             before = None if created else tx.robot(robot).config
-            stored = tx.put_robot(robot, config, expected=expected)
+            stored = tx.put_robot(robot, uncovered(config, before or {}), expected=expected)
             what = "created" if created else "updated"
             tx.emit(Kind.ROBOT, robot, {"what": what, "etag": stored.etag, "by": by})
             tx.note(
                 AuditEntry(
-                    actor=by, action="robot.put", subject=robot, robot=robot, before=before, after=config
+                    actor=by,
+                    action="robot.put",
+                    subject=robot,
+                    robot=robot,
+                    before=None if before is None else covered(before),
+                    after=covered(config),
                 )
             )
             return stored
@@ -224,7 +229,7 @@ class Fleet:
         """Delete a robot; Conflict while a repair is open."""
 
         def delete(tx: Transaction) -> None:
-            before = tx.robot(robot).config
+            before = covered(tx.robot(robot).config)
             tx.delete_robot(robot, expected=expected)
             tx.emit(Kind.ROBOT, robot, {"what": "deleted", "by": by})
             tx.note(AuditEntry(actor=by, action="robot.delete", subject=robot, robot=robot, before=before))

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from robomend.repair.executors.webhook import Webhook, WebhookExecutor, allowed_address
+from robomend.repair.executors.webhook import Webhook, WebhookExecutor, allowed_address, outside
 from robomend_client.actions import FAILED, OK, REFUSED, TIMED_OUT, UNREACHABLE, Action
 
 pytestmark = pytest.mark.anyio
@@ -140,11 +140,29 @@ async def test_an_endless_answer_is_cut_off(receiver: tuple[str, type[Receiver]]
         "http://10.0.0.1/",
         "http://[::ffff:10.0.0.1]/",
         "http://localhost/",
+        "http://[::ffff:169.254.169.254]/",
+        "http://[64:ff9b::169.254.169.254]/",
+        "http://[64:ff9b:1::169.254.169.254]/",
+        "http://[2002:a9fe:a9fe::1]/",
+        "http://[::169.254.169.254]/",
+        "http://[fd00:ec2::254]/",
+        "http://[fe80::1]/",
+        "http://[ff0e::1]/",
+        "http://224.0.0.1/",
+        "http://0.0.0.0/",
+        "http://100.100.100.200/",
+        "http://168.63.129.16/",
+        "http://192.0.0.192/",
     ],
 )
 async def test_addresses_inside_are_refused_unless_allowed(url: str) -> None:
     assert await allowed_address(Webhook(url, "s")) is None
     assert (await executor(url, allow_private=False).execute(ACTION, quiet)).code == REFUSED
+
+
+@pytest.mark.parametrize("address", ["1.1.1.1", "2606:4700::1111", "::ffff:1.1.1.1", "64:ff9b::1.1.1.1"])
+async def test_addresses_of_the_internet_are_called(address: str) -> None:
+    assert outside(address)
 
 
 async def test_the_secret_is_not_in_the_repr() -> None:

@@ -41,6 +41,24 @@ from robomend_client.actions import (
 
 ANSWER_BYTES = 64 * 1024
 
+INSIDE = tuple(
+    map(
+        ipaddress.ip_network,
+        (
+            "168.63.129.16/32",  # a public address with metadata for machines of its cloud
+            "192.0.0.0/24",  # protocol assignments, another cloud's metadata among them
+            "224.0.0.0/4",
+            "ff00::/8",
+            "::/96",  # IPv4 addresses in disguise: deprecated, translated locally, 6to4
+            "64:ff9b:1::/48",
+            "2002::/16",
+        ),
+    )
+)
+"""Refused although some versions of the standard library take them for addresses of the internet."""
+
+NAT64 = ipaddress.ip_network("64:ff9b::/96")
+
 
 @dataclass(frozen=True, slots=True)
 class Webhook:
@@ -123,11 +141,20 @@ async def allowed_address(hook: Webhook) -> str | None:
     loop = asyncio.get_running_loop()
     found = await loop.getaddrinfo(parts.hostname, port, type=socket.SOCK_STREAM)
     for *_, where in found:
-        address = ipaddress.ip_address(where[0])
-        mapped = getattr(address, "ipv4_mapped", None)
-        if hook.allow_private or (mapped or address).is_global:
+        if hook.allow_private or outside(str(where[0])):
             return str(where[0])
     return None
+
+
+def outside(text: str) -> bool:
+    """Return whether an address is one of the internet; what it stands for counts, not how it is written."""
+    address = ipaddress.ip_address(text)
+    if isinstance(address, ipaddress.IPv6Address):
+        if address.ipv4_mapped is not None:
+            address = address.ipv4_mapped
+        elif address in NAT64:  # the last four bytes
+            address = ipaddress.IPv4Address(int(address) & 0xFFFF_FFFF)
+    return address.is_global and not any(address in network for network in INSIDE)
 
 
 async def _post(
