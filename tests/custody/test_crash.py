@@ -8,6 +8,8 @@ from __future__ import annotations
 import asyncio
 import random
 import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
@@ -71,7 +73,9 @@ async def test_a_power_up_survives_kill_9_at_random_moments(tmp_path: Path, long
             )
 
 
-async def test_an_unknown_outcome_of_what_must_not_be_repeated_is_a_question(tmp_path: Path) -> None:
+@asynccontextmanager
+async def recalibrating(folder: Path) -> AsyncIterator[tuple[list[ServiceProcess], RemoteRobot]]:
+    """Run a robot that is in the middle of an action that must not be repeated, and will not answer."""
     begun = asyncio.Event()
 
     async def slow(robot: Robot, name: str, parameter: str) -> int | None:
@@ -79,13 +83,18 @@ async def test_an_unknown_outcome_of_what_must_not_be_repeated_is_a_question(tmp
         await asyncio.sleep(60)
         return None
 
-    settings = ("--data", str(tmp_path))
+    settings = ("--data", str(folder))
     async with services(settings) as running, remote_robot(running, **with_recalibrate()) as robot:
         robot.spoil = slow
         await asyncio.sleep(0.3)
         robot.broken_topics.add("odom")
         async with asyncio.timeout(60):
             await begun.wait()
+        yield running, robot
+
+
+async def test_an_unknown_outcome_of_what_must_not_be_repeated_is_a_question(tmp_path: Path) -> None:
+    async with recalibrating(tmp_path) as (running, robot):
         await running[0].kill()
         await running[0].start()
         asked = await latest(running, awaits)
@@ -107,20 +116,7 @@ async def test_an_unknown_outcome_of_what_must_not_be_repeated_is_a_question(tmp
 
 
 async def test_a_shutdown_in_the_middle_of_such_an_action_asks_as_well(tmp_path: Path) -> None:
-    begun = asyncio.Event()
-
-    async def slow(robot: Robot, name: str, parameter: str) -> int | None:
-        begun.set()
-        await asyncio.sleep(60)
-        return None
-
-    settings = ("--data", str(tmp_path))
-    async with services(settings) as running, remote_robot(running, **with_recalibrate()) as robot:
-        robot.spoil = slow
-        await asyncio.sleep(0.3)
-        robot.broken_topics.add("odom")
-        async with asyncio.timeout(60):
-            await begun.wait()
+    async with recalibrating(tmp_path) as (running, robot):
         await running[0].stop()
         await running[0].start()
         asked = await latest(running, awaits)

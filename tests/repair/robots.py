@@ -40,3 +40,6 @@ POWER_UP = tuple(name for name in TEDUSAR.components if name not in ("imu", "joy
 
 def texts(plan: Plan) -> list[str]:
     return [str(step) for step in plan.steps]
+
+
+PLANNERS = ("pyperplan", "asp")

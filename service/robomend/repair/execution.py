@@ -31,6 +31,7 @@ from robomend.repair.execution_values import (
     StepState,
     Timing,
     Withheld,
+    failure,
 )
 from robomend.repair.plan import Plan, Step
 from robomend.repair.prediction import OBSERVED_FACTS, observable
@@ -54,21 +55,6 @@ async def execute(plan: Plan, setting: Setting) -> Execution:
     When `setting.halt` is set no further action is sent (at most 0.1 s), and running ones are cancelled.
     """
     return await _Run(plan, setting).run()
-
-
-WHAT_HAPPENED = {
-    FAILED: "failed",
-    REFUSED: "was refused",
-    TIMED_OUT: "was sent, and its outcome is unknown",
-    UNREACHABLE: "could not be carried out",
-    CANCELLED: "was cancelled by who carries it out",
-}
-
-
-def failure(step: Step, result: ActionResult) -> str:
-    """Return the sentence that tells of an action which did not succeed."""
-    what = WHAT_HAPPENED.get(result.code, f"ended with result {result.code}")
-    return f"{step} {what}: {result.message}" if result.message else f"{step} {what}"
 
 
 class _Stop(Exception):

@@ -13,7 +13,16 @@ from typing import Protocol
 
 from robomend.repair.plan import Step
 from robomend.repair.prediction import OBSERVED_FACTS, Prediction
-from robomend_client.actions import CANCELLED, TIMED_OUT, Action, ActionResult, Executor
+from robomend_client.actions import (
+    CANCELLED,
+    FAILED,
+    REFUSED,
+    TIMED_OUT,
+    UNREACHABLE,
+    Action,
+    ActionResult,
+    Executor,
+)
 from robomend_client.literals import Atom, Literal
 
 MAY_HAVE_ACTED = frozenset({TIMED_OUT, CANCELLED})
@@ -153,3 +162,18 @@ class Setting:
     def timing_of(self, step: Step) -> Timing:
         """Return the bounds of this step."""
         return self.timing.get(step.name, self.default_timing)
+
+
+WHAT_HAPPENED = {
+    FAILED: "failed",
+    REFUSED: "was refused",
+    TIMED_OUT: "was sent, and its outcome is unknown",
+    UNREACHABLE: "could not be carried out",
+    CANCELLED: "was cancelled by who carries it out",
+}
+
+
+def failure(step: Step, result: ActionResult) -> str:
+    """Return the sentence that tells of an action which did not succeed."""
+    what = WHAT_HAPPENED.get(result.code, f"ended with result {result.code}")
+    return f"{step} {what}: {result.message}" if result.message else f"{step} {what}"
