@@ -78,6 +78,6 @@ def test_a_period_keeps_its_robot(start: StartService) -> None:
 
     async def held() -> bool:
         gc.collect()
-        return "periodic" in service.runtime.fleet._robots
+        return "periodic" in service.runtime.fleet._memory.states
 
     assert service.run(held())

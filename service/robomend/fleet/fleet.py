@@ -6,49 +6,43 @@
                                               │
                  changed? ──► the store, with its event ──► long polls, streams, the repair loop
 
-Memory is a cache of the store, keyed by revision: see robot_state. A robot to which nothing happens makes
-room for others; a wait, a timer, a repair or a write under way keeps it. All belongs to one event loop.
+memory.py has the robots, a cache of the store keyed by revision; configuring.py what is set of each. All
+belongs to one event loop.
 """
 
 from __future__ import annotations
 
 import asyncio
 import time
-from collections import OrderedDict
 from collections.abc import Callable, Coroutine, Mapping, Sequence
-from functools import cache, partial
+from functools import partial
 from itertools import chain
 from typing import Any
-from weakref import WeakValueDictionary
 
 import structlog
 
 from robomend.board.link import LinkState
-from robomend.diagnosis.engines import engine_names
 from robomend.errors import (
     Conflict,
     InputError,
     NotFound,
     ObservationError,
-    OptionRefused,
     Overloaded,
     RobomendError,
     TooLarge,
 )
-from robomend.fleet.batches import Batch, Outcome, ReadBatch, board_batch, read_batch, stored_assertion
+from robomend.fleet import configuring
+from robomend.fleet.batches import Batch, Outcome, ReadBatch, board_batch, read_batch
 from robomend.fleet.boards import SOURCE, Board, Boards
 from robomend.fleet.clock import CLOCK
 from robomend.fleet.diagnoser import Diagnoser
-from robomend.fleet.diagnosing import SETTLE_S, Diagnosing, announce, published, same
+from robomend.fleet.diagnosing import SETTLE_S, Diagnosing, announce, same
 from robomend.fleet.following import Following
+from robomend.fleet.memory import Memory
 from robomend.fleet.robot_state import Changes, RobotState
 from robomend.fleet.systems import Systems
 from robomend.metrics import Metrics
-from robomend.model.system import System
-from robomend.observations.language import parse
-from robomend.repair.domain_loading import load_domain
-from robomend.repair.planners import planner_names
-from robomend.robots import RobotConfig, covered, uncovered
+from robomend.robots import RobotConfig
 from robomend.settings import Settings
 from robomend.store import records
 from robomend.store.interface import Store, Transaction, View
@@ -61,9 +55,6 @@ log = structlog.get_logger("robomend.fleet.fleet")
 ATTEMPTS = 8
 """Times that a batch is tried again when another instance was faster."""
 
-WRITE_S = 10.0
-"""Longest that a reader waits for a write under way before it reads the store anew."""
-
 
 class Fleet:
     """See the module."""
@@ -73,17 +64,15 @@ class Fleet:
         self._store = store
         self._settings = settings
         self._metrics = metrics
-        # Whoever works with a state holds it, and it is found here as long as anybody does: there are never
-        # two of one robot. Nothing else keeps a state but its place among those used last.
-        self._robots: WeakValueDictionary[str, RobotState] = WeakValueDictionary()
-        self._used: OrderedDict[str, RobotState] = OrderedDict()
-        self._loading: dict[str, asyncio.Lock] = {}
         self._boards = Boards(self._board_says, self._board_state)
+        self._memory = Memory(
+            store, self.models, settings.max_robots, taken_up=self._taken_up, left=self._boards.remove
+        )
         self._tasks: set[asyncio.Task[None]] = set()
         self._unsubscribe: Callable[[], None] | None = None
         self.diagnosing = Diagnosing(store, settings, metrics, diagnoser, self.robot)
         self.models.on_change(self._model_changed)
-        metrics.on_demand("robomend_robots", "robots in memory", (), lambda: [((), len(self._robots))])
+        metrics.on_demand("robomend_robots", "robots in memory", (), lambda: [((), len(self._memory.states))])
         metrics.on_demand(
             "robomend_board_link",
             "1 for the state that the link is in",
@@ -95,7 +84,7 @@ class Fleet:
 
     async def start(self) -> None:
         """Take up the robots that work without being asked: those with a board or a period."""
-        following = Following(self._robots, self.diagnosing, self._deleted_elsewhere)
+        following = Following(self._memory.states, self.diagnosing, self._deleted_elsewhere)
         self._unsubscribe = self._store.subscribe(following.follow)
         paging: records.Paging | None = records.Paging(limit=1000)
         while paging is not None:
@@ -108,7 +97,7 @@ class Fleet:
     def end_waits(self) -> None:
         """Let every long poll go, with what there is: the service shuts down."""
         self.diagnosing.closing = True
-        for state in self._robots.values():
+        for state in self._memory.states.values():
             state.diagnosed.wake()
             state.observed.wake()
 
@@ -118,7 +107,7 @@ class Fleet:
         if self._unsubscribe is not None:
             self._unsubscribe()
         await self._boards.close()
-        for state in self._robots.values():
+        for state in self._memory.states.values():
             state.cancel_timers()
         await self.diagnosing.close()
         for task in self._tasks:
@@ -134,51 +123,11 @@ class Fleet:
 
     async def robot(self, robot: str) -> RobotState:
         """Return a robot's state, read from the store if it is not in memory. NotFound."""
-        state = self._robots.get(robot)
-        if state is not None and not state.stale:
-            self._use(state)
-            return state
-        try:
-            async with self._loading.setdefault(robot, asyncio.Lock()):
-                state = self._robots.get(robot)
-                if state is None or state.stale:
-                    state = await self._load(robot)
-        finally:
-            self._loading.pop(robot, None)  # also for names that are no robot, of which there is no end
-        return state
-
-    def _use(self, state: RobotState) -> None:
-        """Keep a state in memory, and let go of the one that nobody asked for longest."""
-        self._used[state.id] = state
-        self._used.move_to_end(state.id)
-        while len(self._used) > self._settings.max_robots:
-            self._used.popitem(last=False)
+        return await self._memory.robot(robot)
 
     async def latest(self, robot: str) -> RobotState:
-        """Return a robot's state as the store has it: whatever another instance has acknowledged is in it.
-
-        Its event may be on the way still, so the store is asked.
-        """
-        asked = newest = await self._newest(robot)
-        until = time.monotonic() + WRITE_S
-        while True:
-            state = await self.robot(robot)  # maybe by a reading that began before we asked
-            as_configured = (state.stored.etag, state.model.version) == (newest.etag, newest.model_version)
-            if as_configured and state.revision >= asked.revision:
-                return state
-            left = until - time.monotonic()
-            if not as_configured or asked.revision > state.head or left <= 0:
-                state.stale = True
-            else:  # a write of ours is under way: it is this revision, or another instance was faster
-                await state.observed.beyond(state.revision, left)
-            newest = await self._newest(robot)
-
-    async def _newest(self, robot: str) -> records.Newest:
-        try:
-            return await self._store.read(lambda view: view.newest(robot))
-        except NotFound:
-            await self._drop(robot)
-            raise
+        """Return a robot's state as the store has it: whatever another instance has acknowledged is in it."""
+        return await self._memory.latest(robot)
 
     async def diagnosed(self, robot: str) -> RobotState:
         """Return a robot's latest state with its diagnosis; one that is nearly there is waited for."""
@@ -198,93 +147,30 @@ class Fleet:
             InputError: what is configured does not fit the model.
         """
         _, system = await self.models.current(config["model"])
-        wanted = RobotConfig.from_json(robot, config)
-        await _check(wanted, system)
-
-        def put(tx: Transaction) -> records.Robot:
-            created = expected in (None, records.ABSENT)
-            before = None if created else tx.robot(robot).config
-            stored = tx.put_robot(robot, uncovered(config, before or {}), expected=expected)
-            what = "created" if created else "updated"
-            tx.emit(Kind.ROBOT, robot, {"what": what, "etag": stored.etag, "by": by})
-            tx.note(
-                AuditEntry(
-                    actor=by,
-                    action="robot.put",
-                    subject=robot,
-                    robot=robot,
-                    before=None if before is None else covered(before),
-                    after=covered(config),
-                )
-            )
-            return stored
-
-        await self._store.write(put, robots=(robot,))
-        state = self._robots.get(robot)
+        await configuring.check(RobotConfig.from_json(robot, config), system)
+        await self._store.write(
+            lambda tx: configuring.put(tx, robot, config, expected=expected, by=by), robots=(robot,)
+        )
+        state = self._memory.states.get(robot)
         if state is not None:
             state.stale = True
         return await self.robot(robot)
 
     async def delete_robot(self, robot: str, *, expected: str, by: str) -> None:
         """Delete a robot; Conflict while a repair is open."""
-
-        def delete(tx: Transaction) -> None:
-            before = covered(tx.robot(robot).config)
-            tx.delete_robot(robot, expected=expected)
-            tx.emit(Kind.ROBOT, robot, {"what": "deleted", "by": by})
-            tx.note(AuditEntry(actor=by, action="robot.delete", subject=robot, robot=robot, before=before))
-
-        await self._store.write(delete, robots=(robot,))
-        await self._drop(robot)
-
-    async def _drop(self, robot: str) -> None:
-        self._used.pop(robot, None)
-        state = self._robots.pop(robot, None)
-        await self._boards.remove(robot)
-        if state is not None:
-            state.gone = True
-            state.cancel_timers()
-            if state.task is not None:
-                state.task.cancel()
-            state.diagnosed.wake()
-            state.observed.wake()
+        await self._store.write(
+            lambda tx: configuring.delete(tx, robot, expected=expected, by=by), robots=(robot,)
+        )
+        await self._memory.drop(robot)
 
     def _deleted_elsewhere(self, robot: str) -> None:
-        self._spawn(self._drop(robot), "robot deleted elsewhere")
+        self._spawn(self._memory.drop(robot), "robot deleted elsewhere")
 
-    async def _load(self, robot: str) -> RobotState:
-        """Read a robot from the store into memory, keeping those who wait for it."""
-
-        def look(view: View) -> tuple[records.Robot, records.Model, records.Obs, records.Diagnosed | None]:
-            stored = view.robot(robot)
-            return stored, view.model(stored.config["model"]), view.obs(robot), view.diagnosis(robot)
-
-        try:
-            stored, model, obs, diagnosed = await self._store.read(look)
-        except NotFound:
-            await self._drop(robot)
-            raise
-        system = await self.models.compiled(model)
-        fresh = RobotState(stored, model, system)
-        assertions = [
-            assertion
-            for record in obs.assertions
-            if (assertion := stored_assertion(record, system, fresh.config)) is not None
-        ]
-        state = self._robots.get(robot)
-        if state is None:
-            state = self._robots[robot] = fresh
-        else:
-            state.stored, state.config, state.model, state.system = stored, fresh.config, model, system
-        self._use(state)
-        state.reload(obs, assertions)
-        if diagnosed is not None and (state.current is None or state.current.revision < diagnosed.revision):
-            state.current = published(diagnosed.revision, diagnosed.time_ns, diagnosed.result)
-            state.announced = state.current
-        await self._boards.put(robot, state.config.board, system.parts)
+    async def _taken_up(self, state: RobotState) -> None:
+        """Connect the board of a robot that was read from the store, and diagnose it."""
+        await self._boards.put(state.id, state.config.board, state.system.parts)
         self.diagnosing.set_period(state)
         self.diagnosing.wake(state)
-        return state
 
     # --- observations
 
@@ -413,7 +299,7 @@ class Fleet:
 
     def _model_changed(self, name: str) -> None:
         """Recompile and diagnose anew for every robot in memory that follows the model."""
-        for state in self._robots.values():
+        for state in self._memory.states.values():
             if state.stored.config.get("model") == name:
                 state.stale = True
                 self.diagnosing.wake(state)
@@ -471,31 +357,5 @@ class Fleet:
         task.add_done_callback(self._tasks.discard)
 
 
-@cache
-def _choices() -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return the engines and planners of this installation."""
-    return engine_names(), planner_names()
-
-
 def _page(paging: records.Paging, view: View) -> records.Page[records.Robot]:
     return view.robots(paging)
-
-
-async def _check(config: RobotConfig, system: System) -> None:
-    """Refuse a configuration that speaks of what the model or this installation does not have."""
-    engines, planners = _choices()
-    for what, choice, choices in (
-        ("diagnosis.engine", config.engine, engines),
-        ("planner", config.planner, planners),
-    ):
-        if choice not in choices:
-            raise OptionRefused(f"{what}: {choice!r} is none of {', '.join(choices)}")
-    if config.domain is not None:
-        await asyncio.to_thread(load_domain, config.domain, "domain")
-    known = frozenset(system.cnf.components)
-    for what, names in (("expected.stopped", config.expected_stopped), ("protected", config.protected)):
-        for name in names:
-            if name not in known:
-                raise InputError(f"{what}: the model {config.model!r} has no component {name!r}")
-    for sentence in config.observed:
-        parse(sentence, system.vocabulary)
