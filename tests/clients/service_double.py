@@ -176,8 +176,8 @@ class _Handler(BaseHTTPRequestHandler):
         self.service.posted.append(Posted(path, body, key, time.monotonic()))
         self._send(200, {"revision": len(self.service.posted), "changed": []})
 
-    do_PUT = do_POST  # noqa: N815  http.server's names
-    do_DELETE = do_POST  # noqa: N815
+    do_PUT = do_POST  # noqa: N815  # http.server's names
+    do_DELETE = do_POST  # noqa: N815  # likewise
 
     def _answered(self, method: str, path: str) -> bool:
         self.service.headers.append({name.lower(): value for name, value in self.headers.items()})

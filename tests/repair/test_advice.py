@@ -22,7 +22,7 @@ def result(*diagnoses: Diagnosis) -> DiagnosisResult:
     return DiagnosisResult(TEDUSAR.components, diagnoses, True, None, (), 0.0)
 
 
-def decided(situation: Situation, options: PlanOptions = PlanOptions()) -> tuple[str, ...]:  # noqa: B008  (frozen)
+def decided(situation: Situation, options: PlanOptions = PlanOptions()) -> tuple[str, ...]:  # noqa: B008  # frozen
     wanted = [diagnosis.bad for diagnosis in situation.wanted]
     choice = situation.decide(plans_for(situation.model, situation.observed, wanted, options))
     return choice.diagnosis.bad if choice.diagnosis else ()

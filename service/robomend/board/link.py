@@ -352,7 +352,7 @@ class BoardLink:
         if self._on_state is not None:
             try:
                 self._on_state(state, reason)
-            except Exception:
+            except Exception:  # a bug of whoever listens must not end the link
                 logger.exception("board %s:%s: a state callback failed", self.host, self.port)
 
     def _publish(self, snapshot: Snapshot) -> None:
@@ -362,7 +362,7 @@ class BoardLink:
         if self._on_snapshot is not None:
             try:
                 self._on_snapshot(snapshot)
-            except Exception:
+            except Exception:  # likewise, nor keep the reading from the queues
                 logger.exception("board %s:%s: a snapshot callback failed", self.host, self.port)
 
 

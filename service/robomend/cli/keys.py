@@ -100,7 +100,7 @@ def revoke(config_file: Path | None, data: Path | None, database: str | None, ke
     def revoke_it(tx: Transaction) -> ApiKey:
         found = [
             k
-            for k in tx.keys()  # noqa: SIM118 - no dictionary
+            for k in tx.keys()  # noqa: SIM118  # no dictionary
             if k.revoked_ns is None and key in (k.id, k.name)
         ]
         if not found:

@@ -26,20 +26,17 @@ import time
 from collections.abc import Callable, Mapping
 from functools import partial
 from types import MappingProxyType
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 from sqlalchemy import Connection, or_, select
 
 from robomend.errors import RobomendError
 from robomend.store import schema
-from robomend.store.interface import Transaction, View
+from robomend.store.interface import Store, Transaction, View
 from robomend.store.reading import SqlView
 from robomend.store.records import Fence
 from robomend.store.session import Session
 from robomend.store.transaction import SqlItem
-
-if TYPE_CHECKING:
-    from robomend.store.sql import SqlStore
 
 HEARTBEAT_S = 15.0
 FORGOTTEN_NS = 86_400_000_000_000
@@ -49,7 +46,7 @@ MAX_ORPHANS = 1000
 class SqlOwnership:
     """robomend.store.interface.Ownership."""
 
-    def __init__(self, store: SqlStore, session: Session) -> None:
+    def __init__(self, store: Store, session: Session) -> None:
         self._store = store
         self._session = session
         self._held: dict[str, Fence] = {}

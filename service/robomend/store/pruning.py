@@ -10,17 +10,14 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 from sqlalchemy import Table, exists, select
 
 from robomend.store import schema
-from robomend.store.interface import Transaction
+from robomend.store.interface import Store, Transaction
 from robomend.store.records import Pruned, Retention
 from robomend.store.writing import SqlTransaction
-
-if TYPE_CHECKING:
-    from robomend.store.sql import SqlStore
 
 _DAY_NS = 86_400_000_000_000
 
@@ -28,7 +25,7 @@ Slice = Callable[[SqlTransaction, int, int], int]
 """Remove up to so many records older than a time, and return how many."""
 
 
-async def prune(store: SqlStore, retention: Retention, slice: int) -> Pruned:
+async def prune(store: Store, retention: Retention, slice: int) -> Pruned:
     """Remove everything that the retention does not keep."""
     now = time.time_ns()
     work: tuple[tuple[str, Slice, float | None], ...] = (

@@ -265,7 +265,7 @@ class WorkerPool:
             if closed:
                 worker.kill()
             worker.wait_ready(START_TIMEOUT_S)
-        except Exception as reason:  # noqa: BLE001  (whatever it is, a caller waits for it)
+        except Exception as reason:  # noqa: BLE001  # whatever it is, a caller waits for it
             error = reason
             if worker is not None:
                 worker.kill()

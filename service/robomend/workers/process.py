@@ -152,7 +152,7 @@ def serve(fd: int, parent: int) -> None:
                 warm()
         except EOFError:
             return
-        except BaseException as error:  # noqa: BLE001  (the parent is told, and ends us)
+        except BaseException as error:  # noqa: BLE001  # the parent is told, and ends us
             _answer(connection, ERROR, error)
             return
         _answer(connection, READY, None)
@@ -164,7 +164,7 @@ def serve(fd: int, parent: int) -> None:
             try:
                 function, args = pickle.loads(requests.popleft())
                 result = function(*args)
-            except BaseException as error:  # noqa: BLE001  (the caller gets it)
+            except BaseException as error:  # noqa: BLE001  # the caller gets it
                 _answer(connection, ERROR, error)
             else:
                 _answer(connection, RESULT, result)
@@ -186,7 +186,7 @@ def _answer(connection: socket.socket, kind: str, value: object) -> None:
         data = pickle.dumps((kind, value))
         if kind == ERROR:
             pickle.loads(data)  # some exceptions are written and cannot be read
-    except Exception as error:  # noqa: BLE001  (anything that cannot travel is told in words)
+    except Exception as error:  # noqa: BLE001  # anything that cannot travel is told in words
         what = value if kind == ERROR else error
         data = pickle.dumps((ERROR, SolverError(f"{type(what).__name__}: {what}")))
     _send(connection, data)

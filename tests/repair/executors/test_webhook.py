@@ -40,8 +40,8 @@ class Receiver(BaseHTTPRequestHandler):
 @pytest.fixture
 def receiver() -> Iterator[tuple[str, type[Receiver]]]:
     class Mine(Receiver):
-        answers = [(200, b'{"code": 0, "message": "done"}')]  # noqa: RUF012 - a class per test
-        calls = []  # noqa: RUF012 - likewise
+        answers = [(200, b'{"code": 0, "message": "done"}')]  # noqa: RUF012  # a class per test
+        calls = []  # noqa: RUF012  # likewise
 
     server = ThreadingHTTPServer(("127.0.0.1", 0), Mine)
     thread = threading.Thread(target=server.serve_forever, daemon=True)
