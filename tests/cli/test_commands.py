@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
+from robomend.cli.commands import run
 from robomend.cli.diagnosing import sentences_of
-from robomend.cli.main import run
 from robomend.model.loading import load_model, load_text
 from robomend.resources import resource
 

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from robomend.answers import result_json
-from robomend.cli.main import run
+from robomend.cli.commands import run
 from robomend.diagnosis import base
 from robomend.diagnosis.engines import make_engine
 from robomend.diagnosis.result import Options

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from tests.store.examples import entry, observe, with_robots
 
-from robomend.cli.main import run
+from robomend.cli.commands import run
 from robomend.store import database_in, open_store
 
 Capture = pytest.CaptureFixture[str]

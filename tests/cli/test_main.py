@@ -9,14 +9,14 @@ import sys
 import click
 import pytest
 
-from robomend.cli import main
-from robomend.cli.main import COMMANDS, cli, run
+from robomend.cli import commands
+from robomend.cli.commands import COMMANDS, cli, run
 from robomend.errors import BoardTimeout
 
 
 def test_version_and_help_load_no_solver_and_no_web_framework() -> None:
     code = (
-        "import sys; from robomend.cli.main import run; "
+        "import sys; from robomend.cli.commands import run; "
         "assert run(['--version']) == 0; assert run(['--help']) == 0; "
         "heavy = {'pysat', 'clingo', 'yaml', 'fastapi', 'unified_planning', 'rich'}; "
         "print(*sorted(heavy & set(sys.modules)))"
@@ -64,7 +64,7 @@ def test_failures_behind_us_and_interrupts_have_their_codes(
     def fail(*_: object, **__: object) -> None:
         raise raised
 
-    monkeypatch.setattr(main.cli, "main", fail)
+    monkeypatch.setattr(commands.cli, "main", fail)
     assert run(["compile"]) == code
 
 
@@ -79,3 +79,20 @@ def test_a_reader_that_has_seen_enough_is_no_error() -> None:
     finally:
         os.close(writer)
     assert (done.returncode, done.stderr) == (0, b"")
+
+
+def test_an_interrupt_before_all_is_imported_is_quiet() -> None:
+    code = """
+import sys
+
+class Interrupt:
+    def find_spec(self, name, *_):
+        if name == "click":
+            raise KeyboardInterrupt
+
+sys.meta_path.insert(0, Interrupt())
+from robomend.cli.main import main
+main(["--version"])
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, timeout=60, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (130, b"", b"")

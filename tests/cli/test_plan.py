@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from robomend.cli.main import run
+from robomend.cli.commands import run
 from robomend.resources import resource
 
 TEDUSAR = str(resource("examples", "tedusar.yaml"))

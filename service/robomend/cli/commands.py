@@ -1,0 +1,73 @@
+"""`robomend`: one entry for the service and its one-shot tools.
+
+Results go to stdout, the rest to stderr. Exit codes: 0 done, 1 a negative answer where that was asked for,
+2 bad input, 3 a backend failed. To add a command: write cli/<name>.py with a click command, and one line in
+COMMANDS.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+
+import click
+
+from robomend.cli.lazy import LazyGroup, Table
+from robomend.cli.main import INTERRUPTED
+from robomend.errors import BackendError, RobomendError
+
+BAD_INPUT = 2
+BACKEND_FAILED = 3
+
+COMMANDS: Table = {
+    "serve": ("robomend.cli.serve:command", "Run the service."),
+    "demo": ("robomend.cli.demo:command", "Run the paper's scenarios against emulated hardware."),
+    "diagnose": ("robomend.cli.diagnose:command", "Explain observations by minimal diagnoses."),
+    "plan": ("robomend.cli.plan:command", "Plan a repair without carrying it out."),
+    "compile": ("robomend.cli.compile:command", "Show the clauses of a model."),
+    "model": ("robomend.cli.model:command", "Check a model, or propose one."),
+    "keys": ("robomend.cli.keys:command", "Create and revoke API keys."),
+    "config": ("robomend.cli.config:command", "Show the settings in force."),
+    "doctor": ("robomend.cli.doctor:command", "Check this installation."),
+    "export": ("robomend.cli.export:command", "Write everything that is stored."),
+    "import": ("robomend.cli.import_:command", "Read what export wrote."),
+    "init": ("robomend.cli.init:command", "Write a commented starter model."),
+}
+
+
+@click.group(cls=LazyGroup, table=COMMANDS, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="robomend", prog_name="robomend", message="%(prog)s %(version)s")
+def cli() -> None:
+    """Find out why a robot misbehaves, and repair it."""
+
+
+def run(arguments: list[str]) -> int:
+    """Run one command and return its exit code; nothing but a bug shows a traceback."""
+    stdout = sys.stdout
+    try:
+        code = cli.main(arguments, prog_name="robomend", standalone_mode=False)
+        sys.stdout.flush()
+    except click.ClickException as error:
+        context = getattr(error, "ctx", None)
+        if context is not None:
+            click.echo(context.get_usage(), err=True)
+        click.echo(f"error: {error.format_message()}", err=True)
+        return BAD_INPUT
+    except RobomendError as error:
+        click.echo(f"error: {error}", err=True)
+        return BACKEND_FAILED if isinstance(error, BackendError) else BAD_INPUT
+    except (click.Abort, KeyboardInterrupt):
+        return INTERRUPTED
+    except BrokenPipeError:
+        return _nobody_reads()
+    except SystemExit:
+        if sys.stdout is not stdout:  # click met a closed pipe: it wraps stdout and exits with 1
+            return _nobody_reads()
+        raise
+    return code if isinstance(code, int) else 0
+
+
+def _nobody_reads() -> int:
+    """Whoever read our output has seen enough; keep Python from complaining while it flushes at exit."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+    return 0
