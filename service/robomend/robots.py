@@ -73,7 +73,7 @@ class RobotConfig:
     domain: str | None = None  # the user's own PDDL actions, merged into the repair domain
     actions: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     """Action name -> what differs for it: policy, executor (kind, options), timeout_s, effect_timeout_s,
-    retries."""
+    retries, idempotent."""
     windows: tuple[Mapping[str, Any], ...] = ()  # automatic repair only inside: weekdays, start, end (UTC)
 
     @classmethod

@@ -70,6 +70,10 @@ class ActionBody(In):
         default=None, gt=0, le=86400, description="from the answer to its effect"
     )
     retries: int | None = Field(default=None, ge=0, le=100)
+    idempotent: bool | None = Field(
+        default=None,
+        description="of a user's action: whether it may be sent again when its outcome is unknown",
+    )
 
 
 class WindowBody(In):
