@@ -1,0 +1,46 @@
+"""Processes write one SQLite file in turns: who waits goes on as soon as it is free, or is told."""
+
+from __future__ import annotations
+
+import asyncio
+import sqlite3
+from pathlib import Path
+
+import pytest
+
+from robomend.errors import StoreError
+from robomend.store import database, open_store
+
+pytestmark = pytest.mark.anyio
+
+
+async def test_a_writer_waits_for_another_process_and_then_writes(tmp_path: Path) -> None:
+    path = tmp_path / "robomend.db"
+    store = open_store(f"sqlite:///{path}")
+    await store.start()
+    other = sqlite3.connect(path, isolation_level=None)
+    other.execute("BEGIN IMMEDIATE")
+    writing = asyncio.ensure_future(store.write(lambda tx: tx.set_stop(True, by="ann", reason="smoke")))
+    await asyncio.sleep(0.2)
+    assert not writing.done()
+    other.execute("ROLLBACK")
+    assert (await writing).active
+    other.close()
+    await store.close()
+
+
+async def test_one_who_waits_for_too_long_is_told_and_the_next_write_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "robomend.db"
+    store = open_store(f"sqlite:///{path}")
+    await store.start()
+    monkeypatch.setattr(database, "BUSY_TIMEOUT_S", 0.2)
+    other = sqlite3.connect(path, isolation_level=None)
+    other.execute("BEGIN IMMEDIATE")
+    with pytest.raises(StoreError, match=r"kept the database locked for 0\.2 s"):
+        await store.write(lambda tx: tx.set_stop(True, by="ann", reason="smoke"))
+    other.execute("ROLLBACK")
+    other.close()
+    assert (await store.write(lambda tx: tx.set_stop(True, by="ann", reason="smoke"))).active
+    await store.close()
