@@ -50,8 +50,9 @@ HANDLERS: dict[str, Handler] = {
 GIVEN_UP = frozenset({"start_node"})
 """Withdrawn, these leave nothing behind half-way. Others are finished once they have said that they act."""
 
-BEAT_S = 1.0
-"""How often the service hears that an action is under way, and may answer that it is withdrawn."""
+BEAT_S = 0.5
+"""How often the service hears that an action is under way, and may answer that it is withdrawn: twice in the
+second after which what was stopped must be cut off."""
 
 
 class Actions:
