@@ -156,6 +156,7 @@ def test_the_secret_of_a_webhook_is_shown_to_nobody_and_kept(start: StartService
     assert options == {"url": "https://example.org/", "secret": "**********"}
 
     body = shown.json()["config"] | {"policy": "observe"}
+    assert service.api("PUT", "/robots/r1", json=body).status_code == 428
     put = service.api("PUT", "/robots/r1", json=body, headers={"If-Match": shown.headers["etag"]})
     assert put.status_code == 200
     stored = service.run(service.runtime.fleet.robot("r1")).config
@@ -164,6 +165,7 @@ def test_the_secret_of_a_webhook_is_shown_to_nobody_and_kept(start: StartService
 
     never = service.api("PUT", "/robots/r2", json=body)
     assert (never.status_code, never.json()["code"]) == (422, "bad-input")
+    assert service.api("GET", "/robots/r2").status_code == 404
     gone = service.api("DELETE", "/robots/r1", headers={"If-Match": "*"})
     assert gone.status_code == 204
     told = service.api("GET", "/audit", params={"robot": "r1"})

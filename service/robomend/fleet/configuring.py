@@ -22,7 +22,10 @@ def put(tx: Transaction, robot: str, config: Json, *, expected: str | None, by: 
     """Create or replace a robot."""
     created = expected in (None, records.ABSENT)
     before = None if created else tx.robot(robot).config
-    stored = tx.put_robot(robot, uncovered(config, before or {}), expected=expected)
+    kept = config if before is None else uncovered(config, before)
+    stored = tx.put_robot(robot, kept, expected=expected)
+    if before is None:
+        uncovered(config, {})  # refuses a covered secret, after it is known that the robot is new
     what = "created" if created else "updated"
     tx.emit(Kind.ROBOT, robot, {"what": what, "etag": stored.etag, "by": by})
     tx.note(
