@@ -20,6 +20,7 @@ from robomend_bench.service.fleet import prepare, run_fleet
 from robomend_bench.service.measure import Latency, percentile
 from robomend_bench.service.process import Served, model_text, served
 from robomend_bench.service.robots import LITERALS, RECENT, SimulatedRobot
+from robomend_bench.service.stops import ASKED_OF, WAYS
 from robomend_bench.service.wire import ServiceGone, connect, request
 
 
@@ -129,6 +130,24 @@ def test_each_part_gives_its_figures(part: str) -> None:
     answer = CliRunner().invoke(command, ["--only", part, "--format", "json", *small])
     assert answer.exit_code == 0, answer.output
     assert set(json.loads(answer.stdout)) == {part}
+
+
+def test_the_part_that_stops_real_repairs_gives_its_figures() -> None:
+    """How fast depends on the machine; that each repair ends and no program outlives it does not."""
+    small = ["--robots", "2", "--moments", "1"]
+    answer = CliRunner().invoke(command, ["--only", "stop", "--format", "json", *small])
+    assert answer.exit_code == 0, answer.output
+    found = json.loads(answer.stdout)["stop"]
+    assert found.pop("errors") == []
+    assert list(found) == [f"{way}, asked of {whom}" for whom in ASKED_OF for way in WAYS]
+    for figures in found.values():
+        assert figures["idle"]["count"] + figures["running"]["count"] == figures["repairs"]
+
+
+def test_a_stop_is_measured_on_services_of_its_own() -> None:
+    answer = CliRunner().invoke(command, ["--only", "stop", "--url", "http://127.0.0.1:1"])
+    assert answer.exit_code == 2
+    assert "of its own" in answer.output
 
 
 def test_a_part_that_there_is_not_is_refused() -> None:

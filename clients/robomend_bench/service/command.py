@@ -23,8 +23,9 @@ from robomend_bench.service.hostile import run_hostile
 from robomend_bench.service.measure import children, load_of_others, memory_mb
 from robomend_bench.service.process import Served, processors, reached, start
 from robomend_bench.service.robots import SimulatedRobot
+from robomend_bench.service.stops import run_stops
 
-PARTS = ("start", "single", "fleet", "memory", "posts", "ndjson", "hostile")
+PARTS = ("start", "single", "fleet", "memory", "posts", "ndjson", "hostile", "stop")
 
 Row = tuple[str, str, str]
 """What was measured, what came out, the goal."""
@@ -47,6 +48,9 @@ Row = tuple[str, str, str]
 @click.option("--changes", type=click.IntRange(10), default=300, show_default=True, help="In part single.")
 @click.option("--writers", type=click.IntRange(1, 2000), default=64, show_default=True, help="In part posts.")
 @click.option("--observations", type=click.IntRange(100), default=200_000, help="In part ndjson.")
+@click.option(
+    "--moments", type=click.IntRange(1, 10_000), default=40, show_default=True, help="In part stop."
+)
 @click.option("--seed", type=int, default=1, show_default=True)
 @click.option("--url", help="Measure a service that runs already; robots named r0, r1, … are put there.")
 @click.option("--database", help="URL of a PostgreSQL database for the service, instead of SQLite.")
@@ -59,6 +63,7 @@ def command(only: str, output: str, url: str | None, **wish: Any) -> None:
     robomend-bench service --robots 1000 --rate 1 --seconds 60
     robomend-bench service --only single,posts --format json
     robomend-bench service --only fleet --seconds 300
+    robomend-bench service --only stop --moments 40
     """
     parts = tuple(filter(None, only.split(","))) or PARTS
     for part in parts:
@@ -88,6 +93,10 @@ def run_parts(
         click.echo(f"measuring: {part}", err=True)
         if part == "start":
             found, more = _start(arguments)
+        elif part == "stop":
+            if url is not None:
+                raise click.UsageError("part stop needs services of its own; leave out --url")
+            found, more = _run(_stop(arguments, wish))
         else:
             with reached(url, arguments) as (reachable, process):
                 found, more = _run(MEASURES[part](reachable, process, wish))
@@ -220,6 +229,31 @@ async def _hostile(url: str, process: Served | None, wish: dict[str, Any]) -> Me
         errors.update(run.errors)
     found = asdict(result) | {"ratio": result.ratio, "errors": errors}
     return found, [(name, f"p99 {shown} ms: ×{result.ratio}", "within ×2")]
+
+
+STOP_ROBOTS = 4
+"""Under repair at a time: each has a board of its own."""
+
+
+async def _stop(arguments: list[str], wish: dict[str, Any]) -> Measured:
+    count = min(wish["robots"], STOP_ROBOTS)
+    results = await run_stops(arguments, moments=wish["moments"], count=count, seed=wish["seed"])
+    found: dict[str, Any] = {"errors": [error for result in results for error in result.errors]}
+    rows = []
+    for result in results:
+        name = f"{result.way}, asked of {result.asked_of}"
+        figures = found[name] = result.figures()
+        for state, goal in (("idle", "< 0.1 s"), ("running", "< 1 s")):
+            one = figures[state]
+            what = "nothing was running" if state == "idle" else "an action was running"
+            shown = "none"
+            if one["count"]:
+                shown = f"p50 {one['p50_ms']:.0f} · p90 {one['p90_ms']:.0f} · max {one['max_ms']:.0f} ms"
+            rows.append((f"{name}: to the end of {one['count']} repairs while {what}", shown, goal))
+        began = f"{figures['begun_after_request']} actions of {figures['repairs']} repairs"
+        last = f"{began}, the last {figures['last_begun_ms']:.0f} ms after it; {len(result.late)} late"
+        rows.append((f"{name}: what boards and programs began after it", last, "< 0.1 s"))
+    return found, rows
 
 
 MEASURES: dict[str, Callable[[str, Served | None, dict[str, Any]], Coroutine[Any, Any, Measured]]] = {
