@@ -136,6 +136,12 @@ def test_a_plan_is_made_without_a_robot(service: Service) -> None:
     assert "(define" in found["plan"]["pddl"]["problem"]
 
 
+def test_a_planner_that_nobody_has_is_refused_with_those_that_exist(service: Service) -> None:
+    refused = service.api("POST", "/plans", json={"model": "tedusar", "planner": "graphplan"})
+    assert (refused.status_code, refused.json()["code"]) == (422, "option-refused")
+    assert "pyperplan, asp" in refused.json()["detail"]
+
+
 def test_a_node_that_is_meant_to_be_stopped_is_neither_blamed_nor_started(service: Service) -> None:
     body = {"model": "tedusar", "observations": ["not running(rviz)", "not running(hector_mapping)"]}
     with_rviz = service.api("POST", "/plans", json=body).json()

@@ -22,6 +22,7 @@ from robomend.model.system import System
 from robomend.observations.language import Assertion, read
 from robomend.repair.advice import Situation, advise, parts_of, plan_answer
 from robomend.repair.planner_pool import PlannerPool
+from robomend.repair.planners import check_planner
 from robomend.repair.planning import PlanOptions
 from robomend.settings import Settings
 from robomend_client.literals import Literal
@@ -85,7 +86,9 @@ class OneShots:
         Raises:
             ModelError: the model says nothing of what can be repaired.
             InputError: no diagnosis was found in time.
+            OptionRefused: no such planner.
         """
+        check_planner(planner)
         version, system, literals = await self._understand(question)
         parts = parts_of(system)
         _check(expected_stopped, system)

@@ -69,6 +69,16 @@ def planner_names() -> tuple[str, ...]:
     return (*BUILT_IN, *sorted(others))
 
 
+def check_planner(name: str) -> None:
+    """Refuse a name that no planner has, before anything is started for it.
+
+    Raises:
+        OptionRefused: no planner has this name.
+    """
+    if name not in BUILT_IN and name not in (names := planner_names()):
+        raise OptionRefused(f"no planner is named {name!r}: choose one of {', '.join(names)}")
+
+
 @lru_cache(maxsize=16)
 def make_planner(name: str) -> Planner:
     """Return the planner of this name, the same one each time.
@@ -81,9 +91,8 @@ def make_planner(name: str) -> Planner:
         module, _, attribute = BUILT_IN[name].partition(":")
         made: Any = getattr(import_module(module), attribute)()
         return cast(Planner, made)
+    check_planner(name)
     points: tuple[EntryPoint, ...] = tuple(entry_points(group=GROUP, name=name))
-    if not points:
-        raise OptionRefused(f"no planner is named {name!r}: choose one of {', '.join(planner_names())}")
     try:
         made = points[0].load()()
     except (ImportError, AttributeError, TypeError) as error:
