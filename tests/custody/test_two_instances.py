@@ -10,6 +10,8 @@ import pytest
 from tests.custody.remote import ServiceProcess, ended, latest, remote_robot, services
 from tests.custody.robot import Robot
 
+from robomend_client.rest.errors import Forbidden
+
 pytestmark = pytest.mark.anyio
 
 TAKEN_OVER_S = 5.0
@@ -140,3 +142,19 @@ async def test_the_owner_sends_nothing_after_the_other_instance_was_asked_to_end
     after = actions[actions.index(way) : actions.index("repair.cancelled")]
     assert "action.sent" not in after
     assert robot.complaints == []
+
+
+async def test_every_instance_obeys_the_stop_as_it_is_on_disk(database: tuple[str, ...]) -> None:
+    """Not as it heard of it: its news come a moment later than the answer of the other."""
+    async with services(database, database) as running, remote_robot(running):
+        one, other = running
+        assert one.client is not None
+        assert other.client is not None
+        for _ in range(5):
+            await one.client.stop("I see smoke")
+            with pytest.raises(Forbidden, match="I see smoke"):
+                await other.client.start_repair("r1")
+            await one.client.resume()
+            begun = await other.client.start_repair("r1")
+            repair = await latest([other], ended)
+            assert (repair["id"], repair["state"]) == (begun["id"], "repaired")

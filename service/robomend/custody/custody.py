@@ -189,10 +189,6 @@ class Custody:
         state = await self._tools.fleet.latest(robot)
         if state.config.policy == "observe":
             raise Refused(f"the policy of robot {robot!r} is 'observe': it is never acted on")
-        if self._tools.stop.active:
-            raise Refused(
-                f"the global stop is active, set by {self._tools.stop.by}: {self._tools.stop.reason}"
-            )
         if state.system.parts is None:
             raise Refused(f"the model of robot {robot!r} does not say what could be repaired")
         known = frozenset(state.system.cnf.components)
@@ -202,6 +198,9 @@ class Custody:
         wanted = None if bad is None else list(bad)
 
         def begin(tx: Transaction) -> Repair:
+            stop = tx.stop()  # not as we heard of it: another instance may have lifted it just now
+            if stop.active:
+                raise Refused(f"the global stop is active, set by {stop.by}: {stop.reason}")
             if tx.repairs(robot, Paging(limit=1), open_only=True).items:
                 raise Conflict(f"a repair of robot {robot!r} is open already")
             data = {
