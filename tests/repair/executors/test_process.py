@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+import signal
 import sys
 from pathlib import Path
 
@@ -13,6 +14,12 @@ from robomend.repair.executors.process import ProcessExecutor
 from robomend_client.actions import OK, REFUSED, TIMED_OUT, UNREACHABLE, Action
 
 pytestmark = pytest.mark.anyio
+
+
+@pytest.fixture(params=["asyncio", "uvloop"])
+def anyio_backend(request: pytest.FixtureRequest) -> tuple[str, dict[str, bool]]:
+    """The service runs on uvloop, the command line on asyncio's own loop."""
+    return "asyncio", {"use_uvloop": request.param == "uvloop"}
 
 
 def no_feedback(code: int, message: str) -> None:
@@ -65,6 +72,32 @@ async def test_a_time_out_ends_the_program_and_its_children(tmp_path: Path) -> N
     done = await executor.execute(action("hang", timeout_s=1.0), no_feedback)
     assert done.code == TIMED_OUT
     await gone(int(pid_file.read_text()))
+
+
+async def test_what_a_program_leaves_running_does_not_hold_its_result_up(tmp_path: Path) -> None:
+    pid_file = tmp_path / "child"
+    script = (
+        "import subprocess, sys;"
+        "child = subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(60)']);"
+        f"open({str(pid_file)!r}, 'w').write(str(child.pid)); print('left', flush=True)"
+    )
+    executor = ProcessExecutor({"start": [sys.executable, "-c", script]})
+    async with asyncio.timeout(20.0):  # it prints to the same pipe for a minute
+        done = await executor.execute(action("start", timeout_s=30.0), no_feedback)
+    assert (done.code, done.message) == (OK, "left")
+    child = int(pid_file.read_text())
+    os.kill(child, 0)  # it was left alone
+    os.kill(child, signal.SIGKILL)
+
+
+async def test_much_output_neither_blocks_the_program_nor_fills_memory() -> None:
+    executor = ProcessExecutor(
+        {"talk": [sys.executable, "-c", "print('x' * 1_000_000); print('last words')"]}
+    )
+    done = await executor.execute(action("talk", timeout_s=30.0), no_feedback)
+    assert done.code == OK
+    assert done.message.endswith("last words")
+    assert len(done.message) <= 4096
 
 
 async def test_cancelling_ends_the_program() -> None:
