@@ -25,8 +25,10 @@ from robomend.errors import Conflict, InputError, OptionRefused, RobomendError, 
 from robomend.store import schema
 
 BUSY_TIMEOUT_S = 10.0
-TURN_S = 0.001
 """How long a SQLite writer waits for a writer in another process."""
+
+TURN_S = 0.001
+"""How often it looks whether it is its turn."""
 
 _POSTGRES_OPTIONS = {
     # Every wait has an end: for a server, for a row, for an answer, for a peer that fell silent.
