@@ -66,6 +66,7 @@ def test_the_document_uses_nothing_of_a_later_openapi(fuzzed: Service) -> None:
     assert "itemSchema" not in fuzzed.http.get("/openapi.json").text
 
 
+@pytest.mark.timeout(5400)  # the long version
 def test_no_answer_is_a_server_error_or_undocumented(fuzzed: Service, long: bool) -> None:
     document = fuzzed.http.get("/openapi.json").json()
     for path in STREAMS:
