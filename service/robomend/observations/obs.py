@@ -49,12 +49,22 @@ class Observed:
 class Obs:
     """The observations of one robot. Not thread-safe; small, as a service holds a thousand."""
 
-    __slots__ = ("_assertions", "_by_atom", "_computed_ns", "_literals", "_signature", "_valid_ns")
+    __slots__ = (
+        "_assertions",
+        "_by_atom",
+        "_computed_ns",
+        "_literals",
+        "_mortal",
+        "_signature",
+        "_valid_ns",
+    )
 
     def __init__(self, entries: Iterable[Observed] = (), assertions: Iterable[Assertion] = ()) -> None:
         """Rebuild OBS from `entries()` and `assertions`, as they were stored."""
         self._by_atom: dict[Atom, Observed] = {entry.literal.atom: entry for entry in entries}
         self._assertions: dict[str, Assertion] = {a.name: a for a in assertions}
+        # Whether any entry may have a lifetime: most robots have none, and need not be looked through.
+        self._mortal = any(entry.expires_ns is not None for entry in self._by_atom.values())
         # What `literals` said last, and from when until when that is right.
         self._literals: tuple[Literal, ...] | None = None
         self._signature: frozenset[object] | None = None
@@ -81,6 +91,8 @@ class Obs:
             if old is not None and entry.time_ns < old.time_ns:
                 continue
             self._by_atom[atom] = entry
+            if entry.expires_ns is not None:
+                self._mortal = True
             # `_computed_ns`: somebody may have been told already that the old entry is stale.
             seen_ns = max(entry.time_ns, self._computed_ns)
             if old is None or old.literal != entry.literal or not old.fresh(seen_ns) or atom in changed:
@@ -95,7 +107,10 @@ class Obs:
         """Return what is known at that time: the literals whose lifetime has not run out."""
         if self._literals is None or not self._computed_ns <= now_ns < self._valid_ns:
             entries = self._by_atom.values()
-            self._literals = tuple(entry.literal for entry in entries if entry.fresh(now_ns))
+            if self._mortal:
+                self._literals = tuple([entry.literal for entry in entries if entry.fresh(now_ns)])
+            else:
+                self._literals = tuple([entry.literal for entry in entries])
             self._computed_ns = now_ns
             self._valid_ns = self._soonest(now_ns) or FOREVER
             self._signature = None
@@ -116,6 +131,8 @@ class Obs:
         return self._soonest(now_ns)
 
     def _soonest(self, now_ns: int) -> int | None:
+        if not self._mortal:
+            return None
         times = (entry.expires_ns for entry in self._by_atom.values())
         return min((time for time in times if time is not None and time > now_ns), default=None)
 
