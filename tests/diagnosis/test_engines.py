@@ -191,6 +191,31 @@ def test_literals_that_no_rule_mentions_are_named(name: str) -> None:
     assert result.healthy
 
 
+@given(
+    st.lists(
+        st.lists(
+            st.sampled_from(
+                [Atom("ok", ("a1",)), Atom("ok", ("a2",)), Atom("ok", ("b",)), Atom("seen", ("a1",))]
+            ),
+            unique=True,
+        ),
+        max_size=6,
+    )
+)
+def test_what_no_rule_mentions_is_told_whenever_it_comes(sets: list[list[Atom]]) -> None:
+    """A reader is quicker as long as every atom is known; the answers are the same."""
+    cnf = model(1, [(-1, 2)], atoms=2)
+    engine = make_engine("sat", cnf)
+    for atoms in sets:
+        result = engine.diagnose([Literal(atom) for atom in atoms])
+        assert [literal.atom for literal in result.unused] == [
+            atom for atom in atoms if atom not in cnf.atoms
+        ]
+        assert result.healthy
+        assert engine.consistent([Literal(atom) for atom in atoms])
+    engine.close()
+
+
 @engines
 @pytest.mark.parametrize("minimal", ["cardinality", "subset"])
 @pytest.mark.parametrize("max_size", [None, 1])

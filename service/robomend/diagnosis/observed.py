@@ -56,6 +56,7 @@ class ObservationReader:
         for atom, variable in cnf.atom_variable.items():
             self._positive.setdefault(atom.predicate, {})[atom.args] = variable
             self._negative.setdefault(atom.predicate, {})[atom.args] = -variable
+        self._all_known = True  # whether the rules mentioned every atom of the set that was read last
         # The literals are kept alive here, so that no others can have their id.
         self._lately: dict[tuple[int, int, int], tuple[tuple[Literal, ...], Observed]] = {}
         self._kept = 0
@@ -63,12 +64,22 @@ class ObservationReader:
     def numbers(self, literals: Sequence[Literal]) -> list[int]:
         """Return each literal as a signed variable, 0 if no rule mentions its atom; nothing is refused."""
         positive, negative = self._positive, self._negative
-        return [
+        if self._all_known:  # as last time: then subscripts, a quarter faster than calls of `get`, will do
+            try:
+                return [
+                    (positive if one.positive else negative)[(atom := one.atom).predicate][atom.args]
+                    for one in literals
+                ]
+            except KeyError:
+                pass
+        found = [
             (positive if one.positive else negative)
             .get((atom := one.atom).predicate, NOTHING)
             .get(atom.args, 0)
             for one in literals
         ]
+        self._all_known = 0 not in found
+        return found
 
     def read(self, observations: Iterable[Literal]) -> Observed:
         """Return the observations as signed variables.
