@@ -22,7 +22,7 @@ finally:
     child.kill()
     child.wait()
 """
-"""A process of its own: what a starter has used comes on top, and a worker of the tests may have used minutes."""
+"""A process of its own: what a starter has used comes on top, and a test worker may have used minutes."""
 
 
 def test_what_is_started_within_ends_by_itself_when_its_cpu_time_is_used_up() -> None:
