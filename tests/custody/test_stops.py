@@ -96,7 +96,8 @@ async def test_no_action_follows_a_request_to_end_the_repair(tmp_path: Path, hal
     async def takes_time(robot: Robot, name: str, parameter: str) -> int | None:
         if len(robot.ids) >= action:
             reached.set()
-        await asyncio.sleep(0.05)
+        # Long enough that the repair is still open when the request comes.
+        await asyncio.sleep(3.0 if reached.is_set() else 0.05)
         return None
 
     async with service(tmp_path) as runtime, robot_on(runtime) as robot:
