@@ -10,7 +10,7 @@ RobomendError
 │   ├── OptionRefused              an engine or planner that cannot honour an option
 │   ├── TooLarge                   more than a limit of the service allows
 │   ├── NotFound                   no such robot, model, repair, …
-│   ├── Conflict                   the resource is not in the state that the request needs
+│   ├── StateConflict                   the resource is not in the state that the request needs
 │   │   └── Fenced                 another instance has taken over the robot
 │   ├── PreconditionFailed         If-Match names another version
 │   ├── PreconditionRequired       the change needs If-Match
@@ -155,13 +155,13 @@ class NotFound(InputError):
     code = "not-found"
 
 
-class Conflict(InputError):
+class StateConflict(InputError):
     """The resource is not in the state that the request needs."""
 
     code = "conflict"
 
 
-class Fenced(Conflict):
+class Fenced(StateConflict):
     """A write with an old fencing number: another instance has taken over the robot. Let go of it at once."""
 
     code = "fenced"

@@ -12,10 +12,10 @@ from tests.api.conftest import TEDUSAR, Service, StartService, bad_sets
 
 from robomend.diagnosis.result import DiagnosisResult, Options
 from robomend.errors import WorkerTimeout
-from robomend.fleet.diagnoser import Diagnoser
 from robomend.metrics import Metrics
 from robomend.model.cnf import HealthCnf
 from robomend.model.loading import load_text
+from robomend.robots.diagnoser import Diagnoser
 from robomend.settings import Settings
 from robomend_client.literals import Literal, fails
 

@@ -12,12 +12,12 @@ from typing import Any
 
 import pytest
 
-from robomend.answers import result_json
 from robomend.cli.commands import run
 from robomend.diagnosis import base
 from robomend.diagnosis.engines import make_engine
 from robomend.diagnosis.result import Options
 from robomend.model.loading import load_model, load_text
+from robomend.oneshots.answers import result_json
 from robomend.resources import resource
 from robomend_client.literals import fails, holds
 

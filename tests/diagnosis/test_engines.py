@@ -9,7 +9,7 @@ from math import prod
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.diagnosis.circuits import Circuit, circuit, fresh_solver_diagnoses, observed_circuits
+from tests.diagnosis.netlists import Circuit, circuit, fresh_solver_diagnoses, observed_circuits
 from tests.diagnosis.systems import brute_force, model, satisfiable, systems
 
 from robomend.diagnosis.engines import BUILT_IN, engine_names, make_engine

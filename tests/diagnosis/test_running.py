@@ -7,7 +7,7 @@ import random
 import threading
 
 import pytest
-from tests.diagnosis.circuits import circuit
+from tests.diagnosis.netlists import circuit
 from tests.diagnosis.systems import brute_force, model
 
 from robomend.diagnosis import oll

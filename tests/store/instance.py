@@ -15,7 +15,7 @@ from tests.store.examples import entry, with_robots
 
 from robomend.store import open_store
 from robomend.store.interface import Store, Transaction
-from robomend.store.records import Once
+from robomend.store.records import IdempotencyKey
 from robomend_client.events import Kind
 
 WRITERS = 16
@@ -38,7 +38,9 @@ async def write(store: Store) -> None:
         while True:
             count += 1
             marker = f"{os.getpid()}-{number}-{count}"
-            await store.write(accept(robot, marker), robots=(robot,), once=Once(robot, marker, marker))
+            await store.write(
+                accept(robot, marker), robots=(robot,), once=IdempotencyKey(robot, marker, marker)
+            )
             say(f"{robot} {marker}")
 
     await asyncio.gather(*(writer(number) for number in range(WRITERS)))

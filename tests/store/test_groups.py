@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from tests.store.examples import entry, with_robots
 
 from robomend.store.interface import Store, Transaction, View
-from robomend.store.records import Assertion, Entry, Once
+from robomend.store.records import Entry, IdempotencyKey, StoredAssertion
 from robomend_client.events import Kind
 
 pytestmark = pytest.mark.anyio
@@ -97,7 +97,7 @@ def run(tx: Transaction, robot: str, change: Change) -> int:
         elif step.what == "forget":
             tx.observe(robot, forgotten=[atom])
         elif step.what == "assert":
-            tx.observe(robot, asserted=[Assertion(step.name, "true", "test", 1)])
+            tx.observe(robot, asserted=[StoredAssertion(step.name, "true", "test", 1)])
         elif step.what == "read":
             tx.obs(robot)
         elif step.what == "diagnose":
@@ -130,7 +130,7 @@ async def test_a_group_is_as_good_as_one_after_the_other(store: Store, changes: 
 
     async def write(change: Change) -> int | None:
         robot = robots[change.robot]
-        once = None if change.key is None else Once(f"{number}", str(change.key), "same")
+        once = None if change.key is None else IdempotencyKey(f"{number}", str(change.key), "same")
         try:
             return await store.write(lambda tx: run(tx, robot, change), robots=(robot,), once=once)
         except Failed:

@@ -8,10 +8,10 @@ import pytest
 from sqlalchemy import exc
 from tests.store.examples import entry, observe, with_robots
 
-from robomend.errors import Conflict
+from robomend.errors import StateConflict
 from robomend.store.interface import Store, Transaction
-from robomend.store.records import Once
-from robomend.store.transaction import Group
+from robomend.store.records import IdempotencyKey
+from robomend.store.transaction import SharedTransaction
 
 pytestmark = pytest.mark.anyio
 
@@ -23,7 +23,7 @@ async def test_a_request_sent_to_two_instances_at_once_acts_once(store: Store, s
         return tx.observe("r1", accepted=[entry("scan")])
 
     async def send(who: Store, key: int) -> int:
-        return await who.write(accept, robots=("r1",), once=Once("ada", str(key), "digest"))
+        return await who.write(accept, robots=("r1",), once=IdempotencyKey("ada", str(key), "digest"))
 
     answers = await asyncio.gather(*(send(who, key) for key in range(50) for who in (store, second)))
     assert answers[::2] == answers[1::2]
@@ -66,26 +66,26 @@ async def test_an_instance_that_works_on_an_older_obs_is_told(store: Store, seco
     calls = [observe(who, "r1", entry("scan"), expected=0) for who in (store, second)]
     results = await asyncio.gather(*calls, return_exceptions=True)
     assert 1 in results
-    assert [type(result) for result in results].count(Conflict) == 1
+    assert [type(result) for result in results].count(StateConflict) == 1
 
 
 async def test_a_group_that_met_a_deadlock_is_repeated(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
     """Results are those of the repetition, also where the first try ended otherwise."""
     await with_robots(store, "r1")
-    finish = Group.finish
+    finish = SharedTransaction.finish
     tries = 0
 
     class Deadlock(Exception):
         sqlstate = "40P01"
 
-    def finish_at_second(group: Group) -> object:
+    def finish_at_second(group: SharedTransaction) -> object:
         nonlocal tries
         tries += 1
         if tries == 1:
             raise exc.OperationalError("COMMIT", {}, Deadlock("deadlock detected"))
         return finish(group)
 
-    monkeypatch.setattr(Group, "finish", finish_at_second)
+    monkeypatch.setattr(SharedTransaction, "finish", finish_at_second)
 
     def fails_first(tx: Transaction) -> int:
         if tries == 0:

@@ -13,7 +13,7 @@ from tests.store.processes import instance, next_line
 
 from robomend.store import open_store
 from robomend.store.interface import View
-from robomend.store.records import Accepted, Paging
+from robomend.store.records import Paging, StoredBatch
 
 
 def kill_under_load(url: str, after_s: float) -> list[tuple[str, str]]:
@@ -32,9 +32,9 @@ def kill_under_load(url: str, after_s: float) -> list[tuple[str, str]]:
     return [(robot, marker) for robot, marker in pairs]
 
 
-def whole_history(db: View, robot: str) -> list[Accepted]:
+def whole_history(db: View, robot: str) -> list[StoredBatch]:
     """Return all batches of a robot, oldest first."""
-    batches: list[Accepted] = []
+    batches: list[StoredBatch] = []
     cursor: str | None = None
     while True:
         page = db.history(robot, Paging(cursor, 1000))

@@ -8,25 +8,25 @@ import pytest
 from tests.store.examples import with_robots
 
 from robomend.errors import (
-    Conflict,
     InputError,
     NotFound,
     PreconditionFailed,
     PreconditionRequired,
+    StateConflict,
 )
 from robomend.store.interface import Store, Transaction, View
-from robomend.store.records import ANY, Model, Page, Paging, Robot
+from robomend.store.records import ANY, Page, Paging, StoredModel, StoredRobot
 
 pytestmark = pytest.mark.anyio
 
 
-async def put_model(store: Store, source: str, expected: str | None, name: str = "tedusar") -> Model:
+async def put_model(store: Store, source: str, expected: str | None, name: str = "tedusar") -> StoredModel:
     return await store.write(
         lambda tx: tx.put_model(name, source, format="component", by="ada", expected=expected)
     )
 
 
-async def put_robot(store: Store, robot: str, config: dict[str, object], expected: str | None) -> Robot:
+async def put_robot(store: Store, robot: str, config: dict[str, object], expected: str | None) -> StoredRobot:
     return await store.write(lambda tx: tx.put_robot(robot, config, expected=expected))
 
 
@@ -66,7 +66,7 @@ async def test_versions_are_kept_newest_first_and_the_same_text_adds_none(store:
 
 async def test_a_model_that_a_robot_follows_is_not_deleted(store: Store) -> None:
     await with_robots(store, "r1")
-    with pytest.raises(Conflict, match="r1"):
+    with pytest.raises(StateConflict, match="r1"):
         await store.write(lambda tx: tx.delete_model("tedusar"))
     await store.write(lambda tx: tx.delete_robot("r1"))
     await store.write(lambda tx: tx.delete_model("tedusar"))
@@ -94,7 +94,7 @@ async def test_a_robots_etag_is_that_of_its_configuration_whatever_the_order_of_
     assert other.created_ns == one.created_ns
 
 
-def robots_of_tedusar(paging: Paging, db: View) -> Page[Robot]:
+def robots_of_tedusar(paging: Paging, db: View) -> Page[StoredRobot]:
     return db.robots(paging, model="tedusar")
 
 

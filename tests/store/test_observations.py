@@ -9,9 +9,9 @@ from dataclasses import replace
 import pytest
 from tests.store.examples import entry, observe, with_robots
 
-from robomend.errors import Conflict, InputError, NotFound, RobomendError
+from robomend.errors import InputError, NotFound, RobomendError, StateConflict
 from robomend.store.interface import Store, Transaction
-from robomend.store.records import Accepted, Assertion, AuditEntry, Once, Paging
+from robomend.store.records import AuditEntry, IdempotencyKey, Paging, StoredAssertion, StoredBatch
 from robomend_client.events import Kind
 from robomend_client.literals import Atom
 
@@ -53,7 +53,7 @@ async def test_what_is_forgotten_is_no_literal(store: Store) -> None:
 
 async def test_named_assertions_stay_until_they_are_withdrawn(store: Store) -> None:
     await with_robots(store, "r1")
-    night = Assertion("night", "forall t: topic. not ok(t)", "ada", 5)
+    night = StoredAssertion("night", "forall t: topic. not ok(t)", "ada", 5)
     await store.write(lambda tx: tx.observe("r1", asserted=[night]))
     assert (await store.read(lambda db: db.obs("r1"))).assertions == (night,)
     with pytest.raises(NotFound):
@@ -73,7 +73,7 @@ async def test_history_is_newest_first_and_in_order_of_revision_when_the_clock_j
         await observe(store, "r1", entry("scan", time_ns=now_ns))
     first = await store.read(lambda db: db.history("r1", Paging(limit=2)))
     rest = await store.read(lambda db: db.history("r1", Paging(first.next)))
-    batches: list[Accepted] = [*first.items, *rest.items]
+    batches: list[StoredBatch] = [*first.items, *rest.items]
     assert [(b.revision, b.time_ns) for b in batches] == [(3, 2_000), (2, 1_000), (1, 3_000)]
     events = await store.read(lambda db: db.events(0))
     assert [event.time_ns for event in events] == [3_000, 1_000, 2_000]
@@ -82,7 +82,7 @@ async def test_history_is_newest_first_and_in_order_of_revision_when_the_clock_j
 async def test_a_change_of_an_older_obs_is_refused(store: Store) -> None:
     await with_robots(store, "r1")
     await observe(store, "r1", entry("scan"), expected=0)
-    with pytest.raises(Conflict) as refused:
+    with pytest.raises(StateConflict) as refused:
         await observe(store, "r1", entry("scan", False), expected=0)
     assert refused.value.code == "stale-revision"
     assert await observe(store, "r1", entry("scan", False), expected=1) == 2
@@ -174,7 +174,7 @@ async def test_a_row_that_the_database_refuses_fails_alone(store: Store) -> None
 
 async def test_a_repeated_request_acts_once_and_gets_the_first_answer(store: Store) -> None:
     await with_robots(store, "r1")
-    once = Once("ada POST /robots/r1/observations", "key-1", "digest")
+    once = IdempotencyKey("ada POST /robots/r1/observations", "key-1", "digest")
 
     def accept(tx: Transaction) -> Mapping[str, int]:
         return {"revision": tx.observe("r1", changed=[entry("scan")])}
@@ -182,19 +182,19 @@ async def test_a_repeated_request_acts_once_and_gets_the_first_answer(store: Sto
     calls = [store.write(accept, robots=("r1",), once=once) for _ in range(5)]
     assert await asyncio.gather(*calls) == [{"revision": 1}] * 5
     assert await store.write(accept, robots=("r1",), once=once) == {"revision": 1}
-    with pytest.raises(Conflict) as refused:
-        await store.write(accept, once=Once(once.scope, once.key, "another digest"))
+    with pytest.raises(StateConflict) as refused:
+        await store.write(accept, once=IdempotencyKey(once.scope, once.key, "another digest"))
     assert refused.value.code == "idempotency-key-reused"
-    other_scope = Once("bob", once.key, "digest")
+    other_scope = IdempotencyKey("bob", once.key, "digest")
     assert await store.write(accept, once=other_scope) == {"revision": 2}
 
 
 async def test_a_key_is_free_again_after_its_time_and_after_a_failure(store: Store) -> None:
     await with_robots(store, "r1")
-    short = Once("ada", "k", "one", ttl_s=0)
+    short = IdempotencyKey("ada", "k", "one", ttl_s=0)
     assert await store.write(lambda tx: tx.observe("r1"), once=short) == 1
-    assert await store.write(lambda tx: tx.observe("r1"), once=Once("ada", "k", "two")) == 2
-    failing = Once("ada", "f", "one")
+    assert await store.write(lambda tx: tx.observe("r1"), once=IdempotencyKey("ada", "k", "two")) == 2
+    failing = IdempotencyKey("ada", "f", "one")
     with pytest.raises(NotFound):
         await store.write(lambda tx: tx.observe("nobody"), once=failing)
     assert await store.write(lambda tx: tx.observe("r1"), once=failing) == 3
@@ -208,7 +208,7 @@ async def test_an_answer_that_is_no_json_is_refused_whole(store: Store) -> None:
         return object()
 
     with pytest.raises(InputError):
-        await store.write(accept, once=Once("ada", "k", "one"))
+        await store.write(accept, once=IdempotencyKey("ada", "k", "one"))
     assert await store.read(lambda db: db.revision("r1")) == 0
 
 

@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 from tests.store.examples import entry, observe, with_robots
 
-from robomend.errors import Conflict, InputError, OptionRefused
+from robomend.errors import InputError, OptionRefused, StateConflict
 from robomend.store import open_store, portable, schema
 from robomend.store.interface import Store, Transaction
-from robomend.store.records import Assertion, AuditEntry, Once, Quarantine, Tried
+from robomend.store.records import AuditEntry, IdempotencyKey, Quarantine, StoredAssertion, StoredAttempt
 
 pytestmark = pytest.mark.anyio
 
@@ -26,13 +26,13 @@ async def with_everything(store: Store) -> None:
     await observe(store, "r1", entry("scan"), entry("odom", False))
 
     def fill(tx: Transaction) -> None:
-        tx.observe("r1", asserted=[Assertion("night", "ok(x) or ok(y)", "ada", 1)])
+        tx.observe("r1", asserted=[StoredAssertion("night", "ok(x) or ok(y)", "ada", 1)])
         tx.record_diagnosis("r1", 1, {"diagnoses": []})
         repair = tx.create_repair("r1", state="running", data={"é": "∪"}, fence=fence).id
         tx.ask(repair, "cancel", by="ada", reason="")
         tx.put_step(repair, 0, state="done", data={}, fence=fence)
         tx.intend(repair, 0, action="x:0", name="n", parameters=["p"], timeout_s=0.5, fence=fence)
-        tx.remember(Tried("r1", ("a",), ("b",), False, True, repair, 1), fence=fence)
+        tx.remember(StoredAttempt("r1", ("a",), ("b",), False, True, repair, 1), fence=fence)
         tx.put_quarantine(Quarantine("r1", "c", "why", 1, 1, None), fence=fence)
         tx.count_attempt("r1", "c", repair, fence=fence)
         tx.queue_action("x:0", "r1", host=None, name="n", parameters=[], timeout_s=1)
@@ -40,7 +40,7 @@ async def with_everything(store: Store) -> None:
         tx.set_stop(True, by="ada", reason="smoke")
         tx.note(AuditEntry("ada", "everything", "r1", before={}, after={"x": [1]}))
 
-    await store.write(fill, once=Once("ada", "k", "digest"))
+    await store.write(fill, once=IdempotencyKey("ada", "k", "digest"))
 
 
 def rows(lines: list[str]) -> list[str]:
@@ -104,7 +104,7 @@ async def test_an_import_is_taken_whole_or_not_at_all(store: Store, tmp_path: Pa
             target.load(bad)
         assert len(rows(list(target.export()))) == 2  # the counters
         assert target.load(lines) == len(lines) - 2
-        with pytest.raises(Conflict):
+        with pytest.raises(StateConflict):
             target.load(lines)
 
 
@@ -124,7 +124,7 @@ async def test_a_backup_taken_under_load_is_one_consistent_moment(tmp_path: Path
     await store.backup(tmp_path / "copy.db")
     stop.set()
     await loading
-    with pytest.raises(Conflict):
+    with pytest.raises(StateConflict):
         await store.backup(tmp_path / "copy.db")
     await store.close()
     assert sorted(p.name for p in tmp_path.glob("copy*")) == ["copy.db"]

@@ -9,7 +9,7 @@ import pytest
 from tests.store.examples import entry, observe, with_robots
 
 from robomend.store.interface import Store, Transaction
-from robomend.store.records import AuditEntry, EventRange, Once, Pruned, Retention
+from robomend.store.records import AuditEntry, EventRange, IdempotencyKey, Pruned, Retention
 
 pytestmark = pytest.mark.anyio
 
@@ -93,8 +93,8 @@ async def test_nothing_goes_that_is_kept_for_ever(store: Store, monkeypatch: pyt
 
 async def test_expired_idempotency_keys_go(store: Store) -> None:
     for number in range(5):
-        await store.write(lambda tx: 1, once=Once("ada", f"k{number}", "x", ttl_s=0))
-    await store.write(lambda tx: 1, once=Once("ada", "kept", "x"))
+        await store.write(lambda tx: 1, once=IdempotencyKey("ada", f"k{number}", "x", ttl_s=0))
+    await store.write(lambda tx: 1, once=IdempotencyKey("ada", "kept", "x"))
     await asyncio.sleep(0.01)
     assert (await store.prune(Retention(), slice=2)).idempotency == 5
 

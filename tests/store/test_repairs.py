@@ -10,7 +10,7 @@ from functools import partial
 import pytest
 from tests.store.examples import with_robots
 
-from robomend.errors import Conflict, Fenced, NotFound
+from robomend.errors import Fenced, NotFound, StateConflict
 from robomend.store.interface import Store, Transaction
 from robomend.store.records import (
     AgentAction,
@@ -19,9 +19,9 @@ from robomend.store.records import (
     Intent,
     Paging,
     Quarantine,
-    Repair,
     Stop,
-    Tried,
+    StoredAttempt,
+    StoredRepair,
 )
 
 pytestmark = pytest.mark.anyio
@@ -34,13 +34,13 @@ async def own(store: Store, robot: str = "r1") -> Fence:
     return fence
 
 
-async def begin(store: Store, fence: Fence) -> Repair:
+async def begin(store: Store, fence: Fence) -> StoredRepair:
     return await store.write(
         lambda tx: tx.create_repair(fence.robot, state="running", data={"plan": [1, 2]}, fence=fence)
     )
 
 
-async def intend(store: Store, repair: Repair, step: int, fence: Fence) -> Intent:
+async def intend(store: Store, repair: StoredRepair, step: int, fence: Fence) -> Intent:
     return await store.write(
         lambda tx: tx.intend(
             repair.id,
@@ -86,7 +86,7 @@ async def test_every_write_about_a_repair_is_refused_with_an_old_fence(store: St
     request = await store.write(lambda tx: tx.ask(repair.id, "cancel", by="ada", reason="smoke"))
     await store.ownership.release("r1")
     assert await store.ownership.acquire("r1") == Fence("r1", old.number + 1)
-    tried = Tried("r1", ("jaguar",), ("power_up(jaguar)",), False, True, repair.id, 1)
+    tried = StoredAttempt("r1", ("jaguar",), ("power_up(jaguar)",), False, True, repair.id, 1)
     quarantine = Quarantine("r1", "jaguar", "failed 3 times", 3, 1, None)
     writes: list[Callable[[Transaction], object]] = [
         lambda tx: tx.create_repair("r1", state="running", data={}, fence=old),
@@ -124,7 +124,7 @@ async def test_the_journal_tells_what_a_crash_left_open(store: Store) -> None:
     assert await store.read(lambda db: db.intents(repair.id)) == (settled, second)
     again = await store.write(lambda tx: tx.settle(first.id, 1, "late", fence=fence))
     assert again == settled
-    with pytest.raises(Conflict):
+    with pytest.raises(StateConflict):
         await intend(store, repair, 0, fence)
 
 
@@ -156,17 +156,17 @@ async def test_requests_wait_for_the_owner_and_are_refused_when_it_is_over(store
     await store.write(
         lambda tx: tx.update_repair(repair.id, state="repaired", data={}, open=False, fence=fence)
     )
-    with pytest.raises(Conflict):
+    with pytest.raises(StateConflict):
         await store.write(lambda tx: tx.ask(repair.id, "cancel", by="ada", reason=""))
 
 
 async def test_a_robot_with_an_open_repair_is_not_deleted(store: Store) -> None:
     repair = await begin(store, await own(store))
-    with pytest.raises(Conflict, match=repair.id):
+    with pytest.raises(StateConflict, match=repair.id):
         await store.write(lambda tx: tx.delete_robot("r1"))
 
 
-def remember(tried: Tried, fence: Fence, tx: Transaction) -> None:
+def remember(tried: StoredAttempt, fence: Fence, tx: Transaction) -> None:
     tx.remember(tried, fence=fence)
 
 
@@ -177,8 +177,8 @@ def count(component: str, fence: Fence, tx: Transaction) -> None:
 async def test_memory_quarantine_and_attempts(store: Store) -> None:
     fence = await own(store)
     attempts = [
-        Tried("r1", ("jaguar",), ("power_up(jaguar)",), False, True, "r-1", 5, {"round": 1}),
-        Tried("r1", ("jaguar_node",), (), True, True, None, 4),
+        StoredAttempt("r1", ("jaguar",), ("power_up(jaguar)",), False, True, "r-1", 5, {"round": 1}),
+        StoredAttempt("r1", ("jaguar_node",), (), True, True, None, 4),
     ]
     for tried in attempts:
         await store.write(partial(remember, tried, fence))
@@ -228,7 +228,7 @@ async def test_an_action_is_handed_out_until_its_first_answer(store: Store) -> N
     assert {a.id for a in await store.read(lambda db: db.agent_actions("r1"))} == {"r-1:0", "r-1:1"}
     done = await store.write(lambda tx: tx.finish_action("r-1:0", 0, "started"))
     assert await store.write(lambda tx: tx.finish_action("r-1:0", 1, "again")) == done
-    with pytest.raises(Conflict):
+    with pytest.raises(StateConflict):
         await store.write(lambda tx: tx.answer_action("r-1:0"))
     with pytest.raises(NotFound):
         await store.write(lambda tx: tx.finish_action("r-9:9", 0, ""))
@@ -246,7 +246,7 @@ async def test_an_action_goes_to_its_host_and_not_after_its_time(store: Store) -
     assert (withdrawn.code, withdrawn.answered) == (5, False)
     assert await take(store, "agent-arm", "arm") is None
     await store.write(lambda tx: tx.answer_action("any"))
-    with pytest.raises(Conflict):
+    with pytest.raises(StateConflict):
         await store.write(lambda tx: tx.withdraw_action("any", 5, "cancelled"))
 
 
@@ -274,7 +274,7 @@ async def test_keys_are_found_by_hash_and_revoked_for_good(store: Store) -> None
     key = await store.write(lambda tx: tx.add_key(name="k", hash="h1", role="robot", robot="r1", by="ada"))
     assert await store.read(lambda db: db.key_with_hash("h1")) == key
     assert await store.read(lambda db: db.key_with_hash("h2")) is None
-    with pytest.raises(Conflict):
+    with pytest.raises(StateConflict):
         await store.write(lambda tx: tx.add_key(name="k", hash="h2", role="viewer", robot=None, by="ada"))
     revoked = await store.write(lambda tx: tx.revoke_key(key.id))
     assert revoked.revoked_ns is not None

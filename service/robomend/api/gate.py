@@ -80,7 +80,7 @@ class KeyRing:
         return self._by_hash.get(digest(key)) if KEY.match(key) else None
 
 
-class Gate:
+class Admission:
     """Lets a request through, or raises the Problem that answers it."""
 
     def __init__(self, store: Store, settings: Settings, metrics: Metrics) -> None:
@@ -209,7 +209,7 @@ class GuardedRoute(APIRoute):
         takes_json = self.body_field is not None
 
         async def guarded(request: Request) -> Response:
-            gate: Gate = request.app.state.gate
+            gate: Admission = request.app.state.gate
             principal = await gate.admit(request, rule)
             request.scope["robomend.principal"] = principal
             strict = StrictRequest(request, gate.settings)

@@ -18,13 +18,13 @@ from robomend.api.deps import Parts
 from robomend.api.streams import Hub
 from robomend.errors import RobomendError
 from robomend.figures import EVERY_S
-from robomend.fleet.diagnoser import Diagnoser
-from robomend.fleet.fleet import Fleet
-from robomend.fleet.oneshots import OneShots
-from robomend.fleet.solvers import SolverWorkers
 from robomend.metrics import Metrics
-from robomend.repair.planner_pool import PlannerPool
-from robomend.repair.service_interface import Repairs
+from robomend.oneshots.oneshots import OneShots
+from robomend.oneshots.solvers import SolverWorkers
+from robomend.planning.planner_pool import PlannerPool
+from robomend.repairs.repairs import Repairs
+from robomend.robots.diagnoser import Diagnoser
+from robomend.robots.robots import Robots
 from robomend.settings import Settings
 from robomend.store import open_store
 from robomend.store.interface import Store
@@ -39,7 +39,7 @@ ENDED = frozenset({"done", "failed"})
 PRUNE_S = 3600.0
 """Between two prunings."""
 
-MakeRepairs = Callable[[Store, Fleet, PlannerPool, OneShots, Settings], Repairs]
+MakeRepairs = Callable[[Store, Robots, PlannerPool, OneShots, Settings], Repairs]
 
 
 class Runtime:
@@ -52,12 +52,12 @@ class Runtime:
         self.solver = SolverWorkers(settings.solver_workers, settings.one_shots + 64)
         self.planners = PlannerPool(size=settings.planner_workers)
         diagnoser = Diagnoser(settings, self.metrics, self.solver)
-        self.fleet = Fleet(self.store, settings, self.metrics, diagnoser)
-        self.one_shots = OneShots(self.fleet.models, self.solver, self.planners, settings)
+        self.robots = Robots(self.store, settings, self.metrics, diagnoser)
+        self.one_shots = OneShots(self.robots.models, self.solver, self.planners, settings)
         self.hub = Hub(self.store, self.metrics, most=settings.max_streams, ping_s=settings.ping_s)
-        self.repairs = make_repairs(self.store, self.fleet, self.planners, self.one_shots, settings)
+        self.repairs = make_repairs(self.store, self.robots, self.planners, self.one_shots, settings)
         self.app: FastAPI = create_app(
-            Parts(settings, self.store, self.fleet, self.repairs, self.one_shots, self.hub, self.metrics),
+            Parts(settings, self.store, self.robots, self.repairs, self.one_shots, self.hub, self.metrics),
             lifespan=self.lifespan,
         )
         self._watch_store()
@@ -65,7 +65,7 @@ class Runtime:
     def end_waits(self) -> None:
         """End streams and long polls, so that a server that shuts down need not wait for them."""
         self.hub.close()
-        self.fleet.end_waits()
+        self.robots.end_waits()
         self.repairs.end_waits()
 
     @asynccontextmanager
@@ -83,8 +83,8 @@ class Runtime:
             stack.callback(telling.cancel)
             pruning = asyncio.create_task(self._prune(), name="retention")
             stack.callback(pruning.cancel)
-            stack.push_async_callback(self.fleet.close)
-            await self.fleet.start()
+            stack.push_async_callback(self.robots.close)
+            await self.robots.start()
             stack.push_async_callback(self.repairs.close)
             await self.repairs.start()
             stack.callback(self.end_waits)

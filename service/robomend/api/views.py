@@ -18,20 +18,29 @@ from robomend.api.schemas.robots import DiagnosisOptionsBody, RobotBody, RobotLi
 from robomend.api.schemas.session import SessionOut
 from robomend.diagnosis.probes import ProbeResult
 from robomend.diagnosis.result import Options
-from robomend.fleet.batches import Outcome
-from robomend.fleet.boards import Board
-from robomend.fleet.clock import CLOCK
-from robomend.fleet.robot_state import Current, RobotState
 from robomend.model.system import System
-from robomend.robots import covered
+from robomend.robots.batches import Acknowledged
+from robomend.robots.boards import WiredBoard
+from robomend.robots.clock import CLOCK
+from robomend.robots.configuration import covered
+from robomend.robots.robot import Current, Robot
 from robomend.security import Principal
 from robomend.settings import Settings
 from robomend.store.interface import Store, View
-from robomend.store.records import Accepted, AuditEntry, Diagnosed, Model, Page, Paging, Repair, Robot
+from robomend.store.records import (
+    AuditEntry,
+    Page,
+    Paging,
+    StoredBatch,
+    StoredDiagnosis,
+    StoredModel,
+    StoredRepair,
+    StoredRobot,
+)
 from robomend_client.literals import Literal
 
 
-def model_out(model: Model, system: System) -> ModelOut:
+def model_out(model: StoredModel, system: System) -> ModelOut:
     """Return a model with what its loader had to say."""
     return ModelOut(
         name=model.name,
@@ -46,7 +55,7 @@ def model_out(model: Model, system: System) -> ModelOut:
     )
 
 
-def version_out(model: Model) -> VersionOut:
+def version_out(model: StoredModel) -> VersionOut:
     """Return a model in a list."""
     return VersionOut(
         name=model.name,
@@ -65,7 +74,7 @@ def session_out(principal: Principal) -> SessionOut:
     )
 
 
-def robot_line(robot: Robot) -> RobotLine:
+def robot_line(robot: StoredRobot) -> RobotLine:
     """Return a robot in a list."""
     return RobotLine(
         id=robot.id,
@@ -76,7 +85,7 @@ def robot_line(robot: Robot) -> RobotLine:
     )
 
 
-def robot_out(state: RobotState) -> RobotOut:
+def robot_out(state: Robot) -> RobotOut:
     """Return a robot's configuration and how it is."""
     return RobotOut(
         id=state.id,
@@ -98,7 +107,7 @@ def _healthy(current: Current | None) -> bool | None:
     return any(not diagnosis["bad"] for diagnosis in current.result["diagnoses"])
 
 
-def accepted_response(outcome: Outcome) -> Response:
+def accepted_response(outcome: Acknowledged) -> Response:
     """Return what became of a batch; written directly, since this is the busiest answer of all."""
     refused = [
         {"sentence": fault.sentence, "position": fault.position, "message": fault.message}
@@ -108,7 +117,7 @@ def accepted_response(outcome: Outcome) -> Response:
     return Response(json.dumps(body), media_type="application/json")
 
 
-def obs_out(state: RobotState) -> ObsOut:
+def obs_out(state: Robot) -> ObsOut:
     """Return OBS now, in the order of the atoms."""
     now = CLOCK.now_ns()
     used = state.system.cnf.atom_variable
@@ -139,7 +148,7 @@ def obs_out(state: RobotState) -> ObsOut:
     )
 
 
-def diagnosis_response(state: RobotState) -> Response:
+def diagnosis_response(state: Robot) -> Response:
     """Return the current diagnosis; its JSON is made already."""
     current = state.current
     body: dict[str, Any] = {
@@ -174,7 +183,7 @@ def probes_out(revision: int, found: ProbeResult) -> ProbesOut:
     )
 
 
-def board_out(board: Board) -> BoardOut:
+def board_out(board: WiredBoard) -> BoardOut:
     """Return the link's state and each channel's reading."""
     snapshot = board.link.snapshot
     readings = snapshot.channels
@@ -229,11 +238,11 @@ async def history_page(store: Store, robot: str, kind: str, paging: Paging) -> I
     return Items(items=[_history_line(item) for item in page.items], next=page.next)
 
 
-def _history_line(item: Accepted | Diagnosed | Repair) -> HistoryLine:
-    if isinstance(item, Diagnosed):
+def _history_line(item: StoredBatch | StoredDiagnosis | StoredRepair) -> HistoryLine:
+    if isinstance(item, StoredDiagnosis):
         data = {"revision": item.revision, "model_version": item.model_version, **item.result}
         return HistoryLine(kind="diagnosis", time_ns=item.time_ns, data=data)
-    if isinstance(item, Repair):
+    if isinstance(item, StoredRepair):
         data = {"id": item.id, "state": item.state, **item.data}
         return HistoryLine(kind="repair", time_ns=item.created_ns, data=data)
     data = {

@@ -2,7 +2,7 @@
 
 Results go to stdout, the rest to stderr. Exit codes: 0 done, 1 a negative answer where that was asked for,
 2 bad input, 3 a backend failed. To add a command: write cli/<name>.py with a click command, and one line in
-COMMANDS.
+COMMANDS. Another package adds one by an entry point of the group `robomend.commands`: the demo does.
 """
 
 from __future__ import annotations
@@ -21,7 +21,6 @@ BACKEND_FAILED = 3
 
 COMMANDS: Table = {
     "serve": ("robomend.cli.serve:command", "Run the service."),
-    "demo": ("robomend.cli.demo:command", "Run the paper's scenarios against emulated hardware."),
     "diagnose": ("robomend.cli.diagnose:command", "Explain observations by minimal diagnoses."),
     "plan": ("robomend.cli.plan:command", "Plan a repair without carrying it out."),
     "compile": ("robomend.cli.compile:command", "Show the clauses of a model."),
@@ -35,7 +34,12 @@ COMMANDS: Table = {
 }
 
 
-@click.group(cls=LazyGroup, table=COMMANDS, context_settings={"help_option_names": ["-h", "--help"]})
+OTHERS = "robomend.commands"
+
+
+@click.group(
+    cls=LazyGroup, table=COMMANDS, others=OTHERS, context_settings={"help_option_names": ["-h", "--help"]}
+)
 @click.version_option(package_name="robomend", prog_name="robomend", message="%(prog)s %(version)s")
 def cli() -> None:
     """Find out why a robot misbehaves, and repair it."""

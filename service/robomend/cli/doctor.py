@@ -101,8 +101,8 @@ def _solver(_: Settings) -> str:
 
 def _planner(_: Settings) -> str:
     from robomend.model.loading import load_model
-    from robomend.repair.planner_pool import PlannerPool
-    from robomend.repair.planning import PlanOptions
+    from robomend.planning.planner_pool import PlannerPool
+    from robomend.planning.planning import PlanOptions
     from robomend.resources import resource
     from robomend_client.literals import fails
 

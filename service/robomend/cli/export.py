@@ -12,7 +12,7 @@ from typing import IO
 
 import click
 
-from robomend.errors import Conflict, InputError, StoreError
+from robomend.errors import InputError, StateConflict, StoreError
 
 FORMATS = ("ndjson", "sqlite")
 
@@ -75,7 +75,7 @@ async def _copy(url: str, output: Path) -> None:
 def _new_file(path: Path) -> Iterator[IO[str]]:
     """A file that only its owner can read and that appears under its name when it is whole and on disk."""
     if path.exists():
-        raise Conflict(f"{path} exists; name a new file")
+        raise StateConflict(f"{path} exists; name a new file")
     partial = path.with_name(f"{path.name}.partial")
     try:
         descriptor = os.open(partial, os.O_CREAT | os.O_WRONLY | os.O_TRUNC | os.O_CLOEXEC, 0o600)

@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 
     from robomend.diagnosis.result import DiagnosisResult
     from robomend.model.system import System
-    from robomend.repair.advice import Situation
-    from robomend.repair.choice import Choice
-    from robomend.repair.plan import Plan
-    from robomend.repair.planning import PlanOptions
+    from robomend.planning.advice import Situation
+    from robomend.planning.choice import Choice
+    from robomend.planning.plan import Plan
+    from robomend.planning.planning import PlanOptions
 
 
 @click.command("plan")
@@ -48,9 +48,9 @@ if TYPE_CHECKING:
 @click.option("--format", "format_", type=click.Choice(("table", "json")), default="table", show_default=True)
 def command(model: str, **given: Any) -> int:
     """Plan the repair of MODEL, a component model, for what was observed."""
-    from robomend.repair.advice import advise_now, parts_of, plan_answer
-    from robomend.repair.domain_loading import load_domain
-    from robomend.repair.planner_pool import PlannerPool
+    from robomend.planning.advice import parts_of, plan_answer
+    from robomend.planning.domain.loading import load_domain
+    from robomend.planning.planner_pool import PlannerPool, advise_now
 
     system = load(model)
     parts_of(system)
@@ -73,8 +73,8 @@ def command(model: str, **given: Any) -> int:
 
 
 def _options(given: dict[str, Any]) -> PlanOptions:
-    from robomend.repair.planners import make_planner, planner_names
-    from robomend.repair.planning import PlanOptions
+    from robomend.planning.planners import make_planner, planner_names
+    from robomend.planning.planning import PlanOptions
 
     timeout = given["timeout"]
     if math.isnan(timeout) or timeout <= 0:
@@ -97,7 +97,7 @@ def _situation(system: System, given: dict[str, Any]) -> Situation:
     """Return what was observed with its diagnoses, or with the one that was given."""
     from robomend.cli.diagnosing import Diagnoser, options_for
     from robomend.diagnosis.result import Diagnosis, DiagnosisResult, Options
-    from robomend.repair.advice import Situation, parts_of
+    from robomend.planning.advice import Situation, parts_of
 
     diagnoser = Diagnoser(
         system,

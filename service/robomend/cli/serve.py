@@ -135,11 +135,11 @@ async def work(settings: Settings, inherited: Inherited) -> int:
 async def supervise(settings: Settings, *, announce: bool) -> int:
     """Keep several workers alive."""
     from robomend.api.address import url_of
-    from robomend.api.supervising import Supervisor, listening_socket
+    from robomend.api.supervising import WorkerSupervisor, listening_socket
 
     with listening_socket(settings) as listener:
         url = url_of(listener.getsockname(), secure=settings.tls_certificate is not None)
-        supervisor = Supervisor(settings, listener, sys.argv[1:], lambda: tell(url, announce=announce))
+        supervisor = WorkerSupervisor(settings, listener, sys.argv[1:], lambda: tell(url, announce=announce))
         return await supervisor.run()
 
 
@@ -151,7 +151,7 @@ async def _run(
 ) -> int:
     from robomend.api.runtime import Runtime, any_key
     from robomend.api.server import check_exposure, make_server
-    from robomend.custody.custody import make_repairs
+    from robomend.repairs.repairs import make_repairs
 
     check_exposure(settings, await any_key(settings))
     runtime = Runtime(settings, make_repairs)

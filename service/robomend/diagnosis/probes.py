@@ -28,7 +28,7 @@ from math import fsum, log2
 from typing import Literal as OneOf
 
 from robomend.diagnosis.observed import ObservationReader
-from robomend.diagnosis.oracle import Clock, Oracle, OutOfTime
+from robomend.diagnosis.oracle import Deadline, Oracle, OutOfTime
 from robomend.diagnosis.result import DiagnosisResult
 from robomend.errors import OptionRefused
 from robomend.model.cnf import HealthCnf
@@ -125,7 +125,7 @@ class Prober:
 
     def __init__(self, cnf: HealthCnf) -> None:
         self.cnf = cnf
-        self._clock = Clock()
+        self._clock = Deadline()
         self._oracle = Oracle(cnf.clauses, self._clock)
         self._reader = ObservationReader(cnf)
 

@@ -21,7 +21,7 @@ from typing import Any, TypeGuard
 from sqlalchemy import URL, Connection, Engine, create_engine, event, exc, make_url, select, text
 from sqlalchemy.pool import ConnectionPoolEntry
 
-from robomend.errors import Conflict, InputError, OptionRefused, RobomendError, StoreError, StoreFull
+from robomend.errors import InputError, OptionRefused, RobomendError, StateConflict, StoreError, StoreFull
 from robomend.store import schema
 
 BUSY_TIMEOUT_S = 10.0
@@ -240,7 +240,7 @@ def translate(error: exc.DBAPIError) -> RobomendError:
     if _is_full(cause):
         return StoreFull(f"the database's disk is full ({said}); make room: reading goes on meanwhile")
     if isinstance(error, exc.IntegrityError):
-        return Conflict(f"somebody else wrote the same at the same moment; try again ({said})")
+        return StateConflict(f"somebody else wrote the same at the same moment; try again ({said})")
     if isinstance(error, exc.DataError):
         return InputError(f"the database cannot hold this value: {said}")
     code = getattr(cause, "sqlite_errorcode", None)

@@ -7,7 +7,7 @@
         tx.emit(Kind.OBSERVATIONS, "r1", {"revision": revision, "changed": ["not ok(scan)"]})
         return revision
 
-    once = Once("bob POST /robots/r1/observations", key, digest)
+    once = IdempotencyKey("bob POST /robots/r1/observations", key, digest)
     revision = await store.write(accept, robots=("r1",), once=once)
 
 What one function writes is kept together or not at all, its events and audit entries included; when `write`
@@ -29,24 +29,24 @@ from robomend.store.records import (
     ANY,
     AgentAction,
     ApiKey,
-    Assertion,
     AuditEntry,
     Entry,
     Fence,
+    IdempotencyKey,
     Intent,
     Json,
-    Model,
-    Once,
     Pruned,
     Quarantine,
-    Repair,
     RepairRequest,
     Retention,
-    Robot,
     SignIn,
     Stop,
+    StoredAssertion,
+    StoredAttempt,
+    StoredModel,
+    StoredRepair,
+    StoredRobot,
     StoreFigures,
-    Tried,
 )
 from robomend.store.view import View
 from robomend_client.events import Event, Kind
@@ -70,7 +70,7 @@ class Transaction(View, Protocol):
         """The time that this transaction's records carry."""
         ...
 
-    def put_model(self, name: str, source: str, *, format: str, by: str, expected: str | None) -> Model:
+    def put_model(self, name: str, source: str, *, format: str, by: str, expected: str | None) -> StoredModel:
         """Add a version and make it the current one; the text that it already has adds none."""
         ...
 
@@ -78,7 +78,7 @@ class Transaction(View, Protocol):
         """Delete a model with all versions. Conflict while a robot follows it."""
         ...
 
-    def put_robot(self, robot: str, config: Json, *, expected: str | None) -> Robot:
+    def put_robot(self, robot: str, config: Json, *, expected: str | None) -> StoredRobot:
         """Create or replace a robot. NotFound if its model does not exist."""
         ...
 
@@ -98,7 +98,7 @@ class Transaction(View, Protocol):
         accepted: Sequence[Entry] = (),
         changed: Sequence[Entry] = (),
         forgotten: Sequence[Atom] = (),
-        asserted: Sequence[Assertion] = (),
+        asserted: Sequence[StoredAssertion] = (),
         withdrawn: Sequence[str] = (),
         expected: int | None = None,
     ) -> int:
@@ -130,11 +130,13 @@ class Transaction(View, Protocol):
 
     def create_repair(
         self, robot: str, *, state: str, data: Json, open: bool = True, fence: Fence | None = None
-    ) -> Repair:
+    ) -> StoredRepair:
         """Begin a repair. Without a fence it only waits: its owner takes it up."""
         ...
 
-    def update_repair(self, repair: str, *, state: str, data: Json, open: bool, fence: Fence) -> Repair: ...
+    def update_repair(
+        self, repair: str, *, state: str, data: Json, open: bool, fence: Fence
+    ) -> StoredRepair: ...
 
     def ask(self, repair: str, what: str, *, by: str, reason: str) -> RepairRequest:
         """Leave a request for the owner of an open repair. Conflict if it has ended."""
@@ -166,7 +168,7 @@ class Transaction(View, Protocol):
         """Journal an outcome. A second one changes nothing and returns the first."""
         ...
 
-    def remember(self, tried: Tried, *, fence: Fence) -> None:
+    def remember(self, tried: StoredAttempt, *, fence: Fence) -> None:
         """Keep what an attempt came to."""
         ...
 
@@ -318,7 +320,11 @@ class Store(Protocol):
         ...
 
     async def write(
-        self, change: Callable[[Transaction], T], *, robots: Iterable[str] = (), once: Once | None = None
+        self,
+        change: Callable[[Transaction], T],
+        *,
+        robots: Iterable[str] = (),
+        once: IdempotencyKey | None = None,
     ) -> T:
         """Run `change` in a transaction and return its result when that is on disk.
 

@@ -35,7 +35,7 @@ from robomend.store import schema
 from robomend.store.interface import Store, Transaction, View
 from robomend.store.reading import SqlView
 from robomend.store.records import Fence
-from robomend.store.session import Session
+from robomend.store.session import InstanceSession
 from robomend.store.transaction import SqlItem
 
 HEARTBEAT_S = 15.0
@@ -46,7 +46,7 @@ MAX_ORPHANS = 1000
 class SqlOwnership:
     """robomend.store.interface.Ownership."""
 
-    def __init__(self, store: Store, session: Session) -> None:
+    def __init__(self, store: Store, session: InstanceSession) -> None:
         self._store = store
         self._session = session
         self._held: dict[str, Fence] = {}

@@ -9,23 +9,23 @@ from sqlalchemy import func, select
 from robomend.store import schema
 from robomend.store.encoding import atom_from_text, batch_from_text, checked, from_json
 from robomend.store.records import (
-    Accepted,
     ApiKey,
-    Assertion,
     AuditEntry,
-    Diagnosed,
     Entry,
     EventRange,
     Instance,
-    Model,
     Newest,
-    Obs,
     Owner,
     Page,
     Paging,
-    Robot,
     SignIn,
     Stop,
+    StoredAssertion,
+    StoredBatch,
+    StoredDiagnosis,
+    StoredModel,
+    StoredObs,
+    StoredRobot,
 )
 from robomend.store.repair_reading import RepairReading
 from robomend.store.snapshot import AnyRow, limit_of, page_of
@@ -48,7 +48,7 @@ class SqlView(RepairReading):
 
     # --- models and robots
 
-    def model(self, name: str, version: str | None = None) -> Model:
+    def model(self, name: str, version: str | None = None) -> StoredModel:
         table, models = schema.model_versions, schema.models
         query = select(table).where(table.c.name == checked(name))
         if version is None:
@@ -57,7 +57,7 @@ class SqlView(RepairReading):
         query = query.where(table.c.version == checked(version)).order_by(table.c.number.desc())
         return _model(self._one(query, f"version {version!r} of a model {name!r}"))
 
-    def models(self, paging: Paging = Paging()) -> Page[Model]:  # noqa: B008  # frozen
+    def models(self, paging: Paging = Paging()) -> Page[StoredModel]:  # noqa: B008  # frozen
         table, models = schema.model_versions, schema.models
         current = (models.c.name == table.c.name) & (models.c.current == table.c.number)
         query = select(table).join(models, current).order_by(table.c.name).limit(limit_of(paging) + 1)
@@ -65,12 +65,12 @@ class SqlView(RepairReading):
             query = query.where(table.c.name > checked(paging.cursor))
         return page_of(self.rows(query), paging, _model, lambda row: str(row.name))
 
-    def model_versions(self, name: str, paging: Paging = Paging()) -> Page[Model]:  # noqa: B008  # frozen
+    def model_versions(self, name: str, paging: Paging = Paging()) -> Page[StoredModel]:  # noqa: B008  # frozen
         self.model(name)
         table = schema.model_versions
         return self._newest_first(table, _model, paging, table.c.name == name)
 
-    def robot(self, robot: str) -> Robot:
+    def robot(self, robot: str) -> StoredRobot:
         table = schema.robots
         return robot_of(self._one(select(table).where(table.c.id == checked(robot)), f"robot {robot!r}"))
 
@@ -79,7 +79,7 @@ class SqlView(RepairReading):
         paging: Paging = Paging(),  # noqa: B008  # frozen
         *,
         model: str | None = None,
-    ) -> Page[Robot]:
+    ) -> Page[StoredRobot]:
         table = schema.robots
         query = select(table).order_by(table.c.id).limit(limit_of(paging) + 1)
         if model is not None:
@@ -99,35 +99,35 @@ class SqlView(RepairReading):
         row = self._first(select(table.c.revision).where(table.c.robot == checked(robot)))
         return 0 if row is None else int(row.revision)
 
-    def obs(self, robot: str) -> Obs:
+    def obs(self, robot: str) -> StoredObs:
         revision = self.revision(robot)
         entries, assertions = schema.obs, schema.assertions
-        return Obs(
+        return StoredObs(
             revision,
             tuple(
                 Entry(atom_from_text(row.atom), row.positive, row.source, row.time_ns, row.expires_ns)
                 for row in self.rows(select(entries).where(entries.c.robot == robot).order_by(entries.c.atom))
             ),
             tuple(
-                Assertion(row.name, row.sentence, row.source, row.time_ns, row.expires_ns)
+                StoredAssertion(row.name, row.sentence, row.source, row.time_ns, row.expires_ns)
                 for row in self.rows(
                     select(assertions).where(assertions.c.robot == robot).order_by(assertions.c.name)
                 )
             ),
         )
 
-    def history(self, robot: str, paging: Paging = Paging()) -> Page[Accepted]:  # noqa: B008  # frozen
+    def history(self, robot: str, paging: Paging = Paging()) -> Page[StoredBatch]:  # noqa: B008  # frozen
         table = schema.observations
         of_robot = table.c.robot == checked(robot)
         return self._newest_first(table, _accepted, paging, of_robot, key="revision")
 
-    def diagnosis(self, robot: str) -> Diagnosed | None:
+    def diagnosis(self, robot: str) -> StoredDiagnosis | None:
         table = schema.diagnoses
         query = select(table).where(table.c.robot == checked(robot)).order_by(table.c.number.desc())
         row = self._first(query)
         return None if row is None else _diagnosed(row)
 
-    def diagnoses(self, robot: str, paging: Paging = Paging()) -> Page[Diagnosed]:  # noqa: B008  # frozen
+    def diagnoses(self, robot: str, paging: Paging = Paging()) -> Page[StoredDiagnosis]:  # noqa: B008  # frozen
         table = schema.diagnoses
         return self._newest_first(table, _diagnosed, paging, table.c.robot == checked(robot))
 
@@ -186,9 +186,9 @@ class SqlView(RepairReading):
         return tuple(Instance(row.id, row.host, row.pid, row.started_ns, row.heartbeat_ns) for row in rows)
 
 
-def robot_of(row: AnyRow) -> Robot:
+def robot_of(row: AnyRow) -> StoredRobot:
     """Return the robot of a row."""
-    return Robot(row.id, from_json(row.config), row.etag, row.created_ns, row.updated_ns)
+    return StoredRobot(row.id, from_json(row.config), row.etag, row.created_ns, row.updated_ns)
 
 
 def event_of(row: AnyRow) -> Event:
@@ -201,16 +201,16 @@ def key_of(row: AnyRow) -> ApiKey:
     return ApiKey(row.id, row.name, row.hash, row.role, row.robot, row.created_ns, row.by, row.revoked_ns)
 
 
-def _model(row: AnyRow) -> Model:
-    return Model(row.name, row.version, row.number, row.format, row.source, row.created_ns, row.by)
+def _model(row: AnyRow) -> StoredModel:
+    return StoredModel(row.name, row.version, row.number, row.format, row.source, row.created_ns, row.by)
 
 
-def _accepted(row: AnyRow) -> Accepted:
-    return Accepted(row.robot, row.revision, row.time_ns, *batch_from_text(row.data))
+def _accepted(row: AnyRow) -> StoredBatch:
+    return StoredBatch(row.robot, row.revision, row.time_ns, *batch_from_text(row.data))
 
 
-def _diagnosed(row: AnyRow) -> Diagnosed:
-    return Diagnosed(row.robot, row.revision, row.model_version, row.time_ns, from_json(row.result))
+def _diagnosed(row: AnyRow) -> StoredDiagnosis:
+    return StoredDiagnosis(row.robot, row.revision, row.model_version, row.time_ns, from_json(row.result))
 
 
 def _audit_entry(row: AnyRow) -> AuditEntry:

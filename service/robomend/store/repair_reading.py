@@ -14,18 +14,18 @@ from robomend.store.records import (
     Page,
     Paging,
     Quarantine,
-    Repair,
     RepairRequest,
     StepRecord,
-    Tried,
+    StoredAttempt,
+    StoredRepair,
 )
-from robomend.store.snapshot import AnyRow, Snapshot
+from robomend.store.snapshot import AnyRow, DatabaseSnapshot
 
 
-class RepairReading(Snapshot):
+class RepairReading(DatabaseSnapshot):
     """Questions about repairs."""
 
-    def repair(self, repair: str) -> Repair:
+    def repair(self, repair: str) -> StoredRepair:
         table = schema.repairs
         return repair_of(self._one(select(table).where(table.c.id == checked(repair)), f"repair {repair!r}"))
 
@@ -35,7 +35,7 @@ class RepairReading(Snapshot):
         paging: Paging = Paging(),  # noqa: B008  # frozen
         *,
         open_only: bool = False,
-    ) -> Page[Repair]:
+    ) -> Page[StoredRepair]:
         table = schema.repairs
         where = [] if robot is None else [table.c.robot == checked(robot)]
         if open_only:
@@ -72,13 +72,13 @@ class RepairReading(Snapshot):
         query = select(table).where(table.c.robot == checked(robot), open_ones).order_by(table.c.number)
         return tuple(intent_of(row) for row in self.rows(query))
 
-    def tried(self, robot: str, *, limit: int = 100) -> tuple[Tried, ...]:
+    def tried(self, robot: str, *, limit: int = 100) -> tuple[StoredAttempt, ...]:
         table = schema.tried
         query = (
             select(table).where(table.c.robot == checked(robot)).order_by(table.c.number.desc()).limit(limit)
         )
         return tuple(
-            Tried(
+            StoredAttempt(
                 robot=row.robot,
                 bad=tuple(from_json(row.bad)),
                 actions=tuple(from_json(row.actions)),
@@ -117,9 +117,9 @@ class RepairReading(Snapshot):
         return tuple(agent_action_of(row) for row in self.rows(query))
 
 
-def repair_of(row: AnyRow) -> Repair:
+def repair_of(row: AnyRow) -> StoredRepair:
     """Return the repair of a row."""
-    return Repair(
+    return StoredRepair(
         row.id,
         row.number,
         row.robot,

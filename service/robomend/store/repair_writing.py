@@ -11,7 +11,7 @@ from dataclasses import replace
 
 from sqlalchemy import or_, select, text
 
-from robomend.errors import Conflict, NotFound
+from robomend.errors import NotFound, StateConflict
 from robomend.store import schema
 from robomend.store.encoding import checked, checked_or_none, from_json, new_id, to_json
 from robomend.store.records import (
@@ -20,10 +20,10 @@ from robomend.store.records import (
     Intent,
     Json,
     Quarantine,
-    Repair,
     RepairRequest,
     Stop,
-    Tried,
+    StoredAttempt,
+    StoredRepair,
 )
 from robomend.store.repair_reading import agent_action_of, quarantine_of, repair_of, request_of
 from robomend.store.transaction import SqlItem
@@ -41,7 +41,7 @@ class RepairWriting(SqlItem):
 
     def create_repair(
         self, robot: str, *, state: str, data: Json, open: bool = True, fence: Fence | None = None
-    ) -> Repair:
+    ) -> StoredRepair:
         self.existing(robot)
         if fence is not None:
             self._check_fence(robot, fence)
@@ -58,9 +58,9 @@ class RepairWriting(SqlItem):
                 "updated_ns": now,
             },
         )
-        return Repair(id_, number, robot, state, open, data, now, now)
+        return StoredRepair(id_, number, robot, state, open, data, now, now)
 
-    def update_repair(self, repair: str, *, state: str, data: Json, open: bool, fence: Fence) -> Repair:
+    def update_repair(self, repair: str, *, state: str, data: Json, open: bool, fence: Fence) -> StoredRepair:
         self._check_fence(self._robot_of(repair), fence)
         table = schema.repairs
         values = {"state": checked(state), "data": to_json(data), "open": open, "updated_ns": self.now_ns}
@@ -74,7 +74,7 @@ class RepairWriting(SqlItem):
         query = select(table).where(table.c.id == checked(repair)).with_for_update(read=True)
         asked = repair_of(self._one(query, f"repair {repair!r}"))
         if not asked.open:
-            raise Conflict(f"repair {repair} has ended: {asked.state}")
+            raise StateConflict(f"repair {repair} has ended: {asked.state}")
         request = RepairRequest(
             0, repair, asked.robot, checked(what), checked(by), checked(reason), self.now_ns
         )
@@ -135,7 +135,7 @@ class RepairWriting(SqlItem):
         self._check_fence(robot, fence)
         table = schema.journal
         if self.rows(select(table.c.id).where(table.c.id == checked(action))):
-            raise Conflict(f"the action id {action} was used before; an id acts once")
+            raise StateConflict(f"the action id {action} was used before; an id acts once")
         self._insert(
             table,
             {
@@ -165,7 +165,7 @@ class RepairWriting(SqlItem):
 
     # --- memory
 
-    def remember(self, tried: Tried, *, fence: Fence) -> None:
+    def remember(self, tried: StoredAttempt, *, fence: Fence) -> None:
         self._check_fence(tried.robot, fence)
         self._insert(
             schema.tried,
@@ -280,7 +280,7 @@ class RepairWriting(SqlItem):
     def answer_action(self, action: str) -> AgentAction:
         found = self._queued(action)
         if found.settled_ns is not None:
-            raise Conflict(f"action {action} has its result already")
+            raise StateConflict(f"action {action} has its result already")
         self.change(
             schema.agent_actions.update().where(schema.agent_actions.c.id == action), {"answered": True}
         )
@@ -295,7 +295,7 @@ class RepairWriting(SqlItem):
         if found.settled_ns is not None:
             return found
         if found.answered:
-            raise Conflict(f"action {action} is with an agent already; wait for its result")
+            raise StateConflict(f"action {action} is with an agent already; wait for its result")
         return self._finish(found, code, message, answered=False)
 
     def _queued(self, action: str) -> AgentAction:

@@ -16,7 +16,7 @@ AnyRow = Row[Any]
 MAX_PAGE = 1000
 
 
-class Snapshot:
+class DatabaseSnapshot:
     """What both halves of the view stand on."""
 
     def __init__(self, connection: Connection) -> None:

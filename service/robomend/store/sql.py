@@ -22,8 +22,8 @@ from robomend.store.encoding import checked
 from robomend.store.interface import Transaction, View
 from robomend.store.ownership import SqlOwnership
 from robomend.store.reading import SqlView
-from robomend.store.records import Once, Pruned, Retention, StoreFigures
-from robomend.store.session import PostgresSession, Session, SqliteSession
+from robomend.store.records import IdempotencyKey, Pruned, Retention, StoreFigures
+from robomend.store.session import InstanceSession, PostgresSession, SqliteSession
 from robomend.store.tail import Tail
 from robomend.store.writer import Job, Writer
 from robomend_client.events import Event
@@ -44,7 +44,7 @@ class SqlStore:
         self._readers = ThreadPoolExecutor(READERS, thread_name_prefix="store-reader")
         self._reading = 0
         self._tail = Tail(self._read_events)
-        self._session: Session
+        self._session: InstanceSession
         if self._database.path is not None:
             self._session = SqliteSession(self._database.path, self._on_sign, self._on_lost)
         else:
@@ -101,7 +101,11 @@ class SqlStore:
             return query(SqlView(connection))
 
     async def write(
-        self, change: Callable[[Transaction], T], *, robots: Iterable[str] = (), once: Once | None = None
+        self,
+        change: Callable[[Transaction], T],
+        *,
+        robots: Iterable[str] = (),
+        once: IdempotencyKey | None = None,
     ) -> T:
         names = tuple(checked(robot) for robot in robots)
         if once is not None:  # a text that no column takes must not reach the group

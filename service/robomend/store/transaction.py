@@ -23,11 +23,11 @@ from typing import Any, NamedTuple, TypeVar
 from sqlalchemy import Connection, Delete, Insert, Select, Table, Update, bindparam, select, text
 from sqlalchemy.dialects import postgresql, sqlite
 
-from robomend.errors import Conflict, Fenced, NotFound
+from robomend.errors import Fenced, NotFound, StateConflict
 from robomend.store import schema
 from robomend.store.encoding import checked, checked_or_none, from_json, optional_json, to_json
 from robomend.store.reading import SqlView
-from robomend.store.records import AuditEntry, Fence, Json, Once
+from robomend.store.records import AuditEntry, Fence, IdempotencyKey, Json
 from robomend.store.snapshot import AnyRow
 from robomend_client.events import Event, Kind
 
@@ -39,7 +39,7 @@ CHANNEL = "robomend_events"
 """PostgreSQL's notification channel; the payload is the newest id."""
 
 
-class RobotState(NamedTuple):
+class LockedRobot(NamedTuple):
     """The locked row of a robot."""
 
     revision: int
@@ -52,7 +52,7 @@ class RobotState(NamedTuple):
 class Rows:
     """Rows that wait in memory, and what is known of the locked robots."""
 
-    states: dict[str, RobotState] = field(default_factory=dict)
+    states: dict[str, LockedRobot] = field(default_factory=dict)
     revised: set[str] = field(default_factory=set)
     history: list[Values] = field(default_factory=list)
     obs: dict[tuple[str, str], Values | None] = field(default_factory=dict)  # None: forgotten
@@ -119,11 +119,11 @@ _COUNT = (
 _NOTIFY = text("SELECT pg_notify(:c, :id)")
 
 
-class Group:
+class SharedTransaction:
     """The transaction that a group of changes shares. `connection` is in a transaction already."""
 
     def __init__(
-        self, connection: Connection, robots: Iterable[str], onces: Iterable[Once], now_ns: int
+        self, connection: Connection, robots: Iterable[str], onces: Iterable[IdempotencyKey], now_ns: int
     ) -> None:
         self.connection = connection
         self.kind = connection.dialect.name
@@ -132,12 +132,17 @@ class Group:
         self.rows.states.update(self.lock(robots))
         self.answers = self._answers(onces)
 
-    def run(self, change: Callable[[Item], T], make: Callable[[Group], Item], once: Once | None) -> T:
+    def run(
+        self,
+        change: Callable[[Item], T],
+        make: Callable[[SharedTransaction], Item],
+        once: IdempotencyKey | None,
+    ) -> T:
         """Run one change; if it raises, nothing of it is left."""
         if once is not None and (answer := self.answers.get((once.scope, once.key))) is not None:
             request, response = answer
             if request != once.request:
-                error = Conflict(
+                error = StateConflict(
                     f"the idempotency key {once.key!r} was used for another request; take a new one"
                 )
                 error.code = "idempotency-key-reused"
@@ -156,16 +161,16 @@ class Group:
         item.done()
         return result
 
-    def lock(self, robots: Iterable[str]) -> dict[str, RobotState]:
+    def lock(self, robots: Iterable[str]) -> dict[str, LockedRobot]:
         """Lock robots, in the order of their names, and return what is known of them."""
         names = sorted({checked(robot) for robot in robots})
-        found: dict[str, RobotState] = {}
+        found: dict[str, LockedRobot] = {}
         for start in range(0, len(names), 500):
             for row in self.connection.execute(_STATES, {"names": names[start : start + 500]}):
-                found[row.robot] = RobotState(row.revision, row.fence, row.owner, row.id is not None)
+                found[row.robot] = LockedRobot(row.revision, row.fence, row.owner, row.id is not None)
         return found
 
-    def _answers(self, onces: Iterable[Once]) -> dict[tuple[str, str], tuple[str, str]]:
+    def _answers(self, onces: Iterable[IdempotencyKey]) -> dict[tuple[str, str], tuple[str, str]]:
         keys = sorted({checked(once.key) for once in onces})
         answers = {}
         for start in range(0, len(keys), 500):
@@ -230,7 +235,7 @@ class Group:
 class SqlItem(SqlView):
     """The transaction as one change sees it."""
 
-    def __init__(self, group: Group) -> None:
+    def __init__(self, group: SharedTransaction) -> None:
         super().__init__(group.connection)
         self._group = group
         self._own = Rows()
@@ -261,7 +266,7 @@ class SqlItem(SqlView):
         state = self.state(robot)
         return 0 if state is None else state.revision
 
-    def answer_once(self, once: Once, response: str) -> None:
+    def answer_once(self, once: IdempotencyKey, response: str) -> None:
         """Keep the answer of an idempotent change beside its effect."""
         self._own.once[once.scope, once.key] = {
             "scope": checked(once.scope),
@@ -317,11 +322,11 @@ class SqlItem(SqlView):
         """Insert a row, or replace the one with its primary key."""
         self.change(upsert(self._group.kind, table), values)
 
-    def now_is(self, robot: str, state: RobotState) -> None:
+    def now_is(self, robot: str, state: LockedRobot) -> None:
         """Tell those who come after, in this transaction, what the robot's row has become."""
         self._own.states[robot] = state
 
-    def state(self, robot: str) -> RobotState | None:
+    def state(self, robot: str) -> LockedRobot | None:
         """Lock the robot's row, unless it is, and return it; None if the robot was never there."""
         state = self._own.states.get(robot) or self._group.rows.states.get(robot)
         if state is None:
@@ -331,7 +336,7 @@ class SqlItem(SqlView):
                 self._own.states[robot] = state
         return state
 
-    def existing(self, robot: str) -> RobotState:
+    def existing(self, robot: str) -> LockedRobot:
         """Lock the row of a robot that must be there, and return it."""
         state = self.state(robot)
         if state is None or not state.exists:

@@ -6,28 +6,28 @@ from collections.abc import Mapping
 from typing import Protocol
 
 from robomend.store.records import (
-    Accepted,
     AgentAction,
     ApiKey,
     AuditEntry,
-    Diagnosed,
     EventRange,
     Instance,
     Intent,
-    Model,
     Newest,
-    Obs,
     Owner,
     Page,
     Paging,
     Quarantine,
-    Repair,
     RepairRequest,
-    Robot,
     SignIn,
     StepRecord,
     Stop,
-    Tried,
+    StoredAttempt,
+    StoredBatch,
+    StoredDiagnosis,
+    StoredModel,
+    StoredObs,
+    StoredRepair,
+    StoredRobot,
 )
 from robomend_client.events import Event
 
@@ -39,21 +39,21 @@ class View(Protocol):
 
     # --- models and robots
 
-    def model(self, name: str, version: str | None = None) -> Model:
+    def model(self, name: str, version: str | None = None) -> StoredModel:
         """Return the current version of a model, or the one named."""
         ...
 
-    def models(self, paging: Paging = FIRST_PAGE) -> Page[Model]:
+    def models(self, paging: Paging = FIRST_PAGE) -> Page[StoredModel]:
         """Return the current versions, by name."""
         ...
 
-    def model_versions(self, name: str, paging: Paging = FIRST_PAGE) -> Page[Model]:
+    def model_versions(self, name: str, paging: Paging = FIRST_PAGE) -> Page[StoredModel]:
         """Return all versions of a model, newest first."""
         ...
 
-    def robot(self, robot: str) -> Robot: ...
+    def robot(self, robot: str) -> StoredRobot: ...
 
-    def robots(self, paging: Paging = FIRST_PAGE, *, model: str | None = None) -> Page[Robot]:
+    def robots(self, paging: Paging = FIRST_PAGE, *, model: str | None = None) -> Page[StoredRobot]:
         """Return the robots by id, all or those that follow one model."""
         ...
 
@@ -67,19 +67,19 @@ class View(Protocol):
         """Return how many batches were accepted; 0 for an unknown robot."""
         ...
 
-    def obs(self, robot: str) -> Obs:
+    def obs(self, robot: str) -> StoredObs:
         """Return OBS now, expired entries included: freshness is judged by whoever reads it."""
         ...
 
-    def history(self, robot: str, paging: Paging = FIRST_PAGE) -> Page[Accepted]:
+    def history(self, robot: str, paging: Paging = FIRST_PAGE) -> Page[StoredBatch]:
         """Return the accepted batches, newest first."""
         ...
 
-    def diagnosis(self, robot: str) -> Diagnosed | None:
+    def diagnosis(self, robot: str) -> StoredDiagnosis | None:
         """Return the latest diagnosis."""
         ...
 
-    def diagnoses(self, robot: str, paging: Paging = FIRST_PAGE) -> Page[Diagnosed]:
+    def diagnoses(self, robot: str, paging: Paging = FIRST_PAGE) -> Page[StoredDiagnosis]:
         """Return the diagnoses, newest first."""
         ...
 
@@ -99,11 +99,11 @@ class View(Protocol):
 
     # --- repairs
 
-    def repair(self, repair: str) -> Repair: ...
+    def repair(self, repair: str) -> StoredRepair: ...
 
     def repairs(
         self, robot: str | None = None, paging: Paging = FIRST_PAGE, *, open_only: bool = False
-    ) -> Page[Repair]:
+    ) -> Page[StoredRepair]:
         """Return repairs, newest first. The cursor may be a repair's id: those older than it."""
         ...
 
@@ -125,7 +125,7 @@ class View(Protocol):
         """Return the intents whose outcome is unknown: what a crash left behind."""
         ...
 
-    def tried(self, robot: str, *, limit: int = 100) -> tuple[Tried, ...]:
+    def tried(self, robot: str, *, limit: int = 100) -> tuple[StoredAttempt, ...]:
         """Return the latest attempts, newest first."""
         ...
 

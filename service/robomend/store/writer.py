@@ -31,8 +31,8 @@ from sqlalchemy import Connection, exc
 
 from robomend.errors import StoreError, StoreOverloaded
 from robomend.store.database import Database, repeatable, translate
-from robomend.store.records import Once
-from robomend.store.transaction import Group
+from robomend.store.records import IdempotencyKey
+from robomend.store.transaction import SharedTransaction
 from robomend.store.writing import SqlTransaction
 from robomend_client.events import Event
 
@@ -49,7 +49,7 @@ class Job:
 
     change: Callable[[SqlTransaction], Any]
     robots: tuple[str, ...]
-    once: Once | None
+    once: IdempotencyKey | None
     future: asyncio.Future[Any]
     queued_s: float
     result: Any = None
@@ -154,7 +154,7 @@ class Writer:
         connection = self._connect()
         try:
             transaction = connection.begin()
-            group = Group(
+            group = SharedTransaction(
                 connection,
                 (robot for job in jobs for robot in job.robots),
                 (job.once for job in jobs if job.once is not None),
@@ -189,7 +189,7 @@ class Writer:
         self._finished(jobs[:count], events)
         return jobs[count:]
 
-    def _run_job(self, group: Group, job: Job) -> None:
+    def _run_job(self, group: SharedTransaction, job: Job) -> None:
         try:
             job.result = group.run(job.change, SqlTransaction, job.once)
         except exc.OperationalError:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from sqlalchemy import select
 
-from robomend.errors import Conflict, InputError, NotFound, PreconditionFailed, PreconditionRequired
+from robomend.errors import InputError, NotFound, PreconditionFailed, PreconditionRequired, StateConflict
 from robomend.store import schema
 from robomend.store.encoding import (
     atom_to_text,
@@ -20,9 +20,20 @@ from robomend.store.encoding import (
     to_json,
 )
 from robomend.store.reading import key_of
-from robomend.store.records import ABSENT, ANY, ApiKey, Assertion, Entry, Json, Model, Robot, SignIn, Stop
+from robomend.store.records import (
+    ABSENT,
+    ANY,
+    ApiKey,
+    Entry,
+    Json,
+    SignIn,
+    Stop,
+    StoredAssertion,
+    StoredModel,
+    StoredRobot,
+)
 from robomend.store.repair_writing import RepairWriting
-from robomend.store.transaction import RobotState
+from robomend.store.transaction import LockedRobot
 from robomend_client.literals import Atom
 
 
@@ -31,14 +42,14 @@ class SqlTransaction(RepairWriting):
 
     # --- models
 
-    def put_model(self, name: str, source: str, *, format: str, by: str, expected: str | None) -> Model:
+    def put_model(self, name: str, source: str, *, format: str, by: str, expected: str | None) -> StoredModel:
         current = self._current_model(name)
         _check_expected(f"model {name!r}", expected, current.version if current else None)
         digest = hashlib.sha256(f"{checked(format)}\n{checked(source)}".encode()).hexdigest()[:20]
         if current is not None and current.version == digest:
             return current
         number = current.number + 1 if current else 1
-        model = Model(name, digest, number, format, source, self.now_ns, checked(by))
+        model = StoredModel(name, digest, number, format, source, self.now_ns, checked(by))
         row = {"name": name, "number": number, "version": digest, "format": format, "source": source}
         self.change(schema.model_versions.insert(), row | {"created_ns": self.now_ns, "by": by})
         self.replace(schema.models, {"name": name, "current": number})
@@ -51,11 +62,13 @@ class SqlTransaction(RepairWriting):
         _check_expected(f"model {name!r}", expected, current.version)
         followers = self.rows(select(schema.robots.c.id).where(schema.robots.c.model == name).limit(1))
         if followers:
-            raise Conflict(f"robot {followers[0].id!r} follows the model {name!r}; give it another one first")
+            raise StateConflict(
+                f"robot {followers[0].id!r} follows the model {name!r}; give it another one first"
+            )
         self.change(schema.models.delete().where(schema.models.c.name == name))
         self.change(schema.model_versions.delete().where(schema.model_versions.c.name == name))
 
-    def _current_model(self, name: str) -> Model | None:
+    def _current_model(self, name: str) -> StoredModel | None:
         table = schema.models
         if self._first(select(table).where(table.c.name == checked(name)).with_for_update()) is None:
             return None
@@ -63,7 +76,7 @@ class SqlTransaction(RepairWriting):
 
     # --- robots
 
-    def put_robot(self, robot: str, config: Json, *, expected: str | None) -> Robot:
+    def put_robot(self, robot: str, config: Json, *, expected: str | None) -> StoredRobot:
         table, state = schema.robots, self.state(checked(robot))
         row = self._first(select(table).where(table.c.id == robot).with_for_update())
         _check_expected(f"robot {robot!r}", expected, row.etag if row else None)
@@ -73,7 +86,7 @@ class SqlTransaction(RepairWriting):
         tag = etag(config)
         if row is not None and row.etag == tag:
             return self.robot(robot)
-        made = Robot(robot, config, tag, row.created_ns if row else self.now_ns, self.now_ns)
+        made = StoredRobot(robot, config, tag, row.created_ns if row else self.now_ns, self.now_ns)
         if made.model is not None:  # kept from being deleted until we are done
             models = schema.models
             wanted = select(models.c.name).where(models.c.name == checked(made.model))
@@ -84,7 +97,7 @@ class SqlTransaction(RepairWriting):
         else:
             self.change(table.update().where(table.c.id == robot), values)
         if state is None:
-            state = RobotState(0, 0, None, exists=True)
+            state = LockedRobot(0, 0, None, exists=True)
             row_of_state = {"robot": robot, "revision": 0, "fence": 0, "owner": None}
             self.change(schema.robot_state.insert(), row_of_state)
         self._own.states[robot] = state._replace(exists=True)
@@ -96,7 +109,7 @@ class SqlTransaction(RepairWriting):
         repairs = schema.repairs
         still_open = self.rows(select(repairs.c.id).where(repairs.c.robot == robot, repairs.c.open).limit(1))
         if still_open:
-            raise Conflict(f"repair {still_open[0].id} of {robot!r} is open; cancel it first")
+            raise StateConflict(f"repair {still_open[0].id} of {robot!r} is open; cancel it first")
         self.change(schema.robots.delete().where(schema.robots.c.id == robot))
         for table in (
             schema.obs,
@@ -120,13 +133,15 @@ class SqlTransaction(RepairWriting):
         accepted: Sequence[Entry] = (),
         changed: Sequence[Entry] = (),
         forgotten: Sequence[Atom] = (),
-        asserted: Sequence[Assertion] = (),
+        asserted: Sequence[StoredAssertion] = (),
         withdrawn: Sequence[str] = (),
         expected: int | None = None,
     ) -> int:
         state = self.existing(robot)
         if expected is not None and expected != state.revision:
-            error = Conflict(f"{robot!r} is at revision {state.revision}, not {expected}; load OBS again")
+            error = StateConflict(
+                f"{robot!r} is at revision {state.revision}, not {expected}; load OBS again"
+            )
             error.code = "stale-revision"
             raise error
         own, revision = self._own, state.revision + 1
@@ -156,7 +171,7 @@ class SqlTransaction(RepairWriting):
             self._assert(robot, asserted, withdrawn)
         return revision
 
-    def _assert(self, robot: str, asserted: Sequence[Assertion], withdrawn: Sequence[str]) -> None:
+    def _assert(self, robot: str, asserted: Sequence[StoredAssertion], withdrawn: Sequence[str]) -> None:
         table = schema.assertions
         for name in withdrawn:
             gone = table.delete().where(table.c.robot == robot, table.c.name == checked(name))
@@ -192,7 +207,7 @@ class SqlTransaction(RepairWriting):
     def add_key(self, *, name: str, hash: str, role: str, robot: str | None, by: str) -> ApiKey:
         table = schema.api_keys
         if self.rows(select(table.c.id).where(table.c.name == checked(name), table.c.revoked_ns.is_(None))):
-            raise Conflict(f"there is a key named {name!r}; revoke it first, or take another name")
+            raise StateConflict(f"there is a key named {name!r}; revoke it first, or take another name")
         key = ApiKey(new_id("k-"), name, checked(hash), role, robot, self.now_ns, checked(by))
         self._insert(
             table,

@@ -41,7 +41,7 @@ async def list_models(parts: PartsDep, paging: PagingDep) -> Items[VersionOut]:
 @router.get("/{name}", responses=problems(404))
 async def get_model(name: ModelPath, parts: PartsDep, response: Response) -> ModelOut:
     """Return a model as it was written, with its components and what its loader warns of."""
-    model, system = await parts.fleet.models.current(name)
+    model, system = await parts.robots.models.current(name)
     response.headers["ETag"] = quoted(model.version)
     return model_out(model, system)
 
@@ -65,7 +65,7 @@ async def put_model(
     """
     body = await read_model(request, parts.settings)
     expected = expected_etag(if_match, if_none_match)
-    model, system = await parts.fleet.models.put(
+    model, system = await parts.robots.models.put(
         name, body.source, format=body.format, expected=expected, by=principal.name
     )
     response.status_code = 201 if model.number == 1 and expected in (None, ABSENT) else 200
@@ -78,7 +78,7 @@ async def delete_model(
     name: ModelPath, parts: PartsDep, principal: PrincipalDep, if_match: IfMatch = None
 ) -> None:
     """Delete a model with all its versions; a conflict while a robot follows it."""
-    await parts.fleet.models.delete(name, expected=needs_etag(if_match), by=principal.name)
+    await parts.robots.models.delete(name, expected=needs_etag(if_match), by=principal.name)
 
 
 @router.get("/{name}/versions", responses=problems(404))

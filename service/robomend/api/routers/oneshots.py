@@ -12,7 +12,7 @@ from robomend.api.gate import GuardedRoute
 from robomend.api.schemas.diagnosis import AskBody, ResultOut
 from robomend.api.schemas.repair import OneShotPlanBody
 from robomend.api.views import engine_options
-from robomend.fleet.oneshots import Question
+from robomend.oneshots.oneshots import Question
 from robomend.security import API
 
 router = APIRouter(prefix=API, tags=["one-shots"], route_class=GuardedRoute)

@@ -36,7 +36,7 @@ async def list_robots(parts: PartsDep, paging: PagingDep) -> Items[RobotLine]:
 @router.get("/{robot}", responses=problems(404))
 async def get_robot(robot: RobotPath, parts: PartsDep, response: Response) -> RobotOut:
     """Return a robot's configuration, its revision and whether it is healthy."""
-    state = await parts.fleet.diagnosed(robot)
+    state = await parts.robots.diagnosed(robot)
     response.headers["ETag"] = quoted(state.stored.etag)
     return robot_out(state)
 
@@ -56,7 +56,7 @@ async def put_robot(
 ) -> RobotOut:
     """Create a robot, or replace its configuration; replacing needs If-Match. OBS stays."""
     expected = expected_etag(if_match, if_none_match)
-    state = await parts.fleet.put_robot(
+    state = await parts.robots.put_robot(
         robot, body.model_dump(mode="json"), expected=expected, by=principal.name
     )
     response.status_code = 201 if expected in (None, ABSENT) else 200
@@ -69,4 +69,4 @@ async def delete_robot(
     robot: RobotPath, parts: PartsDep, principal: PrincipalDep, if_match: IfMatch = None
 ) -> None:
     """Delete a robot; a conflict while a repair is open. Its history stays as long as the retention says."""
-    await parts.fleet.delete_robot(robot, expected=needs_etag(if_match), by=principal.name)
+    await parts.robots.delete_robot(robot, expected=needs_etag(if_match), by=principal.name)

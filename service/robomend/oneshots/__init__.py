@@ -1,0 +1,1 @@
+"""Questions without a robot: text in, result out, result as JSON; what-if."""
