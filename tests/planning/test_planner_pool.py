@@ -8,15 +8,17 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from tests.distributions import install
 from tests.planning.robots import ALL_OFF, POWER_UP, TEDUSAR, texts
 
 from robomend.errors import DomainError, SolverError, WorkerDied
 from robomend.planning.plan import Outcome
 from robomend.planning.planner_pool import PlannerPool
+from robomend.planning.planners import PLANNERS
 from robomend.planning.planning import PlanOptions
 from robomend_client.literals import fails
 
-PLANNERS = '''
+CODE = '''
 import os, signal, time
 from robomend.errors import SolverError
 from robomend.planning.plan import Outcome
@@ -60,13 +62,8 @@ NAMES = ("Hangs", "Crashes", "Hogs", "Lies", "Refuses", "Backwards")
 @pytest.fixture(scope="module")
 def pool(tmp_path_factory: pytest.TempPathFactory) -> Iterator[PlannerPool]:
     """Worker processes that see a distribution with planners of a third party."""
-    folder = tmp_path_factory.mktemp("third_party")
-    (folder / "odd_planners.py").write_text(PLANNERS)
-    metadata = folder / "odd_planners-1.0.dist-info"
-    metadata.mkdir()
-    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: odd-planners\nVersion: 1.0\n")
-    lines = "\n".join(f"{name.lower()} = odd_planners:{name}" for name in NAMES)
-    (metadata / "entry_points.txt").write_text(f"[robomend.planners]\n{lines}\n")
+    points = {PLANNERS.group: {name.lower(): name for name in NAMES}}
+    folder = install(tmp_path_factory.mktemp("third_party"), "odd_planners", CODE, points)
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(folder))
         planners = PlannerPool(size=1, spare=1)

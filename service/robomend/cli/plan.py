@@ -73,14 +73,13 @@ def command(model: str, **given: Any) -> int:
 
 
 def _options(given: dict[str, Any]) -> PlanOptions:
-    from robomend.planning.planners import make_planner, planner_names
+    from robomend.planning.planners import PLANNERS
     from robomend.planning.planning import PlanOptions
 
     timeout = given["timeout"]
     if math.isnan(timeout) or timeout <= 0:
         raise click.UsageError("--timeout is a number of seconds above 0")
-    if given["planner"] not in planner_names():
-        make_planner(given["planner"])  # says which there are
+    PLANNERS.check(given["planner"])
     domain: Path | None = given["domain"]
     return PlanOptions(
         planner=given["planner"],

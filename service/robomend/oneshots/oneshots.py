@@ -20,7 +20,7 @@ from robomend.oneshots.answers import result_json
 from robomend.oneshots.solvers import SolverWorkers
 from robomend.planning.advice import Situation, parts_of, plan_answer
 from robomend.planning.planner_pool import PlannerPool, advise
-from robomend.planning.planners import check_planner
+from robomend.planning.planners import PLANNERS
 from robomend.planning.planning import PlanOptions
 from robomend.robots.robot import Robot
 from robomend.robots.systems import Systems
@@ -88,7 +88,7 @@ class OneShots:
             InputError: no diagnosis was found in time.
             OptionRefused: no such planner.
         """
-        check_planner(planner)
+        PLANNERS.check(planner)
         version, system, literals = await self._understand(question)
         parts = parts_of(system)
         _check(expected_stopped, system)

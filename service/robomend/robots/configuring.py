@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import asyncio
-from functools import cache
 
-from robomend.diagnosis.engines import engine_names
-from robomend.errors import InputError, OptionRefused
+from robomend.diagnosis.engines import ENGINES
+from robomend.errors import InputError
 from robomend.model.system import System
 from robomend.observations.language import parse
 from robomend.planning.domain.loading import load_domain
-from robomend.planning.planners import planner_names
+from robomend.planning.planners import PLANNERS
 from robomend.robots.configuration import RobotConfig, covered, uncovered
 from robomend.store import records
 from robomend.store.interface import Transaction
@@ -50,13 +49,8 @@ def delete(tx: Transaction, robot: str, *, expected: str, by: str) -> None:
 
 async def check(config: RobotConfig, system: System) -> None:
     """Refuse a configuration that speaks of what the model or this installation does not have."""
-    engines, planners = _choices()
-    for what, choice, choices in (
-        ("diagnosis.engine", config.engine, engines),
-        ("planner", config.planner, planners),
-    ):
-        if choice not in choices:
-            raise OptionRefused(f"{what}: {choice!r} is none of {', '.join(choices)}")
+    ENGINES.check(config.engine)
+    PLANNERS.check(config.planner)
     if config.domain is not None:
         await asyncio.to_thread(load_domain, config.domain, "domain")
     known = frozenset(system.cnf.components)
@@ -66,9 +60,3 @@ async def check(config: RobotConfig, system: System) -> None:
                 raise InputError(f"{what}: the model {config.model!r} has no component {name!r}")
     for sentence in config.observed:
         parse(sentence, system.vocabulary)
-
-
-@cache
-def _choices() -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return the engines and planners of this installation."""
-    return engine_names(), planner_names()
