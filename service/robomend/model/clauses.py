@@ -211,12 +211,13 @@ class Clausifier:
 
     def _size(self, formula: Formula, positive: bool) -> int:
         """Return how many clauses distribution would give, or some number above a million."""
+        if isinstance(formula, Leaf):
+            return 1
         key = (formula, positive)
-        if key not in self._sizes:
+        known = self._sizes.get(key)
+        if known is None:
             conjunctive, parts = _view(formula, positive)
-            if not parts and isinstance(formula, Leaf):
-                size = 1
-            elif conjunctive:
+            if conjunctive:
                 size = sum(self._size(*part) for part in parts)
             else:
                 size = 1
@@ -224,8 +225,8 @@ class Clausifier:
                     size *= self._size(*part)
                     if size > 1_000_000:
                         break
-            self._sizes[key] = size
-        return self._sizes[key]
+            self._sizes[key] = known = size
+        return known
 
     def _distributed(self, formula: Formula, positive: bool) -> list[Clause]:
         if isinstance(formula, Leaf):

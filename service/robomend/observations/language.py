@@ -13,6 +13,7 @@ import re
 from typing import Literal as OneOf
 
 from robomend.errors import ObservationError
+from robomend.model.budget import ASSERTION_STEPS, StepCount
 from robomend.model.clauses import Assertion
 from robomend.model.formulas import Formula, Leaf, conjuncts
 from robomend.model.grounding import ground
@@ -58,7 +59,12 @@ def parse(sentence: str, vocabulary: Vocabulary, *, unknown: Unknown = "refuse")
 
 
 def read(
-    sentence: str, vocabulary: Vocabulary, *, name: str, unknown: Unknown = "refuse"
+    sentence: str,
+    vocabulary: Vocabulary,
+    *,
+    name: str,
+    unknown: Unknown = "refuse",
+    most: int = ASSERTION_STEPS,
 ) -> tuple[Literal, ...] | Assertion:
     """Return the literals of a plain sentence, or an assertion called `name` of a richer one.
 
@@ -70,18 +76,26 @@ def read(
     formula = _formula(sentence, vocabulary)
     if conjuncts(formula) is not None:
         return parse(sentence, vocabulary, unknown=unknown)
-    return _assertion(name, sentence, formula, vocabulary, unknown)
+    return _assertion(name, sentence, formula, vocabulary, unknown, most)
 
 
 def read_assertion(
-    name: str, sentence: str, vocabulary: Vocabulary, *, unknown: Unknown = "refuse"
+    name: str,
+    sentence: str,
+    vocabulary: Vocabulary,
+    *,
+    unknown: Unknown = "refuse",
+    most: int = ASSERTION_STEPS,
 ) -> Assertion:
     """Return any sentence as an assertion: ground, its atoms canonical and declared.
 
+    Args:
+        most: steps that it may take (robomend.model.budget).
+
     Raises:
-        ObservationError: malformed, too many instances, or naming what the model does not declare.
+        ObservationError: malformed, too many steps, or naming what the model does not declare.
     """
-    return _assertion(name, sentence, _formula(sentence, vocabulary), vocabulary, unknown)
+    return _assertion(name, sentence, _formula(sentence, vocabulary), vocabulary, unknown, most)
 
 
 def _parse(sentence: str, vocabulary: Vocabulary, unknown: Unknown) -> tuple[Literal, ...]:
@@ -106,9 +120,10 @@ def _parse(sentence: str, vocabulary: Vocabulary, unknown: Unknown) -> tuple[Lit
 
 
 def _assertion(
-    name: str, sentence: str, formula: Formula, vocabulary: Vocabulary, unknown: Unknown
+    name: str, sentence: str, formula: Formula, vocabulary: Vocabulary, unknown: Unknown, most: int
 ) -> Assertion:
-    instances = ground(formula, vocabulary, sentence)
+    StepCount(vocabulary).check(formula, most, sentence)
+    instances = ground(formula, vocabulary)
     checked: dict[Literal, Literal] = {}  # instances repeat few literals
 
     def leaf(found: Leaf) -> Formula:
