@@ -18,7 +18,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from robomend.api import strict_json
-from robomend.api.body import check_content_type, read_chunks
+from robomend.api.body import BYTES_PER_S, check_content_type, read_chunks
 from robomend.api.deps import Parts
 from robomend.api.problems import Problem, of_error, of_validation
 from robomend.api.schemas.base import MAX_INT
@@ -27,6 +27,7 @@ from robomend.errors import RobomendError
 from robomend.robots.batches import Batch
 from robomend.security import API, Principal
 from robomend.store.records import IdempotencyKey
+from robomend.turns import Turns
 
 NDJSON = "application/x-ndjson"
 
@@ -57,10 +58,15 @@ async def read_batch(
     """Return the batch of a JSON body, and what makes a repeat of it harmless."""
     settings = parts.settings
     body = b"".join(
-        [chunk async for chunk in read_chunks(request, settings.max_body_bytes, settings.body_timeout_s)]
+        [
+            chunk
+            async for chunk in read_chunks(
+                request, settings.max_body_bytes, settings.body_timeout_s, BYTES_PER_S
+            )
+        ]
     )
     check_content_type(request, "application/json", NDJSON)
-    batch = _batch(strict_json.loads(body, settings.max_nesting))
+    batch = _batch(await strict_json.loads_in_turn(body, settings.max_nesting, parts.robots.readers))
     return batch, _once(request, principal, key, body)
 
 
@@ -76,6 +82,7 @@ async def ingest(
     raw = hashlib.sha256()
     number = sentences = 0
     unread = False  # line `number`, that is
+    turns = Turns()
 
     async def keep() -> None:
         nonlocal revision, lines, accepted, groups, sentences, raw
@@ -94,6 +101,7 @@ async def ingest(
     try:
         async for line in _lines(request, parts):
             number += 1
+            await turns.rest()
             if line.isspace() or not line:
                 continue
             unread = True

@@ -133,6 +133,16 @@ class StepCount:
         return self._degrees[relation, place]
 
 
+def check_steps(steps: int, most: int, sentence: str) -> None:
+    """Refuse a sentence that, with the richer ones before it, takes too many steps."""
+    if steps > most:
+        raise ObservationError(
+            f"with the richer sentences before it, it takes {steps:,} steps; at most {most:,} are taken: "
+            "withdraw some, or say it in the model's rules",
+            sentence,
+        )
+
+
 def scheme_steps(model: ComponentModel) -> int:
     """Return how many steps the six schemes take: the literals of their clauses, and fault modes."""
     publishers: Counter[str] = Counter(topic for node in model.nodes.values() for topic in node.publishes)
@@ -143,7 +153,6 @@ def scheme_steps(model: ComponentModel) -> int:
         steps += 2 + sum(2 + 2 * len(node.drives) + len(inputs) for inputs in node.publishes.values())
     for one, other in model.related:
         steps += 3 * publishers[model.values[one].topic] * publishers[model.values[other].topic]
-    for part in (*model.hardware.values(), *model.nodes.values()):
-        modes = len(part.modes) + 1
-        steps += modes * modes if part.modes else 0  # at most one of them: each pair is a clause
+    modes = [part.modes for part in model.hardware.values()] + [part.modes for part in model.nodes.values()]
+    steps += sum((len(named) + 1) ** 2 for named in modes if named)  # at most one: each pair is a clause
     return steps

@@ -23,7 +23,7 @@ from robomend.model.sentences import parse as parse_formula
 from robomend.model.vocabulary import DECIDED, Vocabulary
 from robomend_client.literals import RESERVED, Atom, Literal
 
-__all__ = ["Assertion", "Unknown", "parse", "read", "read_assertion"]
+__all__ = ["Assertion", "Unknown", "parse", "read", "read_assertion", "says_literals"]
 
 Unknown = OneOf["refuse", "keep"]
 """What to do with names that the model does not declare."""
@@ -69,14 +69,22 @@ def read(
     """Return the literals of a plain sentence, or an assertion called `name` of a richer one.
 
     Raises:
-        ObservationError: as parse.
+        ObservationError: as parse and read_assertion.
+    """
+    if says_literals(sentence, vocabulary, unknown=unknown):
+        return parse(sentence, vocabulary, unknown=unknown)
+    return read_assertion(name, sentence, vocabulary, unknown=unknown, most=most)
+
+
+def says_literals(sentence: str, vocabulary: Vocabulary, *, unknown: Unknown = "refuse") -> bool:
+    """Return whether a sentence is for `parse`, and not richer than that.
+
+    Raises:
+        ObservationError: malformed.
     """
     if not isinstance(sentence, str) or sentence in vocabulary.cache[unknown == "keep"]:
-        return parse(sentence, vocabulary, unknown=unknown)
-    formula = _formula(sentence, vocabulary)
-    if conjuncts(formula) is not None:
-        return parse(sentence, vocabulary, unknown=unknown)
-    return _assertion(name, sentence, formula, vocabulary, unknown, most)
+        return True
+    return conjuncts(_formula(sentence, vocabulary)) is not None
 
 
 def read_assertion(
@@ -95,7 +103,16 @@ def read_assertion(
     Raises:
         ObservationError: malformed, too many steps, or naming what the model does not declare.
     """
-    return _assertion(name, sentence, _formula(sentence, vocabulary), vocabulary, unknown, most)
+    formula = _formula(sentence, vocabulary)
+    steps = StepCount(vocabulary).check(formula, most, sentence)
+    checked: dict[Literal, Literal] = {}  # instances repeat few literals
+
+    def leaf(found: Leaf) -> Formula:
+        if found.literal not in checked:
+            checked[found.literal] = _known(found.literal, vocabulary, unknown, sentence, found.position)
+        return Leaf(checked[found.literal], found.position)
+
+    return Assertion(name, sentence, mapped(ground(formula, vocabulary), leaf), steps)
 
 
 def _parse(sentence: str, vocabulary: Vocabulary, unknown: Unknown) -> tuple[Literal, ...]:
@@ -117,21 +134,6 @@ def _parse(sentence: str, vocabulary: Vocabulary, unknown: Unknown) -> tuple[Lit
         if -literal in literals:
             raise ObservationError(f"it says both {literal.atom} and not {literal.atom}", sentence)
     return literals
-
-
-def _assertion(
-    name: str, sentence: str, formula: Formula, vocabulary: Vocabulary, unknown: Unknown, most: int
-) -> Assertion:
-    StepCount(vocabulary).check(formula, most, sentence)
-    instances = ground(formula, vocabulary)
-    checked: dict[Literal, Literal] = {}  # instances repeat few literals
-
-    def leaf(found: Leaf) -> Formula:
-        if found.literal not in checked:
-            checked[found.literal] = _known(found.literal, vocabulary, unknown, sentence, found.position)
-        return Leaf(checked[found.literal], found.position)
-
-    return Assertion(name, sentence, mapped(instances, leaf))
 
 
 def _formula(sentence: str, vocabulary: Vocabulary) -> Formula:

@@ -13,9 +13,10 @@ from typing import Any
 from robomend.diagnosis.probes import ProbeResult
 from robomend.diagnosis.result import Diagnosis, DiagnosisResult, Options
 from robomend.errors import InputError, Overloaded, UnknownComponent
-from robomend.model.clauses import extend, without_running
+from robomend.model.budget import check_steps
+from robomend.model.packed import supposed
 from robomend.model.system import System
-from robomend.observations.language import Assertion, read
+from robomend.observations.language import Assertion, parse, says_literals
 from robomend.oneshots.answers import result_json
 from robomend.oneshots.solvers import SolverWorkers
 from robomend.planning.advice import Situation, parts_of, plan_answer
@@ -25,6 +26,7 @@ from robomend.planning.planning import PlanOptions
 from robomend.robots.robot import Robot
 from robomend.robots.systems import Systems
 from robomend.settings import Settings
+from robomend.turns import Turns
 from robomend_client.literals import Literal
 
 GRACE_S = 2.0
@@ -99,7 +101,7 @@ class OneShots:
         else:
             if expected_stopped:
                 version = f"{version}-{','.join(sorted(expected_stopped))}"
-                system = replace(system, cnf=without_running(system.cnf, expected_stopped))
+                system = replace(system, cnf=supposed(system.cnf, expected_stopped, ()))
             result = await self._ask(version, system, literals, "sat", Options(timeout_s=timeout_s))
             if not result.diagnoses:
                 raise InputError(
@@ -136,22 +138,30 @@ class OneShots:
             version = f"{model.name}@{model.version}"
         else:
             assert question.source is not None
-            system = await self._systems.load(question.source, name=None, format=None)
+            system = await self._systems.readers.model(question.source, name=None, format=None, guest=True)
             version = "text:" + hashlib.sha256(question.source.encode()).hexdigest()
         literals: set[Literal] = set()
         assertions: list[Assertion] = []
+        turns, steps = Turns(), 0
         for index, sentence in enumerate(question.observations):
-            said = read(sentence, system.vocabulary, name=f"sentence {index}")
-            if isinstance(said, Assertion):
-                assertions.append(said)
+            if says_literals(sentence, system.vocabulary):
+                literals.update(parse(sentence, system.vocabulary))
             else:
-                literals.update(said)
+                name = f"sentence {index}"
+                said = await self._systems.readers.assertion(
+                    version, system.vocabulary, name, sentence, guest=True
+                )
+                steps += said.steps
+                check_steps(steps, self._settings.max_assertion_steps, sentence)
+                assertions.append(said)
+            await turns.rest()
         _check_consistent(literals)
         if not assertions:
             return version, system, frozenset(literals)
         text = "\n".join(assertion.text for assertion in assertions)
         version = f"{version}+{hashlib.sha256(text.encode()).hexdigest()[:16]}"
-        return version, _extended(system, assertions), frozenset(literals)
+        cnf = supposed(system.cnf, (), tuple(assertions))
+        return version, replace(system, cnf=cnf), frozenset(literals)
 
     async def _ask(
         self, version: str, system: System, literals: frozenset[Literal], engine: str, options: Options
@@ -177,17 +187,6 @@ class _Turn:
 
     async def __aexit__(self, *_: object) -> None:
         self._shots._room += 1
-
-
-def _extended(system: System, assertions: Sequence[Assertion]) -> System:
-    return System(
-        name=system.name,
-        format=system.format,
-        source=system.source,
-        cnf=extend(system.cnf, assertions),
-        parts=system.parts,
-        vocabulary=system.vocabulary,
-    )
 
 
 def _check(names: Sequence[str] | frozenset[str], system: System) -> None:

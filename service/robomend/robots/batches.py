@@ -9,14 +9,15 @@ import structlog
 
 from robomend.errors import InputError, ObservationError
 from robomend.model.clauses import Assertion
-from robomend.model.system import System
-from robomend.observations.language import Unknown, parse, read, read_assertion
+from robomend.observations.language import Unknown, parse
 from robomend.observations.obs import Observed
 from robomend.robots.boards import SOURCE as BOARD
 from robomend.robots.clock import CLOCK
 from robomend.robots.configuration import RobotConfig
+from robomend.robots.readers import Readers
 from robomend.robots.robot import AHEAD_NS, Robot
 from robomend.store import records
+from robomend.turns import Turns
 from robomend_client.literals import Atom, Literal
 
 log = structlog.get_logger("robomend.robots.batches")
@@ -59,8 +60,8 @@ class ReadBatch:
         return not (self.observed or self.asserted or self.withdrawn or self.forgotten)
 
 
-def read_batch(state: Robot, batch: Batch) -> ReadBatch:
-    """Read a batch's sentences.
+async def read_batch(state: Robot, batch: Batch, readers: Readers) -> ReadBatch:
+    """Read a batch's sentences in the robot's vocabulary, in turns; long ones in a worker.
 
     Raises:
         ObservationError: the sentence at fault, where the batch is kept or refused together.
@@ -73,6 +74,7 @@ def read_batch(state: Robot, batch: Batch) -> ReadBatch:
         raise InputError(f"time: {at} is {ahead_s:.0f} s ahead of this service's clock; 60 are allowed")
     expires = None if batch.lifetime_s is None else at + round(batch.lifetime_s * 1e9)
     vocabulary, unknown = state.system.vocabulary, _unknown(state.config)
+    turns = Turns()
     observed: list[Observed] = []
     asserted: list[tuple[Assertion, records.StoredAssertion]] = []
     refused: list[ObservationError] = []
@@ -84,18 +86,23 @@ def read_batch(state: Robot, batch: Batch) -> ReadBatch:
             if batch.together:
                 raise
             refused.append(error)
+        await turns.rest()
     for name, sentence in batch.assertions.items():
         record = records.StoredAssertion(name, sentence, batch.source, at, expires)
         try:
-            said = read(sentence, vocabulary, name=name, unknown=unknown)
-            if not isinstance(said, Assertion):
-                said = read_assertion(name, sentence, vocabulary, unknown=unknown)
+            said = await readers.assertion(vocabulary_key(state), vocabulary, name, sentence, unknown=unknown)
             asserted.append((said, record))
         except ObservationError as error:
             if batch.together:
                 raise
             refused.append(error)
+        await turns.rest()
     return ReadBatch(tuple(observed), tuple(asserted), refused=tuple(refused))
+
+
+def vocabulary_key(state: Robot) -> str:
+    """Return what names the robot's vocabulary: equal for all that follow its version of the model."""
+    return f"{state.model.name}@{state.model.version}"
 
 
 def board_batch(state: Robot, said: frozenset[Literal], time_ns: int) -> ReadBatch:
@@ -116,14 +123,17 @@ def board_batch(state: Robot, said: frozenset[Literal], time_ns: int) -> ReadBat
     return ReadBatch(observed=observed, forgotten=forgotten)
 
 
-def stored_assertion(
-    record: records.StoredAssertion, system: System, config: RobotConfig
+async def stored_assertion(
+    record: records.StoredAssertion, state: Robot, readers: Readers
 ) -> Assertion | None:
     """Return a stored assertion in the present model's vocabulary; None if that has no words for it."""
+    vocabulary, unknown = state.system.vocabulary, _unknown(state.config)
     try:
-        return read_assertion(record.name, record.sentence, system.vocabulary, unknown=_unknown(config))
+        return await readers.assertion(
+            vocabulary_key(state), vocabulary, record.name, record.sentence, unknown=unknown
+        )
     except ObservationError as error:
-        log.warning("assertion set aside", robot=config.id, assertion=record.name, detail=str(error))
+        log.warning("assertion set aside", robot=state.id, assertion=record.name, detail=str(error))
         return None
 
 

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import asyncio
-
 from robomend.diagnosis.engines import ENGINES
 from robomend.errors import InputError
 from robomend.model.system import System
 from robomend.observations.language import parse
-from robomend.planning.domain.loading import load_domain
 from robomend.planning.planners import PLANNERS
 from robomend.robots.configuration import RobotConfig, covered, uncovered
+from robomend.robots.readers import Readers
 from robomend.store import records
 from robomend.store.interface import Transaction
 from robomend.store.records import AuditEntry, Json
+from robomend.turns import Turns
 from robomend_client.events import Kind
 
 
@@ -47,16 +46,18 @@ def delete(tx: Transaction, robot: str, *, expected: str, by: str) -> None:
     tx.note(AuditEntry(actor=by, action="robot.delete", subject=robot, robot=robot, before=before))
 
 
-async def check(config: RobotConfig, system: System) -> None:
+async def check(config: RobotConfig, system: System, readers: Readers) -> None:
     """Refuse a configuration that speaks of what the model or this installation does not have."""
     ENGINES.check(config.engine)
     PLANNERS.check(config.planner)
     if config.domain is not None:
-        await asyncio.to_thread(load_domain, config.domain, "domain")
+        await readers.actions(config.domain)
     known = frozenset(system.cnf.components)
     for what, names in (("expected.stopped", config.expected_stopped), ("protected", config.protected)):
         for name in names:
             if name not in known:
                 raise InputError(f"{what}: the model {config.model!r} has no component {name!r}")
+    turns = Turns()
     for sentence in config.observed:
         parse(sentence, system.vocabulary)
+        await turns.rest()

@@ -130,7 +130,7 @@ class Memory:
         assertions = [
             assertion
             for record in obs.assertions
-            if (assertion := stored_assertion(record, system, fresh.config)) is not None
+            if (assertion := await stored_assertion(record, fresh, self._models.readers)) is not None
         ]
         state = self.states.get(robot)
         if state is None:

@@ -14,7 +14,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from robomend.model.clauses import Assertion, extend, without_running
+from robomend.model.clauses import Assertion
+from robomend.model.packed import supposed
 from robomend.model.system import System
 from robomend.observations.obs import Obs, Observed, consequences
 from robomend.robots.clock import CLOCK
@@ -147,7 +148,7 @@ class Robot:
         if self._own is None or self._own[0] != wanted:
             said = [[assertion.name, assertion.text] for assertion in assertions]
             digest = hashlib.sha256(json.dumps([sorted(stopped), said]).encode()).hexdigest()[:16]
-            cnf = extend(without_running(self.system.cnf, stopped), assertions)
+            cnf = supposed(self.system.cnf, stopped, assertions)
             self._own = (wanted, f"{self.model.version}+{digest}", replace(self.system, cnf=cnf))
         _, version, system = self._own
         return version, system, literals

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable, Coroutine, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Coroutine, Mapping, Sequence
 from functools import partial
 from itertools import chain
 from typing import Any
@@ -32,6 +32,7 @@ from robomend.errors import (
     TooLarge,
 )
 from robomend.metrics import Metrics
+from robomend.model.budget import check_steps
 from robomend.robots import configuring
 from robomend.robots.batches import Acknowledged, Batch, ReadBatch, board_batch, read_batch
 from robomend.robots.boards import SOURCE, Boards, WiredBoard
@@ -41,6 +42,7 @@ from robomend.robots.diagnoser import Diagnoser
 from robomend.robots.diagnosing import SETTLE_S, Diagnosing, announce, same
 from robomend.robots.following import Following
 from robomend.robots.memory import Memory
+from robomend.robots.readers import Readers
 from robomend.robots.robot import Changes, Robot
 from robomend.robots.systems import Systems
 from robomend.settings import Settings
@@ -59,8 +61,11 @@ ATTEMPTS = 8
 class Robots:
     """See the module."""
 
-    def __init__(self, store: Store, settings: Settings, metrics: Metrics, diagnoser: Diagnoser) -> None:
-        self.models = Systems(store, settings)
+    def __init__(
+        self, store: Store, settings: Settings, metrics: Metrics, diagnoser: Diagnoser, readers: Readers
+    ) -> None:
+        self.models = Systems(store, readers)
+        self.readers = readers
         self._store = store
         self._settings = settings
         self._metrics = metrics
@@ -147,7 +152,7 @@ class Robots:
             InputError: what is configured does not fit the model.
         """
         _, system = await self.models.current(config["model"])
-        await configuring.check(RobotConfig.from_json(robot, config), system)
+        await configuring.check(RobotConfig.from_json(robot, config), system, self.readers)
         await self._store.write(
             lambda tx: configuring.put(tx, robot, config, expected=expected, by=by), robots=(robot,)
         )
@@ -176,15 +181,15 @@ class Robots:
 
     async def observe(self, robot: str, batch: Batch, *, once: IdempotencyKey | None = None) -> Acknowledged:
         """Take in a batch; when this returns, it is on disk. ObservationError names the sentence at fault."""
-        return await self._observe(robot, lambda state: read_batch(state, batch), once)
+        return await self._observe(robot, lambda state: read_batch(state, batch, self.readers), once)
 
     async def observe_all(
         self, robot: str, batches: Sequence[Batch], *, once: IdempotencyKey | None = None
     ) -> Acknowledged:
         """Take in several batches as one revision, all or none: what a stream brings."""
 
-        def read_all(state: Robot) -> ReadBatch:
-            parts = [read_batch(state, batch) for batch in batches]
+        async def read_all(state: Robot) -> ReadBatch:
+            parts = [await read_batch(state, batch, self.readers) for batch in batches]
             return ReadBatch(
                 tuple(chain.from_iterable(part.observed for part in parts)),
                 tuple(chain.from_iterable(part.asserted for part in parts)),
@@ -194,37 +199,44 @@ class Robots:
         return await self._observe(robot, read_all, once)
 
     async def _observe(
-        self, robot: str, read: Callable[[Robot], ReadBatch], once: IdempotencyKey | None
+        self, robot: str, read: Callable[[Robot], Awaitable[ReadBatch]], once: IdempotencyKey | None
     ) -> Acknowledged:
         state = await self.robot(robot)
         generation = state.generation
         try:
-            return await self._accept(state, lambda: read(state), once)
+            return await self._accept(state, read, once)
         except ObservationError:
             latest = await self.latest(robot)
             if latest is state and state.generation == generation:
                 raise
         # Another instance has given it a model that may well have this word.
-        return await self._accept(latest, lambda: read(latest), once)
+        return await self._accept(latest, read, once)
 
     async def withdraw(self, robot: str, assertion: str) -> Acknowledged:
         """Withdraw a named assertion."""
         state = await self.latest(robot)
         if assertion not in state.assertion_records:
             raise NotFound(f"robot {robot!r} has no assertion {assertion!r}")
-        return await self._accept(state, lambda: ReadBatch(withdrawn=(assertion,)), None)
+        return await self._accept(state, _ready(ReadBatch(withdrawn=(assertion,))), None)
 
     async def _accept(
-        self, state: Robot, read: Callable[[], ReadBatch], once: IdempotencyKey | None
+        self, state: Robot, read: Callable[[Robot], Awaitable[ReadBatch]], once: IdempotencyKey | None
     ) -> Acknowledged:
         """Take a batch into OBS and onto the disk; again from fresh OBS when another instance was faster."""
         for _ in range(ATTEMPTS):
-            batch = read()
+            system = state.system
+            batch = await read(state)
+            if state.stale or state.system is not system:  # reading it took a while
+                state = await self.robot(state.id)
+                if state.system is not system:
+                    continue
             if batch.empty:
                 return Acknowledged(state.revision, (), batch.refused)
             room = self._settings.max_observed
             if len(state.obs) + len(batch.observed) > room and len(state.obs) >= room:
                 raise TooLarge(f"OBS of robot {state.id!r} holds {room} literals; max_observed is reached")
+            if batch.asserted:
+                _check_steps(state, batch, self._settings.max_assertion_steps)
             try:
                 changes = state.apply(
                     batch.observed,
@@ -339,7 +351,7 @@ class Robots:
         try:
             state = await self.robot(robot)
             batch = board_batch(state, said, CLOCK.now_ns())
-            await self._accept(state, lambda: batch, None)
+            await self._accept(state, _ready(batch), None)
         except RobomendError as error:
             log.warning("board observation not kept", robot=robot, code=error.code, detail=str(error))
 
@@ -359,6 +371,23 @@ class Robots:
         task = asyncio.create_task(run(), name=name)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
+
+
+def _check_steps(state: Robot, batch: ReadBatch, most: int) -> None:
+    """Refuse a batch with which the robot's assertions take too many steps together."""
+    steps = {name: assertion.steps for name, assertion in state.obs.assertions.items()}
+    for assertion, _ in batch.asserted:
+        steps[assertion.name] = assertion.steps
+        check_steps(sum(steps.values()), most, assertion.text)
+
+
+def _ready(batch: ReadBatch) -> Callable[[Robot], Awaitable[ReadBatch]]:
+    """Return how to read what is read already."""
+
+    async def read(_: Robot) -> ReadBatch:
+        return batch
+
+    return read
 
 
 def _page(paging: records.Paging, view: View) -> records.Page[records.StoredRobot]:
