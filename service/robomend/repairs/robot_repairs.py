@@ -40,10 +40,11 @@ from robomend.repairs.live_repair import LiveRepair, NotPermitted, Overtaken, Si
 from robomend.repairs.record import LOOP, Json, RepairRecord, repair_json
 from robomend.repairs.reentry import Reentry, open_question
 from robomend.repairs.signals import Declined, Halted, Signals
+from robomend.repairs.stop_switch import StopSwitch
 from robomend.robots.robot import Robot
 from robomend.robots.robots import Robots
 from robomend.store.interface import Store, Transaction, View
-from robomend.store.records import AuditEntry, Fence, Paging, Stop, StoredRepair
+from robomend.store.records import AuditEntry, Fence, Paging, StoredRepair
 from robomend_client.actions import Executor
 from robomend_client.events import Kind
 
@@ -64,8 +65,8 @@ class Dependencies:
     robots: Robots
     agents: AgentQueue
     chooser: Chooser
+    switch: StopSwitch
     programs: Mapping[str, Sequence[str]] = field(default_factory=dict)
-    stop: Stop = field(default_factory=Stop)
 
 
 class RobotRepairs:
@@ -78,7 +79,7 @@ class RobotRepairs:
         self._news = asyncio.Event()  # something may have changed
         self._asked = asyncio.Event()  # there may be a request for the repair that runs
         self._look_up = True  # there may be an open repair in the store that we do not know of
-        self._signals = Signals()
+        self._signals = Signals(self._stop_active)
         self._given_up: BadSets | None = None
         self._retry_ns: int | None = None  # when what was given up on may be tried again
         self._unhealthy: tuple[BadSets, float] | None = None  # and since when, monotonic
@@ -100,10 +101,13 @@ class RobotRepairs:
 
     def stopped(self) -> None:
         """The global stop changed."""
-        stop = self._needs.stop
+        stop = self._needs.switch.stop
         if stop.active:
             self._signals.end(by=stop.by or LOOP, reason=f"global stop: {stop.reason}", stop=True)
         self._news.set()
+
+    def _stop_active(self) -> bool:
+        return self._needs.switch.active
 
     async def run(self) -> None:
         """Keep the robot until it is lost, deleted, or the service ends."""
@@ -196,7 +200,7 @@ class RobotRepairs:
         if (
             state.config.policy == "observe"
             or state.system.parts is None
-            or self._needs.stop.active
+            or self._needs.switch.active
             or situation == self._given_up
         ):
             return None, IDLE_S
@@ -228,7 +232,7 @@ class RobotRepairs:
     async def _carry_out(self, repair: StoredRepair) -> None:
         state = await self._needs.robots.robot(self._robot)
         record = RepairRecord(self._needs.store, repair, self.fence, state.system.cnf.components)
-        signals = self._signals = Signals()
+        signals = self._signals = Signals(self._stop_active)
         self.stopped()
         entry = Reentry(
             self._needs.store, self._needs.agents, self._needs.chooser, record, signals, self.fence
@@ -243,10 +247,12 @@ class RobotRepairs:
                 heard_since = await entry.ask_about(doubt, state)
                 last = await mend(await self._live(state, record, heard_since))
             situation = situation_of(state)
+            self.stopped()
             outcome, reason = conclusion(last, signals, record.data)
             if outcome == "repaired":
                 reason += nobodys_fault(state)
         except Halted as how:
+            self.stopped()  # where the stop is younger than what the loop has heard of it
             outcome, reason = "cancelled", signals.reason
             declined = isinstance(how, Declined)
         except Overtaken as error:
@@ -336,7 +342,7 @@ class RobotRepairs:
             board = Once(BoardExecutor(wired.link, channels, wired.protected))
         hosts = {name: node.host for name, node in parts.nodes.items()}
         return executors(
-            needs.chooser.actions(state),
+            await needs.chooser.actions(state),
             state.config.actions,
             board=board,
             agent=AgentExecutor(needs.agents, needs.store, state.id, hosts, self._signals.halt),

@@ -263,6 +263,10 @@ class Ownership(Protocol):
         """The robots owned now."""
         ...
 
+    async def beat(self) -> None:
+        """Write that this instance is there; raises where it cannot be written."""
+        ...
+
     async def acquire(self, robot: str) -> Fence | None:
         """Own the robot, with a higher fencing number than ever before; None while a live instance has it.
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 from robomend.errors import RobomendError, StoreError
@@ -30,8 +31,10 @@ LOOK_AGAIN_S = 1.0
 class AgentQueue:
     """The agents' side of one store: what waits for whom, and who waits for what. One per instance."""
 
-    def __init__(self, store: Store) -> None:
+    def __init__(self, store: Store, stopped: Callable[[], bool] = lambda: False) -> None:
+        """`stopped` tells whether the global stop is in force here, also before it is on disk."""
         self._store = store
+        self._stopped = stopped
         self._changed: dict[str, asyncio.Event] = {}  # robot -> something about its actions changed
         self._end: Callable[[], None] | None = None
         self._ending = False
@@ -86,15 +89,18 @@ class AgentQueue:
             change = self.watch(robot)
             queued = await self._store.read(lambda db: db.agent_actions(robot))
             if any(a.host is None or host is None or a.host == host for a in queued if not a.answered):
-                taken = await self._store.write(
-                    lambda tx: tx.take_action(robot, host=host, agent=host or "agent"), robots=(robot,)
-                )
+                taken = await self._store.write(partial(self._take, robot, host), robots=(robot,))
                 if taken is not None:
                     return taken
             left = deadline - asyncio.get_running_loop().time()
             if left <= 0 or self._ending:
                 return None
             await _wait(change, min(left, 5 * LOOK_AGAIN_S))
+
+    def _take(self, robot: str, host: str | None, tx: Transaction) -> AgentAction | None:
+        if self._stopped() or tx.stop().active:
+            return None
+        return tx.take_action(robot, host=host, agent=host or "agent")
 
     async def answered(self, action_id: str) -> AgentAction:
         """Note that an agent has begun; Conflict after the result, also when that is a cancellation."""
