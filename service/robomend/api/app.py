@@ -61,6 +61,9 @@ ROUTERS = (
 CONTROLLED = frozenset({f"{API}/stop", "/healthz", "/readyz"})
 """Paths that the control lane answers; see robomend.api.control_lane."""
 
+UNTOLD: Any = {"tracing": False, "metrics": False, "logs": False}
+"""The framework's own telemetry is off: ours is in the edge."""
+
 Lifespan = Callable[[FastAPI], AbstractAsyncContextManager[None]]
 
 
@@ -81,7 +84,7 @@ def create_app(parts: Parts, *, lifespan: Lifespan | None = None) -> FastAPI:
         openapi_url=None,
         redirect_slashes=False,
         lifespan=lifespan or _nothing,
-        telemetry={"tracing": False, "metrics": False, "logs": False},
+        telemetry=UNTOLD,
     )
     app.state.parts = parts
     app.state.gate = Admission(parts.store, parts.settings, parts.metrics)
@@ -110,7 +113,7 @@ def create_control_app(parts: Parts, gate: Gate) -> FastAPI:
     Args:
         gate: lets in without waiting for what may hang.
     """
-    app = FastAPI(openapi_url=None, redirect_slashes=False)
+    app = FastAPI(openapi_url=None, redirect_slashes=False, telemetry=UNTOLD)
     app.state.parts = parts
     app.state.gate = gate
     problems.install(app)

@@ -62,7 +62,7 @@ class KeyRing:
 
     async def refresh(self) -> None:
         """Read the keys again if the copy is old; those who come meanwhile wait for the same reading."""
-        if time.monotonic() - self._read_at < FRESH_S:
+        if self.fresh:
             return
         if self._reading is None:
             self._reading = asyncio.create_task(self._read(), name="reading the keys")
@@ -82,6 +82,11 @@ class KeyRing:
             self._reading = None
         if not task.cancelled():
             task.exception()  # whoever waits for it has it
+
+    @property
+    def fresh(self) -> bool:
+        """Whether the copy counts without asking the store."""
+        return time.monotonic() - self._read_at < FRESH_S
 
     def forget(self) -> None:
         """Read the keys again at the next request."""

@@ -16,6 +16,7 @@ moment, as a reset would take the answer away from a client that has not read it
 from __future__ import annotations
 
 import asyncio
+import weakref
 from typing import Any
 
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
@@ -44,15 +45,18 @@ class Transport:
     def __init__(self, transport: asyncio.Transport, protocol: Protocol) -> None:
         self.write = transport.write
         self._transport = transport
-        self._protocol = protocol
+        self._protocol = weakref.ref(protocol)  # no circle: what a connection held is free when it is gone
 
     def close(self) -> None:
         """End the connection, now or when the client has stopped sending."""
-        self._protocol.end()
+        protocol = self._protocol()
+        if protocol is not None:
+            protocol.end()
 
     def is_closing(self) -> bool:
         """Whether nothing more is to be answered."""
-        return self._protocol.ending or self._transport.is_closing()
+        protocol = self._protocol()
+        return protocol is None or protocol.ending or self._transport.is_closing()
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._transport, name)
@@ -89,6 +93,7 @@ class Protocol(HttpToolsProtocol):
     def connection_lost(self, exc: Exception | None) -> None:
         self._stop_timer()
         super().connection_lost(exc)
+        self.headers = []
 
     def eof_received(self) -> None:
         if self.ending and self._raw is not None:

@@ -30,7 +30,7 @@ async def readiness(parts: Parts) -> Readiness:
         return await _readiness(parts)
     asking = asyncio.run_coroutine_threadsafe(_readiness(parts), loop)
     waiting = asyncio.wrap_future(asking)
-    await asyncio.wait({waiting}, timeout=ANSWER_S + 0.03)
+    await asyncio.wait({waiting}, timeout=ANSWER_S + 0.02)
     if waiting.done():
         return waiting.result()
     asking.cancel()

@@ -13,7 +13,7 @@ from robomend.api.schemas.operation import Check
 from robomend.errors import RobomendError
 from robomend.store.interface import Store
 
-ANSWER_S = 0.05
+ANSWER_S = 0.03
 """For the probe; an answer does not wait longer."""
 
 HANGS_S = 2.0

@@ -19,7 +19,7 @@ from robomend.api.problems import Problem
 from robomend.security import RULES, Principal
 from robomend.settings import Settings
 
-USUAL_S = 0.04
+USUAL_S = 0.02
 """For the usual gate."""
 
 UNKNOWN_S = 3.0
@@ -39,6 +39,10 @@ class UrgentAdmission:
         """Return who makes this request; raises as the usual gate does."""
         if RULES.get(rule) is None and rule in RULES:
             return await self._usual.admit(request, rule)  # needs no key, and so nothing to wait for
+        if self._usual.ring.fresh and "authorization" in request.headers:
+            known = self._usual.known(request, rule)
+            if known is not None:
+                return known
         asking = asyncio.run_coroutine_threadsafe(self._usual.admit(request, rule), self._loop)
         usual = asyncio.wrap_future(asking)
         await asyncio.wait({usual}, timeout=USUAL_S)

@@ -23,6 +23,10 @@ from robomend_client.literals import Atom, Literal
 log = structlog.get_logger("robomend.robots.batches")
 
 
+MAX_REFUSED = 100
+"""Bad sentences of one batch of which the good ones are kept."""
+
+
 @dataclass(frozen=True, slots=True)
 class Batch:
     """Sentences of one source at one time."""
@@ -85,7 +89,7 @@ async def read_batch(state: Robot, batch: Batch, readers: Readers) -> ReadBatch:
         except ObservationError as error:
             if batch.together:
                 raise
-            refused.append(error)
+            _refuse(refused, error)
         await turns.rest()
     for name, sentence in batch.assertions.items():
         record = records.StoredAssertion(name, sentence, batch.source, at, expires)
@@ -95,9 +99,20 @@ async def read_batch(state: Robot, batch: Batch, readers: Readers) -> ReadBatch:
         except ObservationError as error:
             if batch.together:
                 raise
-            refused.append(error)
+            _refuse(refused, error)
         await turns.rest()
     return ReadBatch(tuple(observed), tuple(asserted), refused=tuple(refused))
+
+
+def _refuse(refused: list[ObservationError], error: ObservationError) -> None:
+    """Note a bad sentence. So many of them are no slips, and each takes a while to explain."""
+    if len(refused) >= MAX_REFUSED:
+        raise ObservationError(
+            f"{MAX_REFUSED} sentences of this batch are refused already; is it meant for another model?",
+            error.sentence,
+            error.position,
+        )
+    refused.append(error)
 
 
 def vocabulary_key(state: Robot) -> str:

@@ -149,7 +149,9 @@ class Readers:
 
     async def actions(self, domain: str | None) -> tuple[str, ...]:
         """Return the names of the actions of a robot's repair domain; DomainError if it is none."""
-        key = domain or ""
+        if domain is None or not domain.strip():
+            return action_names(None)  # the one that is shipped, read once
+        key = domain
         found = self._actions.get(key)
         if found is None:
             timeout_s = self._settings.reading_timeout_s

@@ -15,7 +15,7 @@ from robomend.security import API
 
 router = APIRouter(prefix=API, tags=["control"], route_class=GuardedRoute)
 
-ANSWER_S = 0.05
+ANSWER_S = 0.04
 """For the disk; the answer to a stop does not wait longer."""
 
 ComponentPath = Annotated[str, Path(min_length=1, max_length=200)]
