@@ -9,7 +9,6 @@ from typing import Any
 import pytest
 
 from robomend.cli.commands import run
-from robomend.cli.diagnosing import sentences_of
 from robomend.model.loading import load_model, load_text
 from robomend.resources import resource
 
@@ -255,19 +254,3 @@ def test_a_circuit_is_diagnosed(tmp_path: Path, capsys: Capture) -> None:
     bench.write_text("INPUT(a)\nOUTPUT(z)\ny = NOT(a)\nz = NOT(y)\n")
     found = answer(capsys, str(bench), "-o", "v(a) and not v(z)")
     assert [d["bad"] for d in found["diagnoses"]] == [["y"], ["z"]]
-
-
-@pytest.mark.parametrize(
-    ("line", "sentences"),
-    [
-        ('["a", "b"]', ["a", "b"]),
-        ("v(1) not v(2), ~v(3)", ["v(1)", "not v(2)", "~v(3)"]),
-        ("v(1), v(2),", ["v(1)", "v(2)"]),
-        ("not not v(1) p q(a,b)", ["not not v(1)", "p", "q(a,b)"]),
-        ("v(1) and not v(2)", ["v(1) and not v(2)"]),
-        ('ok("a b") ok(c)', ['ok("a b")', "ok(c)"]),
-        ("", []),
-    ],
-)
-def test_lines_are_cut_into_sentences(line: str, sentences: list[str]) -> None:
-    assert sentences_of(line) == sentences

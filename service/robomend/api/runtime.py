@@ -53,7 +53,7 @@ class Runtime:
         self.planners = PlannerPool(size=settings.planner_workers)
         diagnoser = Diagnoser(settings, self.metrics, self.solver)
         self.robots = Robots(self.store, settings, self.metrics, diagnoser)
-        self.one_shots = OneShots(self.robots.models, self.solver, self.planners, settings)
+        self.one_shots = OneShots(self.solver, self.planners, settings)
         self.hub = Hub(self.store, self.metrics, most=settings.max_streams, ping_s=settings.ping_s)
         self.repairs = make_repairs(self.store, self.robots, self.planners, self.one_shots, settings)
         self.app: FastAPI = create_app(

@@ -17,8 +17,9 @@ from robomend.api.schemas.repair import BoardOut, ChannelOut
 from robomend.api.schemas.robots import DiagnosisOptionsBody, RobotBody, RobotLine, RobotOut
 from robomend.api.schemas.session import SessionOut
 from robomend.diagnosis.probes import ProbeResult
-from robomend.diagnosis.result import Options
+from robomend.diagnosis.result import DiagnosisResult, Options
 from robomend.model.system import System
+from robomend.oneshots.result_json import result_json
 from robomend.robots.batches import Acknowledged
 from robomend.robots.boards import WiredBoard
 from robomend.robots.clock import CLOCK
@@ -161,6 +162,11 @@ def diagnosis_response(state: Robot) -> Response:
         "expected_stopped": [] if current is None else current.expected_stopped,
     }
     return Response(json.dumps(body), media_type="application/json", headers={"Cache-Control": "no-store"})
+
+
+def result_response(result: DiagnosisResult) -> Response:
+    """Return an engine's answer as it is; ResultOut only describes it."""
+    return Response(json.dumps(result_json(result)), media_type="application/json")
 
 
 def probes_out(revision: int, found: ProbeResult) -> ProbesOut:

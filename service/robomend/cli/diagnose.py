@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import math
 import sys
+import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,9 +15,10 @@ import click
 from robomend.cli.models import is_snapshot_file, load
 
 if TYPE_CHECKING:
-    from robomend.cli.diagnosing import Diagnoser
     from robomend.diagnosis.result import DiagnosisResult, Options
     from robomend.model.cnf import HealthCnf
+    from robomend.oneshots.question import Question
+    from robomend.oneshots.warm_model import WarmModel
 
 
 @click.command("diagnose")
@@ -58,7 +62,7 @@ def command(model: str, **given: Any) -> int:
     if is_snapshot_file(model):
         return _snapshot_file(model, given)
     system = load(model)
-    from robomend.cli.diagnosing import Diagnoser, lines_of, options_for
+    from robomend.oneshots.warm_model import WarmModel
 
     for warning in system.warnings:
         click.echo(f"warning: {warning}", err=True)
@@ -66,33 +70,31 @@ def command(model: str, **given: Any) -> int:
         raise click.UsageError("--observations writes JSON lines; leave out --format table")
     if given["observations"] is not None and given["observe"]:
         raise click.UsageError("give either --observe or --observations")
-    diagnoser = Diagnoser(
+    with WarmModel(
         system,
         given["engine"],
-        options_for(system, _options(given)),
+        _options(given),
         unknown=given["unknown"],
-        expect_stopped=given["expect_stopped"],
-    )
-    try:
+        expected_stopped=given["expect_stopped"],
+    ) as warm:
         if given["together"]:
-            result = diagnoser.together(lines_of(given["observations"]))
-            return _one(result, diagnoser.cnf, given)
-        if given["observations"] is not None:
-            return _many(diagnoser, given["observations"], given["fail_on_fault"])
-        result = diagnoser.answer(diagnoser.question(given["observe"]))
-    finally:
-        diagnoser.close()
-    return _one(result, diagnoser.cnf, given)
+            result = warm.ask_together(_snapshots(warm, given["observations"]))
+        elif given["observations"] is not None:
+            return _many(warm, given["observations"], given["fail_on_fault"])
+        else:
+            result = warm.ask(warm.question(given["observe"])).result
+    return _one(result, system.cnf, given)
 
 
 def _one(result: DiagnosisResult, cnf: HealthCnf, given: dict[str, Any]) -> int:
     """Write one answer; return the exit code."""
-    from robomend.cli.rendering import Renderer, show
+    from robomend.cli.rendering import show
+    from robomend.oneshots.result_json import quoted_names, result_text
 
     for literal in result.unused:
         click.echo(f"warning: no rule mentions {literal.atom}: observing it says nothing", err=True)
     if given["format_"] == "json":
-        click.echo(Renderer(result.components, factored=given["factored"])(result))
+        click.echo(result_text(result, quoted_names(result.components)))
     else:
         show(result)
     if result.stopped_by == "limit" and cnf.circuit and not given["factored"] and not given["together"]:
@@ -107,9 +109,9 @@ def _one(result: DiagnosisResult, cnf: HealthCnf, given: dict[str, Any]) -> int:
 
 def _snapshot_file(model: str, given: dict[str, Any]) -> int:
     """Answer the snapshots of a .wcnf file."""
-    from robomend.cli.diagnosing import explain_snapshots
     from robomend.diagnosis.wcnf import read_wcnf
     from robomend.errors import ModelError
+    from robomend.oneshots.warm_model import explain_snapshots
 
     if given["observe"] or given["observations"] is not None:
         raise click.UsageError("a .wcnf file has its observations in it: leave out --observe/--observations")
@@ -143,21 +145,61 @@ def _options(given: dict[str, Any]) -> Options:
     )
 
 
-def _many(diagnoser: Diagnoser, path: str, fail_on_fault: bool) -> int:
-    """Write one line per set; return the exit code."""
-    from robomend.cli.diagnosing import REFUSED, lines_of
+def _many(warm: WarmModel, path: str, fail_on_fault: bool) -> int:
+    """Write one line per set, in order; return the exit code.
+
+    A set that is refused, or contradicts the model, gets `{"error": {"code": …, "message": …}}` in its place.
+    """
+    from robomend.errors import InputError
+    from robomend.oneshots.result_json import with_time
 
     refused = lines = 0
     all_healthy = True
-    write = sys.stdout.write
-    for text, healthy in diagnoser.lines(lines_of(path)):
+    write, clock = sys.stdout.write, time.perf_counter
+    for line in _lines(path):
+        lines += 1
+        began = clock()
+        try:
+            explained = warm.ask_line(line)
+        except InputError as error:
+            problem = {"error": {"code": error.code, "message": str(error)}}
+            text = json.dumps(problem, ensure_ascii=False, separators=(",", ":"))
+            refused += 1
+        else:  # an answer that was known already took less than the diagnosis did
+            text = with_time(explained.text(), min(clock() - began, explained.result.elapsed_s))
+            all_healthy = all_healthy and explained.healthy
         write(text + "\n")
         if path == "-":  # somebody waits at the other end
             sys.stdout.flush()
-        lines += 1
-        all_healthy = all_healthy and healthy
-        refused += text.startswith(REFUSED)
     if refused:
         click.echo(f"error: {refused} of {lines} sets were refused: see `error` in their lines", err=True)
         return 2
     return 1 if fail_on_fault and not all_healthy else 0
+
+
+def _snapshots(warm: WarmModel, path: str) -> Iterator[Question]:
+    """Yield the set of each line; one that is missing would change the answer, so each must be readable."""
+    from robomend.errors import InputError
+    from robomend.oneshots.question import sentences_of
+
+    for number, line in enumerate(_lines(path), 1):
+        try:
+            yield warm.question(sentences_of(line))
+        except InputError as error:
+            raise InputError(f"snapshot {number}: {error}") from error
+
+
+def _lines(path: str) -> Iterator[str]:
+    """Yield the lines of a file that say something, `-` for stdin; InputError if it cannot be read."""
+    from robomend.errors import InputError
+
+    try:
+        if path == "-":
+            yield from (line for line in sys.stdin if line.strip())
+        else:
+            with Path(path).open(encoding="utf-8") as file:
+                yield from (line for line in file if line.strip())
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path} is not UTF-8 text") from error

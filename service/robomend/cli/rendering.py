@@ -1,65 +1,12 @@
-"""Answers of `robomend diagnose`: one compact JSON object, or a table for people."""
+"""Answers of `robomend diagnose` for people."""
 
 from __future__ import annotations
-
-import json
-from collections.abc import Sequence
 
 from robomend.diagnosis.explanations import what_was_learned
 from robomend.diagnosis.result import DiagnosisResult
 
-HEALTHY = '{"diagnoses":[{"bad":[],'
-"""How the object of a healthy set begins."""
-
 SHOWN = 20
 """Conflicts, healthy suspects and lessons that the table lists; JSON has all of them."""
-
-
-class Renderer:
-    """Results of one model as JSON text; `elapsed_s` stands last."""
-
-    def __init__(self, components: Sequence[str], *, factored: bool) -> None:
-        self._quoted = {name: json.dumps(name, ensure_ascii=False) for name in components}
-        self._factored = factored
-
-    def __call__(self, result: DiagnosisResult) -> str:
-        """Return the object. `good` makes it long, so that it is put together from quoted names."""
-        quoted = self._quoted
-        diagnoses = []
-        for diagnosis in result.diagnoses:
-            bad = ",".join([quoted[name] for name in diagnosis.bad])
-            out = set(diagnosis.bad)
-            good = ",".join([text for name, text in quoted.items() if name not in out])
-            more = f',"modes":{_compact(dict(diagnosis.modes))}' if diagnosis.modes else ""
-            more += f',"resolves":{_compact(diagnosis.resolves)}'
-            probability = json.dumps(diagnosis.probability)
-            diagnoses.append(f'{{"bad":[{bad}],"good":[{good}],"probability":{probability}{more}}}')
-        conflicts = [
-            {
-                "components": conflict.components,
-                "observations": [str(literal) for literal in conflict.observations],
-                "rules": conflict.rules,
-                "text": conflict.text,
-            }
-            for conflict in result.conflicts
-        ]
-        learned = what_was_learned(result.conflicts, result.learned)
-        extra = f',"learned":{_compact(learned)},"cleared":{_compact(dict(result.cleared))}'
-        if self._factored:
-            factored = [
-                [{"component": f.component, "alternatives": f.alternatives} for f in product]
-                for product in result.factored
-            ]
-            extra += f',"factored":{_compact(factored)},"count":{_compact(result.count)}'
-        return (
-            f'{{"diagnoses":[{",".join(diagnoses)}],"complete":{_compact(result.complete)},'
-            f'"stopped_by":{_compact(result.stopped_by)},"conflicts":{_compact(conflicts)}{extra},'
-            f'"elapsed_s":{result.elapsed_s:.6f}}}'
-        )
-
-
-def _compact(value: object) -> str:
-    return json.dumps(value, ensure_ascii=False, separators=(",", ":"))
 
 
 def show(result: DiagnosisResult) -> None:
@@ -90,7 +37,7 @@ def show(result: DiagnosisResult) -> None:
     if result.count is not None:
         console.print(f"{result.count} in all")
     sentences = [f"conflict {number}: {c.text}" for number, c in enumerate(result.conflicts, 1)]
-    lessons = what_was_learned(result.conflicts, result.learned)
+    lessons = what_was_learned(result.conflicts)
     sentences_of = {
         "conflicts": sentences,
         "lessons": [f"learned from {literal}: {text}" for literal, text in lessons.items()],

@@ -14,11 +14,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from robomend.diagnosis.probes import ProbeResult
-from robomend.diagnosis.result import Diagnosis, DiagnosisResult
+from robomend.diagnosis.result import DiagnosisResult
 from robomend.errors import Refused, RobomendError, StateConflict
 from robomend.model.components import ComponentModel
 from robomend.oneshots.oneshots import OneShots
-from robomend.planning.advice import Situation, plan_answer
+from robomend.oneshots.plan_json import choice_json
+from robomend.oneshots.question import given_diagnosis
+from robomend.planning.advice import Situation
 from robomend.planning.choice import Attempt, Choice, Patience
 from robomend.planning.domain.loading import load_domain
 from robomend.planning.plan import Plan
@@ -181,7 +183,7 @@ class Chooser:
         if not costs:
             return None
         try:
-            found = await self._one_shots.probes(state, 10)
+            found = await self._one_shots.probes(*state.question(), state.config.engine, 10)
         except RobomendError:
             return None  # looking first is a saving, never a condition
         return replace(found, probes=tuple(probe for probe in found.probes if probe.atom in costs))
@@ -197,11 +199,7 @@ class Chooser:
     ) -> dict[str, Any]:
         """Return what would be done now, as JSON: the dry run of POST …/plans."""
         self._parts(state)
-        components = state.system.cnf.components
-        if bad is None:
-            result = _present(state)
-        else:
-            result = DiagnosisResult(components, (Diagnosis(tuple(bad)),), True, None, (), 0.0)
+        result = _present(state) if bad is None else given_diagnosis(bad, state.system)
         found = await self.choose(
             state,
             result,
@@ -211,7 +209,7 @@ class Chooser:
             pddl=pddl,
             permitted=False,
         )
-        return plan_answer(found, components)
+        return choice_json(found, state.system.cnf.components)
 
     def _parts(self, state: Robot) -> ComponentModel:
         if state.system.parts is None:

@@ -17,7 +17,6 @@ The cache is exact: the key is the model version, the options, and the set of ob
 from __future__ import annotations
 
 import asyncio
-import json
 import time
 from collections import Counter, OrderedDict
 from collections.abc import Iterable
@@ -30,7 +29,7 @@ from robomend.errors import RobomendError
 from robomend.metrics import Metrics
 from robomend.model.cnf import HealthCnf
 from robomend.model.system import System
-from robomend.oneshots.answers import result_json
+from robomend.oneshots.result_json import result_json, timeless
 from robomend.settings import Settings
 from robomend.store.encoding import to_json
 from robomend_client.literals import Literal
@@ -64,8 +63,8 @@ class Diagnosed:
     def of(cls, result: DiagnosisResult) -> Diagnosed:
         """Return the answer for a result."""
         values = result_json(result)
-        key = json.dumps({**values, "elapsed_s": 0}, sort_keys=True)
-        return cls(result, None, values, key, to_json(values))
+        text = to_json(values)
+        return cls(result, None, values, timeless(text), text)
 
     @classmethod
     def failed(cls, fault: RobomendError) -> Diagnosed:

@@ -7,14 +7,16 @@ through `on_change`: they are diagnosed anew over the same OBS.
 from __future__ import annotations
 
 import asyncio
+import hashlib
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import replace
 
-from robomend.errors import TooLarge
+from robomend.errors import InputError, TooLarge
 from robomend.model.checking import contradictory
 from robomend.model.loading import load_text
 from robomend.model.system import System
+from robomend.oneshots.oneshots import Subject
 from robomend.settings import Settings
 from robomend.store.interface import Store, Transaction
 from robomend.store.records import AuditEntry, StoredModel
@@ -63,6 +65,23 @@ class Systems:
         else:
             self._compiled.move_to_end(key)
         return system
+
+    async def subject(self, model: str | None, source: str | None) -> Subject:
+        """Return what a one-shot asks about: a stored model by its name, or a model's text.
+
+        Raises:
+            InputError: neither, or both.
+            NotFound: there is no model of this name.
+            ModelError, TooLarge: as `load`.
+        """
+        if (model is None) == (source is None):
+            raise InputError("give either `model`, the name of a stored one, or `source`, a model's text")
+        if model is not None:
+            stored, system = await self.current(model)
+            return Subject(f"{stored.name}@{stored.version}", system)
+        assert source is not None
+        system = await self.load(source, name=None, format=None)
+        return Subject(f"text:{hashlib.sha256(source.encode()).hexdigest()}", system)
 
     async def load(self, source: str, *, name: str | None, format: str | None) -> System:
         """Compile a text within the service's limits.
