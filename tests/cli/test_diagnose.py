@@ -74,10 +74,6 @@ def test_each_observation_says_what_it_taught_and_each_diagnosis_what_it_resolve
     assert {*found["cleared"]} == {"hokuyo_node", "jaguar_node"}
     assert all(sorted(diagnosis["resolves"]) == [0, 1] for diagnosis in found["diagnoses"])
     assert [*found][-1] == "elapsed_s"
-    assert run(["diagnose", TEDUSAR, "-o", "not ok(scan)"]) == 0
-    out = capsys.readouterr().out
-    assert "learned from not ok(scan): one of hokuyo and hokuyo_node is abnormal" in out
-    assert "healthy in 1: hokuyo_node, as hokuyo already resolves the only conflict" in out
 
 
 def test_snapshots_of_one_robot_have_one_answer(tmp_path: Path, capsys: Capture) -> None:
@@ -91,7 +87,7 @@ def test_snapshots_of_one_robot_have_one_answer(tmp_path: Path, capsys: Capture)
     )
     assert bad(narrowed) == [["jaguar", "hokuyo_node"], ["jaguar_node", "hokuyo_node"]]
     assert run(["diagnose", TEDUSAR, "--observations", str(sets), "--together", "--fail-on-fault"]) == 1
-    assert "4 in all" in capsys.readouterr().out
+    assert "4 diagnoses, any one of which explains what was seen" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("name", ["two.wcnf", "two.wcnf.gz"])
@@ -156,7 +152,7 @@ def test_a_list_that_is_cut_short_says_how_to_count_the_rest(tmp_path: Path, cap
     assert "more than 3 diagnoses; --minimal cardinality --factored counts" in captured.err
     assert run([*least, "--factored"]) == 0
     captured = capsys.readouterr()
-    assert "10 in all" in captured.out
+    assert "10 diagnoses, any one of which explains what was seen" in captured.out
     assert not captured.err
 
 

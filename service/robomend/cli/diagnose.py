@@ -12,20 +12,28 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from robomend.cli.models import is_snapshot_file, load
+from robomend.cli.files import near_file
+from robomend.cli.models import MODEL, is_snapshot_file, load
 
 if TYPE_CHECKING:
+    from robomend.diagnosis.probes import ProbeResult
     from robomend.diagnosis.result import DiagnosisResult, Options
     from robomend.model.cnf import HealthCnf
     from robomend.oneshots.question import Question
     from robomend.oneshots.warm_model import WarmModel
 
+PROBES_S = 0.5
+"""For finding out what to look at next: it comes on top of the diagnosis."""
+
 
 @click.command("diagnose")
-@click.argument("model")
+@click.argument("model", type=MODEL)
 @click.option("--observe", "-o", multiple=True, metavar="SENTENCE", help='E.g. "not ok(scan)"; repeatable.')
 @click.option(
-    "--observations", metavar="FILE", help="One set per line: a JSON array, or literals; - is stdin."
+    "--observations",
+    type=click.Path(allow_dash=True),
+    metavar="FILE",
+    help="One set per line: a JSON array, or literals; - is stdin.",
 )
 @click.option("--together", is_flag=True, help="One answer for all lines: the faults are the same.")
 @click.option(
@@ -46,6 +54,12 @@ if TYPE_CHECKING:
 @click.option("--unknown", type=click.Choice(("refuse", "keep")), default="refuse", help="Undeclared names.")
 @click.option("--fail-on-fault", is_flag=True, help="Exit with 1 unless everything is healthy.")
 @click.option(
+    "--all",
+    "all_",
+    is_flag=True,
+    help="Every diagnosis and conflict, and why other suspects are cleared.",
+)
+@click.option(
     "--format", "format_", type=click.Choice(("table", "json")), help="Default: table; json for files."
 )
 def command(model: str, **given: Any) -> int:
@@ -62,6 +76,7 @@ def command(model: str, **given: Any) -> int:
     if is_snapshot_file(model):
         return _snapshot_file(model, given)
     system = load(model)
+    from robomend.cli.diagnosis_text import PROBES, leading_first
     from robomend.oneshots.warm_model import WarmModel
 
     for warning in system.warnings:
@@ -70,6 +85,7 @@ def command(model: str, **given: Any) -> int:
         raise click.UsageError("--observations writes JSON lines; leave out --format table")
     if given["observations"] is not None and given["observe"]:
         raise click.UsageError("give either --observe or --observations")
+    probes = None
     with WarmModel(
         system,
         given["engine"],
@@ -82,13 +98,26 @@ def command(model: str, **given: Any) -> int:
         elif given["observations"] is not None:
             return _many(warm, given["observations"], given["fail_on_fault"])
         else:
-            result = warm.ask(warm.question(given["observe"])).result
-    return _one(result, system.cnf, given)
+            asked = warm.question(given["observe"])
+            result = warm.ask(asked).result
+            if given["format_"] != "json" and not given["factored"]:
+                result = leading_first(result)
+                probes = warm.probes(asked, result, limit=PROBES, timeout_s=PROBES_S)
+    blind = not given["observe"] and not given["together"]
+    return _one(result, system.cnf, given, probes, repairable=system.parts is not None, blind=blind)
 
 
-def _one(result: DiagnosisResult, cnf: HealthCnf, given: dict[str, Any]) -> int:
+def _one(
+    result: DiagnosisResult,
+    cnf: HealthCnf,
+    given: dict[str, Any],
+    probes: ProbeResult | None = None,
+    *,
+    repairable: bool = False,
+    blind: bool = False,
+) -> int:
     """Write one answer; return the exit code."""
-    from robomend.cli.rendering import show
+    from robomend.cli.diagnosis_text import leading_first, told
     from robomend.oneshots.result_json import quoted_names, result_text
 
     for literal in result.unused:
@@ -96,7 +125,14 @@ def _one(result: DiagnosisResult, cnf: HealthCnf, given: dict[str, Any]) -> int:
     if given["format_"] == "json":
         click.echo(result_text(result, quoted_names(result.components)))
     else:
-        show(result)
+        lines = told(
+            leading_first(result),
+            probes,
+            everything=given["all_"],
+            repairable=repairable,
+            blind=blind,
+        )
+        click.echo("\n".join(lines))
     if result.stopped_by == "limit" and cnf.circuit and not given["factored"] and not given["together"]:
         found = len(result.diagnoses)
         click.echo(
@@ -120,7 +156,7 @@ def _snapshot_file(model: str, given: dict[str, Any]) -> int:
     try:
         read = read_wcnf(Path(model))
     except OSError as error:
-        raise ModelError(f"cannot be read: {error.strerror or error}", model) from error
+        raise ModelError(f"cannot be read: {error.strerror or error}{near_file(model)}", model) from error
     return _one(
         explain_snapshots(read.cnf, read.snapshots, given["engine"], _options(given)), read.cnf, given
     )
@@ -200,6 +236,6 @@ def _lines(path: str) -> Iterator[str]:
             with Path(path).open(encoding="utf-8") as file:
                 yield from (line for line in file if line.strip())
     except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror}") from error
+        raise InputError(f"{path} cannot be read: {error.strerror}{near_file(path)}") from error
     except UnicodeDecodeError as error:
         raise InputError(f"{path} is not UTF-8 text") from error

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from robomend.cli.models import load
+from robomend.cli.files import ExistingFile
+from robomend.cli.models import MODEL, load
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 
 
 @click.command("plan")
-@click.argument("model")
+@click.argument("model", type=MODEL)
 @click.option("--observe", "-o", multiple=True, metavar="SENTENCE", help='E.g. "not ok(scan)"; repeatable.')
 @click.option(
     "--bad", multiple=True, metavar="COMPONENT", help="Repair this instead of diagnosing; repeatable."
@@ -36,7 +37,7 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--domain",
-    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    type=ExistingFile(),
     help="Your PDDL actions, or domain.",
 )
 @click.option("--engine", default="sat", show_default=True, help="Of the diagnosis.")

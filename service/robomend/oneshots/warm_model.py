@@ -15,6 +15,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from types import TracebackType
 
 from robomend.diagnosis.engines import DEFAULT, make_engine
+from robomend.diagnosis.probes import Prober, ProbeResult
 from robomend.diagnosis.ranking import rank
 from robomend.diagnosis.result import DiagnosisResult, Engine, Options
 from robomend.diagnosis.snapshots import diagnose_snapshots
@@ -131,6 +132,16 @@ class WarmModel:
                     del self._explained[next(iter(self._explained))]
                 self._explained[asked] = explained
         return explained
+
+    def probes(
+        self, asked: Question, result: DiagnosisResult, *, limit: int, timeout_s: float
+    ) -> ProbeResult:
+        """Return what to look at next, given the answer to a question; see Prober.probes."""
+        prober = Prober(self.system.extended(asked.assertions).cnf)
+        try:
+            return prober.probes(sorted(asked.literals), result, limit=limit, timeout_s=timeout_s)
+        finally:
+            prober.close()
 
     def ask_together(self, questions: Iterable[Question]) -> DiagnosisResult:
         """Return the fault sets that explain every set: snapshots of one robot with the same faults.
