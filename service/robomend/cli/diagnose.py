@@ -14,6 +14,7 @@ import click
 
 from robomend.cli.files import near_file
 from robomend.cli.models import MODEL, is_snapshot_file, load
+from robomend.diagnosis.engines import DEFAULT, ENGINES
 
 if TYPE_CHECKING:
     from robomend.diagnosis.probes import ProbeResult
@@ -37,7 +38,7 @@ PROBES_S = 0.5
 )
 @click.option("--together", is_flag=True, help="One answer for all lines: the faults are the same.")
 @click.option(
-    "--engine", default="sat", show_default=True, help="sat, asp, maxsat, hs_dag, or one installed."
+    "--engine", default=DEFAULT, show_default=True, help=f"{', '.join(ENGINES.built_in)}, or one installed."
 )
 @click.option("--minimal", type=click.Choice(("cardinality", "subset")), default="subset", show_default=True)
 @click.option("--max-size", type=click.IntRange(min=0), help="No diagnosis larger than this.")

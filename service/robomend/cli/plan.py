@@ -11,6 +11,7 @@ import click
 
 from robomend.cli.files import ExistingFile
 from robomend.cli.models import MODEL, load
+from robomend.planning.planners import DEFAULT, PLANNERS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -31,9 +32,9 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--planner",
-    default="pyperplan",
+    default=DEFAULT,
     show_default=True,
-    help="pyperplan, asp, fast-downward, or one installed.",
+    help=f"{', '.join(PLANNERS.built_in)}, or one installed.",
 )
 @click.option(
     "--domain",
@@ -75,7 +76,6 @@ def command(model: str, **given: Any) -> int:
 
 
 def _options(system: System, given: dict[str, Any]) -> PlanOptions:
-    from robomend.planning.planners import PLANNERS
     from robomend.planning.planning import PlanOptions
 
     timeout = given["timeout"]
