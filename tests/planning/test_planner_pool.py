@@ -14,7 +14,6 @@ from tests.planning.robots import ALL_OFF, POWER_UP, TEDUSAR, texts
 from robomend.errors import DomainError, SolverError, WorkerDied
 from robomend.planning.plan import Outcome
 from robomend.planning.planner_pool import PlannerPool
-from robomend.planning.planners import PLANNERS
 from robomend.planning.planning import PlanOptions
 from robomend_client.literals import fails
 
@@ -62,7 +61,7 @@ NAMES = ("Hangs", "Crashes", "Hogs", "Lies", "Refuses", "Backwards")
 @pytest.fixture(scope="module")
 def pool(tmp_path_factory: pytest.TempPathFactory) -> Iterator[PlannerPool]:
     """Worker processes that see a distribution with planners of a third party."""
-    points = {PLANNERS.group: {name.lower(): name for name in NAMES}}
+    points = {"robomend.planners": {name.lower(): name for name in NAMES}}
     folder = install(tmp_path_factory.mktemp("third_party"), "odd_planners", CODE, points)
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(folder))
