@@ -172,7 +172,7 @@ def ask_engine(
 ) -> DiagnosisResult:
     """Return an engine's answer, weighed by the model's priors if the engine did not do so itself."""
     result = engine.diagnose(sorted(literals), options)
-    if not cnf.priors or any(diagnosis.probability is not None for diagnosis in result.diagnoses):
+    if any(diagnosis.probability is not None for diagnosis in result.diagnoses):
         return result
     return rank(result, cnf, options)
 
