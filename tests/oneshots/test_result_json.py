@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robomend.diagnosis.result import Conflict, Diagnosis, DiagnosisResult, Factor
-from robomend.oneshots.result_json import quoted_names, result_json, result_text, timeless, with_time
+from robomend.oneshots.result_json import quoted_names, result_json, result_text, timed, timeless
 from robomend_client.literals import fails
 
 AGREED = ["diagnoses", "complete", "stopped_by", "conflicts"]
@@ -64,7 +64,7 @@ def test_the_text_is_the_values(result: DiagnosisResult) -> None:
 def test_the_time_can_be_exchanged_and_left_out(result: DiagnosisResult, elapsed_s: float) -> None:
     quoted = quoted_names(result.components)
     text = result_text(result, quoted)
-    other = json.loads(with_time(text, elapsed_s))
+    other = json.loads(timed(timeless(text), elapsed_s))
     assert other == {**json.loads(text), "elapsed_s": round(elapsed_s, 6)}
     assert timeless(text) == timeless(result_text(replace(result, elapsed_s=elapsed_s), quoted))
 

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
 
+from robomend.diagnosis.engines import make_engine
 from robomend.diagnosis.ranking import posterior
-from robomend.diagnosis.result import Diagnosis, DiagnosisResult, Options
+from robomend.diagnosis.result import Diagnosis, DiagnosisResult, Engine, Options
 from robomend.errors import ContradictoryModel, OptionRefused, UnknownComponent
-from robomend.model.loading import load_text
+from robomend.model.loading import load_model, load_text
 from robomend.oneshots import warm_model
+from robomend.oneshots.result_json import quoted_names, result_text, timeless
 from robomend.oneshots.warm_model import WarmModel, ask_engine
+from robomend.resources import resource
+from robomend_client.literals import Literal, fails
 
 ROBOT = load_text(
     "robomend: 1\nhardware: {lidar: {channel: 1, prior: 0.1}}\nproperties: [lamp]\nnodes:\n"
@@ -61,12 +67,28 @@ def test_an_answer_that_ran_out_of_time_is_not_kept() -> None:
 
 def test_a_long_text_is_made_again_and_a_short_one_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     with WarmModel(ROBOT) as model:
+        made: list[DiagnosisResult] = []
+
+        def noted(result: DiagnosisResult, quoted: dict[str, str]) -> str:
+            made.append(result)
+            return result_text(result, quoted)
+
+        monkeypatch.setattr(warm_model, "result_text", noted)
         short = model.ask_line("not ok(scan)")
-        assert short.text() is short.text()
+        assert short.text(1.0) == short.text(1.0)
+        assert len(made) == 1
         monkeypatch.setattr(warm_model, "KEPT_TEXT", 10)
         long = model.ask_line("not ok(map)")
-        assert long.text() is not long.text()
-        assert long.text() == long.text()
+        assert long.text(1.0) == long.text(1.0)
+        assert len(made) == 3
+
+
+def test_an_answer_tells_its_own_time_but_no_more_than_the_diagnosis_took() -> None:
+    with WarmModel(ROBOT) as model:
+        explained = model.ask_line("not ok(scan)")
+    took = explained.result.elapsed_s
+    assert json.loads(explained.text(took / 2))["elapsed_s"] == pytest.approx(took / 2, abs=1e-6)
+    assert json.loads(explained.text(1000.0))["elapsed_s"] == pytest.approx(took, abs=1e-6)
 
 
 def test_what_the_model_does_not_have_is_refused_before_anything_is_asked() -> None:
@@ -95,6 +117,23 @@ def test_snapshots_of_one_robot_have_one_answer() -> None:
             model.ask_together([model.question(["ok(scan) or ok(map)"])])
     with WarmModel(ROBOT, "asp") as model, pytest.raises(OptionRefused, match="'asp' cannot be asked"):
         model.ask_together(sets)
+
+
+def test_a_set_has_one_answer_whatever_the_order_of_its_literals() -> None:
+    """By itself an engine tells the conflict that it meets first, and here there are two."""
+    cnf = load_model(resource("examples", "tedusar.yaml")).cnf
+    seen = [fails("running", "imu_node"), fails("ok", "imu_data")]
+
+    def texts(ask: Callable[[Engine, list[Literal]], DiagnosisResult]) -> set[str]:
+        found = set()
+        for order in (seen, seen[::-1]):
+            engine = make_engine("sat", cnf)
+            found.add(timeless(result_text(ask(engine, order), quoted_names(cnf.components))))
+            engine.close()
+        return found
+
+    assert len(texts(lambda engine, order: engine.diagnose(order))) == 2
+    assert len(texts(lambda engine, order: ask_engine(engine, cnf, order, Options()))) == 1
 
 
 class NoScales:

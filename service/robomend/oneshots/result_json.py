@@ -53,9 +53,9 @@ def timeless(text: str) -> str:
     return text.rpartition(LAST)[0]
 
 
-def with_time(text: str, elapsed_s: float) -> str:
-    """Return the text of a result with another time."""
-    return f"{timeless(text)}{LAST}{elapsed_s:.6f}}}"
+def timed(text: str, elapsed_s: float) -> str:
+    """Return what `timeless` left of a result with a time of its own."""
+    return f"{text}{LAST}{elapsed_s:.6f}}}"
 
 
 def _json(result: DiagnosisResult, good: list[Any]) -> dict[str, Any]:

@@ -3,7 +3,7 @@
     with WarmModel(system, "sat", Options()) as model:
         for line in file:
             explained = model.ask_line(line)
-            explained.result, explained.text()
+            explained.result, explained.text(elapsed_s=…)
 
 Logs repeat few distinct sets, so what was answered for good is remembered by its literals. Values come out,
 and text when asked for; nothing here needs a service, so that logs are diagnosed with it as well.
@@ -25,7 +25,7 @@ from robomend.model.cnf import HealthCnf
 from robomend.model.system import System
 from robomend.observations.language import Unknown
 from robomend.oneshots.question import Question, question, sentences_of, supposing
-from robomend.oneshots.result_json import quoted_names, result_text
+from robomend.oneshots.result_json import quoted_names, result_text, timed, timeless
 from robomend_client.literals import Literal
 
 REMEMBERED = 2000
@@ -41,22 +41,31 @@ ENGINES = 8
 class Explained:
     """The answer to one question, and to every equal one."""
 
-    __slots__ = ("_quoted", "_text", "healthy", "result")
+    __slots__ = ("_quoted", "_text", "elapsed_s", "healthy", "result")
 
     def __init__(self, result: DiagnosisResult, quoted: Mapping[str, str]) -> None:
         self.result = result
+        self.elapsed_s = result.elapsed_s
         self.healthy = result.healthy
         self._quoted = quoted
-        self._text: str | None = None
+        self._text: str | None = None  # up to the time
 
-    def text(self) -> str:
-        """Return the result as compact JSON."""
-        if self._text is not None:
-            return self._text
-        text = result_text(self.result, self._quoted)
-        if len(text) <= KEPT_TEXT:
-            self._text = text
-        return text
+    @property
+    def final(self) -> bool:
+        """Whether asking again would not better it."""
+        return self.result.stopped_by != "time"
+
+    def text(self, elapsed_s: float) -> str:
+        """Return the result as compact JSON with the time that this answer took.
+
+        One that was known already took less than the diagnosis did; none takes more.
+        """
+        text = self._text
+        if text is None:
+            text = timeless(result_text(self.result, self._quoted))
+            if len(text) <= KEPT_TEXT:
+                self._text = text
+        return timed(text, elapsed_s if elapsed_s < self.elapsed_s else self.elapsed_s)
 
 
 class WarmModel:
@@ -83,7 +92,7 @@ class WarmModel:
         self._unknown: Unknown = unknown
         self._engines: dict[tuple[Assertion, ...], tuple[Engine, HealthCnf]] = {}
         self._explained: dict[Question, Explained] = {}
-        self._read: dict[str, Question] = {}
+        self._by_line: dict[str, Explained] = {}
         self._quoted = quoted_names(system.cnf.components)
         self._engine(())
 
@@ -107,13 +116,14 @@ class WarmModel:
 
     def ask_line(self, line: str) -> Explained:
         """Answer a line of sentences; see `sentences_of`."""
-        asked = self._read.get(line)
-        if asked is None:
-            asked = self.question(sentences_of(line))
-            if len(self._read) >= REMEMBERED:
-                self._read.clear()
-            self._read[line] = asked
-        return self.ask(asked)
+        explained = self._by_line.get(line)
+        if explained is None:
+            explained = self.ask(self.question(sentences_of(line)))
+            if explained.final:
+                if len(self._by_line) >= REMEMBERED:
+                    self._by_line.clear()
+                self._by_line[line] = explained
+        return explained
 
     def ask(self, asked: Question) -> Explained:
         """Answer a question, or tell the answer again.
@@ -127,7 +137,7 @@ class WarmModel:
             engine, cnf = self._engine(asked.assertions)
             result = ask_engine(engine, cnf, asked.literals, self.options)
             explained = Explained(result, self._quoted)
-            if result.stopped_by != "time":
+            if explained.final:
                 if len(self._explained) >= REMEMBERED:
                     del self._explained[next(iter(self._explained))]
                 self._explained[asked] = explained
@@ -170,11 +180,21 @@ class WarmModel:
 def ask_engine(
     engine: Engine, cnf: HealthCnf, literals: Iterable[Literal], options: Options
 ) -> DiagnosisResult:
-    """Return an engine's answer, weighed by the model's priors if the engine did not do so itself."""
-    result = engine.diagnose(sorted(literals), options)
+    """Return an engine's answer, weighed by the model's priors if the engine did not do so itself.
+
+    The literals are put in order first: which of several conflicts an engine finds depends on it, and a set
+    has to have one answer whoever asks, in whatever process.
+    """
+    result = engine.diagnose(sorted(literals, key=_order), options)
     if any(diagnosis.probability is not None for diagnosis in result.diagnoses):
         return result
     return rank(result, cnf, options)
+
+
+def _order(literal: Literal) -> tuple[str, tuple[str, ...], bool]:
+    """Return what literals are sorted by: as they are by themselves, but compared in C."""
+    atom = literal.atom
+    return atom.predicate, atom.args, literal.positive
 
 
 def explain_snapshots(

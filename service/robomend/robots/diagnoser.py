@@ -30,6 +30,7 @@ from robomend.metrics import Metrics
 from robomend.model.cnf import HealthCnf
 from robomend.model.system import System
 from robomend.oneshots.result_json import result_json, timeless
+from robomend.oneshots.warm_model import ask_engine
 from robomend.settings import Settings
 from robomend.store.encoding import to_json
 from robomend_client.literals import Literal
@@ -180,7 +181,7 @@ class Diagnoser:
         budget_s = min(4 * self._settings.inline_budget_s, options.timeout_s or float("inf"))
         warm = self._warm(version, engine, system.cnf)
         began = time.thread_time()  # not the wall's: what others take of the processor is no model's fault
-        result = warm.diagnose(observed, replace(options, timeout_s=budget_s))
+        result = ask_engine(warm, system.cnf, observed, replace(options, timeout_s=budget_s))
         if time.thread_time() - began > self._settings.inline_budget_s:
             self._strikes[version, engine] += 1
             if self._strikes[version, engine] >= STRIKES:
