@@ -106,6 +106,13 @@ class Settings(BaseModel):
     log_level: Literal["debug", "info", "warning", "error"] = "info"
     log_format: Literal["json", "text"] = "json"
 
+    @property
+    def database_url(self) -> str:
+        """The URL of the database, password included: as set, or SQLite in the data folder."""
+        if self.database is not None:
+            return self.database.get_secret_value()
+        return f"sqlite:///{self.data.expanduser().resolve() / 'robomend.db'}"
+
 
 def load(
     flags: Mapping[str, Any], environment: Mapping[str, str], file: Path | None

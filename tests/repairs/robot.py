@@ -21,7 +21,7 @@ from robomend.repairs.repairs import Repairs, make_repairs
 from robomend.robots.batches import Batch
 from robomend.robots.robots import Robots
 from robomend.settings import Settings
-from robomend.store.interface import Store
+from robomend.store import Store
 
 MODEL = """
 robomend: 1

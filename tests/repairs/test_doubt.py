@@ -16,6 +16,7 @@ import pytest
 from tests.repairs.remote import awaits, ended, latest, remote_robot, services
 from tests.repairs.robot import CONFIG, Robot, robot_on, service, the_repair, with_recalibrate
 
+from robomend.store import agent_actions, audit
 from robomend_client.actions import UNREACHABLE
 
 pytestmark = pytest.mark.anyio
@@ -146,11 +147,11 @@ async def test_what_no_agent_had_taken_is_no_question(
     async with service(tmp_path) as runtime, robot_on(runtime, **with_recalibrate(30.0)) as robot:
         await asyncio.sleep(0.2)
         robot.broken_topics.add("odom")
-        while not await runtime.store.read(lambda view: view.agent_actions("r1")):
+        while not await runtime.store.read(agent_actions.waiting, "r1"):
             await asyncio.sleep(0.01)
         await runtime.repairs.stop(by="ann", reason="careful")
         stopped = await the_repair(runtime)
-        page = await runtime.store.read(lambda view: view.audit(robot="r1"))
+        page = await runtime.store.read(audit.page, robot="r1")
     [outcome] = [entry for entry in page.items if entry.action == "action.result"]
     assert (outcome.subject, outcome.after) == ("recalibrate(base_node)", {"result": UNREACHABLE})
     assert stopped["reason"] == "global stop: careful"

@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 from tests.repairs.robot import CONFIG, SHUT_DOWN, Robot, robot_on, running, service, the_repair
 
+from robomend.store import attempts, audit
+
 pytestmark = pytest.mark.anyio
 
 
@@ -283,7 +285,7 @@ async def test_observers_that_fall_silent_under_way_are_named_and_not_the_compon
         robot.cut("base")
         repair = await the_repair(runtime)
         quarantined = await runtime.repairs.quarantined("r1")
-        attempts = await runtime.store.read(lambda view: view.tried("r1"))
+        tried = await runtime.store.read(attempts.tried, "r1")
     assert repair["state"] == "escalated"
     assert repair["reason"] == (
         "power_up(base) answered 'done', but on(base) was not seen within 1 s, and nobody reported on(base) "
@@ -291,7 +293,7 @@ async def test_observers_that_fall_silent_under_way_are_named_and_not_the_compon
     )
     assert [one["ending"] for one in repair["rounds"]] == ["stale"]
     assert robot.done == ["power_up(base)"]
-    assert (quarantined, attempts) == ({}, ())
+    assert (quarantined, tried) == ({}, ())
 
 
 async def test_the_wrong_component_repaired_first_is_followed_by_the_right_one(tmp_path: Path) -> None:
@@ -316,7 +318,7 @@ async def test_every_action_is_in_the_audit_log_with_its_cause(tmp_path: Path) -
         await asyncio.sleep(0.2)
         robot.cut("base")
         await the_repair(runtime)
-        page = await runtime.store.read(lambda view: view.audit(robot="r1"))
+        page = await runtime.store.read(audit.page, robot="r1")
     sent = [entry for entry in page.items if entry.action == "action.sent"]
     assert [entry.subject for entry in reversed(sent)] == SHUT_DOWN
     assert all("base should be on" in entry.reason for entry in sent)

@@ -12,6 +12,7 @@ from tests.repairs.robot import CONFIG, Robot, robot_on, service, the_repair
 
 from robomend.api.runtime import Runtime
 from robomend.errors import Refused
+from robomend.store import audit
 
 pytestmark = pytest.mark.anyio
 
@@ -76,7 +77,7 @@ async def test_the_stop_survives_a_restart(tmp_path: Path) -> None:
 
 async def audit_of(runtime: Runtime) -> list[str]:
     """Return what was done to whom, oldest first: the order is that of the writes."""
-    page = await runtime.store.read(lambda view: view.audit())
+    page = await runtime.store.read(audit.page)
     return [entry.action for entry in reversed(page.items)]
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from tests.repairs.remote import ServiceProcess, ended, latest, remote_robot, services
 from tests.repairs.robot import Robot
+from tests.store.examples import owner
 
 from robomend_client.rest.errors import Forbidden
 
@@ -25,19 +26,17 @@ def database(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[str, ...]:
     return ("--data", str(tmp_path), "--database", str(request.getfixturevalue("postgres_url")))
 
 
-async def owner_of(running: list[ServiceProcess], database: tuple[str, ...]) -> ServiceProcess:
-    """Return the service that carries out the robot's repairs."""
+async def owner_of(running: list[ServiceProcess], database: tuple[str, ...]) -> ServiceProcess | None:
+    """Return the service that carries out the robot's repairs; None while nobody living does."""
     from robomend.api.runtime import opened_store
     from robomend.settings import Settings
 
     values = dict(zip(("data", "database"), database[1::2], strict=False))
     async with opened_store(Settings.model_validate(values)) as store:
-        owner = await store.read(lambda view: view.owner("r1"))
-        instances = await store.read(lambda view: view.instances())
-    assert owner is not None
-    [pid] = [instance.pid for instance in instances if instance.id == owner.instance]
-    [found] = [one for one in running if one.process is not None and one.process.pid == pid]
-    return found
+        instance, _ = await store.read(owner, "r1")
+        instances = await store.ownership.instances()
+    pids = {one.pid for one in instances if one.id == instance}
+    return next((one for one in running if one.process is not None and one.process.pid in pids), None)
 
 
 async def test_the_other_instance_takes_over_a_repair_and_finishes_it(database: tuple[str, ...]) -> None:
@@ -57,6 +56,7 @@ async def test_the_other_instance_takes_over_a_repair_and_finishes_it(database: 
         async with asyncio.timeout(20):
             await begun.wait()
         victim = await owner_of(running, database)
+        assert victim is not None
         [other] = [service for service in running if service is not victim]
         client = other.client
         assert client is not None

@@ -19,6 +19,7 @@ from tests.repairs.robot import CONFIG, Robot, running, service, the_repair
 from tests.robomend_board.processes import running as emulator
 
 from robomend.api.runtime import Runtime
+from robomend.store import attempts
 
 pytestmark = pytest.mark.anyio
 
@@ -190,10 +191,10 @@ async def test_a_bus_is_reset_by_a_program_of_the_service_s_own_settings(tmp_pat
         robot = Inertial(runtime.repairs, runtime.robots, running={"imu_node": True})
         async with running(robot):
             repair = await the_repair(runtime)
-            attempts = await runtime.store.read(lambda view: view.attempts("r1", 0))
+            counted = await runtime.store.read(attempts.counted, "r1", 0)
     assert repair["state"] == "repaired", repair["reason"]
     assert log.read_text() == "usb1\n"
-    assert set(attempts) == {"imu_node"}  # the bus is no component of the model
+    assert set(counted) == {"imu_node"}  # the bus is no component of the model
 
 
 async def test_a_program_that_the_settings_do_not_name_is_refused_by_name(tmp_path: Path) -> None:
