@@ -18,6 +18,8 @@ from robomend.planning.planners import PLANNERS
 from robomend.planning.planning import PlanOptions
 from robomend_client.literals import fails
 
+pytestmark = pytest.mark.slow
+
 CODE = '''
 import os, signal, time
 from robomend.errors import SolverError

@@ -17,8 +17,8 @@ import pytest
 from tests.postgres import PostgresServer
 from tests.store.examples import entry, observe, with_robots
 
-from robomend.errors import RobomendError, StoreError, StoreFull, StoreOverloaded
-from robomend.store import Store, Transaction, events, global_stop, observations, robots, writer
+from robomend.errors import OptionRefused, RobomendError, StoreError, StoreFull, StoreOverloaded
+from robomend.store import Store, Transaction, database, events, global_stop, observations, robots, writer
 from robomend.store import store as store_module
 
 pytestmark = pytest.mark.anyio
@@ -231,6 +231,12 @@ async def test_a_database_that_cannot_be_reached_is_an_error_that_says_so(tmp_pa
             await store.start()
         assert pickle.loads(pickle.dumps(raised.value)).args == raised.value.args
         await store.close()
+
+
+def test_postgresql_without_its_driver_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(database, "find_spec", lambda name: None)
+    with pytest.raises(OptionRefused, match=r"pip install 'robomend\[postgres\]'"):
+        Store("postgresql://ada@host/name")
 
 
 async def test_a_file_that_is_no_database_is_an_error(tmp_path: Path) -> None:
