@@ -55,7 +55,7 @@ async def load(service: Served, round_: int, after_s: float) -> list[tuple[str, 
             acknowledged.append((robot, marker))
 
     writers = asyncio.gather(*map(write, range(WRITERS)))
-    await asyncio.sleep(after_s)
+    await asyncio.sleep(after_s)  # a random moment
     service.process.kill()
     async with asyncio.timeout(30):
         await writers

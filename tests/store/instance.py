@@ -75,7 +75,7 @@ async def own(store: Store) -> None:
         )
     )
     say(f"{fence.number} {repair.id}")
-    await asyncio.sleep(600)
+    await asyncio.sleep(600)  # until it is killed
 
 
 async def main(url: str, job: str) -> None:

@@ -196,7 +196,7 @@ async def test_a_process_that_keeps_sqlite_locked_is_waited_for(tmp_path: Path) 
     other.execute("BEGIN IMMEDIATE")
     waiting = asyncio.create_task(observe(store, "r1", entry("scan")))
     assert (await store.read(observations.obs, "r1")).revision == 0  # reading goes on
-    await asyncio.sleep(0.1)
+    await asyncio.sleep(0.1)  # it waits for its turn by then
     other.execute("COMMIT")
     other.close()
     assert await waiting == 1

@@ -138,8 +138,8 @@ async def test_a_backup_taken_under_load_is_one_consistent_moment(tmp_path: Path
             await observe(store, "r1", entry("scan"))
 
     loading = asyncio.create_task(write())
-    await asyncio.sleep(0.1)
-    before = await store.read(observations.revision, "r1")
+    while (before := await store.read(observations.revision, "r1")) < 5:
+        await asyncio.sleep(0)
     await asyncio.to_thread(backup, Database(url), tmp_path / "copy.db")
     stop.set()
     await loading

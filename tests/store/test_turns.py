@@ -23,7 +23,7 @@ async def test_a_writer_waits_for_another_process_and_then_writes(tmp_path: Path
     writing = asyncio.ensure_future(
         store.write(lambda tx: global_stop.put(tx, True, by="ann", reason="smoke"))
     )
-    await asyncio.sleep(0.2)
+    await asyncio.sleep(0.2)  # many turns
     assert not writing.done()
     other.execute("ROLLBACK")
     assert (await writing).active
