@@ -166,7 +166,7 @@ async def test_no_answer_is_asked_about_although_the_service_is_killed_while_oth
         return None
 
     config = with_recalibrate(0.5)
-    config["actions"]["start_node"] = {**CONFIG["actions"]["start_node"], "timeout_s": 30.0}
+    config["actions"]["start_node"] = {**CONFIG["actions"]["start_node"], "timeout_s": 10.0}
     settings = ("--data", str(tmp_path))
 
     def gave_up(repair: dict[str, Any]) -> bool:
