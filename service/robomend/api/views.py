@@ -27,7 +27,7 @@ from robomend.robots.configuration import covered
 from robomend.robots.robot import Current, Robot
 from robomend.security import Principal
 from robomend.settings import Settings
-from robomend.store.interface import Store, View
+from robomend.store import Store, View, diagnoses, observations, repairs, robots
 from robomend.store.records import (
     AuditEntry,
     Page,
@@ -233,12 +233,12 @@ async def history_page(store: Store, robot: str, kind: str, paging: Paging) -> I
     """Return a page of one kind of a robot's history, newest first; NotFound if there is no such robot."""
 
     def look(view: View) -> Page[Any]:
-        view.robot(robot)
+        robots.get(view, robot)
         if kind == "diagnosis":
-            return view.diagnoses(robot, paging)
+            return diagnoses.page(view, robot, paging)
         if kind == "repair":
-            return view.repairs(robot, paging)
-        return view.history(robot, paging)
+            return repairs.page(view, robot, paging)
+        return observations.history(view, robot, paging)
 
     page = await store.read(look)
     return Items(items=[_history_line(item) for item in page.items], next=page.next)

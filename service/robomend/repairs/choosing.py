@@ -29,8 +29,7 @@ from robomend.planning.planning import PlanOptions
 from robomend.planning.policy import HOUR_NS, NODE_ACTIONS, POWER_ACTIONS, Policy
 from robomend.robots.configuration import policy_of
 from robomend.robots.robot import Robot
-from robomend.store import records
-from robomend.store.interface import Store, View
+from robomend.store import Store, View, attempts, records
 
 PLAN_TIMEOUT_S = 10.0
 """For the plans of all leading diagnoses together."""
@@ -89,16 +88,16 @@ class Chooser:
         now = time.time_ns()
 
         def look(view: View) -> Remembered:
-            records_ = view.tried(robot)
+            records_ = attempts.tried(view, robot)
             return Remembered(
                 tuple(tried_of(record) for record in records_),
                 tuple(
                     entry.component
-                    for entry in view.quarantine(robot)
+                    for entry in attempts.quarantine(view, robot)
                     if entry.until_ns is None or entry.until_ns > now
                 ),
                 useless_of(records_, since_ns=now - int(self.patience.memory_s * 1e9)),
-                view.attempts(robot, now - HOUR_NS),
+                attempts.counted(view, robot, now - HOUR_NS),
             )
 
         return await self._store.read(look)
@@ -106,7 +105,7 @@ class Chooser:
     async def attempts(self, robot: str) -> Mapping[str, int]:
         """Return component -> actions on it in the last hour."""
         since = time.time_ns() - HOUR_NS
-        return await self._store.read(lambda view: view.attempts(robot, since))
+        return await self._store.read(attempts.counted, robot, since)
 
     async def choose(
         self,

@@ -18,7 +18,7 @@ from robomend.model.loading import load_text
 from robomend.model.system import System
 from robomend.oneshots.oneshots import Subject
 from robomend.settings import Settings
-from robomend.store.interface import Store, Transaction
+from robomend.store import Store, Transaction, models
 from robomend.store.records import AuditEntry, StoredModel
 from robomend_client.events import Kind
 
@@ -50,7 +50,7 @@ class Systems:
 
     async def current(self, name: str) -> tuple[StoredModel, System]:
         """Return a model's current version; NotFound."""
-        model = await self._store.read(lambda view: view.model(name))
+        model = await self._store.read(models.get, name)
         return model, await self.compiled(model)
 
     async def compiled(self, model: StoredModel) -> System:
@@ -126,12 +126,12 @@ class Systems:
 
         Raises:
             ModelError: it is none; the version before stays.
-            PreconditionRequired, PreconditionFailed: see store.interface.
+            PreconditionRequired, PreconditionFailed: see store.preconditions.
         """
         system = await self._looked_at(await self.load(source, name=name, format=format))
 
         def put(tx: Transaction) -> StoredModel:
-            model = tx.put_model(name, source, format=system.format, by=by, expected=expected)
+            model = models.put(tx, name, source, format=system.format, by=by, expected=expected)
             tx.emit(Kind.MODEL, None, {"name": name, "version": model.version, "number": model.number})
             tx.note(AuditEntry(actor=by, action="model.put", subject=name, after={"version": model.version}))
             return model
@@ -146,7 +146,7 @@ class Systems:
         """Delete a model; Conflict while a robot follows it."""
 
         def delete(tx: Transaction) -> None:
-            tx.delete_model(name, expected=expected)
+            models.delete(tx, name, expected=expected)
             tx.emit(Kind.MODEL, None, {"name": name, "version": None})
             tx.note(AuditEntry(actor=by, action="model.delete", subject=name))
 
