@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 
 from robomend.diagnosis.engines import ENGINES
-from robomend.errors import InputError
+from robomend.errors import InputError, OptionRefused
 from robomend.model.system import System
 from robomend.observations.language import parse
 from robomend.planning.domain.loading import load_domain
@@ -48,8 +48,13 @@ def delete(tx: Transaction, robot: str, *, expected: str, by: str) -> None:
 
 async def check(config: RobotConfig, system: System) -> None:
     """Refuse a configuration that speaks of what the model or this installation does not have."""
-    ENGINES.check(config.engine)
-    PLANNERS.check(config.planner)
+    try:
+        what = "diagnosis.engine"
+        ENGINES.check(config.engine)
+        what = "planner"
+        PLANNERS.check(config.planner)
+    except OptionRefused as error:
+        raise OptionRefused(f"{what}: {error}") from error
     if config.domain is not None:
         await asyncio.to_thread(load_domain, config.domain, "domain")
     known = frozenset(system.cnf.components)
