@@ -9,7 +9,7 @@ from typing import Any
 from robomend.errors import NotFound, StateConflict
 from robomend.repairs.repairs import Json
 from robomend.repairs.stop_switch import StopSwitch
-from robomend.store.interface import Store
+from robomend.store import Store
 
 REPAIR = {"id": "r-1", "robot": "r1", "state": "awaiting-approval", "plan": [], "by": "local"}
 
@@ -67,7 +67,7 @@ class RepairsDouble:
     async def next_action(self, robot: str, *, host: str | None, wait_s: float) -> Json | None:
         self.calls.append(("next_action", robot, host, wait_s))
         if robot not in self.queue and wait_s:
-            await asyncio.sleep(min(wait_s, 0.05))
+            await asyncio.sleep(min(wait_s, 0.05))  # a long poll of an empty queue
         return self.queue.get(robot)
 
     async def action_robot(self, action_id: str) -> str:

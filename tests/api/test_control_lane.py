@@ -18,7 +18,7 @@ from tests.waiting import until
 
 from robomend.api import loop_watch
 from robomend.errors import StoreFull
-from robomend.store.interface import Transaction
+from robomend.store import Transaction
 
 
 @contextmanager

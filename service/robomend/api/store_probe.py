@@ -11,7 +11,7 @@ import time
 
 from robomend.api.schemas.operation import Check
 from robomend.errors import RobomendError
-from robomend.store.interface import Store
+from robomend.store import Store, global_stop
 
 ANSWER_S = 0.03
 """For the probe; an answer does not wait longer."""
@@ -53,7 +53,7 @@ class StoreProbe:
 
     async def _probe(self) -> Check:
         try:
-            await self._store.read(lambda view: view.stop())
+            await self._store.read(global_stop.get)
             await self._store.ownership.beat()
         except RobomendError as error:
             return Check(ok=False, detail=f"{error.code}: {error}")

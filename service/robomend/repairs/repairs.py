@@ -38,7 +38,7 @@ from robomend.repairs.robot_repairs import Dependencies, RobotRepairs
 from robomend.repairs.stop_switch import StopSwitch, written
 from robomend.robots.robots import Robots
 from robomend.settings import Settings
-from robomend.store.interface import Store, Transaction, View
+from robomend.store import Store, Transaction, View, agent_actions, attempts, global_stop, repairs, robots
 from robomend.store.records import AuditEntry, Fence, Paging, Stop, StoredRepair
 from robomend_client.events import Event, Kind
 
@@ -213,10 +213,10 @@ class Repairs:
 
         def begin(tx: Transaction) -> StoredRepair:
             # As it is on disk, where another instance may have lifted it just now; or ours, on its way there.
-            stop = tx.stop() if self.switch.settled else self.switch.stop
+            stop = global_stop.hold(tx) if self.switch.settled else self.switch.stop
             if stop.active:
                 raise Refused(f"the global stop is active, set by {stop.by}: {stop.reason}")
-            if tx.repairs(robot, Paging(limit=1), open_only=True).items:
+            if repairs.page(tx, robot, Paging(limit=1), open_only=True).items:
                 raise StateConflict(f"a repair of robot {robot!r} is open already")
             data = {
                 "policy": state.config.policy,
@@ -226,7 +226,7 @@ class Repairs:
                 "reason": reason,
                 "question": open_question(tx, robot),
             }
-            repair = tx.create_repair(robot, state="waiting", data=data)
+            repair = repairs.create(tx, robot, state="waiting", data=data)
             tx.emit(Kind.REPAIR, robot, repair_json(repair))
             tx.note(AuditEntry(by, "repair.create", repair.id, robot, reason, after={"bad": wanted}))
             return repair
@@ -237,15 +237,17 @@ class Repairs:
         """Return up to `limit` repairs of the robot, newest first, older than the repair `before`."""
 
         def look(view: View) -> list[Json]:
-            view.robot(robot)
-            page = view.repairs(robot, Paging(before, limit))
-            return [repair_json(repair, view.steps(repair.id)) for repair in page.items]
+            robots.get(view, robot)
+            page = repairs.page(view, robot, Paging(before, limit))
+            return [repair_json(repair, repairs.steps(view, repair.id)) for repair in page.items]
 
         return await self._store.read(look)
 
     async def repair(self, repair_id: str) -> Json:
         """Return one repair with its steps."""
-        return await self._store.read(lambda view: repair_json(view.repair(repair_id), view.steps(repair_id)))
+        return await self._store.read(
+            lambda view: repair_json(repairs.get(view, repair_id), repairs.steps(view, repair_id))
+        )
 
     async def approve(self, repair_id: str, *, by: str, reason: str) -> Json:
         """Let a repair that awaits approval run. StateConflict in any other state."""
@@ -257,14 +259,14 @@ class Repairs:
 
     async def _ask(self, repair_id: str, what: str, by: str, reason: str) -> Json:
         def ask(tx: Transaction) -> str:
-            repair = tx.repair(repair_id)
+            repair = repairs.get(tx, repair_id)
             if not repair.open:
                 raise StateConflict(f"repair {repair_id} has ended already ({repair.state})")
             if what == "approve" and repair.state != "awaiting-approval":
                 raise StateConflict(f"repair {repair_id} awaits no approval; it is {repair.state}")
-            if any(r.what == what and r.repair == repair_id for r in tx.repair_requests(repair.robot)):
+            if any(r.what == what and r.repair == repair_id for r in repairs.requests(tx, repair.robot)):
                 raise StateConflict(f"repair {repair_id}: somebody said {what!r} already")
-            tx.ask(repair_id, what, by=by, reason=reason)
+            repairs.ask(tx, repair_id, what, by=by, reason=reason)
             tx.emit(Kind.REPAIR, repair.robot, {**repair_json(repair), "asked": what, "asked_by": by})
             tx.note(AuditEntry(by, f"repair.{what}", repair_id, repair.robot, reason))
             return repair.state
@@ -306,7 +308,7 @@ class Repairs:
 
     async def action_robot(self, action_id: str) -> str:
         """Return the robot that an action belongs to, so that a robot's key opens its own actions only."""
-        return await self._store.read(lambda view: view.agent_action(action_id).robot)
+        return await self._store.read(lambda view: agent_actions.get(view, action_id).robot)
 
     async def feedback(self, action_id: str, *, code: int, message: str, by: str) -> None:
         """Note how far an action is; after its result this is a StateConflict."""
@@ -338,15 +340,15 @@ class Repairs:
 
     async def quarantined(self, robot: str) -> Mapping[str, str]:
         """Return component -> why it is not tried again."""
-        entries = await self._store.read(lambda view: view.quarantine(robot))
+        entries = await self._store.read(attempts.quarantine, robot)
         return {entry.component: entry.reason for entry in entries}
 
     async def release(self, robot: str, component: str, *, by: str, reason: str) -> None:
         """Let a quarantined component be tried again. NotFound if it is not in quarantine."""
 
         def let_go(tx: Transaction) -> None:
-            tx.release_quarantine(robot, component)
-            tx.forget_tried(robot, component)
+            attempts.release_quarantine(tx, robot, component)
+            attempts.forget(tx, robot, component)
             tx.emit(Kind.ROBOT, robot, {"what": "released", "component": component, "by": by})
             tx.note(AuditEntry(by, "quarantine.release", component, robot, reason))
 

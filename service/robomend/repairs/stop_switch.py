@@ -23,7 +23,7 @@ from typing import Any
 import structlog
 
 from robomend.errors import RobomendError, StoreError
-from robomend.store.interface import Store, Transaction
+from robomend.store import Store, Transaction, global_stop
 from robomend.store.records import AuditEntry, Stop
 from robomend_client.events import Kind
 
@@ -83,7 +83,7 @@ class StopSwitch:
     async def start(self) -> None:
         """Read the stop from the store; its changes are followed from now on."""
         self._loop = asyncio.get_running_loop()
-        self._stop = await self._store.read(lambda view: view.stop())
+        self._stop = await self._store.read(global_stop.get)
 
     async def close(self) -> None:
         """End trying to write."""
@@ -153,7 +153,7 @@ class StopSwitch:
     async def look(self) -> None:
         """Read the stop from the store, for an event that was lost with its database connection."""
         changes = self._changes
-        stop = await self._store.read(lambda view: view.stop())
+        stop = await self._store.read(global_stop.get)
         if stop.active != self._stop.active and changes == self._changes and not self._unwritten:
             self.heard(stop)
 
@@ -193,7 +193,7 @@ class StopSwitch:
 
 
 def _write(change: Change, tx: Transaction) -> Stop:
-    stop = tx.set_stop(change.active, by=change.by, reason=change.reason)
+    stop = global_stop.put(tx, change.active, by=change.by, reason=change.reason)
     tx.emit(Kind.STOP, None, stop_json(stop))
     late = tx.now_ns - change.asked_ns > LATE_S * 1e9
     tx.note(

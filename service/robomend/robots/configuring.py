@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from robomend.diagnosis.engines import ENGINES
-from robomend.errors import InputError
+from robomend.errors import InputError, OptionRefused
 from robomend.model.system import System
 from robomend.observations.language import parse
 from robomend.planning.planners import PLANNERS
 from robomend.robots.configuration import RobotConfig, covered, uncovered
 from robomend.robots.readers import Readers
-from robomend.store import records
-from robomend.store.interface import Transaction
+from robomend.store import Transaction, records, robots
 from robomend.store.records import AuditEntry, Json
 from robomend.turns import Turns
 from robomend_client.events import Kind
@@ -19,9 +18,9 @@ from robomend_client.events import Kind
 def put(tx: Transaction, robot: str, config: Json, *, expected: str | None, by: str) -> None:
     """Create or replace a robot."""
     created = expected in (None, records.ABSENT)
-    before = None if created else tx.robot(robot).config
+    before = None if created else robots.get(tx, robot).config
     kept = config if before is None else uncovered(config, before)
-    stored = tx.put_robot(robot, kept, expected=expected)
+    stored = robots.put(tx, robot, kept, expected=expected)
     if before is None:
         uncovered(config, {})  # refuses a covered secret, after it is known that the robot is new
     what = "created" if created else "updated"
@@ -40,16 +39,21 @@ def put(tx: Transaction, robot: str, config: Json, *, expected: str | None, by: 
 
 def delete(tx: Transaction, robot: str, *, expected: str, by: str) -> None:
     """Delete a robot; Conflict while a repair is open."""
-    before = covered(tx.robot(robot).config)
-    tx.delete_robot(robot, expected=expected)
+    before = covered(robots.get(tx, robot).config)
+    robots.delete(tx, robot, expected=expected)
     tx.emit(Kind.ROBOT, robot, {"what": "deleted", "by": by})
     tx.note(AuditEntry(actor=by, action="robot.delete", subject=robot, robot=robot, before=before))
 
 
 async def check(config: RobotConfig, system: System, readers: Readers) -> None:
     """Refuse a configuration that speaks of what the model or this installation does not have."""
-    ENGINES.check(config.engine)
-    PLANNERS.check(config.planner)
+    try:
+        what = "diagnosis.engine"
+        ENGINES.check(config.engine)
+        what = "planner"
+        PLANNERS.check(config.planner)
+    except OptionRefused as error:
+        raise OptionRefused(f"{what}: {error}") from error
     if config.domain is not None:
         await readers.actions(config.domain)
     known = frozenset(system.cnf.components)

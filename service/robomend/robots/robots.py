@@ -46,8 +46,7 @@ from robomend.robots.readers import Readers
 from robomend.robots.robot import Changes, Robot
 from robomend.robots.systems import Systems
 from robomend.settings import Settings
-from robomend.store import records
-from robomend.store.interface import Store, Transaction, View
+from robomend.store import Store, Transaction, View, observations, records, robots
 from robomend.store.records import AuditEntry, IdempotencyKey, Json
 from robomend_client.events import Kind
 from robomend_client.literals import Literal
@@ -64,7 +63,7 @@ class Robots:
     def __init__(
         self, store: Store, settings: Settings, metrics: Metrics, diagnoser: Diagnoser, readers: Readers
     ) -> None:
-        self.models = Systems(store, readers)
+        self.models = Systems(store, settings, readers)
         self.readers = readers
         self._store = store
         self._settings = settings
@@ -148,7 +147,7 @@ class Robots:
         """Create or replace a robot's configuration; OBS stays.
 
         Raises:
-            PreconditionRequired, PreconditionFailed: see store.interface.
+            PreconditionRequired, PreconditionFailed: see store.preconditions.
             InputError: what is configured does not fit the model.
         """
         _, system = await self.models.current(config["model"])
@@ -277,7 +276,8 @@ class Robots:
         def keep(tx: Transaction) -> dict[str, Any]:
             nonlocal ran
             ran = True
-            revision = tx.observe(
+            revision = observations.observe(
+                tx,
                 state.id,
                 accepted=changes.accepted,
                 changed=changes.kept,
@@ -391,4 +391,4 @@ def _ready(batch: ReadBatch) -> Callable[[Robot], Awaitable[ReadBatch]]:
 
 
 def _page(paging: records.Paging, view: View) -> records.Page[records.StoredRobot]:
-    return view.robots(paging)
+    return robots.page(view, paging)

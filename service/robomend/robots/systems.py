@@ -6,14 +6,24 @@ through `on_change`: they are diagnosed anew over the same OBS.
 
 from __future__ import annotations
 
+import hashlib
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
+from robomend.errors import InputError
+from robomend.model.budget import check_steps
+from robomend.model.clauses import Assertion
 from robomend.model.system import System
+from robomend.observations.language import parse, says_literals
+from robomend.oneshots.oneshots import Subject
+from robomend.oneshots.question import Question, together
 from robomend.robots.readers import Readers
-from robomend.store.interface import Store, Transaction
+from robomend.settings import Settings
+from robomend.store import Store, Transaction, models
 from robomend.store.records import AuditEntry, StoredModel
+from robomend.turns import Turns
 from robomend_client.events import Kind
+from robomend_client.literals import Literal
 
 KEPT = 256
 """Compiled versions kept; those that a robot uses live on with the robot."""
@@ -22,8 +32,9 @@ KEPT = 256
 class Systems:
     """See the module. Belongs to one event loop."""
 
-    def __init__(self, store: Store, readers: Readers) -> None:
+    def __init__(self, store: Store, settings: Settings, readers: Readers) -> None:
         self._store = store
+        self._settings = settings
         self.readers = readers
         self._compiled: OrderedDict[tuple[str, str], System] = OrderedDict()
         self._on_change: list[Callable[[str], None]] = []
@@ -34,7 +45,7 @@ class Systems:
 
     async def current(self, name: str) -> tuple[StoredModel, System]:
         """Return a model's current version; NotFound."""
-        model = await self._store.read(lambda view: view.model(name))
+        model = await self._store.read(models.get, name)
         return model, await self.compiled(model)
 
     async def compiled(self, model: StoredModel) -> System:
@@ -48,6 +59,48 @@ class Systems:
             self._compiled.move_to_end(key)
         return system
 
+    async def subject(self, model: str | None, source: str | None) -> Subject:
+        """Return what a one-shot asks about: a stored model by its name, or a model's text.
+
+        Raises:
+            InputError: neither, or both.
+            NotFound: there is no model of this name.
+            ModelError, TooLarge, Overloaded: see Readers.model.
+        """
+        if (model is None) == (source is None):
+            raise InputError("give either `model`, the name of a stored one, or `source`, a model's text")
+        if model is not None:
+            stored, system = await self.current(model)
+            return Subject(f"{stored.name}@{stored.version}", system)
+        assert source is not None
+        system = await self.readers.model(source, name=None, format=None, guest=True)
+        return Subject(f"text:{hashlib.sha256(source.encode()).hexdigest()}", system)
+
+    async def question(self, subject: Subject, sentences: Sequence[str]) -> Question:
+        """Return what a one-shot's sentences say, all of one moment; see robomend.oneshots.question.
+
+        Raises:
+            ObservationError: a sentence cannot be read, or all together take too many steps.
+            InputError: two contradict one another.
+            Overloaded: too many one-shots wait for a reader.
+        """
+        spoken: list[Literal] = []
+        assertions: list[Assertion] = []
+        vocabulary = subject.system.vocabulary
+        turns, steps = Turns(), 0
+        for sentence in sentences:
+            if says_literals(sentence, vocabulary):
+                spoken += parse(sentence, vocabulary)
+            else:
+                said = await self.readers.assertion(
+                    subject.version, vocabulary, sentence, sentence, guest=True
+                )
+                steps += said.steps
+                check_steps(steps, self._settings.max_assertion_steps, sentence)
+                assertions.append(said)
+            await turns.rest()
+        return together(spoken, assertions, opposites="refuse")
+
     async def put(
         self, name: str, source: str, *, format: str | None, expected: str | None, by: str
     ) -> tuple[StoredModel, System]:
@@ -55,12 +108,12 @@ class Systems:
 
         Raises:
             ModelError: it is none; the version before stays.
-            PreconditionRequired, PreconditionFailed: see store.interface.
+            PreconditionRequired, PreconditionFailed: see store.preconditions.
         """
         system = await self.readers.model(source, name=name, format=format)
 
         def put(tx: Transaction) -> StoredModel:
-            model = tx.put_model(name, source, format=system.format, by=by, expected=expected)
+            model = models.put(tx, name, source, format=system.format, by=by, expected=expected)
             tx.emit(Kind.MODEL, None, {"name": name, "version": model.version, "number": model.number})
             tx.note(AuditEntry(actor=by, action="model.put", subject=name, after={"version": model.version}))
             return model
@@ -75,7 +128,7 @@ class Systems:
         """Delete a model; Conflict while a robot follows it."""
 
         def delete(tx: Transaction) -> None:
-            tx.delete_model(name, expected=expected)
+            models.delete(tx, name, expected=expected)
             tx.emit(Kind.MODEL, None, {"name": name, "version": None})
             tx.note(AuditEntry(actor=by, action="model.delete", subject=name))
 

@@ -19,7 +19,7 @@ from functools import partial
 from typing import Any
 
 from robomend.errors import RobomendError, StoreError
-from robomend.store.interface import Store, Transaction
+from robomend.store import Store, Transaction, agent_actions, global_stop
 from robomend.store.records import AgentAction
 from robomend_client.actions import CANCELLED, TIMED_OUT, UNREACHABLE, Action, ActionResult, Feedback
 from robomend_client.events import Event, Kind
@@ -69,7 +69,8 @@ class AgentQueue:
         """Queue an action for the agent on `host` (None: any of the robot's)."""
 
         def queue(tx: Transaction) -> AgentAction:
-            queued = tx.queue_action(
+            queued = agent_actions.queue(
+                tx,
                 action.id,
                 robot,
                 host=host,
@@ -87,7 +88,7 @@ class AgentQueue:
         deadline = asyncio.get_running_loop().time() + wait_s
         while True:
             change = self.watch(robot)
-            queued = await self._store.read(lambda db: db.agent_actions(robot))
+            queued = await self._store.read(agent_actions.waiting, robot)
             if any(a.host is None or host is None or a.host == host for a in queued if not a.answered):
                 taken = await self._store.write(partial(self._take, robot, host), robots=(robot,))
                 if taken is not None:
@@ -98,18 +99,18 @@ class AgentQueue:
             await _wait(change, min(left, 5 * LOOK_AGAIN_S))
 
     def _take(self, robot: str, host: str | None, tx: Transaction) -> AgentAction | None:
-        if self._stopped() or tx.stop().active:
+        if self._stopped() or global_stop.hold(tx).active:
             return None
-        return tx.take_action(robot, host=host, agent=host or "agent")
+        return agent_actions.take(tx, robot, host=host, agent=host or "agent")
 
     async def answered(self, action_id: str) -> AgentAction:
         """Note that an agent has begun; Conflict after the result, also when that is a cancellation."""
-        known = await self._store.read(lambda view: view.agent_action(action_id))
+        known = await self._store.read(agent_actions.get, action_id)
         if known.answered and known.code is None:
             return known  # each second of a long action; nothing new to write
 
         def answer(tx: Transaction) -> AgentAction:
-            action = tx.answer_action(action_id)
+            action = agent_actions.answer(tx, action_id)
             tx.emit(Kind.ACTION, action.robot, describe(action, "running"))
             return action
 
@@ -119,8 +120,8 @@ class AgentQueue:
         """Keep the agent's result; a second one gets the first."""
 
         def finish(tx: Transaction) -> AgentAction:
-            first = tx.agent_action(action_id).code is None
-            action = tx.finish_action(action_id, code, message)
+            first = agent_actions.get(tx, action_id).code is None
+            action = agent_actions.finish(tx, action_id, code, message)
             if first:
                 tx.emit(Kind.ACTION, action.robot, describe(action, "done"))
             return action
@@ -135,9 +136,9 @@ class AgentQueue:
         """
 
         def take_back(tx: Transaction) -> AgentAction:
-            action = tx.agent_action(action_id)
+            action = agent_actions.get(tx, action_id)
             code = UNREACHABLE if action.taken_by is None else TIMED_OUT
-            return action if action.answered else tx.withdraw_action(action_id, code, why)
+            return action if action.answered else agent_actions.withdraw(tx, action_id, code, why)
 
         return await self._store.write(take_back)
 
@@ -177,7 +178,7 @@ class AgentExecutor:
                 await _wait(change, min(left, LOOK_AGAIN_S))
                 change = self._queue.watch(self._robot)
                 with contextlib.suppress(StoreError):  # it may come back within our time
-                    state = await self._store.read(lambda db: db.agent_action(action.id))
+                    state = await self._store.read(agent_actions.get, action.id)
                 if state.answered and not told:
                     told = True
                     feedback(0, f"{state.taken_by or 'an agent'} has begun")
