@@ -177,7 +177,7 @@ def test_a_first_line_in_pieces_finds_its_way(service: Service, step: int) -> No
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             for at in range(0, len(request), step):
                 connection.sendall(request[at : at + step])
-                time.sleep(0.002)
+                time.sleep(0.002)  # so that each piece is a packet of its own: nobody tells when it is read
             answer = b"".join(iter(lambda: connection.recv(65536), b""))
         assert answer.startswith(b"HTTP/1.1 200")
         assert expected in answer
