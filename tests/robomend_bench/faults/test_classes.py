@@ -65,7 +65,7 @@ def test_the_model_is_accepted_and_no_fault_contradicts_it(name: str) -> None:
         state = begun(robot.anatomy, fault)
         others = frozenset(system.cnf.components) - {fault.component}
         if len(robot.anatomy.fed.get(fault.component, ())) > 1:
-            continue  # a supply: to the rules, `on` of what it feeds means power; here it is a relay's position
+            continue  # to the rules, `on` of what a supply feeds means power; a board tells the relay
         found = engine.diagnose(observed(robot.anatomy, state), Options(healthy=others))
         assert found.diagnoses, fault
     engine.close()
