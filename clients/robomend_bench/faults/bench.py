@@ -11,6 +11,8 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import gc
+import os
 import random
 import subprocess
 import sys
@@ -23,7 +25,7 @@ from pathlib import Path
 from robomend_bench.faults.live import LiveRobot
 from robomend_bench.faults.record import Record, Trial
 from robomend_bench.faults.stretches import STRETCH_BY_NAME
-from robomend_bench.faults.trial import Surroundings, Terms, play
+from robomend_bench.faults.trial import Surroundings, Terms, play, scenario_of
 from robomend_bench.service.process import NotReady, Served, start
 from robomend_client.rest.asynchronous import AsyncClient
 from robomend_client.rest.errors import ClientError
@@ -32,6 +34,10 @@ TICK_S = 0.01
 
 LATE_S = 0.3
 """A trial with a later tick than this is left out."""
+
+MEMORY = Path("/dev/shm")
+"""Where the agents keep their files, if it is there: each waits for the disk after each result, and with so
+many in one process all would wait. The service's data is on a disk."""
 
 BUSY = """
 import os, sys, time
@@ -48,8 +54,6 @@ Done = Callable[[Record], None]
 @contextmanager
 def busy(loops: int) -> Iterator[None]:
     """Run so many busy loops beside; they end with us."""
-    import os
-
     running = [
         subprocess.Popen([sys.executable, "-c", BUSY, str(os.getpid())], stdin=subprocess.DEVNULL)
         for _ in range(loops)
@@ -65,11 +69,12 @@ def busy(loops: int) -> Iterator[None]:
 class Bench(Surroundings):
     """One service and the robots under trial."""
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder / "agents"
+    def __init__(self, data: Path, agents: Path) -> None:
+        """`data` is the service's folder, `agents` that of all the agents."""
+        self.folder = agents
         self.url = ""
         self.ticks: list[float] = []  # how late each was
-        self._data = folder / "service"
+        self._data = data
         self._live: dict[str, LiveRobot] = {}
         self._models: dict[str, asyncio.Task[None]] = {}
         self._served: Served | None = None
@@ -93,7 +98,6 @@ class Bench(Surroundings):
     @asynccontextmanager
     async def running(self, port: int = 0) -> AsyncIterator[None]:
         """Run the service, the ticker and the stream of events."""
-        self._data.mkdir(parents=True, exist_ok=True)
         await self._start(port)
         tasks = [asyncio.create_task(self._tick()), asyncio.create_task(self._follow())]
         try:
@@ -184,12 +188,16 @@ async def run_trials(
     own = [trial for trial in trials if trial not in shared]
     found: dict[Trial, Record] = {}
     ticks: list[float] = []
+    for trial in trials:
+        scenario_of(trial)  # while nobody waits for the tick
+    gc.collect()
+    gc.freeze()
     with busy(load):
         groups = [shared] if shared else []
         groups += [own[at : at + jobs] for at in range(0, len(own), jobs)]
         for group in groups:
-            with tempfile.TemporaryDirectory(prefix="robomend-bench-") as folder:
-                bench = Bench(Path(folder))
+            with _folder() as data, _folder(MEMORY) as agents:
+                bench = Bench(data, agents)
                 async with bench.running():
                     await _run_group(bench, group, terms, jobs, found, done)
                 ticks += bench.ticks
@@ -220,6 +228,13 @@ async def _run_group(
         if restarting is not None:
             restarting.cancel()
             await asyncio.gather(restarting, return_exceptions=True)
+
+
+@contextmanager
+def _folder(within: Path | None = None) -> Iterator[Path]:
+    where = within if within is not None and os.access(within, os.W_OK) else None
+    with tempfile.TemporaryDirectory(prefix="robomend-bench-", dir=where) as folder:
+        yield Path(folder)
 
 
 def _all_restart(group: Sequence[Trial]) -> bool:

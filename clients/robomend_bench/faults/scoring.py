@@ -194,9 +194,14 @@ class _Scoring:
         return roots in map(frozenset, first)
 
     def _left(self, at_s: float) -> list[str]:
-        """Return what is visibly wrong at a time, but for faults too young to be noticed."""
-        young = {fault.component for began_s, fault in self.record.faults if began_s > at_s - self.delay_s}
-        young -= {f.component for began_s, f in self.record.faults if began_s <= at_s - self.delay_s}
+        """Return what is visibly wrong at a time, but for what could not have been noticed by then.
+
+        That is what broke less than the observers' delay ago and was not acted upon: whoever restarts a node
+        knows of it, and vouches for its successor.
+        """
+        known = {part for acted in self.acts if acted.at_s <= at_s for part in acted.act.parameters}
+        known |= {f.component for began_s, f in self.record.faults if began_s <= at_s - self.delay_s}
+        young = {fault.component for _, fault in self.record.faults} - known
         state = frozenset((name, what) for name, what in self.record.state_at(at_s) if name not in young)
         return sorted(map(str, abnormal(self.anatomy, state)))
 

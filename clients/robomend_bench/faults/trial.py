@@ -10,6 +10,7 @@ import random
 from collections.abc import Callable
 from contextlib import AsyncExitStack
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 from robomend_bench.faults.classes import Planted, Scenario, draw
@@ -69,8 +70,9 @@ class Surroundings:
         raise NotImplementedError
 
 
+@cache
 def scenario_of(trial: Trial) -> Scenario:
-    """Return the scenario of a trial; that of a stretch has no faults."""
+    """Return the scenario of a trial; that of a stretch has no faults. It may take a while to draw."""
     if trial.cls in STRETCH_BY_NAME:
         return Scenario()
     return draw(trial.cls, find_robot(trial.robot).anatomy, random.Random(f"scenario {trial}"))

@@ -124,6 +124,15 @@ def test_a_mute_successor_called_repaired_is_false() -> None:
     assert found.points < -0.5
 
 
+def test_whoever_restarts_a_node_vouches_for_its_successor_at_once() -> None:
+    fault = Fault("mapper", "dead, one mute successor")
+    hung = with_faults(("mapper", "hung"))
+    states = [(0.0, with_faults(("mapper", fault.kind))), (0.2, hung), (3.0, HEALTHY)]
+    repairs: list[Told] = [(0.1, "planning", ("mapper",)), (0.3, "repaired", ("mapper",))]
+    found = score(record_of(fault, states, [(0.1, "start_node", "mapper")], repairs), SMALL)
+    assert found.false_repaired
+
+
 def test_a_new_fault_too_young_to_be_seen_makes_no_repair_false() -> None:
     record = record_of(
         HUNG,
