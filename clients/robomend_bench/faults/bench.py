@@ -78,7 +78,7 @@ class Bench(Surroundings):
         self._live: dict[str, LiveRobot] = {}
         self._models: dict[str, asyncio.Task[None]] = {}
         self._served: Served | None = None
-        self._restarts = 0
+        self._tasks: list[asyncio.Task[None]] = []
         self._restarting = asyncio.Lock()
 
     def clock(self) -> float:
@@ -99,7 +99,7 @@ class Bench(Surroundings):
     async def running(self, port: int = 0) -> AsyncIterator[None]:
         """Run the service, the ticker and the stream of events."""
         await self._start(port)
-        tasks = [asyncio.create_task(self._tick()), asyncio.create_task(self._follow())]
+        tasks = self._tasks = [asyncio.create_task(self._tick()), asyncio.create_task(self._follow())]
         try:
             yield
         finally:
@@ -134,18 +134,19 @@ class Bench(Surroundings):
         await self._start(port)
 
     async def look_after_service(self) -> str:
-        """Start the service again if it has died; return what its log says, or nothing."""
+        """Return why what happened lately is no measurement: the service died, or a part of the bench.
+
+        A service that has died is started again.
+        """
         async with self._restarting:
+            for task in self._tasks:
+                if task.done():
+                    return f"the bench failed: {task.exception()!r}"
             if self._served is None or self._served.process.poll() is None:
                 return ""
             log = (self._data / "log").read_text(errors="replace")[-2000:]
-            self._restarts += 1
             await self.restart_service(kill=True)
             return f"the service died: {log}"
-
-    @property
-    def service_pid(self) -> int | None:
-        return None if self._served is None else self._served.pid
 
     async def _tick(self) -> None:
         due_s = self.clock()
@@ -154,7 +155,11 @@ class Bench(Surroundings):
             late_s = now_s - due_s
             self.ticks.append(late_s)
             for live in tuple(self._live.values()):
-                live.tick(now_s, late_s)
+                try:
+                    live.tick(now_s, late_s)
+                except Exception as error:  # noqa: BLE001  # an error of ours in one robot: the others go on
+                    live.record.error = f"the bench failed: {type(error).__name__}: {error}"
+                    self.leave(live)
             due_s = max(due_s + TICK_S, self.clock())
             await asyncio.sleep(due_s - self.clock())
 

@@ -28,6 +28,7 @@ from robomend_bench.faults.scoring import score
 from robomend_bench.faults.standins import STANDINS, play_with
 from robomend_bench.faults.stretches import STRETCH_BY_NAME, STRETCHES
 from robomend_bench.faults.trial import Terms
+from robomend_bench.service.process import NotReady
 
 T = TypeVar("T")
 
@@ -91,7 +92,12 @@ def _trial(context: click.Context, parameter: click.Parameter, value: str | None
     help="fast: checked at 10 Hz, silent after 0.5 s, settled after 5 intervals.",
 )
 @click.option("--load", type=click.IntRange(0, 64), default=0, show_default=True, help="Busy loops beside.")
-@click.option("--jobs", type=click.IntRange(1, 64), default=8, show_default=True, help="Robots side by side.")
+@click.option(
+    "--jobs",
+    type=click.IntRange(1, 64),
+    show_default="8; 3 with --load",
+    help="Robots side by side. More make the bench late.",
+)
 @click.option(
     "--agent",
     type=click.Choice(["service", *STANDINS]),
@@ -114,7 +120,7 @@ def command(
     classes: tuple[str, ...],
     observers: str,
     load: int,
-    jobs: int,
+    jobs: int | None,
     agent: str,
     only_trial: Trial | None,
     out: Path | None,
@@ -139,8 +145,13 @@ def command(
     wanted = [only_trial] if only_trial else list(choose(trials, stretches, seed, robots, classes))
     if not wanted:
         raise click.UsageError("none of these robots takes part in any of these classes")
+    jobs = jobs or (3 if load else 8)
     began = time.monotonic()
-    records, ticks = _play(wanted, terms, agent, jobs, load)
+    try:
+        records, ticks = _play(wanted, terms, agent, jobs, load)
+    except NotReady as error:
+        click.echo(f"robomend-bench: the service did not start: {error}", err=True)
+        sys.exit(3)
     report = Report(
         command=shlex.join(["robomend-bench", "faults", *sys.argv[2:]]),
         observers=observers,

@@ -102,8 +102,8 @@ async def play(trial: Trial, terms: Terms, around: Surroundings, number: int) ->
             )
             stack.push_async_callback(live.close)
             await _Play(live, terms, around, clients[0]).run()
-    except (NotHealthy, ClientError, TimeoutError, OSError) as error:
-        record.error = f"{type(error).__name__}: {error}"
+    except Exception as error:  # noqa: BLE001  # whatever breaks a trial is told in its place; the others go on
+        record.error = record.error or f"{type(error).__name__}: {error}"
     return record
 
 
@@ -191,7 +191,7 @@ class _Play:
                 for each in waiting:
                     self._plan(each)
                 waiting = []
-            if self._over(bool(waiting)) or live.at_s() > self._terms.most_s:
+            if self._over(bool(waiting)) or live.at_s() > self._terms.most_s or live.record.error:
                 return
 
     def _plan(self, planted: Planted) -> None:
