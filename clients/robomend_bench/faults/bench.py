@@ -25,12 +25,13 @@ from pathlib import Path
 from robomend_bench.faults.live import LiveRobot
 from robomend_bench.faults.record import Record, Trial
 from robomend_bench.faults.stretches import STRETCH_BY_NAME
-from robomend_bench.faults.trial import Surroundings, Terms, play, scenario_of
+from robomend_bench.faults.trial import Terms, play, scenario_of
 from robomend_bench.service.process import NotReady, Served, start
 from robomend_client.rest.asynchronous import AsyncClient
 from robomend_client.rest.errors import ClientError
 
 TICK_S = 0.01
+LOOK_AFTER_S = 0.2
 
 LATE_S = 0.3
 """A trial with a later tick than this is left out."""
@@ -66,47 +67,55 @@ def busy(loops: int) -> Iterator[None]:
             process.wait()
 
 
-class Bench(Surroundings):
-    """One service and the robots under trial."""
+class Bench:
+    """One service and the robots under trial; what trial.Surroundings asks for."""
 
     def __init__(self, data: Path, agents: Path) -> None:
         """`data` is the service's folder, `agents` that of all the agents."""
         self.folder = agents
         self.url = ""
         self.ticks: list[float] = []  # how late each was
+        self.deaths: list[str] = []  # of the service, not those that a stretch is about
         self._data = data
         self._live: dict[str, LiveRobot] = {}
         self._models: dict[str, asyncio.Task[None]] = {}
         self._served: Served | None = None
-        self._tasks: list[asyncio.Task[None]] = []
         self._restarting = asyncio.Lock()
 
     def clock(self) -> float:
+        """Return the time of the bench."""
         return time.monotonic()
 
     def join(self, live: LiveRobot) -> None:
+        """Let time pass for a robot, and hand it its events."""
         self._live[live.id] = live
 
     def leave(self, live: LiveRobot) -> None:
+        """Let no more time pass for it."""
         self._live.pop(live.id, None)
 
     async def model(self, client: AsyncClient, name: str, text: str) -> None:
+        """Put a model, once."""
         if name not in self._models:
             self._models[name] = asyncio.create_task(_put_model(client, name, text))
         await self._models[name]
 
     @asynccontextmanager
-    async def running(self, port: int = 0) -> AsyncIterator[None]:
+    async def running(self) -> AsyncIterator[None]:
         """Run the service, the ticker and the stream of events."""
-        await self._start(port)
-        tasks = self._tasks = [asyncio.create_task(self._tick()), asyncio.create_task(self._follow())]
+        await self._start(0)
+        parts = (self._tick(), self._follow(), self._keep_looking())
+        tasks = [asyncio.create_task(part) for part in parts]
         try:
             yield
+            for task in tasks:
+                if task.done():
+                    task.result()  # without it nothing that was measured since means anything
         finally:
             for task in tasks:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
-            self._end_service(kill=False)
+            await asyncio.to_thread(self._end_service, kill=False)
 
     async def _start(self, port: int) -> None:
         self._served = await asyncio.to_thread(start, self._data, ["--port", str(port)] if port else [])
@@ -129,24 +138,27 @@ class Bench(Surroundings):
 
     async def restart_service(self, *, kill: bool) -> None:
         """End the service, or kill it, and start it again on the same port and data."""
+        async with self._restarting:
+            await self._restart(kill=kill)
+
+    async def _restart(self, *, kill: bool) -> None:
         port = int(self.url.rpartition(":")[2])
         await asyncio.to_thread(self._end_service, kill=kill)
         await self._start(port)
 
-    async def look_after_service(self) -> str:
-        """Return why what happened lately is no measurement: the service died, or a part of the bench.
-
-        A service that has died is started again.
-        """
+    async def look_after(self) -> None:
+        """Start the service again if it has died, and note that it has."""
         async with self._restarting:
-            for task in self._tasks:
-                if task.done():
-                    return f"the bench failed: {task.exception()!r}"
             if self._served is None or self._served.process.poll() is None:
-                return ""
+                return
             log = (self._data / "log").read_text(errors="replace")[-2000:]
-            await self.restart_service(kill=True)
-            return f"the service died: {log}"
+            self.deaths.append(f"the service died: {log}")
+            await self._restart(kill=True)
+
+    async def _keep_looking(self) -> None:
+        while True:
+            await asyncio.sleep(LOOK_AFTER_S)
+            await self.look_after()
 
     async def _tick(self) -> None:
         due_s = self.clock()
@@ -220,10 +232,11 @@ async def _run_group(
         await asyncio.sleep(0.5 * number)
         while waiting:
             index, trial = waiting.pop()
+            deaths = len(bench.deaths)
             record = await play(trial, terms, bench, index)
-            died = await bench.look_after_service()
-            if died:
-                record.error = record.error or died
+            await bench.look_after()
+            if len(bench.deaths) > deaths:
+                record.error = bench.deaths[-1]  # whatever came of it, it was no measurement
             found[trial] = record
             done(record)
 

@@ -69,11 +69,6 @@ class Body:
 
     # --- time
 
-    @property
-    def next_s(self) -> float:
-        """When something happens next, if nobody does anything."""
-        return self._events[0][0]
-
     def advance(self, now_s: float) -> None:
         """Let time pass up to `now_s`."""
         events = self._events
@@ -121,7 +116,7 @@ class Body:
 
     def lift(self, fault: Fault) -> None:
         """A fault that comes and goes has gone."""
-        self._change(kinds.stop(self.anatomy, self.state, fault))
+        self._change(kinds.lifted(self.anatomy, self.state, fault))
 
     def relay(self, device: str, on: bool) -> None:
         """A relay has moved, on a board that is not in here."""

@@ -137,6 +137,10 @@ def _dead_devices(anatomy: Anatomy) -> list[Fault]:
     return [*_devices(anatomy, "broken"), *stuck]
 
 
+def _spares(anatomy: Anatomy) -> list[Fault]:
+    return _devices(anatomy, "broken", spare=True)
+
+
 def _loops(anatomy: Anatomy) -> list[Fault]:
     """Return faults of nodes in loops, and of what feeds loops from outside."""
     found = _nodes(anatomy, "dead", "hung", loops=True)
@@ -267,7 +271,7 @@ CLASSES: tuple[FaultClass, ...] = (
     ),
     FaultClass("wrong-data", 7, "a node publishes at half its rate", lambda a: _nodes(a, "half-rate")),
     FaultClass("feed", 5, "a supply is off or hung", _feeds),
-    FaultClass("spare", 4, "a device is dead that another can stand in for", lambda a: _spares(a)),
+    FaultClass("spare", 4, "a device is dead that another can stand in for", _spares),
     FaultClass("loop", 7, "a node in a loop of topics, or one that feeds it, ends or hangs", _loops),
     FaultClass("double", 6, "two faults at once", lambda a: list(_all(a)), _double),
     FaultClass(
@@ -329,11 +333,6 @@ CLASSES: tuple[FaultClass, ...] = (
         apart=True,
     ),
 )
-
-
-def _spares(anatomy: Anatomy) -> list[Fault]:
-    return _devices(anatomy, "broken", spare=True)
-
 
 BY_NAME: Mapping[str, FaultClass] = {each.name: each for each in CLASSES}
 

@@ -98,14 +98,6 @@ def put(state: State, name: str, condition: Condition) -> State:
     return frozenset(rest) if well else frozenset((*rest, (name, condition)))
 
 
-def combined(faults: Iterable[tuple[str, Condition]]) -> State:
-    """Return the state in which each of these components has its fault."""
-    state = HEALTHY
-    for name, condition in faults:
-        state = put(state, name, condition)
-    return state
-
-
 # --- what works ----------------------------------------------------------------------------------------
 
 

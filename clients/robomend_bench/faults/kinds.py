@@ -48,13 +48,6 @@ NODE_KINDS: Mapping[str, NodeCondition] = {
     "hung, mute for ever": NodeCondition(mood=Mood.SILENT, ever=Mood.SILENT),
 }
 
-DEVICE_KINDS: Mapping[str, str] = {
-    "off": "its relay opened",
-    "off for ever": "its relay opened and does not close any more",
-    "hung": "it works again when it has been without power",
-    "broken": "nothing helps",
-}
-
 
 def begin(anatomy: Anatomy, state: State, fault: Fault) -> State:
     """Return the state right after a fault has begun."""
@@ -63,7 +56,7 @@ def begin(anatomy: Anatomy, state: State, fault: Fault) -> State:
     return _DEVICES[fault.kind](anatomy, state, fault.component)
 
 
-def stop(anatomy: Anatomy, state: State, fault: Fault) -> State:
+def lifted(anatomy: Anatomy, state: State, fault: Fault) -> State:
     """Return the state after a hung or slow node has come back by itself (intermittent faults)."""
     assert fault.component in anatomy.nodes
     condition = dict(state).get(fault.component)
@@ -93,9 +86,8 @@ def _with(health: Health) -> Callable[[Anatomy, State, str], State]:
 
 
 _DEVICES: Mapping[str, Callable[[Anatomy, State, str], State]] = {
-    "off": lost_power,
-    "off for ever": _stuck,
-    "hung": _with(Health.HUNG),
-    "broken": _with(Health.DEAD),
+    "off": lost_power,  # its relay opens
+    "off for ever": _stuck,  # the same, and does not close any more
+    "hung": _with(Health.HUNG),  # it works again when it has been without power
+    "broken": _with(Health.DEAD),  # nothing helps
 }
-assert _DEVICES.keys() == DEVICE_KINDS.keys()

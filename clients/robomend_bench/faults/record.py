@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 from robomend_bench.faults.classes import Blind
 from robomend_bench.faults.condition import Act, DeviceCondition, NodeCondition, State
@@ -103,6 +102,12 @@ class Record:
         for acted in self.acts:
             acted.at_s += by_s
 
+    @property
+    def open_repairs(self) -> set[str]:
+        """The ids of the repairs that have not ended."""
+        ended = {seen.id for seen in self.repairs if seen.state in ENDED}
+        return {seen.id for seen in self.repairs} - ended
+
     def state_at(self, at_s: float) -> State:
         """Return the truth at a time."""
         found: State = frozenset()
@@ -129,17 +134,6 @@ class Record:
         found += ((at, "note", text) for at, text in self.notes)
         found.sort(key=lambda line: line[0])
         return [f"{at:8.3f}  {kind:<10}{text}" for at, kind, text in found]
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the record as JSON values."""
-        return {
-            "trial": str(self.trial),
-            "observers": self.observers,
-            "late_s": round(self.late_s, 4),
-            "end_s": round(self.end_s, 3),
-            "error": self.error,
-            "lines": self.lines(),
-        }
 
 
 def describe(state: State) -> str:

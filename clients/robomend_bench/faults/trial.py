@@ -1,22 +1,26 @@
 """One trial, from an empty robot to its record.
 
-healthy and heard ──► faults ──► … until nothing has happened for a while, or `most_s` is over
+    healthy and heard ──► faults ──► … until nothing has happened for a while, or `most_s` is over
+
+Afterwards the robot is taken away from the service again.
 """
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import random
 from collections.abc import Callable
 from contextlib import AsyncExitStack
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Protocol
 
 from robomend_bench.faults.classes import Planted, Scenario, draw
 from robomend_bench.faults.live import LiveRobot
 from robomend_bench.faults.observing import PRESETS, Preset
-from robomend_bench.faults.record import ENDED, Record, Trial
+from robomend_bench.faults.record import Record, Trial
 from robomend_bench.faults.robot import find_robot
 from robomend_bench.faults.stretches import STRETCH_BY_NAME, Stretch
 from robomend_client.rest.asynchronous import AsyncClient
@@ -49,25 +53,27 @@ class Terms:
         return self.preset.delay_s + 2.0
 
 
-class Surroundings:
+class Surroundings(Protocol):
     """What a trial needs of the bench around it."""
 
     url: str
     folder: Path
 
     def clock(self) -> float:
-        raise NotImplementedError
+        """Return the time, in seconds of a clock that does not go back."""
+        ...
 
     def join(self, live: LiveRobot) -> None:
         """Let time pass for this robot, and hand it its events."""
-        raise NotImplementedError
+        ...
 
     def leave(self, live: LiveRobot) -> None:
-        raise NotImplementedError
+        """Let no more time pass for it."""
+        ...
 
     async def model(self, client: AsyncClient, name: str, text: str) -> None:
         """Put a model, once."""
-        raise NotImplementedError
+        ...
 
 
 @cache
@@ -223,10 +229,8 @@ class _Play:
     def _over(self, waiting: bool) -> bool:
         """Whether nothing more is to come: nothing to happen by itself, no repair open, and long quiet."""
         live = self._live
-        open_ones = {seen.id for seen in live.record.repairs}
-        open_ones -= {seen.id for seen in live.record.repairs if seen.state in ENDED}
         quiet_s = self._around.clock() - live.last_s
-        if open_ones or self._expected > 0:
+        if live.record.open_repairs or self._expected > 0:
             return False
         spells = [s for each in live.scenario.planted for s in each.spells_s]
         if spells and not live.record.acts and live.at_s() < sum(spells):
@@ -241,16 +245,12 @@ class _Play:
         live = self._live
         for agent in live.agents:
             await agent.stop()
-        open_ones = {seen.id for seen in live.record.repairs}
-        open_ones -= {seen.id for seen in live.record.repairs if seen.state in ENDED}
-        try:
-            for repair in open_ones:
+        for repair in live.record.open_repairs:
+            with contextlib.suppress(ClientError):
                 await self._client.cancel(repair, "the trial is over")
-            for _ in range(20):
-                try:
-                    await self._client.delete_robot(live.id, "*")
-                    return
-                except ClientError:
-                    await asyncio.sleep(0.25)
-        except ClientError:
-            return
+        for _ in range(20):
+            try:
+                await self._client.delete_robot(live.id, "*")
+                return
+            except ClientError:  # the repair is still ending
+                await asyncio.sleep(0.25)
