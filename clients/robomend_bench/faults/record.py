@@ -118,9 +118,9 @@ class Record:
         return found
 
     def states_between(self, first_s: float, last_s: float) -> Iterator[State]:
-        """Yield the truth at a time, and each that came after until another."""
+        """Yield the truth at a time, and each that came after and before another."""
         yield self.state_at(first_s)
-        yield from (state for since_s, state in self.states if first_s < since_s <= last_s)
+        yield from (state for since_s, state in self.states if first_s < since_s < last_s)
 
     def lines(self) -> list[str]:
         """Return the whole record for people, in the order of time."""

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import re
 import shlex
 import sys
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -16,6 +18,7 @@ from robomend_bench.faults.command import choose, command, judge
 from robomend_bench.faults.record import Record, Trial, parse_trial
 from robomend_bench.faults.report import Report
 from robomend_bench.faults.robot import robot_names
+from robomend_bench.faults.scoring import Score
 from robomend_bench.faults.stretches import STRETCH_BY_NAME
 from robomend_bench.main import main
 
@@ -128,6 +131,24 @@ def test_what_is_no_measurement_is_named_and_never_scored() -> None:
     shown = report.markdown()
     assert "1 left out as the bench was late, 1 errors" in shown
     assert "base/hung-node/1.1`: the service died" in shown
+
+
+def test_lists_name_what_went_wrong_and_nothing_else() -> None:
+    well = Score("base/off/1.1", "off", "faults", repairable=True, repaired=True, detected=True)
+    acted = replace(well, trial="base/off/1.2", wrong=["1.00 s: stop_node(x)"] * 6)
+    false = replace(well, trial="base/off/1.3", false_repaired=["2.00 s: not ok(x) still wrong"])
+    lost = replace(well, trial="base/off/1.4", repaired=False, escalated=True)
+    needless = Score("base/boot/1.5", "boot", "healthy", acts=1, wrong=["1.00 s: stop_node(y)"])
+    report = Report("", "published", "the service", 0, 1, [well, acted, false, lost, needless], [], [])
+    sections = {part.split("\n")[0]: part for part in report.markdown().split("### ")}
+    listed = {title: set(re.findall(r"base/\w+/1\.\d", part)) for title, part in sections.items()}
+    assert {title: trials for title, trials in listed.items() if trials} == {
+        "Called repaired that were not (1 trials)": {"base/off/1.3"},
+        "Wrong acts (1 trials)": {"base/off/1.2"},
+        "Needless acts (1 trials)": {"base/boot/1.5"},
+        "Neither repaired nor escalated with its cause (1 trials)": {"base/off/1.4"},
+    }
+    assert "; and 2 more" in sections["Wrong acts (1 trials)"]
 
 
 def test_the_help_names_every_class_and_robot() -> None:

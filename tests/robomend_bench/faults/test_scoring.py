@@ -84,6 +84,39 @@ def test_an_act_on_what_only_needs_the_cause_is_wrong() -> None:
     assert found.points < 0.5
 
 
+def test_an_act_on_what_was_broken_a_moment_ago_is_not_wrong() -> None:
+    def wrong(at_s: float) -> list[str]:
+        again = (*REPAIR, (at_s, "stop_node", "mapper"))
+        return score(record_of(HUNG, TRUTH, again), SMALL).wrong
+
+    assert wrong(3.5 + 2.4) == []
+    assert wrong(3.5 + 2.6) == ["6.10 s: stop_node(mapper)"]
+
+
+@pytest.mark.parametrize(
+    ("blamed", "first"),
+    [
+        (("mapper",), True),
+        (("planner",), False),
+        (("mapper", "planner"), False),
+        (("mapper", "driver"), False),
+        ((), False),
+    ],
+)
+def test_the_cause_comes_first_if_nothing_else_is_blamed(blamed: tuple[str, ...], first: bool) -> None:
+    record = record_of(HUNG, TRUTH[:1], [], [(3.0, "planning", blamed)], [(2.4, (blamed,))])
+    assert score(record, SMALL).cause_first is first
+
+
+def test_of_a_double_fault_all_that_is_old_enough_to_be_seen_must_be_blamed() -> None:
+    both = with_faults(("mapper", "dead"), ("estimator", "dead"))
+    for decided_s, first in ((0.1, True), (3.0, False)):
+        record = record_of(Fault("mapper", "dead"), [(0.0, both)], [], [(decided_s, "planning", ("mapper",))])
+        record.faults.append((0.0, Fault("estimator", "dead")))
+        found = score(record, SMALL)
+        assert (found.told_apart, found.cause_first) == (True, first)
+
+
 def test_an_act_on_what_looks_like_the_cause_is_not_wrong_but_may_be_extra() -> None:
     hung = with_faults(("driver", "hung"))
     cycled = [

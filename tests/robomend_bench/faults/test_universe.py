@@ -61,6 +61,14 @@ def test_suspects_are_all_that_explains_with_as_few() -> None:
     assert UNIVERSE.suspects(frozenset(), 1) == frozenset()
 
 
+def test_explanations_are_as_large_as_it_takes() -> None:
+    odd = abnormal(ROBOT, with_faults(("mapper", "dead"), ("planner", "dead")))
+    assert {len(each.faults) for each in UNIVERSE.explanations(odd, 1)} == {2}
+    one = abnormal(ROBOT, with_faults(("mapper", "dead")))
+    assert {len(each.faults) for each in UNIVERSE.explanations(one, 1)} == {1}
+    assert {len(each.faults) for each in UNIVERSE.explanations(one, 2)} == {1, 2}
+
+
 def test_explanations_are_the_ways_to_cover_what_is_odd() -> None:
     odd = abnormal(ROBOT, with_faults(("mapper", "dead"), ("estimator", "hung")))
     found = {frozenset(map(str, each.faults)) for each in UNIVERSE.explanations(odd, 2)}
