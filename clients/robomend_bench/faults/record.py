@@ -117,10 +117,10 @@ class Record:
             found = state
         return found
 
-    def states_between(self, first_s: float, last_s: float) -> Iterator[State]:
-        """Yield the truth at a time, and each that came after and before another."""
-        yield self.state_at(first_s)
-        yield from (state for since_s, state in self.states if first_s < since_s < last_s)
+    def states_between(self, first_s: float, last_s: float) -> Iterator[tuple[float, State]]:
+        """Yield the truth at a time, and each that came after and before another, with its beginning."""
+        yield first_s, self.state_at(first_s)
+        yield from ((since_s, state) for since_s, state in self.states if first_s < since_s < last_s)
 
     def lines(self) -> list[str]:
         """Return the whole record for people, in the order of time."""

@@ -7,7 +7,7 @@ observation of the true state (universe.py), what would have been enough from th
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -213,11 +213,16 @@ class _Scoring:
         early = [acted for acted in self.record.acts if acted.at_s < 0]
         found.wrong = [f"{acted.at_s:.2f} s: {acted.act}" for acted in early]
         counts: dict[Act, int] = {}
+        spoilt: dict[str, float] = {}  # component -> when a wrong act touched it
         for acted in self.acts:
             counts[acted.act] = counts.get(acted.act, 0) + 1
             found.repeated += counts[acted.act] > 3
-            if not self._was_due(acted.at_s, acted.act):
+            if not self._was_due(acted.at_s, acted.act, spoilt):
                 found.wrong.append(f"{acted.at_s:.2f} s: {acted.act}")
+                for part in self._parts(acted.act):
+                    for name in touched(self.anatomy, part):
+                        if name not in spoilt or self._came_back(name, spoilt[name], acted.at_s):
+                            spoilt[name] = acted.at_s
         if not self.record.faults:
             return
         odd = abnormal(self.anatomy, self.all)
@@ -228,17 +233,39 @@ class _Scoring:
         best = self.robot.policy.outcome(self.all, belief.items())
         found.best_acts, found.best_exact = len(best.acts), best.exact
 
-    def _was_due(self, at_s: float, act: Act) -> bool:
-        """Whether one of an act's components was broken, had to be touched, or looked broken of late."""
-        parts = set(act.parameters)
+    def _parts(self, act: Act) -> set[str]:
+        """Return the components that an act is done to."""
         if act.name == "reset_bus":
-            parts = {device.name for device in self.anatomy.devices.values() if device.bus in act.parameters}
-        if act.name == "switch_to_spare":
-            parts = {act.parameters[0]}
-        for state in self.record.states_between(at_s - self.delay_s, at_s):
+            return {device.name for device in self.anatomy.devices.values() if device.bus in act.parameters}
+        return set(act.parameters[:1])
+
+    def _was_due(self, at_s: float, act: Act, spoilt: Mapping[str, float]) -> bool:
+        """Whether one of an act's components was broken, had to be touched, or looked broken of late.
+
+        What is wrong only because of an earlier wrong act does not count: bringing it back belongs to that.
+        """
+        parts = self._parts(act)
+        planted = {fault.component for began_s, fault in self.record.faults if began_s <= at_s}
+        for since_s, truth in self.record.states_between(at_s - self.delay_s, at_s):
+            ours = {
+                name
+                for name, from_s in spoilt.items()
+                if from_s <= since_s and name not in planted and not self._came_back(name, from_s, since_s)
+            }
+            state = frozenset((name, what) for name, what in truth if name not in ours)
             there = broken(self.anatomy, state)
             looks = self.robot.universe.suspects(abnormal(self.anatomy, state), max(1, min(2, len(there))))
             if any(parts & touched(self.anatomy, name) for name in there | looks):
+                return True
+        return False
+
+    def _came_back(self, component: str, since_s: float, at_s: float) -> bool:
+        """Whether a component that was well at first has been wrong since, and well again."""
+        wrong = False
+        for _, state in self.record.states_between(since_s, at_s):
+            if component in dict(state):
+                wrong = True
+            elif wrong:
                 return True
         return False
 

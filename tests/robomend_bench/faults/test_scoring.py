@@ -9,7 +9,7 @@ import pytest
 from tests.robomend_bench.faults.small import ROBOT, with_faults
 
 from robomend_bench.faults.classes import BY_NAME, CLASSES
-from robomend_bench.faults.condition import HEALTHY, Act, State
+from robomend_bench.faults.condition import HEALTHY, Act, DeviceCondition, State
 from robomend_bench.faults.kinds import Fault
 from robomend_bench.faults.record import Acted, Diagnosed, Record, RepairSeen, Trial
 from robomend_bench.faults.robot import Robot, find_robot, robot_names
@@ -78,10 +78,45 @@ def test_an_act_on_what_only_needs_the_cause_is_wrong() -> None:
         ),
         SMALL,
     )
-    # To start again what was stopped in error is no second error: it is broken by then.
-    assert found.wrong == ["4.00 s: stop_node(planner)"]
+    # To start again what was stopped in error belongs to the error.
+    assert found.wrong == ["4.00 s: stop_node(planner)", "4.20 s: start_node(planner)"]
     assert (found.right, found.extra) == (True, 2)
     assert found.points < 0.5
+
+
+def test_what_breaks_by_itself_after_a_wrong_act_on_it_may_be_repaired() -> None:
+    chased = (*REPAIR, (4.0, "stop_node", "planner"), (4.2, "start_node", "planner"))
+    later = (*chased, (9.0, "start_node", "planner"))
+    dead = with_faults(("planner", "dead"))
+    record = record_of(HUNG, (*TRUTH, (4.1, dead), (4.4, HEALTHY), (8.0, dead)), later)
+    assert len(score(record, SMALL).wrong) == 2
+    record.states[-2:] = []  # it never came back, and was not planted: still the same error
+    assert len(score(record, SMALL).wrong) == 3
+    record.faults.append((8.0, Fault("planner", "dead")))
+    assert len(score(record, SMALL).wrong) == 2
+
+
+def test_power_cut_in_error_makes_all_that_brings_it_back_wrong() -> None:
+    acts = [
+        (1.0, "shutdown", "lidar"),
+        (1.2, "power_up", "lidar"),
+        (1.4, "stop_node", "driver"),
+        (1.7, "start_node", "driver"),
+        (3.0, "stop_node", "estimator"),
+    ]
+    fault = Fault("estimator", "hung")
+    hung = with_faults(("estimator", "hung"))
+    off = hung | with_faults(("lidar", "off"))
+    stale = hung | (with_faults(("lidar", "off")) - {("lidar", DeviceCondition(on=False))})
+    stopped = hung | with_faults(("driver", "dead"))
+    states = [(0.0, hung), (1.1, off), (1.3, stale), (1.5, stopped), (1.9, hung), (3.1, HEALTHY)]
+    found = score(record_of(fault, states, acts), SMALL)
+    assert [each.split(": ")[1] for each in found.wrong] == [
+        "shutdown(lidar)",
+        "power_up(lidar)",
+        "stop_node(driver)",
+        "start_node(driver)",
+    ]
 
 
 def test_an_act_on_what_was_broken_a_moment_ago_is_not_wrong() -> None:
