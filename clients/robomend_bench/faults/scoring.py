@@ -7,7 +7,7 @@ observation of the true state (universe.py), what would have been enough from th
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -213,16 +213,14 @@ class _Scoring:
         early = [acted for acted in self.record.acts if acted.at_s < 0]
         found.wrong = [f"{acted.at_s:.2f} s: {acted.act}" for acted in early]
         counts: dict[Act, int] = {}
-        spoilt: dict[str, float] = {}  # component -> when a wrong act touched it
+        spoilt: list[tuple[str, float]] = []  # components, and when a wrong act touched them
         for acted in self.acts:
             counts[acted.act] = counts.get(acted.act, 0) + 1
             found.repeated += counts[acted.act] > 3
             if not self._was_due(acted.at_s, acted.act, spoilt):
                 found.wrong.append(f"{acted.at_s:.2f} s: {acted.act}")
                 for part in self._parts(acted.act):
-                    for name in touched(self.anatomy, part):
-                        if name not in spoilt or self._came_back(name, spoilt[name], acted.at_s):
-                            spoilt[name] = acted.at_s
+                    spoilt += ((name, acted.at_s) for name in touched(self.anatomy, part))
         if not self.record.faults:
             return
         odd = abnormal(self.anatomy, self.all)
@@ -239,7 +237,7 @@ class _Scoring:
             return {device.name for device in self.anatomy.devices.values() if device.bus in act.parameters}
         return set(act.parameters[:1])
 
-    def _was_due(self, at_s: float, act: Act, spoilt: Mapping[str, float]) -> bool:
+    def _was_due(self, at_s: float, act: Act, spoilt: Sequence[tuple[str, float]]) -> bool:
         """Whether one of an act's components was broken, had to be touched, or looked broken of late.
 
         What is wrong only because of an earlier wrong act does not count: bringing it back belongs to that.
@@ -249,7 +247,7 @@ class _Scoring:
         for since_s, truth in self.record.states_between(at_s - self.delay_s, at_s):
             ours = {
                 name
-                for name, from_s in spoilt.items()
+                for name, from_s in spoilt
                 if from_s <= since_s and name not in planted and not self._came_back(name, from_s, since_s)
             }
             state = frozenset((name, what) for name, what in truth if name not in ours)

@@ -96,6 +96,14 @@ def test_what_breaks_by_itself_after_a_wrong_act_on_it_may_be_repaired() -> None
     assert len(score(record, SMALL).wrong) == 2
 
 
+def test_the_same_error_again_counts_again() -> None:
+    dead = with_faults(("planner", "dead"))
+    chased = [(at, name, "planner") for at, name in ((4.0, "stop_node"), (4.2, "start_node"))]
+    again = [(at + 1.0, name, part) for at, name, part in chased]
+    states = (*TRUTH, (4.1, dead), (4.4, HEALTHY), (5.1, dead), (5.4, HEALTHY))
+    assert len(score(record_of(HUNG, states, (*REPAIR, *chased, *again)), SMALL).wrong) == 4
+
+
 def test_power_cut_in_error_makes_all_that_brings_it_back_wrong() -> None:
     acts = [
         (1.0, "shutdown", "lidar"),
