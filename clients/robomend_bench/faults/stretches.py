@@ -69,7 +69,9 @@ async def _nothing(live: LiveRobot, chance: random.Random) -> None:
 
 
 STRETCHES: tuple[Stretch, ...] = (
-    Stretch("boot", 15.0, "a healthy robot is switched on, and its agents start every process", _boot, True),
+    Stretch(
+        "boot", 15.0, "a healthy robot is switched on, and its agents start every process", _boot, boots=True
+    ),
     Stretch("jitter", 30.0, "now and then a message is late, within the topic's tolerance", _jitter),
     Stretch("agent-restart", 30.0, "agents end and come back 0.3, 1.5 or 7 s later", _agents),
     Stretch(
