@@ -5,7 +5,7 @@
 ;; its device lost power, that a node rests on others, and which devices can be switched at all. It therefore
 ;; restarts what it need not and misses what it must; repair.pddl is the domain to use.
 ;;
-;; Problems come from service/robomend/repair/problem.py, as for repair.pddl; facts that this domain does not
+;; Problems come from service/robomend/planning/problem.py, as for repair.pddl; facts that this domain does not
 ;; declare are left out. Costs are those of repair.pddl, so that plans of both compare.
 ;;
 ;; Source: the paper, section IV-E, and its open-source release (2012): the meaning of the actions, none of its text.

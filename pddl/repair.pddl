@@ -1,6 +1,6 @@
 ;; repair.pddl: bring bad components back by switching power and restarting processes.
 ;;
-;; Problems come from service/robomend/repair/problem.py:
+;; Problems come from service/robomend/planning/problem.py:
 ;;   init   OBS completed, bad and good of one diagnosis; exactly one of each pair holds;
 ;;          what is stopped or off is bad
 ;;   goal   (good ?c) for each component that is meant to work
@@ -9,7 +9,7 @@
 ;;   A fact and its opposite (on/off, running/stopped, bad/good) are two predicates, and an action
 ;;   that adds one deletes the other: tests/pddl/test_repair_domain.py.
 ;;   forall and when are guarded by static predicates only, so that grounding leaves STRIPS.
-;;   An action is one command of service/robomend/repair/execution.py, with the same name. Costs are
+;;   An action is one command of service/robomend/repairs/execution.py, with the same name. Costs are
 ;;   about seconds: what a repair takes before its effect can be seen.
 ;;
 ;; Why it is larger than the paper's four actions (paper-repair.pddl)

@@ -15,7 +15,7 @@ from collections.abc import Collection
 from dataclasses import replace
 
 from robomend.model.components import ComponentModel, Hardware, Node
-from robomend.repair.problem import needs_of
+from robomend.planning.problem import needs_of
 from robomend_client.literals import Literal, fails
 
 

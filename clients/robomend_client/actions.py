@@ -2,7 +2,7 @@
 
 It is the paper's repair action (section IV, b), so that a ROS action server, a power board, a process or a
 webhook are the same to the plan. To add an executor, write a class with this `execute` in
-robomend/repair/executors/, or on the robot a handler in robomend_client/agent/.
+robomend/repairs/executors/, or on the robot a handler in robomend_client/agent/.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@
          └──── the effects are looked for in the next observations ◄──────────────┘
 
 `turn` is one round of it and `mend` a whole repair. What they need of the service around them (OBS,
-engines, planners, executors, the journal) is a `Case`; robomend.custody.case is the real one.
+engines, planners, executors, the journal) is a `Repair`; robomend.repairs.live_repair is the real one.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from enum import StrEnum
 from typing import Protocol
 
 from robomend.diagnosis.result import DiagnosisResult
-from robomend.repair.choice import Choice
-from robomend.repair.execution import execute
-from robomend.repair.execution_values import Ending, Execution, Setting
-from robomend.repair.plan import Plan
+from robomend.planning.choice import Choice
+from robomend.planning.plan import Plan
+from robomend.repairs.execution import execute
+from robomend.repairs.execution_values import Ending, Execution, Setting
 
 
 class Verdict(StrEnum):
@@ -48,7 +48,7 @@ class Turn:
     after: DiagnosisResult | None = None
 
 
-class Case(Protocol):
+class Repair(Protocol):
     """One repair of one robot, as the loop sees it."""
 
     rounds: int  # turns at most, before a person is asked
@@ -78,36 +78,36 @@ class Case(Protocol):
         ...
 
 
-async def turn(case: Case) -> Turn:
+async def turn(repair: Repair) -> Turn:
     """One turn of the loop: diagnose, choose, plan, approve, act, and look whether it helped."""
-    result = await case.diagnose()  # OBS -> conflicts -> minimal diagnoses
+    result = await repair.diagnose()  # OBS -> conflicts -> minimal diagnoses
     if result.healthy:
         return Turn(Verdict.HEALTHY, result)
-    choice = await case.choose(result)  # each planned for; probability over cost
+    choice = await repair.choose(result)  # each planned for; probability over cost
     if choice.plan is None or choice.diagnosis is None:
         return Turn(Verdict.NOTHING_TO_TRY, result, choice)
-    if not await case.approved(choice):
+    if not await repair.approved(choice):
         return Turn(Verdict.NOT_APPROVED, result, choice)
-    execution = await execute(choice.plan, case.setting(choice.plan))  # each effect awaited in OBS
+    execution = await execute(choice.plan, repair.setting(choice.plan))  # each effect awaited in OBS
     if execution.ending is Ending.HALTED:
         return Turn(Verdict.HALTED, result, choice, execution)
-    after = await case.look(choice, execution)
+    after = await repair.look(choice, execution)
     helped = stands_no_more(choice.diagnosis.bad, after)
-    await case.remember(choice, execution, helped=helped)
+    await repair.remember(choice, execution, helped=helped)
     return Turn(_verdict(execution, after, helped), result, choice, execution, after)
 
 
-async def mend(case: Case) -> Turn:
+async def mend(repair: Repair) -> Turn:
     """Turn the loop until the robot is healthy or nothing is left to try; return the last turn.
 
     It ends: each turn that did not help makes one diagnosis less likely to be chosen again, and there are at
-    most `case.rounds` turns.
+    most `repair.rounds` turns.
     """
-    last = await turn(case)
-    for _ in range(case.rounds - 1):
+    last = await turn(repair)
+    for _ in range(repair.rounds - 1):
         if last.verdict not in GO_ON:
             return last
-        last = await turn(case)
+        last = await turn(repair)
     return last
 
 

@@ -10,7 +10,7 @@ RobomendError
 │   ├── OptionRefused              an engine or planner that cannot honour an option
 │   ├── TooLarge                   more than a limit of the service allows
 │   ├── NotFound                   no such robot, model, repair, …
-│   ├── Conflict                   the resource is not in the state that the request needs
+│   ├── StateConflict                   the resource is not in the state that the request needs
 │   │   └── Fenced                 another instance has taken over the robot
 │   ├── PreconditionFailed         If-Match names another version
 │   ├── PreconditionRequired       the change needs If-Match
@@ -35,6 +35,8 @@ RobomendError
 """
 
 from __future__ import annotations
+
+from robomend_client.near import did_you_mean
 
 
 class RobomendError(Exception):
@@ -76,11 +78,7 @@ class UnknownComponent(ModelError):
     def __init__(
         self, name: str, known: frozenset[str], file: str | None = None, line: int | None = None
     ) -> None:
-        from difflib import get_close_matches
-
-        near = get_close_matches(name, sorted(known), n=1)
-        hint = f"; did you mean {near[0]!r}?" if near else ""
-        super().__init__(f"no component is named {name!r}{hint}", file, line)
+        super().__init__(f"no component is named {name!r}{did_you_mean(name, known)}", file, line)
         self.args = (name, known, file, line)
 
 
@@ -155,13 +153,13 @@ class NotFound(InputError):
     code = "not-found"
 
 
-class Conflict(InputError):
+class StateConflict(InputError):
     """The resource is not in the state that the request needs."""
 
     code = "conflict"
 
 
-class Fenced(Conflict):
+class Fenced(StateConflict):
     """A write with an old fencing number: another instance has taken over the robot. Let go of it at once."""
 
     code = "fenced"

@@ -6,14 +6,14 @@ import asyncio
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from robomend.errors import Conflict, NotFound
-from robomend.repair.service_interface import Json
+from robomend.errors import NotFound, StateConflict
+from robomend.repairs.repairs import Json
 
 REPAIR = {"id": "r-1", "robot": "r1", "state": "awaiting-approval", "plan": [], "by": "local"}
 
 
 class RepairsDouble:
-    """Implements robomend.repair.service_interface.Repairs."""
+    """Stands in for robomend.repairs.repairs.Repairs."""
 
     def __init__(self) -> None:
         self.calls: list[tuple[Any, ...]] = []
@@ -39,7 +39,7 @@ class RepairsDouble:
     async def create(self, robot: str, *, bad: Sequence[str] | None, by: str, reason: str) -> Json:
         self.calls.append(("create", robot, bad, by, reason))
         if robot != "r1":
-            raise Conflict(f"a repair of {robot!r} is open")
+            raise StateConflict(f"a repair of {robot!r} is open")
         return REPAIR
 
     async def repairs(self, robot: str, *, before: str | None, limit: int) -> Sequence[Json]:
@@ -62,7 +62,7 @@ class RepairsDouble:
     async def next_action(self, robot: str, *, host: str | None, wait_s: float) -> Json | None:
         self.calls.append(("next_action", robot, host, wait_s))
         if robot not in self.queue and wait_s:
-            await asyncio.sleep(min(wait_s, 0.05))
+            await asyncio.sleep(min(wait_s, 0.05))  # a long poll of an empty queue
         return self.queue.get(robot)
 
     async def action_robot(self, action_id: str) -> str:

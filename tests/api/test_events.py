@@ -176,7 +176,7 @@ def test_open_streams_and_long_polls_do_not_hold_up_the_end(tmp_path: Any) -> No
         threads = [threading.Thread(target=follow), threading.Thread(target=wait)]
         for thread in threads:
             thread.start()
-        while not service.runtime.hub.count or not service.runtime.fleet.diagnosing.waits:
+        while not service.runtime.hub.count or not service.runtime.robots.diagnosing.waits:
             time.sleep(0.01)
         began = time.monotonic()
         service.loop.call_soon_threadsafe(service.runtime.end_waits)

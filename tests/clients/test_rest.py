@@ -185,7 +185,7 @@ def test_both_clients_have_the_same_methods() -> None:
         (401, errors.Unauthorized),
         (403, errors.Forbidden),
         (404, errors.NotFound),
-        (409, errors.Conflict),
+        (409, errors.StateConflict),
         (412, errors.PreconditionFailed),
         (422, errors.InvalidRequest),
         (428, errors.PreconditionRequired),

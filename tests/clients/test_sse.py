@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from robomend_client.events import Event, Kind
 from robomend_client.rest.errors import NotTheService
-from robomend_client.rest.sse import LONGEST_EVENT, Decoder, Message, read_event
+from robomend_client.rest.sse import LONGEST_EVENT, EventDecoder, Message, read_event
 
 STREAM = (
     "retry: 1500\n: robomend events\n\n"
@@ -29,7 +29,7 @@ MESSAGES = [
 @pytest.mark.parametrize("size", [1, 2, 3, 7, 10_000])
 def test_the_events_do_not_depend_on_where_the_bytes_are_split(end: str, size: int) -> None:
     data = STREAM.replace("\n", end).encode()
-    decoder, found = Decoder(), list[Message]()
+    decoder, found = EventDecoder(), list[Message]()
     for start in range(0, len(data), size):
         found += decoder.receive(data[start : start + size])
     assert found == MESSAGES
@@ -37,14 +37,14 @@ def test_the_events_do_not_depend_on_where_the_bytes_are_split(end: str, size: i
 
 
 def test_a_lost_connection_forgets_the_half_event_and_keeps_the_id() -> None:
-    decoder = Decoder()
+    decoder = EventDecoder()
     assert list(decoder.receive(b"id: 5\n\nid: 6\ndata: half an ev")) == []
     decoder.reconnected()
     assert list(decoder.receive(b"data: whole\n\n")) == [Message("5", "message", "whole")]
 
 
 def test_an_event_without_end_does_not_fill_the_memory() -> None:
-    decoder = Decoder()
+    decoder = EventDecoder()
     list(decoder.receive(b"data: " + b"x" * (LONGEST_EVENT - 100)))
     with pytest.raises(NotTheService, match="bytes"):
         list(decoder.receive(b"x" * 200))
@@ -52,7 +52,7 @@ def test_an_event_without_end_does_not_fill_the_memory() -> None:
 
 @given(st.lists(st.binary(max_size=40), max_size=20))
 def test_garbage_gives_messages_or_nothing_but_never_an_accident(chunks: list[bytes]) -> None:
-    decoder = Decoder()
+    decoder = EventDecoder()
     for chunk in chunks:
         assert all(isinstance(message, Message) for message in decoder.receive(chunk))
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from robomend.diagnosis.guided import AnyHittingSets, CheapestHittingSets, made_minimal
 from robomend.diagnosis.masks import bits
-from robomend.diagnosis.oracle import Clock
+from robomend.diagnosis.oracle import Deadline
 
 COMPONENTS = 7
 
@@ -44,14 +44,14 @@ def enumerate_all(sets: AnyHittingSets | CheapestHittingSets, family: list[int])
 
 @given(families)
 def test_any_order_finds_each_minimal_hitting_set_once(family: list[int]) -> None:
-    found = enumerate_all(AnyHittingSets(Clock()), family)
+    found = enumerate_all(AnyHittingSets(Deadline()), family)
     assert len(found) == len(set(found))
     assert set(found) == minimal_hitting_sets(family)
 
 
 @given(families, weights)
 def test_cheapest_first_finds_each_once_in_order_of_cost(family: list[int], weights: list[int]) -> None:
-    found = enumerate_all(CheapestHittingSets(weights, Clock()), family)
+    found = enumerate_all(CheapestHittingSets(weights, Deadline()), family)
     assert len(found) == len(set(found))
     assert set(found) == minimal_hitting_sets(family)
     costs = [sum(weights[bit] for bit in bits(mask)) for mask in found]
@@ -60,7 +60,7 @@ def test_cheapest_first_finds_each_once_in_order_of_cost(family: list[int], weig
 
 @given(families, weights)
 def test_the_cost_bounds_what_is_still_to_come(family: list[int], weights: list[int]) -> None:
-    sets = CheapestHittingSets(weights, Clock())
+    sets = CheapestHittingSets(weights, Deadline())
     for conflict in family:
         sets.hit(conflict)
     first = sets.next()
@@ -70,7 +70,7 @@ def test_the_cost_bounds_what_is_still_to_come(family: list[int], weights: list[
 
 
 def test_without_conflicts_nothing_need_be_chosen() -> None:
-    for sets in (AnyHittingSets(Clock()), CheapestHittingSets([1, 1], Clock())):
+    for sets in (AnyHittingSets(Deadline()), CheapestHittingSets([1, 1], Deadline())):
         assert sets.next() == 0
         sets.block(0)
         assert sets.next() is None

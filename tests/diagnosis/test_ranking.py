@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.diagnosis.systems import model
 
-from robomend.diagnosis.oracle import Clock, OutOfTime
+from robomend.diagnosis.oracle import Deadline, OutOfTime
 from robomend.diagnosis.ranking import (
     SCALE,
     by_probability,
@@ -54,7 +54,7 @@ def enumerate_all(family: list[int], priors: dict[str, float]) -> list[int]:
     def find_conflict(mask: int) -> int | None:
         return next((conflict for conflict in family if not conflict & mask), None)
 
-    return list(by_probability(find_conflict, NAMES, priors, Clock()))
+    return list(by_probability(find_conflict, NAMES, priors, Deadline()))
 
 
 def test_the_posterior_is_the_ratio_of_odds() -> None:
@@ -151,7 +151,7 @@ def test_rounding_does_not_change_the_order() -> None:
     def find_conflict(mask: int) -> int | None:
         return next((conflict for conflict in (0b101, 0b110) if not conflict & mask), None)
 
-    assert list(by_probability(find_conflict, list(odds), priors, Clock())) == [0b100, 0b011]
+    assert list(by_probability(find_conflict, list(odds), priors, Deadline())) == [0b100, 0b011]
 
 
 def test_a_suspect_without_a_prior_cannot_be_put_in_order() -> None:
@@ -161,7 +161,7 @@ def test_a_suspect_without_a_prior_cannot_be_put_in_order() -> None:
 
 
 def test_what_was_found_before_the_deadline_is_not_lost() -> None:
-    clock = Clock()
+    clock = Deadline()
     certain = dict.fromkeys(NAMES, 0.9)  # each is held back: any larger set is more probable
 
     def find_conflict(mask: int) -> int | None:

@@ -8,10 +8,10 @@ from itertools import count
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robomend.repair.decomposition import Part, PartAction
-from robomend.repair.plan import Outcome
-from robomend.repair.planners.asp import AspPlanner
-from robomend.repair.planners.relaxed import achieves, plan_cost, relaxed_layers, without_redundant
+from robomend.planning.decomposition import Part, PartAction
+from robomend.planning.plan import Outcome
+from robomend.planning.planners.asp import AspPlanner
+from robomend.planning.planners.relaxed import achieves, plan_cost, relaxed_layers, without_redundant
 
 FACTS = 5
 

@@ -6,13 +6,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.repair.robots import ALL_OFF, POWER_UP, TEDUSAR
+from tests.planning.robots import ALL_OFF, POWER_UP, TEDUSAR
 
-from robomend.repair.domain import PAIRS, Domain
-from robomend.repair.domain_loading import DEFAULT_DOMAIN, PAPER_DOMAIN, load_domain, shipped
-from robomend.repair.formulas import Forall, atoms, negation_normal
-from robomend.repair.plan import Plan
-from robomend.repair.planning import PlanOptions, plan_for
+from robomend.planning.domain.formulas import Forall, atoms, negation_normal
+from robomend.planning.domain.loading import DEFAULT_DOMAIN, PAPER_DOMAIN, load_domain, shipped
+from robomend.planning.domain.values import PAIRS, Domain
+from robomend.planning.plan import Plan
+from robomend.planning.planning import PlanOptions, plan_for
 from robomend_bench.plan_robots import broken, random_robot, some_bad
 
 DOMAINS = {name: load_domain(shipped(name)) for name in (DEFAULT_DOMAIN, PAPER_DOMAIN)}

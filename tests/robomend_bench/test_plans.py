@@ -7,10 +7,10 @@ from typing import Any
 import pytest
 
 from robomend.errors import OptionRefused
-from robomend.repair import planning
-from robomend.repair.decomposition import Part
-from robomend.repair.planning import EXACT_UP_TO
-from robomend.repair.series import in_series
+from robomend.planning import planning
+from robomend.planning.decomposition import Part
+from robomend.planning.planning import EXACT_UP_TO
+from robomend.planning.series import in_series
 from robomend_bench.plan_robots import broken, longest_chain, random_robot, some_bad, supplied_robot
 from robomend_bench.running import run_suite
 from robomend_bench.suite import Wish, find_suite

@@ -47,8 +47,8 @@ def test_what_is_observed_after_the_clock_went_back_counts(
     service = first
     if restarted:
         fresh = Clock()
-        for room in ("clock", "batches", "robot_state", "diagnosing", "fleet"):
-            monkeypatch.setattr(f"robomend.fleet.{room}.CLOCK", fresh)
+        for room in ("clock", "batches", "robot", "diagnosing", "robots"):
+            monkeypatch.setattr(f"robomend.robots.{room}.CLOCK", fresh)
         service = start()
     answer = service.observe("not ok(scan)", lifetime_s=600.0)
     assert answer.json()["changed"] == ["not ok(scan)"]

@@ -12,7 +12,7 @@ import pytest
 from tests.api.conftest import TEDUSAR, StartService, bad_sets
 from tests.api.conftest import start as start  # the fixture
 
-from robomend.custody.hearing import LiveSight
+from robomend.repairs.hearing import LiveSight
 
 
 def test_who_waits_for_observations_hears_of_those_of_another_instance(start: StartService) -> None:
@@ -20,14 +20,14 @@ def test_who_waits_for_observations_hears_of_those_of_another_instance(start: St
     one.with_robot()
     one.observe("ok(scan)")
     assert two.diagnosis(after=0, wait_s=10)["revision"] == 1
-    fleet = two.runtime.fleet
+    robots = two.runtime.robots
 
     async def wait() -> int:
-        state = await fleet.latest("r1")
-        return await LiveSight(fleet, state).changed(1, 20.0)
+        state = await robots.latest("r1")
+        return await LiveSight(robots, state).changed(1, 20.0)
 
     waiting: Future[int] = asyncio.run_coroutine_threadsafe(wait(), two.loop)
-    time.sleep(0.2)
+    time.sleep(0.2)  # it waits by then
     began = time.monotonic()
     one.observe("not ok(scan)")
     assert waiting.result(20) == 2
@@ -65,8 +65,8 @@ def test_a_write_under_way_does_not_hide_what_another_has_acknowledged(start: St
     one, two = start(), start()
     one.with_robot()
     assert two.diagnosis()["revision"] == 0
-    fleet, held = two.runtime.fleet, threading.Event()
-    write = fleet._store.write
+    robots, held = two.runtime.robots, threading.Event()
+    write = robots._store.write
 
     async def hold(*args: Any, **options: Any) -> Any:
         held.set()
@@ -75,7 +75,7 @@ def test_a_write_under_way_does_not_hide_what_another_has_acknowledged(start: St
         return await write(*args, **options)
 
     with ThreadPoolExecutor(3) as clients, pytest.MonkeyPatch.context() as patch:
-        patch.setattr(fleet._store, "write", hold)
+        patch.setattr(robots._store, "write", hold)
         late = clients.submit(two.observe, "ok(odom)")
         assert held.wait(20)
         assert one.observe("not ok(scan)").json()["revision"] == 1

@@ -7,8 +7,8 @@
 
 Mode `time` asks for two bad components and for all bad at once. Mode `cost` compares the cost of plans, with
 Fast Downward where it is installed, on two groups: small robots, each of whose parts is searched whole, and
-robots with a power supply, whose part is planned in stages (robomend.repair.series). `asp` and Fast Downward
-are held to the cheapest plan that anybody found, `pyperplan` to 1.1 times its cost.
+robots with a power supply, whose part is planned in stages (robomend.planning.series). `asp` and Fast
+Downward are held to the cheapest plan that anybody found, `pyperplan` to 1.1 times its cost.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from typing import Any
 from robomend.errors import InputError, OptionRefused
 from robomend.model.components import ComponentModel
 from robomend.model.loading import load_model
-from robomend.repair.domain_loading import load_domain
-from robomend.repair.pddl_text import problem_text
-from robomend.repair.plan import Outcome
-from robomend.repair.planners import make_planner, planner_names
-from robomend.repair.planning import PlanOptions, forget, plan_for
-from robomend.repair.problem import repair_problem
+from robomend.planning.domain.loading import load_domain
+from robomend.planning.pddl_text import problem_text
+from robomend.planning.plan import Outcome
+from robomend.planning.planners import PLANNERS, make_planner
+from robomend.planning.planning import PlanOptions, forget, plan_for
+from robomend.planning.problem import repair_problem
 from robomend.resources import resource
 from robomend_bench.plan_robots import broken, longest_chain, random_robot, some_bad, supplied_robot
 from robomend_bench.suite import Answer, Ask, Group, Question, Wish
@@ -96,8 +96,8 @@ class Plans:
         if contender in (UP_CHAIN, FD_WHOLE):
             return _stock(contender, wish)
         name, _, how = contender.partition(":")
-        if name not in planner_names() or how not in ("", "warm"):
-            known = ", ".join((UP_CHAIN, FD_WHOLE, *planner_names()))
+        if name not in PLANNERS.names() or how not in ("", "warm"):
+            known = ", ".join((UP_CHAIN, FD_WHOLE, *PLANNERS.names()))
             raise OptionRefused(f"no contender {contender!r}: choose from {known}, or a planner with :warm")
         make_planner(name)
         options = PlanOptions(planner=name, timeout_s=wish.timeout_s)

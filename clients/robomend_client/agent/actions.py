@@ -24,7 +24,7 @@ from robomend_client.agent.processes import SupervisedProcess
 from robomend_client.outbox import LATER
 from robomend_client.rest import calls
 from robomend_client.rest.asynchronous import AsyncClient
-from robomend_client.rest.errors import ClientError, Conflict, NotFound
+from robomend_client.rest.errors import ClientError, NotFound, StateConflict
 from robomend_client.rest.retry import NEVER, Retry
 
 log = logging.getLogger(__name__)
@@ -139,7 +139,7 @@ class Actions:
         """Say that the action has arrived: until then the service gives it to every poll."""
         try:
             await self._client.send(calls.feedback(action.id, 0, f"taken by agent {self._agent}"), NEVER)
-        except Conflict:
+        except StateConflict:
             pass  # its result was faster
         except ClientError as error:
             log.debug("%s: not acknowledged: %s", action.id, error)
@@ -191,7 +191,7 @@ class Actions:
             try:
                 await self._client.send(calls.result(action_id, result), NEVER)
                 return
-            except (NotFound, Conflict) as error:
+            except (NotFound, StateConflict) as error:
                 log.warning("the service knows nothing of %s any more: %s", action_id, error)
                 return
             except LATER as error:
@@ -236,7 +236,7 @@ class _Telling:
                     number, message = await self._queue.get()
             try:
                 await self._client.send(calls.feedback(self._action_id, number, message), NEVER)
-            except Conflict:
+            except StateConflict:
                 self.withdrawn.set()
                 return
             except ClientError as error:

@@ -4,7 +4,6 @@
         await client.observe("tedusar", ["not ok(scan)"])
 
 Every method sends one call of calls.py, repeats it as retry.py allows, and raises what errors.py names.
-Client is its twin for threads.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ from robomend_client.rest.errors import (
     translate,
 )
 from robomend_client.rest.retry import Attempts, Retry
-from robomend_client.rest.transport import Connection, Stream
+from robomend_client.rest.transport import Connection, StreamState
 from robomend_client.rest.types import (
     Accepted,
     Board,
@@ -326,7 +325,7 @@ class AsyncClient:
         keeps; when it does not, `on_gap` is told. After `patience_s` without a connection (None: never) the
         reason is raised.
         """
-        stream = Stream(robot, after, patience_s, on_gap)
+        stream = StreamState(robot, after, patience_s, on_gap)
         while True:
             try:
                 async with self._http.stream(**self._connection.stream(stream)) as response:

@@ -9,7 +9,7 @@ ClientError
     ├── Unauthorized       401: no key, or one that is not known
     ├── Forbidden          403: the key's role, the policy or a protection says no
     ├── NotFound           404
-    ├── Conflict           409: the resource is not in the state that the request needs
+    ├── StateConflict           409: the resource is not in the state that the request needs
     ├── PreconditionFailed 412: someone else changed it in the meantime
     ├── PreconditionRequired 428: say which version you are replacing
     ├── TooManyRequests    429
@@ -84,7 +84,7 @@ class NotFound(ApiError):
     """No such robot, model, repair, …"""
 
 
-class Conflict(ApiError):
+class StateConflict(ApiError):
     """The resource is not in the state that the request needs."""
 
 
@@ -113,7 +113,7 @@ BY_STATUS: dict[int, type[ApiError]] = {
     403: Forbidden,
     404: NotFound,
     408: Unavailable,  # the service waited for our body: the line was slow, not the request wrong
-    409: Conflict,
+    409: StateConflict,
     412: PreconditionFailed,
     428: PreconditionRequired,
     429: TooManyRequests,

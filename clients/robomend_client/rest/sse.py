@@ -32,7 +32,7 @@ class Message:
     data: str
 
 
-class Decoder:
+class EventDecoder:
     """Cuts a byte stream, split anywhere, into messages."""
 
     def __init__(self, last_id: str = "") -> None:

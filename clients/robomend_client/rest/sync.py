@@ -1,12 +1,12 @@
-"""The REST client for threads and scripts.
+"""The REST client for threads.
 
     with Client("http://127.0.0.1:8080") as client:
         client.observe("tedusar", ["not ok(scan)"])
-        print(client.diagnosis("tedusar")["diagnoses"])
 
 Every method sends one call of calls.py, repeats it as retry.py allows, and raises what errors.py names.
-AsyncClient is its twin for asyncio.
 """
+
+# Made from robomend_client/rest/asynchronous.py by make_sync.py: change that one.
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from robomend_client.rest.errors import (
     translate,
 )
 from robomend_client.rest.retry import Attempts, Retry
-from robomend_client.rest.transport import Connection, Stream
+from robomend_client.rest.transport import Connection, StreamState
 from robomend_client.rest.types import (
     Accepted,
     Board,
@@ -327,7 +327,7 @@ class Client:
         keeps; when it does not, `on_gap` is told. After `patience_s` without a connection (None: never) the
         reason is raised.
         """
-        stream = Stream(robot, after, patience_s, on_gap)
+        stream = StreamState(robot, after, patience_s, on_gap)
         while True:
             try:
                 with self._http.stream(**self._connection.stream(stream)) as response:

@@ -14,7 +14,7 @@ from robomend_client.events import Event
 from robomend_client.rest.calls import Call, path
 from robomend_client.rest.errors import ApiError, ClientError, NotTheService, Unreachable
 from robomend_client.rest.retry import Retry
-from robomend_client.rest.sse import Decoder, read_event
+from robomend_client.rest.sse import EventDecoder, read_event
 
 CONNECT_S = 5.0
 
@@ -60,7 +60,7 @@ class Connection:
             "timeout": httpx.Timeout(self.timeout_s + call.wait_s, connect=min(CONNECT_S, self.timeout_s)),
         }
 
-    def stream(self, stream: Stream) -> dict[str, Any]:
+    def stream(self, stream: StreamState) -> dict[str, Any]:
         """Return the arguments of httpx's `stream`."""
         return {
             "method": "GET",
@@ -72,7 +72,7 @@ class Connection:
         }
 
 
-class Stream:
+class StreamState:
     """The state of an event stream that outlives its connections."""
 
     def __init__(
@@ -85,7 +85,7 @@ class Stream:
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.path = path("events") if robot is None else path("robots", robot, "events")
-        self._decoder = Decoder("" if after is None else str(after))
+        self._decoder = EventDecoder("" if after is None else str(after))
         self._patience_s = patience_s
         self._on_gap = on_gap
         self._retry = retry or Retry()

@@ -14,7 +14,7 @@ class Page(TypedDict, Generic[T]):
     next: str | None
 
 
-class Refused(TypedDict):
+class RefusedSentence(TypedDict):
     """A sentence that was not kept, and why; the position is 0-based."""
 
     sentence: str
@@ -27,7 +27,7 @@ class Accepted(TypedDict):
 
     revision: int
     changed: list[str]
-    refused: list[Refused]
+    refused: list[RefusedSentence]
 
 
 class Ingested(TypedDict):

@@ -1,6 +1,6 @@
 """`create_app`: the parts go in, an ASGI application comes out. No module-level app: two live in one process.
 
-    edge (ids, Origin, log) ──► gate (key or Host, role, rate) ──► router ──► fleet, repairs, one-shots, store
+    edge (ids, Origin, log) ──► gate (key or Host, role, rate) ──► router ──► robots, repairs, store
 
 The parts are started and closed by whoever made them (see robomend.api.runtime), not by the application.
 """
@@ -18,7 +18,7 @@ from robomend.api import problems
 from robomend.api.deps import Parts
 from robomend.api.edge import Edge
 from robomend.api.express import Express
-from robomend.api.gate import Gate
+from robomend.api.gate import Admission
 from robomend.api.openapi import DESCRIPTION, TAGS, complete
 from robomend.api.routers import (
     actions,
@@ -80,7 +80,7 @@ def create_app(parts: Parts, *, lifespan: Lifespan | None = None) -> FastAPI:
         telemetry={"tracing": False, "metrics": False, "logs": False},
     )
     app.state.parts = parts
-    app.state.gate = Gate(parts.store, parts.settings, parts.metrics)
+    app.state.gate = Admission(parts.store, parts.settings, parts.metrics)
     problems.install(app)
     for module in ROUTERS:
         # Appended, not included: an included router is matched through a context of its own on every request.

@@ -14,13 +14,13 @@ from robomend.api.problems import Problem
 from robomend.api.schemas.base import NAME
 from robomend.api.streams import Hub
 from robomend.errors import PreconditionRequired
-from robomend.fleet.fleet import Fleet
-from robomend.fleet.oneshots import OneShots
 from robomend.metrics import Metrics
-from robomend.repair.service_interface import Repairs
+from robomend.oneshots.oneshots import OneShots
+from robomend.repairs.repairs import Repairs
+from robomend.robots.robots import Robots
 from robomend.security import Principal
 from robomend.settings import Settings
-from robomend.store.interface import Store
+from robomend.store import Store
 from robomend.store.records import ABSENT, ANY, Paging
 
 
@@ -30,7 +30,7 @@ class Parts:
 
     settings: Settings
     store: Store
-    fleet: Fleet
+    robots: Robots
     repairs: Repairs
     one_shots: OneShots
     hub: Hub

@@ -19,7 +19,7 @@ from starlette.routing import BaseRoute
 from starlette.types import Receive, Scope, Send
 
 from robomend.api.deps import Parts
-from robomend.api.gate import Gate
+from robomend.api.gate import Admission
 from robomend.api.ingestion import read_batch
 from robomend.api.problems import Problem, answer_to
 from robomend.api.schemas.base import NAME
@@ -35,7 +35,7 @@ RULE = ("POST", f"{API}/robots/{{robot}}/observations")
 class Express:
     """See the module."""
 
-    def __init__(self, parts: Parts, gate: Gate, route: BaseRoute) -> None:
+    def __init__(self, parts: Parts, gate: Admission, route: BaseRoute) -> None:
         """`route` is the one that this is a short way to; metrics name it."""
         self._parts = parts
         self._gate = gate
@@ -61,7 +61,7 @@ class Express:
             batch, once = await read_batch(
                 request, self._parts, principal, None if key is None else key.decode()
             )
-            outcome = await self._parts.fleet.observe(scope["path_params"]["robot"], batch, once=once)
+            outcome = await self._parts.robots.observe(scope["path_params"]["robot"], batch, once=once)
         except (Problem, RobomendError) as error:
             await answer_to(request, error)(scope, receive, send)
             return

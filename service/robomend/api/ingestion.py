@@ -24,9 +24,9 @@ from robomend.api.problems import Problem, of_error, of_validation
 from robomend.api.schemas.base import MAX_INT
 from robomend.api.schemas.observations import ObservationsBody
 from robomend.errors import RobomendError
-from robomend.fleet.batches import Batch
+from robomend.robots.batches import Batch
 from robomend.security import API, Principal
-from robomend.store.records import Once
+from robomend.store.records import IdempotencyKey
 
 NDJSON = "application/x-ndjson"
 
@@ -53,7 +53,7 @@ OPENAPI_BODY: dict[str, Any] = {
 
 async def read_batch(
     request: Request, parts: Parts, principal: Principal, key: str | None
-) -> tuple[Batch, Once | None]:
+) -> tuple[Batch, IdempotencyKey | None]:
     """Return the batch of a JSON body, and what makes a repeat of it harmless."""
     settings = parts.settings
     body = b"".join(
@@ -69,7 +69,7 @@ async def ingest(
 ) -> Response:
     """Take in an NDJSON body group by group; the answer says how far it came."""
     request.scope["robomend.waits"] = True
-    state = await parts.fleet.robot(robot)
+    state = await parts.robots.robot(robot)
     revision = state.revision
     lines = accepted = groups = 0
     group: list[Batch] = []
@@ -82,7 +82,7 @@ async def ingest(
         once = None
         if key is not None:
             once = _once(request, principal, f"{key}#{groups}", raw.digest())
-        outcome = await parts.fleet.observe_all(robot, tuple(group), once=once)
+        outcome = await parts.robots.observe_all(robot, tuple(group), once=once)
         revision = outcome.revision
         accepted += sentences
         lines = number
@@ -166,8 +166,8 @@ def _batch(value: Any) -> Batch:
     )
 
 
-def _once(request: Request, principal: Principal, key: str | None, body: bytes) -> Once | None:
+def _once(request: Request, principal: Principal, key: str | None, body: bytes) -> IdempotencyKey | None:
     if key is None:
         return None
     scope = f"{principal.name} {request.method} {request.url.path.removeprefix(API)}"
-    return Once(scope, key, hashlib.sha256(body).hexdigest())
+    return IdempotencyKey(scope, key, hashlib.sha256(body).hexdigest())

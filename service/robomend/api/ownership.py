@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from robomend.errors import NotFound
-from robomend.repair.service_interface import Repairs
+from robomend.repairs.repairs import Repairs
 from robomend.security import Principal, Role
 
 

@@ -32,7 +32,7 @@ STATUS: dict[type[errors.RobomendError], int] = {
     errors.InputError: 422,
     errors.TooLarge: 413,
     errors.NotFound: 404,
-    errors.Conflict: 409,
+    errors.StateConflict: 409,
     errors.PreconditionFailed: 412,
     errors.PreconditionRequired: 428,
     errors.Refused: 403,

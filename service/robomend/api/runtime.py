@@ -18,16 +18,15 @@ from robomend.api.deps import Parts
 from robomend.api.streams import Hub
 from robomend.errors import RobomendError
 from robomend.figures import EVERY_S
-from robomend.fleet.diagnoser import Diagnoser
-from robomend.fleet.fleet import Fleet
-from robomend.fleet.oneshots import OneShots
-from robomend.fleet.solvers import SolverWorkers
 from robomend.metrics import Metrics
-from robomend.repair.planner_pool import PlannerPool
-from robomend.repair.service_interface import Repairs
+from robomend.oneshots.oneshots import OneShots
+from robomend.oneshots.solvers import SolverWorkers
+from robomend.planning.planner_pool import PlannerPool
+from robomend.repairs.repairs import Repairs
+from robomend.robots.diagnoser import Diagnoser
+from robomend.robots.robots import Robots
 from robomend.settings import Settings
-from robomend.store import open_store
-from robomend.store.interface import Store
+from robomend.store import Store, api_keys, pruning
 from robomend.store.records import Retention, StoreFigures
 from robomend_client.events import Event, Kind
 
@@ -39,7 +38,7 @@ ENDED = frozenset({"done", "failed"})
 PRUNE_S = 3600.0
 """Between two prunings."""
 
-MakeRepairs = Callable[[Store, Fleet, PlannerPool, OneShots, Settings], Repairs]
+MakeRepairs = Callable[[Store, Robots, PlannerPool, OneShots, Settings], Repairs]
 
 
 class Runtime:
@@ -48,16 +47,16 @@ class Runtime:
     def __init__(self, settings: Settings, make_repairs: MakeRepairs) -> None:
         self.settings = settings
         self.metrics = Metrics()
-        self.store = open_store(database_url(settings))
+        self.store = Store(settings.database_url)
         self.solver = SolverWorkers(settings.solver_workers, settings.one_shots + 64)
         self.planners = PlannerPool(size=settings.planner_workers)
         diagnoser = Diagnoser(settings, self.metrics, self.solver)
-        self.fleet = Fleet(self.store, settings, self.metrics, diagnoser)
-        self.one_shots = OneShots(self.fleet.models, self.solver, self.planners, settings)
+        self.robots = Robots(self.store, settings, self.metrics, diagnoser)
+        self.one_shots = OneShots(self.solver, self.planners, settings)
         self.hub = Hub(self.store, self.metrics, most=settings.max_streams, ping_s=settings.ping_s)
-        self.repairs = make_repairs(self.store, self.fleet, self.planners, self.one_shots, settings)
+        self.repairs = make_repairs(self.store, self.robots, self.planners, self.one_shots, settings)
         self.app: FastAPI = create_app(
-            Parts(settings, self.store, self.fleet, self.repairs, self.one_shots, self.hub, self.metrics),
+            Parts(settings, self.store, self.robots, self.repairs, self.one_shots, self.hub, self.metrics),
             lifespan=self.lifespan,
         )
         self._watch_store()
@@ -65,7 +64,7 @@ class Runtime:
     def end_waits(self) -> None:
         """End streams and long polls, so that a server that shuts down need not wait for them."""
         self.hub.close()
-        self.fleet.end_waits()
+        self.robots.end_waits()
         self.repairs.end_waits()
 
     @asynccontextmanager
@@ -83,8 +82,8 @@ class Runtime:
             stack.callback(telling.cancel)
             pruning = asyncio.create_task(self._prune(), name="retention")
             stack.callback(pruning.cancel)
-            stack.push_async_callback(self.fleet.close)
-            await self.fleet.start()
+            stack.push_async_callback(self.robots.close)
+            await self.robots.start()
             stack.push_async_callback(self.repairs.close)
             await self.repairs.start()
             stack.callback(self.end_waits)
@@ -117,7 +116,7 @@ class Runtime:
         while True:
             await asyncio.sleep(PRUNE_S)
             try:
-                log.info("pruned", **asdict(await self.store.prune(retention)))
+                log.info("pruned", **asdict(await pruning.prune(self.store, retention)))
             except RobomendError as error:
                 log.warning("not pruned", code=error.code, detail=str(error))
 
@@ -134,17 +133,10 @@ class Runtime:
         watch("commits", "transactions since the start", lambda figures: figures.commits)
 
 
-def database_url(settings: Settings) -> str:
-    """Return the URL of the database: as set, or SQLite in the data folder."""
-    if settings.database is not None:
-        return settings.database.get_secret_value()
-    return f"sqlite:///{settings.data.expanduser().resolve() / 'robomend.db'}"
-
-
 @asynccontextmanager
 async def opened_store(settings: Settings) -> AsyncIterator[Store]:
     """Open the database for a command, and close it."""
-    store = open_store(database_url(settings))
+    store = Store(settings.database_url)
     await store.start()
     try:
         yield store
@@ -155,4 +147,4 @@ async def opened_store(settings: Settings) -> AsyncIterator[Store]:
 async def any_key(settings: Settings) -> bool:
     """Return whether a key was ever created in this database."""
     async with opened_store(settings) as store:
-        return bool(await store.read(lambda view: view.keys()))
+        return bool(await store.read(api_keys.every))

@@ -57,7 +57,7 @@ def listening_socket(settings: Settings) -> socket.socket:
     return listener
 
 
-class Supervisor:
+class WorkerSupervisor:
     """See the module. Belongs to one event loop."""
 
     def __init__(

@@ -17,21 +17,31 @@ from robomend.api.schemas.repair import BoardOut, ChannelOut
 from robomend.api.schemas.robots import DiagnosisOptionsBody, RobotBody, RobotLine, RobotOut
 from robomend.api.schemas.session import SessionOut
 from robomend.diagnosis.probes import ProbeResult
-from robomend.diagnosis.result import Options
-from robomend.fleet.batches import Outcome
-from robomend.fleet.boards import Board
-from robomend.fleet.clock import CLOCK
-from robomend.fleet.robot_state import Current, RobotState
+from robomend.diagnosis.result import DiagnosisResult, Options
 from robomend.model.system import System
-from robomend.robots import covered
+from robomend.oneshots.result_json import result_json
+from robomend.robots.batches import Acknowledged
+from robomend.robots.boards import WiredBoard
+from robomend.robots.clock import CLOCK
+from robomend.robots.configuration import covered
+from robomend.robots.robot import Current, Robot
 from robomend.security import Principal
 from robomend.settings import Settings
-from robomend.store.interface import Store, View
-from robomend.store.records import Accepted, AuditEntry, Diagnosed, Model, Page, Paging, Repair, Robot
+from robomend.store import Store, View, diagnoses, observations, repairs, robots
+from robomend.store.records import (
+    AuditEntry,
+    Page,
+    Paging,
+    StoredBatch,
+    StoredDiagnosis,
+    StoredModel,
+    StoredRepair,
+    StoredRobot,
+)
 from robomend_client.literals import Literal
 
 
-def model_out(model: Model, system: System) -> ModelOut:
+def model_out(model: StoredModel, system: System) -> ModelOut:
     """Return a model with what its loader had to say."""
     return ModelOut(
         name=model.name,
@@ -46,7 +56,7 @@ def model_out(model: Model, system: System) -> ModelOut:
     )
 
 
-def version_out(model: Model) -> VersionOut:
+def version_out(model: StoredModel) -> VersionOut:
     """Return a model in a list."""
     return VersionOut(
         name=model.name,
@@ -65,7 +75,7 @@ def session_out(principal: Principal) -> SessionOut:
     )
 
 
-def robot_line(robot: Robot) -> RobotLine:
+def robot_line(robot: StoredRobot) -> RobotLine:
     """Return a robot in a list."""
     return RobotLine(
         id=robot.id,
@@ -76,7 +86,7 @@ def robot_line(robot: Robot) -> RobotLine:
     )
 
 
-def robot_out(state: RobotState) -> RobotOut:
+def robot_out(state: Robot) -> RobotOut:
     """Return a robot's configuration and how it is."""
     return RobotOut(
         id=state.id,
@@ -98,7 +108,7 @@ def _healthy(current: Current | None) -> bool | None:
     return any(not diagnosis["bad"] for diagnosis in current.result["diagnoses"])
 
 
-def accepted_response(outcome: Outcome) -> Response:
+def accepted_response(outcome: Acknowledged) -> Response:
     """Return what became of a batch; written directly, since this is the busiest answer of all."""
     refused = [
         {"sentence": fault.sentence, "position": fault.position, "message": fault.message}
@@ -108,7 +118,7 @@ def accepted_response(outcome: Outcome) -> Response:
     return Response(json.dumps(body), media_type="application/json")
 
 
-def obs_out(state: RobotState) -> ObsOut:
+def obs_out(state: Robot) -> ObsOut:
     """Return OBS now, in the order of the atoms."""
     now = CLOCK.now_ns()
     used = state.system.cnf.atom_variable
@@ -139,7 +149,7 @@ def obs_out(state: RobotState) -> ObsOut:
     )
 
 
-def diagnosis_response(state: RobotState) -> Response:
+def diagnosis_response(state: Robot) -> Response:
     """Return the current diagnosis; its JSON is made already."""
     current = state.current
     body: dict[str, Any] = {
@@ -152,6 +162,11 @@ def diagnosis_response(state: RobotState) -> Response:
         "expected_stopped": [] if current is None else current.expected_stopped,
     }
     return Response(json.dumps(body), media_type="application/json", headers={"Cache-Control": "no-store"})
+
+
+def result_response(result: DiagnosisResult) -> Response:
+    """Return an engine's answer as it is; ResultOut only describes it."""
+    return Response(json.dumps(result_json(result)), media_type="application/json")
 
 
 def probes_out(revision: int, found: ProbeResult) -> ProbesOut:
@@ -174,7 +189,7 @@ def probes_out(revision: int, found: ProbeResult) -> ProbesOut:
     )
 
 
-def board_out(board: Board) -> BoardOut:
+def board_out(board: WiredBoard) -> BoardOut:
     """Return the link's state and each channel's reading."""
     snapshot = board.link.snapshot
     readings = snapshot.channels
@@ -218,22 +233,22 @@ async def history_page(store: Store, robot: str, kind: str, paging: Paging) -> I
     """Return a page of one kind of a robot's history, newest first; NotFound if there is no such robot."""
 
     def look(view: View) -> Page[Any]:
-        view.robot(robot)
+        robots.get(view, robot)
         if kind == "diagnosis":
-            return view.diagnoses(robot, paging)
+            return diagnoses.page(view, robot, paging)
         if kind == "repair":
-            return view.repairs(robot, paging)
-        return view.history(robot, paging)
+            return repairs.page(view, robot, paging)
+        return observations.history(view, robot, paging)
 
     page = await store.read(look)
     return Items(items=[_history_line(item) for item in page.items], next=page.next)
 
 
-def _history_line(item: Accepted | Diagnosed | Repair) -> HistoryLine:
-    if isinstance(item, Diagnosed):
+def _history_line(item: StoredBatch | StoredDiagnosis | StoredRepair) -> HistoryLine:
+    if isinstance(item, StoredDiagnosis):
         data = {"revision": item.revision, "model_version": item.model_version, **item.result}
         return HistoryLine(kind="diagnosis", time_ns=item.time_ns, data=data)
-    if isinstance(item, Repair):
+    if isinstance(item, StoredRepair):
         data = {"id": item.id, "state": item.state, **item.data}
         return HistoryLine(kind="repair", time_ns=item.created_ns, data=data)
     data = {

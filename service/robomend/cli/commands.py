@@ -2,7 +2,7 @@
 
 Results go to stdout, the rest to stderr. Exit codes: 0 done, 1 a negative answer where that was asked for,
 2 bad input, 3 a backend failed. To add a command: write cli/<name>.py with a click command, and one line in
-COMMANDS.
+COMMANDS. Another package adds one by an entry point of the group `robomend.commands`: the demo does.
 """
 
 from __future__ import annotations
@@ -11,21 +11,22 @@ import os
 import sys
 
 import click
+from click.exceptions import NoSuchCommand
 
 from robomend.cli.lazy import LazyGroup, Table
 from robomend.cli.main import INTERRUPTED
 from robomend.errors import BackendError, RobomendError
+from robomend_client.near import did_you_mean
 
 BAD_INPUT = 2
 BACKEND_FAILED = 3
 
 COMMANDS: Table = {
     "serve": ("robomend.cli.serve:command", "Run the service."),
-    "demo": ("robomend.cli.demo:command", "Run the paper's scenarios against emulated hardware."),
     "diagnose": ("robomend.cli.diagnose:command", "Explain observations by minimal diagnoses."),
     "plan": ("robomend.cli.plan:command", "Plan a repair without carrying it out."),
     "compile": ("robomend.cli.compile:command", "Show the clauses of a model."),
-    "model": ("robomend.cli.model:command", "Check a model, or propose one."),
+    "model": ("robomend.cli.model:command", "Check a model."),
     "keys": ("robomend.cli.keys:command", "Create and revoke API keys."),
     "config": ("robomend.cli.config:command", "Show the settings in force."),
     "doctor": ("robomend.cli.doctor:command", "Check this installation."),
@@ -35,7 +36,12 @@ COMMANDS: Table = {
 }
 
 
-@click.group(cls=LazyGroup, table=COMMANDS, context_settings={"help_option_names": ["-h", "--help"]})
+OTHERS = "robomend.commands"
+
+
+@click.group(
+    cls=LazyGroup, table=COMMANDS, others=OTHERS, context_settings={"help_option_names": ["-h", "--help"]}
+)
 @click.version_option(package_name="robomend", prog_name="robomend", message="%(prog)s %(version)s")
 def cli() -> None:
     """Find out why a robot misbehaves, and repair it."""
@@ -51,7 +57,7 @@ def run(arguments: list[str]) -> int:
         context = getattr(error, "ctx", None)
         if context is not None:
             click.echo(context.get_usage(), err=True)
-        click.echo(f"error: {error.format_message()}", err=True)
+        click.echo(f"error: {_message(error)}", err=True)
         return BAD_INPUT
     except RobomendError as error:
         click.echo(f"error: {error}", err=True)
@@ -65,6 +71,18 @@ def run(arguments: list[str]) -> int:
             return _nobody_reads()
         raise
     return code if isinstance(code, int) else 0
+
+
+def _message(error: click.ClickException) -> str:
+    """Return what is wrong, with the command or option that was probably meant."""
+    context = getattr(error, "ctx", None)
+    if isinstance(error, NoSuchCommand) and context is not None:
+        known = context.command.list_commands(context)
+        return f"no command is named {error.command_name!r}{did_you_mean(error.command_name, known)}"
+    if isinstance(error, click.NoSuchOption) and context is not None:
+        options = [name for option in context.command.get_params(context) for name in option.opts]
+        return f"no option is named {error.option_name!r}{did_you_mean(error.option_name, options)}"
+    return error.format_message()
 
 
 def _nobody_reads() -> int:

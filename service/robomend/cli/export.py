@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import os
 import sys
 from collections.abc import Iterator
@@ -12,7 +11,7 @@ from typing import IO
 
 import click
 
-from robomend.errors import Conflict, InputError, StoreError
+from robomend.errors import InputError, StateConflict, StoreError
 
 FORMATS = ("ndjson", "sqlite")
 
@@ -33,15 +32,16 @@ def command(
     ndjson can be read by `robomend import` into either kind of database; sqlite is a copy of a SQLite
     database, ready to be used in its place. Both hold hashes of API keys: keep them as safe as the database.
     """
-    from robomend.store import open_store
+    from robomend.store import portable
+    from robomend.store.database import Database
 
-    url = database_url(database, data, config)
+    source = Database(database_url(database, data, config))
     if format_ == "sqlite":
         if output is None:
             raise InputError("--format sqlite needs --output FILE")
-        asyncio.run(_copy(url, output))
+        portable.backup(source, output)
         return
-    lines = open_store(url).export()
+    lines = portable.export(source)
     if output is None:
         sys.stdout.writelines(lines)
         return
@@ -52,30 +52,16 @@ def command(
 def database_url(database: str | None, data: Path | None, config: Path | None) -> str:
     """Return the URL that the service would use with these settings."""
     from robomend import settings
-    from robomend.store import database_in
 
     given, _ = settings.load({"database": database, "data": data}, os.environ, config)
-    if given.database is not None:
-        return given.database.get_secret_value()
-    return database_in(given.data)
-
-
-async def _copy(url: str, output: Path) -> None:
-    from robomend.store import open_store
-
-    store = open_store(url)
-    await store.start()
-    try:
-        await store.backup(output)
-    finally:
-        await store.close()
+    return given.database_url
 
 
 @contextmanager
 def _new_file(path: Path) -> Iterator[IO[str]]:
     """A file that only its owner can read and that appears under its name when it is whole and on disk."""
     if path.exists():
-        raise Conflict(f"{path} exists; name a new file")
+        raise StateConflict(f"{path} exists; name a new file")
     partial = path.with_name(f"{path.name}.partial")
     try:
         descriptor = os.open(partial, os.O_CREAT | os.O_WRONLY | os.O_TRUNC | os.O_CLOEXEC, 0o600)

@@ -25,9 +25,9 @@ from typing import Any
 
 import clingo
 
-from robomend.diagnosis.base import Answer, Bad, BaseEngine, NoDiagnosis, by_size
-from robomend.diagnosis.observed import Observed, Supposed
-from robomend.diagnosis.oll import TooLarge
+from robomend.diagnosis.base import Bad, BaseEngine, NoDiagnosis, SearchState, by_size
+from robomend.diagnosis.observed import SignedObs, Supposed
+from robomend.diagnosis.oll import MinimumTooLarge
 from robomend.diagnosis.oracle import OutOfTime
 from robomend.diagnosis.result import Options
 from robomend.errors import OptionRefused
@@ -59,7 +59,7 @@ class AspEngine(BaseEngine):
             self._controls[kind] = _Grounded(self.cnf, kind)
         return self._controls[kind]
 
-    def _search(self, observed: Observed, what_if: Supposed, options: Options, answer: Answer) -> None:
+    def _search(self, observed: SignedObs, what_if: Supposed, options: Options, answer: SearchState) -> None:
         self._clock.check()
         literals = [*observed.numbers, *what_if.numbers]
         if options.minimal == "cardinality":
@@ -67,19 +67,19 @@ class AspEngine(BaseEngine):
         else:
             self._subset_minimal(literals, options, answer)
 
-    def _minimum(self, literals: list[int], options: Options, answer: Answer) -> None:
+    def _minimum(self, literals: list[int], options: Options, answer: SearchState) -> None:
         any_at_all = False
         for bad, optimal in self._models("minimum", literals, answer):
             any_at_all = True
             if not optimal and self.cnf.components:  # without any, clingo has nothing to minimize
                 continue  # a better one follows
             if options.max_size is not None and len(bad) > options.max_size:
-                raise TooLarge
+                raise MinimumTooLarge
             answer.add(bad)
         if not any_at_all:
             raise NoDiagnosis
 
-    def _subset_minimal(self, literals: list[int], options: Options, answer: Answer) -> None:
+    def _subset_minimal(self, literals: list[int], options: Options, answer: SearchState) -> None:
         found: list[Bad] = []
         try:
             if options.max_size is not None:
@@ -109,10 +109,10 @@ class AspEngine(BaseEngine):
             if not more:
                 raise NoDiagnosis
             if len(more) > len(found):
-                raise TooLarge
+                raise MinimumTooLarge
 
     def _all_of(
-        self, literals: list[int], max_size: int | None, most: int | None, answer: Answer
+        self, literals: list[int], max_size: int | None, most: int | None, answer: SearchState
     ) -> list[Bad]:
         found: list[Bad] = []
         try:
@@ -125,7 +125,7 @@ class AspEngine(BaseEngine):
         return found
 
     def _models(
-        self, kind: str, literals: list[int], answer: Answer, max_size: int | None = None
+        self, kind: str, literals: list[int], answer: SearchState, max_size: int | None = None
     ) -> Iterator[tuple[Bad, bool]]:
         """Yield (abnormal components, proven optimal) of each answer set.
 

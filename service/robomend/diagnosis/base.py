@@ -5,7 +5,7 @@ order of size and returns when there are no more of those asked for. Everything 
 event:
 
     LimitReached   raised by answer.add when enough were found           stopped_by "limit"
-    TooLarge       raised by the search: larger ones exist               stopped_by "size"
+    MinimumTooLarge       raised by the search: larger ones exist               stopped_by "size"
     OutOfTime      raised by the oracle or the clock                     stopped_by "time"
     NoDiagnosis    raised by the search: nothing explains OBS            ContradictoryModel; in what-if, none
 
@@ -27,13 +27,13 @@ from robomend.diagnosis.masks import mask_of
 from robomend.diagnosis.observed import (
     NOTHING_SUPPOSED,
     ObservationReader,
-    Observed,
+    SignedObs,
     Supposed,
     check_options,
     supposed,
 )
-from robomend.diagnosis.oll import TooLarge
-from robomend.diagnosis.oracle import Clock, Oracle, OutOfTime, solver_name
+from robomend.diagnosis.oll import MinimumTooLarge
+from robomend.diagnosis.oracle import Deadline, Oracle, OutOfTime, solver_name
 from robomend.diagnosis.ranking import rank
 from robomend.diagnosis.reasons import Reasons
 from robomend.diagnosis.result import Conflict, Diagnosis, DiagnosisResult, Factor, Options, StoppedBy
@@ -68,7 +68,7 @@ class NoDiagnosis(Exception):
 
 
 @dataclass(slots=True)
-class Answer:
+class SearchState:
     """What a search has found so far."""
 
     limit: int
@@ -106,7 +106,7 @@ class BaseEngine(ABC):
     ) -> None:
         self.cnf = cnf
         self.solver = solver_name(solver, default_solver)
-        self._clock = Clock()
+        self._clock = Deadline()
         self._reader = ObservationReader(cnf)
         self._reasons = Reasons(cnf)
         self._conflicts = Conflicts(cnf, self._reasons)
@@ -134,7 +134,7 @@ class BaseEngine(ABC):
         return checker
 
     @abstractmethod
-    def _search(self, observed: Observed, what_if: Supposed, options: Options, answer: Answer) -> None:
+    def _search(self, observed: SignedObs, what_if: Supposed, options: Options, answer: SearchState) -> None:
         """Hand the minimal diagnoses to `answer`, in order of size; see the module for the events."""
 
     def _refuse(self, options: Options) -> None:
@@ -186,7 +186,7 @@ class BaseEngine(ABC):
         observed = self._reader.read(observations)
         what_if = supposed(self.cnf, options)
         self._clock.start(options.timeout_s)
-        answer = Answer(MAX_DIAGNOSES if options.limit is None else options.limit)
+        answer = SearchState(MAX_DIAGNOSES if options.limit is None else options.limit)
         stopped: StoppedBy | None = None
         try:
             self._search(observed, what_if, options, answer)
@@ -194,7 +194,7 @@ class BaseEngine(ABC):
             stopped = "time"
         except LimitReached:
             stopped = "limit"
-        except TooLarge:
+        except MinimumTooLarge:
             stopped = "size"
         except NoDiagnosis:
             stopped = self._explain_contradiction(observed, what_if)
@@ -206,10 +206,10 @@ class BaseEngine(ABC):
     def _answer(
         self,
         started: float,
-        observed: Observed,
+        observed: SignedObs,
         what_if: Supposed,
         options: Options,
-        answer: Answer,
+        answer: SearchState,
         stopped: StoppedBy | None,
     ) -> DiagnosisResult:
         names = self.cnf.components
@@ -290,7 +290,7 @@ class BaseEngine(ABC):
                     break
         return told
 
-    def _explain_contradiction(self, observed: Observed, what_if: Supposed) -> StoppedBy | None:
+    def _explain_contradiction(self, observed: SignedObs, what_if: Supposed) -> StoppedBy | None:
         """Raise ContradictoryModel with a small core, unless it is the supposition alone that cannot be.
 
         Returns:

@@ -26,7 +26,7 @@ from dataclasses import dataclass, field
 
 from robomend.diagnosis.explanations import explain_conflict
 from robomend.diagnosis.masks import mask_of
-from robomend.diagnosis.observed import Observed, Supposed
+from robomend.diagnosis.observed import SignedObs, Supposed
 from robomend.diagnosis.oracle import Oracle
 from robomend.diagnosis.reasons import Reasons
 from robomend.diagnosis.result import Conflict
@@ -60,7 +60,7 @@ class Conflicts:
         self._by_observation: dict[int, list[Known]] = {}
         self._size = 0
 
-    def applicable(self, observed: Observed) -> list[Known]:
+    def applicable(self, observed: SignedObs) -> list[Known]:
         """Return the known conflicts whose observations are all observed now, the smallest first.
 
         With other observations around, some contain others; those come later.
@@ -89,7 +89,7 @@ class Conflicts:
             shelf.append(known)
             self._size += 1
 
-    def shrink(self, oracle: Oracle, core: Iterable[int], observed: Observed, supposed: Supposed) -> Known:
+    def shrink(self, oracle: Oracle, core: Iterable[int], observed: SignedObs, supposed: Supposed) -> Known:
         """Return a conflict inside a core, minimal for its own observations: enough to search with."""
         core = list(core)
         if not self.horn or oracle.propagate(core)[0]:
@@ -109,7 +109,7 @@ class Conflicts:
         components.sort()
         return Known(mask_of(components), tuple(components), tuple(observations))
 
-    def minimise(self, oracle: Oracle, core: Iterable[int], observed: Observed, supposed: Supposed) -> Known:
+    def minimise(self, oracle: Oracle, core: Iterable[int], observed: SignedObs, supposed: Supposed) -> Known:
         """Return a minimal conflict inside a core. Those supposed healthy count as observations here."""
         n = len(self._cnf.components)
         fixed = supposed.numbers
@@ -147,7 +147,7 @@ class Conflicts:
                 components = [lit for lit in trial if lit in left]
         return components, core
 
-    def in_words(self, known: Known, observed: Observed) -> Conflict:
+    def in_words(self, known: Known, observed: SignedObs) -> Conflict:
         """Return the conflict with its observations, rules and sentence."""
         if known.words is None:
             cnf = self._cnf

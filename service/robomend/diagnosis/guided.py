@@ -29,7 +29,7 @@ from dataclasses import dataclass
 from pysat.card import ITotalizer
 
 from robomend.diagnosis.masks import bits
-from robomend.diagnosis.oracle import Clock, Oracle
+from robomend.diagnosis.oracle import Deadline, Oracle
 
 
 def made_minimal(mask: int, conflicts: Sequence[int]) -> int:
@@ -49,7 +49,7 @@ class AnyHittingSets:
     needs up to 20 times as many conflicts until all diagnoses are found.
     """
 
-    def __init__(self, clock: Clock) -> None:
+    def __init__(self, clock: Deadline) -> None:
         self.conflicts: list[int] = []
         self._oracle = Oracle([], clock)
         self._known = 0  # the components that a conflict has named: the solver has seen no others
@@ -100,7 +100,7 @@ class _Sum:
 class CheapestHittingSets:
     """Minimal hitting sets in order of cost; bit i is component i and costs `weights[i]` ≥ 0."""
 
-    def __init__(self, weights: Sequence[int], clock: Clock) -> None:
+    def __init__(self, weights: Sequence[int], clock: Deadline) -> None:
         self.conflicts: list[int] = []
         self.cost = 0  # no further hitting set is cheaper
         self._weights = weights

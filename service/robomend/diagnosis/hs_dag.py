@@ -20,21 +20,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from robomend.diagnosis.base import Answer, Bad, BaseEngine, NoDiagnosis
-from robomend.diagnosis.observed import Observed, Supposed
-from robomend.diagnosis.oll import TooLarge
+from robomend.diagnosis.base import Bad, BaseEngine, NoDiagnosis, SearchState
+from robomend.diagnosis.observed import SignedObs, Supposed
+from robomend.diagnosis.oll import MinimumTooLarge
 from robomend.diagnosis.result import Options
 
 Path = frozenset[int]
 
 
 @dataclass(slots=True)
-class Node:
+class DagNode:
     """A node of the DAG; `path` is H(n)."""
 
     path: Path
     label: Path | None = None  # None: not labelled yet, or closed, or a diagnosis
-    children: dict[int, Node] = field(default_factory=dict)  # edge -> node
+    children: dict[int, DagNode] = field(default_factory=dict)  # edge -> node
 
 
 class HsDagEngine(BaseEngine):
@@ -42,10 +42,10 @@ class HsDagEngine(BaseEngine):
 
     name = "hs_dag"
 
-    def _search(self, observed: Observed, what_if: Supposed, options: Options, answer: Answer) -> None:
+    def _search(self, observed: SignedObs, what_if: Supposed, options: Options, answer: SearchState) -> None:
         self._clock.check()
-        root = Node(frozenset())
-        level: dict[Path, Node] = {root.path: root}
+        root = DagNode(frozenset())
+        level: dict[Path, DagNode] = {root.path: root}
         dag = _Dag(root)
         forced = sorted(what_if.abnormal)
         depth = len(forced)
@@ -53,11 +53,11 @@ class HsDagEngine(BaseEngine):
             too_deep = options.max_size is not None and depth > options.max_size
             if too_deep:
                 if self._any_more([*observed.numbers, *what_if.numbers], answer.found):
-                    raise TooLarge
+                    raise MinimumTooLarge
                 if not answer.found:
                     raise NoDiagnosis
                 return
-            below: dict[Path, Node] = {}
+            below: dict[Path, DagNode] = {}
             for node in list(level.values()):
                 if not dag.holds(node):
                     continue
@@ -69,7 +69,9 @@ class HsDagEngine(BaseEngine):
             level = below
             depth += 1
 
-    def _grow(self, node: Node, dag: _Dag, observed: Observed, what_if: Supposed, answer: Answer) -> None:
+    def _grow(
+        self, node: DagNode, dag: _Dag, observed: SignedObs, what_if: Supposed, answer: SearchState
+    ) -> None:
         """Label one node, or close it, or find that it is a diagnosis."""
         if any(diagnosis <= node.path for diagnosis in dag.diagnoses):
             return
@@ -100,23 +102,23 @@ class HsDagEngine(BaseEngine):
 class _Dag:
     """The nodes by path, the labels in use, the diagnoses found."""
 
-    def __init__(self, root: Node) -> None:
+    def __init__(self, root: DagNode) -> None:
         self.root = root
         self.labels: list[Path] = []
         self.diagnoses: list[Path] = []
         self._alive: set[Path] | None = None  # None: all nodes are; recomputed after pruning
 
-    def holds(self, node: Node) -> bool:
+    def holds(self, node: DagNode) -> bool:
         """Whether the node is still part of the DAG."""
         return self._alive is None or node.path in self._alive
 
-    def expand(self, node: Node, below: dict[Path, Node]) -> None:
+    def expand(self, node: DagNode, below: dict[Path, DagNode]) -> None:
         """Give the node a child for each member of its label; children with the same path are one node."""
         for edge in node.label or ():
             path = node.path | {edge}
             child = below.get(path)
             if child is None:
-                child = below[path] = Node(path)
+                child = below[path] = DagNode(path)
                 if self._alive is not None:
                     self._alive.add(path)
             node.children[edge] = child

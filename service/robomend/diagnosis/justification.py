@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 from robomend.diagnosis.conflicts import Conflicts, Known
 from robomend.diagnosis.masks import bits, mask_of, outside
-from robomend.diagnosis.observed import NOTHING_SUPPOSED, Observed, Supposed
+from robomend.diagnosis.observed import NOTHING_SUPPOSED, SignedObs, Supposed
 from robomend.diagnosis.oracle import Oracle, OutOfTime
 from robomend.model.cnf import HealthCnf
 
@@ -31,7 +31,7 @@ class Justification:
         cnf: HealthCnf,
         oracle: Oracle,
         conflicts: Conflicts,
-        observed: Observed,
+        observed: SignedObs,
         what_if: Supposed,
         masks: Sequence[int],
     ) -> None:

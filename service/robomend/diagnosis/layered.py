@@ -19,7 +19,7 @@ from collections.abc import Iterator, Sequence
 
 from pysat.card import ITotalizer
 
-from robomend.diagnosis.oracle import Clock, Oracle
+from robomend.diagnosis.oracle import Deadline, Oracle
 from robomend.model.cnf import Clause
 
 NATIVE = ("minicard", "gluecard3", "gluecard4")
@@ -32,7 +32,7 @@ class Layered:
     """A persistent solver for one model; variables 1 … components are the health."""
 
     def __init__(
-        self, clauses: Sequence[Clause], components: int, variables: int, clock: Clock, solver: str | None
+        self, clauses: Sequence[Clause], components: int, variables: int, clock: Deadline, solver: str | None
     ) -> None:
         self._clauses = clauses
         self._components = components

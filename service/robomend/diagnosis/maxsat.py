@@ -17,10 +17,10 @@ from typing import Any
 from pysat.examples.rc2 import RC2
 from pysat.formula import WCNF
 
-from robomend.diagnosis.base import Answer, BaseEngine, NoDiagnosis, refuse_order_of_probability
-from robomend.diagnosis.observed import Observed, Supposed
-from robomend.diagnosis.oll import TooLarge
-from robomend.diagnosis.oracle import Clock
+from robomend.diagnosis.base import BaseEngine, NoDiagnosis, SearchState, refuse_order_of_probability
+from robomend.diagnosis.observed import SignedObs, Supposed
+from robomend.diagnosis.oll import MinimumTooLarge
+from robomend.diagnosis.oracle import Deadline
 from robomend.diagnosis.result import Options
 from robomend.errors import OptionRefused
 from robomend.model.cnf import HealthCnf
@@ -62,7 +62,7 @@ class MaxSatEngine(BaseEngine):
             weights.append(max(1, round(WEIGHT_SCALE * log((1 - prior) / prior))))
         return weights
 
-    def _search(self, observed: Observed, what_if: Supposed, options: Options, answer: Answer) -> None:
+    def _search(self, observed: SignedObs, what_if: Supposed, options: Options, answer: SearchState) -> None:
         self._clock.check()
         free = [v for v in self._health if v not in what_if.healthy and v not in what_if.abnormal]
         weights = self._weights() if options.order == "probability" else [1] * len(self._health)
@@ -76,7 +76,7 @@ class MaxSatEngine(BaseEngine):
             self._enumerate(rc2, free, sorted(what_if.abnormal), options, answer)
 
     def _enumerate(
-        self, rc2: RC2, free: list[int], forced: list[int], options: Options, answer: Answer
+        self, rc2: RC2, free: list[int], forced: list[int], options: Options, answer: SearchState
     ) -> None:
         least: int | None = None
         by_size = options.order == "size"
@@ -91,7 +91,7 @@ class MaxSatEngine(BaseEngine):
                 return
             if options.max_size is not None and len(bad) > options.max_size:
                 if by_size:
-                    raise TooLarge
+                    raise MinimumTooLarge
                 left_out = True  # in order of probability a smaller one may still come
             else:
                 answer.modes[bad] = self._modes_of(bad, model)
@@ -102,13 +102,13 @@ class MaxSatEngine(BaseEngine):
         if least is None:
             raise NoDiagnosis
         if left_out:
-            raise TooLarge
+            raise MinimumTooLarge
 
 
 class _TimedRC2(RC2):  # type: ignore[misc]  # PySAT has no type information
     """RC2 whose every call of the oracle, its heuristics' too, ends at the deadline."""
 
-    def __init__(self, formula: WCNF, clock: Clock, solver: str) -> None:
+    def __init__(self, formula: WCNF, clock: Deadline, solver: str) -> None:
         self._robomend_clock = clock
         super().__init__(formula, solver=solver, exhaust=True, minz=True)
 
@@ -129,7 +129,7 @@ class _TimedRC2(RC2):  # type: ignore[misc]  # PySAT has no type information
 class _Alarm:
     """Interrupts what runs at the deadline; calls that begin later are refused by the clock itself."""
 
-    def __init__(self, clock: Clock) -> None:
+    def __init__(self, clock: Deadline) -> None:
         self._clock = clock
         self._timer: threading.Timer | None = None
 

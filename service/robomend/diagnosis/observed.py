@@ -30,7 +30,7 @@ NOTHING: dict[tuple[str, ...], int] = {}
 
 
 @dataclass(frozen=True)
-class Observed:
+class SignedObs:
     """OBS in the solver's numbers: signed variables, none with both signs."""
 
     numbers: tuple[int, ...]
@@ -58,7 +58,7 @@ class ObservationReader:
             self._negative.setdefault(atom.predicate, {})[atom.args] = -variable
         self._all_known = True  # whether the rules mentioned every atom of the set that was read last
         # The literals are kept alive here, so that no others can have their id.
-        self._lately: dict[tuple[int, int, int], tuple[tuple[Literal, ...], Observed]] = {}
+        self._lately: dict[tuple[int, int, int], tuple[tuple[Literal, ...], SignedObs]] = {}
         self._kept = 0
 
     def numbers(self, literals: Sequence[Literal]) -> list[int]:
@@ -81,7 +81,7 @@ class ObservationReader:
         self._all_known = 0 not in found
         return found
 
-    def read(self, observations: Iterable[Literal]) -> Observed:
+    def read(self, observations: Iterable[Literal]) -> SignedObs:
         """Return the observations as signed variables.
 
         Raises:
@@ -104,7 +104,7 @@ class ObservationReader:
             _refuse_clash(literals)
             once = dict(zip(numbers, literals, strict=True))
             numbers, literals = tuple(once), tuple(once.values())
-        observed = Observed(numbers, literals, unused)
+        observed = SignedObs(numbers, literals, unused)
         self._kept += len(asked)
         if self._kept > KEPT_LITERALS:
             self._lately.clear()

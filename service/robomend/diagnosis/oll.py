@@ -29,14 +29,14 @@ from collections.abc import Generator, Iterator, Sequence
 
 from pysat.card import ITotalizer
 
-from robomend.diagnosis.oracle import Clock, Oracle
+from robomend.diagnosis.oracle import Deadline, Oracle
 from robomend.model.cnf import Clause
 
 RESET_CLAUSES = 20_000
 """Leftover clauses that are tolerated whatever the model's size."""
 
 
-class TooLarge(Exception):
+class MinimumTooLarge(Exception):
     """The minimum is larger than the size that was asked for."""
 
 
@@ -54,7 +54,7 @@ class CoreGuided:
         clauses: Sequence[Clause] | Sequence[list[int]],
         candidates: int,
         variables: int,
-        clock: Clock,
+        clock: Deadline,
         solver: str,
     ) -> None:
         self._clauses = clauses
@@ -84,10 +84,10 @@ class CoreGuided:
             fixed: candidates whose health the assumptions fix already; they are neither supposed nor counted.
 
         Raises:
-            TooLarge: the minimum is larger than `at_most`.
+            MinimumTooLarge: the minimum is larger than `at_most`.
             OutOfTime: what was yielded before stays true.
         """
-        search = _Search(self._fresh_or_warm(), self, assumptions, (at_least, at_most), fixed)
+        search = _CoreSearch(self._fresh_or_warm(), self, assumptions, (at_least, at_most), fixed)
         try:
             yield from search.run()
         finally:
@@ -114,7 +114,7 @@ class CoreGuided:
             self._oracle = None
 
 
-class _Search:
+class _CoreSearch:
     """One search: the suppositions, what was paid, the totalizers."""
 
     def __init__(
@@ -146,7 +146,7 @@ class _Search:
                 if not core:
                     return
                 if self._at_most is not None and self._paid > self._at_most:
-                    raise TooLarge
+                    raise MinimumTooLarge
                 pending.append(core)
             found = self._abnormal()
             if len(found) <= max(self._paid, self._at_least):
@@ -154,7 +154,7 @@ class _Search:
             self._relax(pending)
             pending = []
         if self._at_most is not None and len(found) > self._at_most:
-            raise TooLarge
+            raise MinimumTooLarge
         yield found
         if not found:
             return

@@ -76,7 +76,7 @@ def solver_name(name: str | None, default: str = "minisat22") -> str:
     raise OptionRefused(f"no solver is named {name!r}; choose one of {', '.join(INTERRUPTIBLE)}")
 
 
-class Clock:
+class Deadline:
     """The deadline and the stop button of one engine, shared by its oracles."""
 
     def __init__(self) -> None:
@@ -125,7 +125,7 @@ class Clock:
 class Oracle:
     """A persistent solver. `sat` answers; `core` and `model` tell of the last answer."""
 
-    def __init__(self, clauses: Iterable[Sequence[int]], clock: Clock, solver: str = "minisat22") -> None:
+    def __init__(self, clauses: Iterable[Sequence[int]], clock: Deadline, solver: str = "minisat22") -> None:
         self.name = solver
         self._clock = clock
         self._solver = Solver(name=solver, bootstrap_with=clauses)

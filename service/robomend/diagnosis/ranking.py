@@ -32,7 +32,7 @@ from math import exp, expm1, fsum, inf, log, log1p
 
 from robomend.diagnosis.guided import CheapestHittingSets
 from robomend.diagnosis.masks import bits
-from robomend.diagnosis.oracle import Clock, OutOfTime
+from robomend.diagnosis.oracle import Deadline, OutOfTime
 from robomend.diagnosis.result import DiagnosisResult, Options
 from robomend.errors import ModelError, OptionRefused
 from robomend.model.cnf import HealthCnf
@@ -192,7 +192,7 @@ def by_probability(
     find_conflict: Callable[[int], int | None],
     components: Sequence[str],
     priors: Mapping[str, float],
-    clock: Clock,
+    clock: Deadline,
 ) -> Iterator[int]:
     """Yield every minimal diagnosis as a bit mask, the most probable first.
 

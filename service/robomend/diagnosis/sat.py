@@ -26,17 +26,17 @@ from functools import cached_property
 from itertools import product
 from math import prod
 
-from robomend.diagnosis.base import Answer, Bad, BaseEngine, NoDiagnosis, refuse_order_of_probability
+from robomend.diagnosis.base import Bad, BaseEngine, NoDiagnosis, SearchState, refuse_order_of_probability
+from robomend.diagnosis.circuits.netlist import Netlist, recover
+from robomend.diagnosis.circuits.toplevel import Top, TopLevel
 from robomend.diagnosis.conflicts import Known
 from robomend.diagnosis.hitting import HittingSets, TooManyNodes
 from robomend.diagnosis.layered import Layered
 from robomend.diagnosis.masks import mask_of, members, outside
-from robomend.diagnosis.netlist import Netlist, recover
-from robomend.diagnosis.observed import NOTHING_SUPPOSED, Observed, Supposed
-from robomend.diagnosis.oll import CoreGuided, TooLarge
+from robomend.diagnosis.observed import NOTHING_SUPPOSED, SignedObs, Supposed
+from robomend.diagnosis.oll import CoreGuided, MinimumTooLarge
 from robomend.diagnosis.ranking import by_probability
 from robomend.diagnosis.result import Options
-from robomend.diagnosis.toplevel import Top, TopLevel
 from robomend.model.cnf import HealthCnf
 
 SENSOR_SETS = 4
@@ -68,7 +68,7 @@ class SatEngine(BaseEngine):
         if options.order == "probability":
             refuse_order_of_probability(self.cnf, options)
 
-    def _search(self, observed: Observed, what_if: Supposed, options: Options, answer: Answer) -> None:
+    def _search(self, observed: SignedObs, what_if: Supposed, options: Options, answer: SearchState) -> None:
         if options.order == "probability":
             self._by_probability(observed, what_if, options, answer)
         elif self._netlist is not None and what_if is NOTHING_SUPPOSED:
@@ -83,7 +83,7 @@ class SatEngine(BaseEngine):
 
     # --- circuits ---------------------------------------------------------------------------------
 
-    def _top_level(self, observed: Observed) -> tuple[TopLevel, dict[int, bool]]:
+    def _top_level(self, observed: SignedObs) -> tuple[TopLevel, dict[int, bool]]:
         values = {abs(number): number > 0 for number in observed.numbers}
         sensors = frozenset(values)
         top_level = self._top_levels.get(sensors)
@@ -97,7 +97,7 @@ class SatEngine(BaseEngine):
             self._top_levels.move_to_end(sensors)
         return top_level, values
 
-    def _circuit_minimum(self, observed: Observed, options: Options, answer: Answer) -> None:
+    def _circuit_minimum(self, observed: SignedObs, options: Options, answer: SearchState) -> None:
         self._clock.check()
         top_level, values = self._top_level(observed)
         first_only = options.limit == 1 and not options.factored
@@ -118,7 +118,7 @@ class SatEngine(BaseEngine):
         answer.count = total if options.factored else None
 
     def _alternatives(
-        self, top_level: TopLevel, observed: Observed, values: dict[int, bool], tops: Sequence[Top]
+        self, top_level: TopLevel, observed: SignedObs, values: dict[int, bool], tops: Sequence[Top]
     ) -> Iterator[tuple[tuple[int, ...], ...]]:
         """Yield what may stand in for each member of each top-level diagnosis, if the others stay."""
         if top_level.can_simulate:
@@ -134,7 +134,7 @@ class SatEngine(BaseEngine):
             yield tuple(row)
 
     def _choices(
-        self, top: Top, row: Sequence[Sequence[int]], observed: Observed, top_level: TopLevel
+        self, top: Top, row: Sequence[Sequence[int]], observed: SignedObs, top_level: TopLevel
     ) -> Iterator[tuple[int, ...]]:
         """Yield the diagnoses behind a row.
 
@@ -147,7 +147,12 @@ class SatEngine(BaseEngine):
                 yield choice
 
     def _add_row(
-        self, top_level: TopLevel, top: Top, row: Sequence[Sequence[int]], observed: Observed, answer: Answer
+        self,
+        top_level: TopLevel,
+        top: Top,
+        row: Sequence[Sequence[int]],
+        observed: SignedObs,
+        answer: SearchState,
     ) -> int:
         """Add a top-level diagnosis with its factors; return how many diagnoses it stands for."""
         count = prod(len(alternatives) for alternatives in row)
@@ -162,7 +167,7 @@ class SatEngine(BaseEngine):
         answer.add(self._bad(top))
         return count
 
-    def _circuit_subset_minimal(self, observed: Observed, options: Options, answer: Answer) -> None:
+    def _circuit_subset_minimal(self, observed: SignedObs, options: Options, answer: SearchState) -> None:
         self._clock.check()
         top_level, values = self._top_level(observed)
         known: list[Bad] = []
@@ -184,7 +189,7 @@ class SatEngine(BaseEngine):
             size = 3 if options.max_size is None else min(3, options.max_size + 1)
         self._layers(observed, NOTHING_SUPPOSED, options, answer, known, size)
 
-    def _explains(self, gates: Sequence[int], observed: Observed) -> bool:
+    def _explains(self, gates: Sequence[int], observed: SignedObs) -> bool:
         """Ask the solver whether OBS is consistent when these gates are abnormal."""
         healthy = outside(self._health, mask_of(map(self._component, gates)))
         return self._oracle.sat([*healthy, *observed.numbers])
@@ -198,7 +203,9 @@ class SatEngine(BaseEngine):
 
     # --- any model, by conflicts ------------------------------------------------------------------
 
-    def _by_conflicts(self, observed: Observed, what_if: Supposed, options: Options, answer: Answer) -> None:
+    def _by_conflicts(
+        self, observed: SignedObs, what_if: Supposed, options: Options, answer: SearchState
+    ) -> None:
         forced = mask_of(what_if.abnormal)
         forced_size = len(what_if.abnormal)
         find_conflict = self._conflict_finder(observed, what_if, answer, WIDE_CONFLICT)
@@ -215,12 +222,12 @@ class SatEngine(BaseEngine):
                     return
                 size = max(size + 1, search.at_least)
             if search.any_more(len(self._health)):
-                raise TooLarge
+                raise MinimumTooLarge
         except TooManyNodes:
             self._by_solver(observed, what_if, options, answer, known, size + forced_size)
 
     def _by_probability(
-        self, observed: Observed, what_if: Supposed, options: Options, answer: Answer
+        self, observed: SignedObs, what_if: Supposed, options: Options, answer: SearchState
     ) -> None:
         forced = mask_of(what_if.abnormal)
         find_conflict = self._conflict_finder(observed, what_if, answer, widest=len(self._health))
@@ -233,10 +240,10 @@ class SatEngine(BaseEngine):
             else:
                 answer.add(bad)
         if left_out:
-            raise TooLarge
+            raise MinimumTooLarge
 
     def _conflict_finder(
-        self, observed: Observed, what_if: Supposed, answer: Answer, widest: int
+        self, observed: SignedObs, what_if: Supposed, answer: SearchState, widest: int
     ) -> Callable[[int], int | None]:
         """Return the question that hitting-set searches ask: a conflict outside these components, or None.
 
@@ -292,10 +299,10 @@ class SatEngine(BaseEngine):
 
     def _by_solver(
         self,
-        observed: Observed,
+        observed: SignedObs,
         what_if: Supposed,
         options: Options,
-        answer: Answer,
+        answer: SearchState,
         known: list[Bad],
         size: int,
     ) -> None:
@@ -304,7 +311,7 @@ class SatEngine(BaseEngine):
         forced = len(what_if.abnormal)
         room = None if options.max_size is None else options.max_size - forced
         if room is not None and room < 0:
-            raise TooLarge
+            raise MinimumTooLarge
         minima = self._guided.minimum(
             assumptions, max(0, size - forced), room, what_if.healthy | what_if.abnormal
         )
@@ -331,10 +338,10 @@ class SatEngine(BaseEngine):
 
     def _layers(
         self,
-        observed: Observed,
+        observed: SignedObs,
         what_if: Supposed,
         options: Options,
-        answer: Answer,
+        answer: SearchState,
         known: list[Bad],
         size: int,
     ) -> None:
@@ -353,9 +360,9 @@ class SatEngine(BaseEngine):
                     return
                 size += 1
         if self._any_more(assumptions, blocked):
-            raise TooLarge
+            raise MinimumTooLarge
 
-    def _note_modes(self, bad: Bad, assumptions: list[int], answer: Answer) -> None:
+    def _note_modes(self, bad: Bad, assumptions: list[int], answer: SearchState) -> None:
         if not self.cnf.modes:
             return
         healthy = [variable for variable in self._health if variable not in bad]

@@ -28,8 +28,8 @@ from robomend.diagnosis.explanations import clear_suspects, explain_conflict, re
 from robomend.diagnosis.guided import AnyHittingSets, CheapestHittingSets
 from robomend.diagnosis.justification import JUSTIFIED, MAX_CIRCUIT_CONFLICTS, MAX_CONFLICTS
 from robomend.diagnosis.masks import bits, mask_of, outside
-from robomend.diagnosis.observed import ObservationReader, Observed, Supposed, check_options, supposed
-from robomend.diagnosis.oracle import Clock, Oracle, OutOfTime, solver_name
+from robomend.diagnosis.observed import ObservationReader, SignedObs, Supposed, check_options, supposed
+from robomend.diagnosis.oracle import Deadline, Oracle, OutOfTime, solver_name
 from robomend.diagnosis.reasons import Reasons
 from robomend.diagnosis.result import Conflict, Diagnosis, DiagnosisResult, Options, StoppedBy
 from robomend.errors import ContradictoryModel, OptionRefused
@@ -44,7 +44,7 @@ class SnapshotEngine:
 
     def __init__(self, cnf: HealthCnf, *, solver: str | None = None) -> None:
         self.cnf = cnf
-        self._clock = Clock()
+        self._clock = Deadline()
         self._oracle = Oracle(cnf.clauses, self._clock, solver_name(solver))
         self._reader = ObservationReader(cnf)
         self._reasons = Reasons(cnf)
@@ -70,13 +70,13 @@ class SnapshotEngine:
             refused = "order 'probability'" if options.order == "probability" else "the factored form"
             raise OptionRefused(f"{refused} is not available for several snapshots")
         what_if = supposed(self.cnf, options)
-        distinct: dict[frozenset[int], Observed] = {}
+        distinct: dict[frozenset[int], SignedObs] = {}
         for snapshot in snapshots:
             observed = self._reader.read(snapshot)
             distinct.setdefault(frozenset(observed.numbers), observed)
         self._clock.start(options.timeout_s)
         options = replace(options, limit=MAX_DIAGNOSES if options.limit is None else options.limit)
-        search = _Search(self._oracle, self._conflicts, list(distinct.values()), what_if, self.cnf)
+        search = _SnapshotSearch(self._oracle, self._conflicts, list(distinct.values()), what_if, self.cnf)
         found: list[int] = []
         stopped = search.run(found, options, self._clock)
         if search.contradiction is not None and not what_if.healthy and not what_if.abnormal:
@@ -99,8 +99,8 @@ class SnapshotEngine:
         )
 
     def _justifying(
-        self, masks: list[int], known: list[tuple[Known, Observed]]
-    ) -> list[tuple[Known, Observed]]:
+        self, masks: list[int], known: list[tuple[Known, SignedObs]]
+    ) -> list[tuple[Known, SignedObs]]:
         """Return the conflicts to report: for each member of the first diagnoses one that needs it.
 
         Each diagnosis is a minimal hitting set of all conflicts met, so that there always is one.
@@ -108,7 +108,7 @@ class SnapshotEngine:
         most = MAX_CIRCUIT_CONFLICTS if self.cnf.circuit else MAX_CONFLICTS
         if len(known) <= most:
             return known
-        told: dict[int, tuple[Known, Observed]] = {}
+        told: dict[int, tuple[Known, SignedObs]] = {}
         for mask in masks[:JUSTIFIED]:
             for bit in bits(mask):
                 if len(told) < most and not any(conflict & mask == 1 << bit for conflict in told):
@@ -117,7 +117,7 @@ class SnapshotEngine:
                         told[needs[0].mask] = needs
         return list(told.values()) or known[:most]
 
-    def _in_words(self, known: Known, observed: Observed) -> Conflict:
+    def _in_words(self, known: Known, observed: SignedObs) -> Conflict:
         cnf = self.cnf
         components = tuple(cnf.components[variable - 1] for variable in known.components)
         used = self._reasons.rules([*known.components, *known.observations])
@@ -125,7 +125,7 @@ class SnapshotEngine:
         literals = self._literals(known, observed)
         return Conflict(components, literals, rules, explain_conflict(cnf, components, literals, rules))
 
-    def _literals(self, known: Known, observed: Observed) -> tuple[Literal, ...]:
+    def _literals(self, known: Known, observed: SignedObs) -> tuple[Literal, ...]:
         """Return what the conflict rests on: what was seen, and what-ifs as `ab(c)` or its negation."""
         names = self.cnf.components
         return tuple(
@@ -135,7 +135,7 @@ class SnapshotEngine:
             for number in known.observations
         )
 
-    def _contradiction(self, known: Known, observed: Observed) -> ContradictoryModel:
+    def _contradiction(self, known: Known, observed: SignedObs) -> ContradictoryModel:
         literals = tuple(map(str, self._literals(known, observed)))
         rules = self._reasons.rules(known.observations)
         return ContradictoryModel(literals, tuple(self.cnf.rules[index].text for index in rules))
@@ -150,19 +150,19 @@ class SnapshotEngine:
         self._reasons.close()
 
 
-class _Search:
+class _SnapshotSearch:
     """One call: the snapshots, and the conflicts that they gave so far."""
 
     def __init__(
         self,
         oracle: Oracle,
         conflicts: Conflicts,
-        snapshots: list[Observed],
+        snapshots: list[SignedObs],
         what_if: Supposed,
         cnf: HealthCnf,
     ) -> None:
-        self.known: list[tuple[Known, Observed]] = []
-        self.contradiction: tuple[Known, Observed] | None = None
+        self.known: list[tuple[Known, SignedObs]] = []
+        self.contradiction: tuple[Known, SignedObs] | None = None
         self._oracle = oracle
         self._conflicts = conflicts
         self._snapshots = snapshots  # the one that refuted last comes first
@@ -187,7 +187,7 @@ class _Search:
             return known.mask
         return None
 
-    def run(self, found: list[int], options: Options, clock: Clock) -> StoppedBy | None:
+    def run(self, found: list[int], options: Options, clock: Deadline) -> StoppedBy | None:
         """Put the diagnoses into `found`; return why the search ended before all were found."""
         by_size = options.minimal == "cardinality" or options.max_size is not None
         sets: AnyHittingSets | CheapestHittingSets

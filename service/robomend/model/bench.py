@@ -37,7 +37,7 @@ MAX_NAME = 200
 
 
 @dataclass(frozen=True, slots=True)
-class Gate:
+class GateLine:
     """One line of a circuit: net = KIND(inputs)."""
 
     net: str
@@ -77,7 +77,7 @@ def circuit(text: str, *, name: str | None = None, file: str | None = None) -> S
 
 
 def compile_gates(
-    name: str, inputs: Mapping[str, int], outputs: Mapping[str, int], gates: Mapping[str, Gate]
+    name: str, inputs: Mapping[str, int], outputs: Mapping[str, int], gates: Mapping[str, GateLine]
 ) -> HealthCnf:
     """Return the clauses of checked gates."""
     used = dict.fromkeys(net for gate in gates.values() for net in gate.inputs)
@@ -142,7 +142,7 @@ def _parity(ab: int, out: int, ins: list[int]) -> Iterator[Clause]:
             yield (ab, *(-wire if sign else wire for wire, sign in zip(wires, signs, strict=True)))
 
 
-def _sentence(gate: Gate) -> str:
+def _sentence(gate: GateLine) -> str:
     nets = [str(_wire(net)) for net in gate.inputs]
     if gate.kind in ("NOT", "BUF", "BUFF"):
         body = nets[0] if gate.kind != "NOT" else f"not {nets[0]}"
@@ -156,11 +156,11 @@ def _sentence(gate: Gate) -> str:
     return f"not ab({quote(gate.net)}) -> ({_wire(gate.net)} <-> {body})"
 
 
-def _read(text: str, file: str | None) -> tuple[dict[str, int], dict[str, int], dict[str, Gate]]:
+def _read(text: str, file: str | None) -> tuple[dict[str, int], dict[str, int], dict[str, GateLine]]:
     """Return inputs, outputs (net -> line) and gates (by net), flip-flops cut."""
     inputs: dict[str, int] = {}
     outputs: dict[str, int] = {}
-    gates: dict[str, Gate] = {}
+    gates: dict[str, GateLine] = {}
     for number, raw in enumerate(text.splitlines(), 1):
         line = raw.partition("#")[0].strip()
         if not line:
@@ -184,7 +184,7 @@ def _read(text: str, file: str | None) -> tuple[dict[str, int], dict[str, int], 
                 inputs[net] = number
                 outputs.setdefault(sources[0], number)
             else:
-                gates[net] = Gate(net, kind, sources, number)
+                gates[net] = GateLine(net, kind, sources, number)
         else:
             raise ModelError(
                 f"`{line[:60]}` is no line of a circuit; e.g. INPUT(1), OUTPUT(22), 10 = NAND(1, 3)",
@@ -202,7 +202,7 @@ def _name(text: str, line: int, file: str | None) -> str:
 
 
 def _driven_once(
-    net: str, line: int, inputs: Mapping[str, int], gates: Mapping[str, Gate], file: str | None
+    net: str, line: int, inputs: Mapping[str, int], gates: Mapping[str, GateLine], file: str | None
 ) -> None:
     first = inputs.get(net) or (gates[net].line if net in gates else None)
     if first is not None:
@@ -210,7 +210,7 @@ def _driven_once(
 
 
 def _check(
-    inputs: Mapping[str, int], outputs: Mapping[str, int], gates: Mapping[str, Gate], file: str | None
+    inputs: Mapping[str, int], outputs: Mapping[str, int], gates: Mapping[str, GateLine], file: str | None
 ) -> None:
     if not gates:
         raise ModelError("the circuit has no gate", file)
@@ -243,7 +243,7 @@ def _check(
 
 
 def _unused(
-    inputs: Mapping[str, int], outputs: Mapping[str, int], gates: Mapping[str, Gate]
+    inputs: Mapping[str, int], outputs: Mapping[str, int], gates: Mapping[str, GateLine]
 ) -> Iterator[str]:
     read = {net for gate in gates.values() for net in gate.inputs}
     idle = [net for net in (*inputs, *gates) if net not in read and net not in outputs]

@@ -15,13 +15,14 @@ import sqlite3
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, TypeGuard
 
 from sqlalchemy import URL, Connection, Engine, create_engine, event, exc, make_url, select, text
 from sqlalchemy.pool import ConnectionPoolEntry
 
-from robomend.errors import Conflict, InputError, OptionRefused, RobomendError, StoreError, StoreFull
+from robomend.errors import InputError, OptionRefused, RobomendError, StateConflict, StoreError, StoreFull
 from robomend.store import schema
 
 BUSY_TIMEOUT_S = 10.0
@@ -61,6 +62,8 @@ class Database:
             self.path: Path | None = Path(parsed.database)
             self.url = parsed
         elif kind == "postgresql":
+            if find_spec("psycopg") is None:
+                raise OptionRefused("PostgreSQL needs its driver: pip install 'robomend[postgres]'")
             self.path = None
             self.url = _postgres_url(parsed)
         else:
@@ -240,7 +243,7 @@ def translate(error: exc.DBAPIError) -> RobomendError:
     if _is_full(cause):
         return StoreFull(f"the database's disk is full ({said}); make room: reading goes on meanwhile")
     if isinstance(error, exc.IntegrityError):
-        return Conflict(f"somebody else wrote the same at the same moment; try again ({said})")
+        return StateConflict(f"somebody else wrote the same at the same moment; try again ({said})")
     if isinstance(error, exc.DataError):
         return InputError(f"the database cannot hold this value: {said}")
     code = getattr(cause, "sqlite_errorcode", None)

@@ -10,7 +10,7 @@ from functools import lru_cache
 from typing import Any, cast
 
 from robomend.errors import InputError
-from robomend.store.records import Assertion, Entry, Json
+from robomend.store.records import Entry, Json, StoredAssertion
 from robomend_client.literals import Atom
 
 _COMPACT = json.JSONEncoder(separators=(",", ":"), allow_nan=False)
@@ -110,7 +110,9 @@ def atom_from_text(text: str) -> Atom:
     return Atom(predicate, tuple(arguments))
 
 
-def batch_to_text(entries: Sequence[Entry], asserted: Sequence[Assertion], withdrawn: Sequence[str]) -> str:
+def batch_to_text(
+    entries: Sequence[Entry], asserted: Sequence[StoredAssertion], withdrawn: Sequence[str]
+) -> str:
     """Return one accepted batch as JSON: arrays, as names would take most of the space."""
     rows: dict[str, Any] = {
         "e": [[e.atom.predicate, e.atom.args, e.positive, e.source, e.time_ns, e.expires_ns] for e in entries]
@@ -122,9 +124,9 @@ def batch_to_text(entries: Sequence[Entry], asserted: Sequence[Assertion], withd
     return to_json(rows)
 
 
-def batch_from_text(text: str) -> tuple[tuple[Entry, ...], tuple[Assertion, ...], tuple[str, ...]]:
+def batch_from_text(text: str) -> tuple[tuple[Entry, ...], tuple[StoredAssertion, ...], tuple[str, ...]]:
     """Return entries, assertions and withdrawn names of a batch."""
     rows = cast(dict[str, Any], json.loads(text))
     entries = tuple(Entry(Atom(p, tuple(args)), *rest) for p, args, *rest in rows["e"])
-    asserted = tuple(Assertion(*row) for row in rows.get("a", ()))
+    asserted = tuple(StoredAssertion(*row) for row in rows.get("a", ()))
     return entries, asserted, tuple(rows.get("w", ()))

@@ -23,7 +23,7 @@ from typing import Any
 
 from sqlalchemy import Connection, Table, func, select, text
 
-from robomend.errors import Conflict, InputError, OptionRefused, StoreError
+from robomend.errors import InputError, OptionRefused, StateConflict, StoreError
 from robomend.store import schema
 from robomend.store.database import Database, translated
 
@@ -57,7 +57,8 @@ TABLES: tuple[Table, ...] = (
 
 
 def export(database: Database) -> Iterator[str]:
-    """Yield the lines of an export, each with its newline."""
+    """Yield the lines of an export, each with its newline. Blocking: for commands."""
+    database.prepare()
     with database.reading() as connection:
         yield _line({"robomend_export": FORMAT, "schema": schema.HEAD})
         count = 0
@@ -74,12 +75,13 @@ def export(database: Database) -> Iterator[str]:
 
 
 def load(database: Database, lines: Iterable[str]) -> int:
-    """Take an export into an empty database, whole or not at all, and return the number of rows.
+    """Take an export into an empty database, whole or not at all, and return the number of rows. Blocking.
 
     Raises:
-        Conflict: the database holds something already.
+        StateConflict: the database holds something already.
         InputError: the file is no export, is cut off, or was written with another schema; names the line.
     """
+    database.prepare()
     with translated(), closing(database.open_writer()) as connection, connection.begin():
         _check_empty(connection)
         connection.execute(schema.counters.delete())
@@ -92,7 +94,7 @@ def load(database: Database, lines: Iterable[str]) -> int:
 def _check_empty(connection: Connection) -> None:
     for table in TABLES:
         if table is not schema.counters and connection.execute(select(table).limit(1)).first() is not None:
-            raise Conflict(f"the store is not empty ({table.name}); import into a new one")
+            raise StateConflict(f"the store is not empty ({table.name}); import into a new one")
 
 
 def _load_rows(connection: Connection, lines: Iterable[str]) -> int:
@@ -161,12 +163,13 @@ def backup(database: Database, path: Path) -> None:
 
     Raises:
         OptionRefused: the database is PostgreSQL, whose own pg_dump does this.
-        Conflict: there is a file of this name.
+        StateConflict: there is a file of this name.
     """
     if database.path is None:
         raise OptionRefused("back up PostgreSQL with its own tool: pg_dump --format=custom --file=FILE URL")
     if path.exists():
-        raise Conflict(f"{path} exists; name a new file")
+        raise StateConflict(f"{path} exists; name a new file")
+    database.prepare()
     partial = path.with_name(f"{path.name}.partial")
     try:
         os.close(os.open(partial, os.O_CREAT | os.O_WRONLY | os.O_TRUNC | os.O_CLOEXEC, 0o600))

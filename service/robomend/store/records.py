@@ -3,8 +3,8 @@
 Times are integer nanoseconds since the epoch by the clock of the service. They are kept for people and for
 retention; nothing is ever ordered by them, since clocks jump. Order comes from revisions, ids and numbers.
 
-To keep another kind of thing: a record here, a table in schema.py with a migration beside it, methods in
-interface.py, and the two halves in reading.py and writing.py.
+To keep another kind of thing: a record here, a table in schema.py with a migration, and a module of functions
+that read and write it.
 """
 
 from __future__ import annotations
@@ -43,8 +43,11 @@ class Paging:
     limit: int = 100  # 1 to 1000
 
 
+FIRST_PAGE = Paging()
+
+
 @dataclass(frozen=True, slots=True)
-class Model:
+class StoredModel:
     """One version of a model, as it was written."""
 
     name: str
@@ -57,7 +60,7 @@ class Model:
 
 
 @dataclass(frozen=True, slots=True)
-class Robot:
+class StoredRobot:
     """A robot's configuration. `config` is the object that HTTP puts and gets;
     the store reads its "model" only.
     """
@@ -87,7 +90,7 @@ class Entry:
 
 
 @dataclass(frozen=True, slots=True)
-class Assertion:
+class StoredAssertion:
     """A named sentence, kept until it is withdrawn."""
 
     name: str
@@ -98,28 +101,28 @@ class Assertion:
 
 
 @dataclass(frozen=True, slots=True)
-class Obs:
+class StoredObs:
     """OBS of one robot as it stood at one revision."""
 
     revision: int  # 0: nothing was ever accepted
     entries: tuple[Entry, ...] = ()  # in the order of their atoms
-    assertions: tuple[Assertion, ...] = ()  # in the order of their names
+    assertions: tuple[StoredAssertion, ...] = ()  # in the order of their names
 
 
 @dataclass(frozen=True, slots=True)
-class Accepted:
+class StoredBatch:
     """One accepted batch of the history: what was sent, whether or not it changed OBS."""
 
     robot: str
     revision: int
     time_ns: int  # when it was accepted
     entries: tuple[Entry, ...]
-    asserted: tuple[Assertion, ...] = ()
+    asserted: tuple[StoredAssertion, ...] = ()
     withdrawn: tuple[str, ...] = ()  # names of assertions
 
 
 @dataclass(frozen=True, slots=True)
-class Diagnosed:
+class StoredDiagnosis:
     """A diagnosis that differs from the one before it."""
 
     robot: str
@@ -148,15 +151,6 @@ class Fence:
 
 
 @dataclass(frozen=True, slots=True)
-class Owner:
-    """Who owned a robot last, and with which fencing number. Whether it still lives is the lock's to say."""
-
-    robot: str
-    instance: str | None  # None: nobody, it was released
-    fence: int
-
-
-@dataclass(frozen=True, slots=True)
 class Instance:
     """A service process that uses this database. Information for people: ownership does not rest on it."""
 
@@ -168,7 +162,7 @@ class Instance:
 
 
 @dataclass(frozen=True, slots=True)
-class Repair:
+class StoredRepair:
     """A repair. The execution decides the states and the rest of `data`;
     the store needs to know which are open.
     """
@@ -232,7 +226,7 @@ class Intent:
 
 
 @dataclass(frozen=True, slots=True)
-class Tried:
+class StoredAttempt:
     """The memory of one repair attempt: which diagnosis was repaired how, and what came of it."""
 
     robot: str
@@ -336,10 +330,10 @@ class AgentAction:
 
 
 @dataclass(frozen=True, slots=True)
-class Once:
+class IdempotencyKey:
     """An idempotency key: the effect happens at most once, and a repeat gets the first answer.
 
-    `request` is a hash of the whole request; the same key with another request is a Conflict.
+    `request` is a hash of the whole request; the same key with another request is a StateConflict.
     """
 
     scope: str  # who and where, e.g. "key-name POST /robots/r1/observations"

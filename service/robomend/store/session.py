@@ -42,7 +42,7 @@ _SERVER = (
 )
 
 
-class Session(ABC):
+class InstanceSession(ABC):
     """A thread that keeps the link and takes it up again when it breaks.
 
     `on_sign(newest event id)` and `on_lost()` are called in that thread.
@@ -104,7 +104,7 @@ class Session(ABC):
             failures += 1
 
 
-class PostgresSession(Session):
+class PostgresSession(InstanceSession):
     """An advisory lock and LISTEN on one connection."""
 
     def __init__(self, url: URL, on_sign: Callable[[int], None], on_lost: Callable[[], None]) -> None:
@@ -136,7 +136,7 @@ class PostgresSession(Session):
                 connection.execute("SELECT 1")
 
 
-class SqliteSession(Session):
+class SqliteSession(InstanceSession):
     """A locked file, and a look at the database now and then."""
 
     def __init__(self, path: Path, on_sign: Callable[[int], None], on_lost: Callable[[], None]) -> None:

@@ -31,9 +31,8 @@ from sqlalchemy import Connection, exc
 
 from robomend.errors import StoreError, StoreOverloaded
 from robomend.store.database import Database, repeatable, translate
-from robomend.store.records import Once
-from robomend.store.transaction import Group
-from robomend.store.writing import SqlTransaction
+from robomend.store.records import IdempotencyKey
+from robomend.store.transaction import Group, Transaction
 from robomend_client.events import Event
 
 MAX_QUEUED = 10_000
@@ -47,9 +46,9 @@ ATTEMPTS = 4
 class Job:
     """A queued change and where its result goes."""
 
-    change: Callable[[SqlTransaction], Any]
+    change: Callable[[Transaction], Any]
     robots: tuple[str, ...]
-    once: Once | None
+    once: IdempotencyKey | None
     future: asyncio.Future[Any]
     queued_s: float
     result: Any = None
@@ -191,7 +190,7 @@ class Writer:
 
     def _run_job(self, group: Group, job: Job) -> None:
         try:
-            job.result = group.run(job.change, SqlTransaction, job.once)
+            job.result = group.run(job.change, job.once)
         except exc.OperationalError:
             raise  # the transaction is lost, and with it the group
         except Exception as error:  # the caller's own, handed back to it

@@ -21,7 +21,7 @@ ChannelPath = Annotated[int, Path(ge=0, le=255, description="the channel's numbe
 @router.get("", responses=problems(404))
 async def get_board(robot: RobotPath, parts: PartsDep) -> BoardOut:
     """Return the link's state and each channel's reading; null is unknown."""
-    return board_out(await parts.fleet.board(robot))
+    return board_out(await parts.robots.board(robot))
 
 
 @router.put("/channels/{channel}", status_code=204, responses=problems(404, 409, 502, 504, body=True))
@@ -29,4 +29,4 @@ async def switch_channel(
     robot: RobotPath, channel: ChannelPath, body: ChannelBody, parts: PartsDep, principal: PrincipalDep
 ) -> None:
     """Switch a channel; returns when the board has acknowledged. A protected channel is not switched off."""
-    await parts.fleet.switch(robot, channel, body.on, by=principal.name, reason=body.reason)
+    await parts.robots.switch(robot, channel, body.on, by=principal.name, reason=body.reason)

@@ -26,6 +26,7 @@ from robomend.api.schemas.base import Items
 from robomend.api.schemas.models import ModelOut, VersionOut
 from robomend.api.views import model_out, version_out
 from robomend.security import API
+from robomend.store import models
 from robomend.store.records import ABSENT
 
 router = APIRouter(prefix=f"{API}/models", tags=["models"], route_class=GuardedRoute)
@@ -34,14 +35,14 @@ router = APIRouter(prefix=f"{API}/models", tags=["models"], route_class=GuardedR
 @router.get("", responses=problems())
 async def list_models(parts: PartsDep, paging: PagingDep) -> Items[VersionOut]:
     """List the models by name, each with its current version."""
-    page = await parts.store.read(lambda view: view.models(paging))
+    page = await parts.store.read(models.page, paging)
     return Items(items=[version_out(model) for model in page.items], next=page.next)
 
 
 @router.get("/{name}", responses=problems(404))
 async def get_model(name: ModelPath, parts: PartsDep, response: Response) -> ModelOut:
     """Return a model as it was written, with its components and what its loader warns of."""
-    model, system = await parts.fleet.models.current(name)
+    model, system = await parts.robots.models.current(name)
     response.headers["ETag"] = quoted(model.version)
     return model_out(model, system)
 
@@ -65,7 +66,7 @@ async def put_model(
     """
     body = await read_model(request, parts.settings)
     expected = expected_etag(if_match, if_none_match)
-    model, system = await parts.fleet.models.put(
+    model, system = await parts.robots.models.put(
         name, body.source, format=body.format, expected=expected, by=principal.name
     )
     response.status_code = 201 if model.number == 1 and expected in (None, ABSENT) else 200
@@ -78,11 +79,11 @@ async def delete_model(
     name: ModelPath, parts: PartsDep, principal: PrincipalDep, if_match: IfMatch = None
 ) -> None:
     """Delete a model with all its versions; a conflict while a robot follows it."""
-    await parts.fleet.models.delete(name, expected=needs_etag(if_match), by=principal.name)
+    await parts.robots.models.delete(name, expected=needs_etag(if_match), by=principal.name)
 
 
 @router.get("/{name}/versions", responses=problems(404))
 async def list_versions(name: ModelPath, parts: PartsDep, paging: PagingDep) -> Items[VersionOut]:
     """List all versions of a model, newest first."""
-    page = await parts.store.read(lambda view: view.model_versions(name, paging))
+    page = await parts.store.read(models.versions, name, paging)
     return Items(items=[version_out(model) for model in page.items], next=page.next)

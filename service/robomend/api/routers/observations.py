@@ -42,17 +42,17 @@ async def post_observations(
     if content_type(request) == NDJSON:
         return await ingest(request, parts, robot, principal, idempotency_key)
     batch, once = await read_batch(request, parts, principal, idempotency_key)
-    return accepted_response(await parts.fleet.observe(robot, batch, once=once))
+    return accepted_response(await parts.robots.observe(robot, batch, once=once))
 
 
 @router.get("/observations", responses=problems(404))
 async def get_observations(robot: RobotPath, parts: PartsDep) -> ObsOut:
     """Return OBS now: each literal with its source, its time, and whether it is still fresh."""
-    return obs_out(await parts.fleet.latest(robot))
+    return obs_out(await parts.robots.latest(robot))
 
 
 @router.delete("/assertions/{assertion}", responses=problems(404))
 async def withdraw(robot: RobotPath, assertion: AssertionPath, parts: PartsDep) -> Accepted:
     """Withdraw a named assertion; what it said is no longer supposed."""
-    outcome = await parts.fleet.withdraw(robot, assertion)
+    outcome = await parts.robots.withdraw(robot, assertion)
     return Accepted(revision=outcome.revision, changed=list(outcome.changed))

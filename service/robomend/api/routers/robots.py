@@ -21,6 +21,7 @@ from robomend.api.schemas.base import Items
 from robomend.api.schemas.robots import RobotBody, RobotLine, RobotOut
 from robomend.api.views import robot_line, robot_out
 from robomend.security import API
+from robomend.store import robots
 from robomend.store.records import ABSENT
 
 router = APIRouter(prefix=f"{API}/robots", tags=["robots"], route_class=GuardedRoute)
@@ -29,14 +30,14 @@ router = APIRouter(prefix=f"{API}/robots", tags=["robots"], route_class=GuardedR
 @router.get("", responses=problems())
 async def list_robots(parts: PartsDep, paging: PagingDep) -> Items[RobotLine]:
     """List the robots by id."""
-    page = await parts.store.read(lambda view: view.robots(paging))
+    page = await parts.store.read(robots.page, paging)
     return Items(items=[robot_line(robot) for robot in page.items], next=page.next)
 
 
 @router.get("/{robot}", responses=problems(404))
 async def get_robot(robot: RobotPath, parts: PartsDep, response: Response) -> RobotOut:
     """Return a robot's configuration, its revision and whether it is healthy."""
-    state = await parts.fleet.diagnosed(robot)
+    state = await parts.robots.diagnosed(robot)
     response.headers["ETag"] = quoted(state.stored.etag)
     return robot_out(state)
 
@@ -56,7 +57,7 @@ async def put_robot(
 ) -> RobotOut:
     """Create a robot, or replace its configuration; replacing needs If-Match. OBS stays."""
     expected = expected_etag(if_match, if_none_match)
-    state = await parts.fleet.put_robot(
+    state = await parts.robots.put_robot(
         robot, body.model_dump(mode="json"), expected=expected, by=principal.name
     )
     response.status_code = 201 if expected in (None, ABSENT) else 200
@@ -69,4 +70,4 @@ async def delete_robot(
     robot: RobotPath, parts: PartsDep, principal: PrincipalDep, if_match: IfMatch = None
 ) -> None:
     """Delete a robot; a conflict while a repair is open. Its history stays as long as the retention says."""
-    await parts.fleet.delete_robot(robot, expected=needs_etag(if_match), by=principal.name)
+    await parts.robots.delete_robot(robot, expected=needs_etag(if_match), by=principal.name)

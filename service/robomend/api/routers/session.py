@@ -6,7 +6,7 @@ from fastapi import APIRouter, Request, Response
 
 from robomend.api.deps import PrincipalDep
 from robomend.api.documented import problems
-from robomend.api.gate import Gate, GuardedRoute
+from robomend.api.gate import Admission, GuardedRoute
 from robomend.api.schemas.session import SessionOut, SignInBody
 from robomend.api.views import session_out
 from robomend.security import API
@@ -21,7 +21,7 @@ async def sign_in(body: SignInBody, request: Request, response: Response) -> Ses
     It is HttpOnly and SameSite=Strict, and Secure under TLS. A change made with it must come from a page of
     this service: `Origin`, or `Sec-Fetch-Site: same-origin`.
     """
-    gate: Gate = request.app.state.gate
+    gate: Admission = request.app.state.gate
     principal, cookie = await gate.sign_in(request, body.key)
     response.headers.append("Set-Cookie", cookie)
     return session_out(principal)
@@ -36,5 +36,5 @@ async def get_session(principal: PrincipalDep) -> SessionOut:
 @router.delete("/session", status_code=204, responses=problems(507))
 async def sign_out(request: Request, response: Response) -> None:
     """Sign the browser out: its cookie opens nothing any more, on any instance."""
-    gate: Gate = request.app.state.gate
+    gate: Admission = request.app.state.gate
     await gate.sign_ins.end(request, response)

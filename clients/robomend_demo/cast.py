@@ -1,0 +1,194 @@
+"""Everything that plays in the demo, as processes that talk over loopback: started, wired, ready.
+
+    robomend serve ◄──HTTP── robomend-agent ──► nodes ──► devices ◄──control port── robomend-board
+          └───────────────────────board protocol, 5 Hz────────────────────────────────────┘
+
+Ports are free ones, chosen by the system; whoever opens a port announces it. Files live in one folder.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from robomend.model.components import ComponentModel
+from robomend.model.loading import load_model
+from robomend.resources import resource
+from robomend_client.rest.sync import Client
+from robomend_demo.interrupts import Interrupts
+from robomend_demo.robot import agent_config, devices_config, nodes_config
+from robomend_demo.stage import Actor, DemoFailed, Stage, tail
+
+ROBOT = "tedusar"
+PC_CHANNEL = 2
+BOARD_HZ = 5
+READY_S = 30.0
+"""For each process to say that it is ready; a bare machine compiles its Python files first."""
+
+CONTROL_S = 5.0
+
+GENERAL_OBSERVERS = ("odom", "map", "scan", "imu_data", "cmd_vel")
+"""Topics whose rate is watched, as in the paper (section VI): its general observers."""
+
+
+@dataclass(frozen=True, slots=True)
+class Board:
+    """Where the emulated power board is."""
+
+    port: int
+    control_port: int
+
+    def set_channel(self, channel: int, on: bool) -> None:
+        """Move a relay although no client asked: power lost, or given back.
+
+        Raises:
+            DemoFailed: the emulator did not do it.
+        """
+        request = {"set": {"channel": channel, "on": on}}
+        try:
+            with socket.create_connection(("127.0.0.1", self.control_port), CONTROL_S) as connection:
+                connection.sendall(json.dumps(request).encode() + b"\n")
+                answer = json.loads(connection.makefile().readline() or '{"error": "it hung up"}')
+        except OSError as error:
+            raise DemoFailed(f"the board emulator's control port does not answer: {error}") from error
+        if not answer.get("ok"):
+            raise DemoFailed(f"the board emulator did not switch channel {channel}: {answer.get('error')}")
+
+
+@dataclass(frozen=True, slots=True)
+class Cast:
+    """The parts, ready."""
+
+    model: ComponentModel
+    url: str
+    board: Board
+    devices: dict[str, str]  # name -> address
+    actors: dict[str, Actor]
+
+
+def tedusar() -> tuple[ComponentModel, str]:
+    """Return the paper's robot, and the text of its model."""
+    path = resource("examples", "tedusar.yaml")
+    model = load_model(path).parts
+    assert model is not None
+    return model, path.read_text(encoding="utf-8")
+
+
+def observed(model: ComponentModel) -> list[str]:
+    """Return what the observers will report: switchable devices, nodes, and the watched topics."""
+    switchable = [f"on({name})" for name, device in model.hardware.items() if device.channel is not None]
+    running = [f"running({node})" for node in model.nodes]
+    return [*switchable, *running, *(f"ok({topic})" for topic in GENERAL_OBSERVERS)]
+
+
+def robot_config(board: Board, *, policy: str, domain: str | None, hold_s: float) -> dict[str, Any]:
+    """Return the robot as the service is told of it."""
+    model, _ = tedusar()
+    return {
+        "model": model.name,
+        "policy": policy,
+        "observed": observed(model),
+        "observed_timeout_s": 15.0,
+        "hold_s": hold_s,
+        "board": {
+            "host": "127.0.0.1",
+            "port": board.port,
+            "rate_hz": BOARD_HZ,
+            "protected": [PC_CHANNEL],
+        },
+        # Somebody who plays with --hold takes the power away more often than a robot loses it.
+        "limits": {"attempts_per_hour": 200},
+        "domain": domain,
+    }
+
+
+def gather(stage: Stage, folder: Path, *, all_on: bool) -> Cast:
+    """Start all parts; the agent is started by `start_agent`, once the robot is known to the service.
+
+    Args:
+        all_on: whether the robot's channels are on from the beginning.
+
+    Raises:
+        DemoFailed: a part did not become ready, with the end of its log.
+    """
+    model, source = tedusar()
+    channels = {device.channel for device in model.hardware.values() if device.channel is not None}
+    on = sorted({PC_CHANNEL} | (channels if all_on else set()))
+    data = folder / "data"
+    serve = python("robomend", "serve", "--port", "0", "--data", str(data), "--announce")
+    service = stage.start("service", serve, announces=True)
+    ports = ["--port", "0", "--control-port", "0", "--on", ",".join(map(str, on))]
+    board = stage.start("board", python("robomend_board.main", *ports, "--end-with-parent"), announces=True)
+    opened = stage.announced(board, READY_S)
+    at = Board(opened["port"], opened["control_port"])
+    devices_file = _write(folder / "devices.json", devices_config(model))
+    control = ["--control", f"127.0.0.1:{at.control_port}", "--end-with-parent"]
+    simulate = python("robomend_demo.devices", "--config", str(devices_file), *control)
+    devices = stage.start("devices", simulate, announces=True)
+    addresses: dict[str, str] = stage.announced(devices, READY_S)["devices"]
+    url = str(stage.announced(service, READY_S)["url"])
+    actors = {"service": service, "board": board, "devices": devices}
+    with Client(url, timeout_s=10.0) as client:
+        client.put_model(model.name, source)
+    return Cast(model, url, at, addresses, actors)
+
+
+def start_agent(stage: Stage, folder: Path, cast: Cast, *, start_nodes: bool) -> None:
+    """Start the robot's agent, which starts and watches the nodes."""
+    nodes_file = _write(folder / "nodes.json", nodes_config(cast.model, cast.devices))
+    config = agent_config(cast.model, ROBOT, cast.url, nodes_file, folder / "agent", start_nodes=start_nodes)
+    config["bus"] = {"listen": "tcp:127.0.0.1:0"}  # the folder's path may be too long for a Unix socket
+    file = _write(folder / "agent.json", config)
+    cast.actors["agent"] = stage.start("agent", python("robomend_client.agent.main", str(file)))
+
+
+def wait_for_devices(cast: Cast, interrupts: Interrupts, timeout_s: float) -> None:
+    """Wait until every device takes connections: the drivers look for theirs once, when they start.
+
+    Raises:
+        DemoFailed: one is not there in time.
+    """
+    missing = set(cast.devices)
+    look = interrupts.poll(timeout_s)
+    while missing and look.left():
+        missing = {name for name in missing if not _accepts(cast.devices[name])}
+    if missing:
+        log = tail(cast.actors["devices"].log)
+        raise DemoFailed(
+            f"the simulated {', '.join(sorted(missing))} took no connection within {timeout_s:g} s; "
+            f"the devices' log ends:\n{log}"
+        )
+
+
+def _accepts(address: str) -> bool:
+    host, _, port = address.rpartition(":")
+    try:
+        socket.create_connection((host, int(port)), 1.0).close()
+    except OSError:
+        return False
+    return True
+
+
+def python(module: str, *arguments: str) -> list[str]:
+    """Return the command that runs one of our modules with this interpreter, wherever it is installed."""
+    return [sys.executable, "-m", module, *arguments]
+
+
+def environment() -> dict[str, str]:
+    """Return the environment of all parts: ours, without settings that are meant for another service.
+
+    ROBOMEND_DATABASE of a real installation must not make the demo write there. PYTHONSAFEPATH keeps files of
+    the current folder from being taken for modules.
+    """
+    kept = {name: value for name, value in os.environ.items() if not name.startswith("ROBOMEND_")}
+    return {**kept, "PYTHONSAFEPATH": "1", "PYTHONUNBUFFERED": "1"}
+
+
+def _write(file: Path, value: dict[str, Any]) -> Path:
+    file.write_text(json.dumps(value, indent=2))
+    return file

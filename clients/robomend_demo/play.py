@@ -1,0 +1,219 @@
+"""The two scenarios of the paper (section VI), played against a robot of real processes.
+
+    power-up     all off, nothing runs ──► the robot is entrusted to the service ──► all good and verified
+    shut-down    all good ──► the tracked base loses its power ──► all good and verified
+
+Nothing here repairs anything: the service does. This only brings the robot into its state, and watches.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from robomend_client.rest.calls import post
+from robomend_client.rest.errors import ClientError
+from robomend_client.rest.retry import NEVER
+from robomend_client.rest.sync import Client
+from robomend_demo.cast import (
+    READY_S,
+    ROBOT,
+    Cast,
+    observed,
+    robot_config,
+    start_agent,
+    wait_for_devices,
+)
+from robomend_demo.interrupts import Interrupts
+from robomend_demo.listener import Listener
+from robomend_demo.record import Heard, Record, record
+from robomend_demo.screen import Screen
+from robomend_demo.stage import DemoFailed, Stage, tail
+from robomend_demo.view import RobotView
+
+POWER_UP, SHUT_DOWN = "power-up", "shut-down"
+VICTIM = "jaguar"
+
+CONNECTED_S = 10.0
+
+HEALTHY_S = 30.0
+"""For the robot to be up and well before its power is taken away."""
+
+REPAIR_S = 90.0
+"""For a scenario; a healthy machine takes 2 s to 6 s."""
+
+SETTLED_S = 1.0
+"""A repair counts when nothing came up again for this long."""
+
+HISTORY_PAGE = 200
+
+
+class Play:
+    """One robot, from its first observation to its last repair."""
+
+    def __init__(
+        self,
+        stage: Stage,
+        cast: Cast,
+        interrupts: Interrupts,
+        screen: Screen,
+        *,
+        domain: str | None = None,
+        hold_s: float = 0.0,
+    ) -> None:
+        """`domain`: PDDL in place of the service's own; `hold_s`: how long a diagnosis must hold."""
+        self.cast = cast
+        self._stage = stage
+        self._interrupts = interrupts
+        self._screen = screen
+        self._domain = domain
+        self._hold_s = hold_s
+        self._client = Client(cast.url, timeout_s=5.0, retry=NEVER)
+        self._listener = Listener(cast.url)
+        self._observed = observed(cast.model)
+        self._view = RobotView(ROBOT, self._observed)
+        self._heard: list[Heard] = []
+        self._unheard: list[str] = []
+        self._version = ""
+
+    def close(self) -> None:
+        """Drop the connections; call it when the service has ended."""
+        self._client.close()
+        self._listener.close()
+
+    # --- scenarios ---------------------------------------------------------------------------------
+
+    def prepare(self, folder: Path, *, all_on: bool) -> None:
+        """Start the agent; if all is on, bring the robot to where it works. Nothing is repaired yet."""
+        if all_on:
+            wait_for_devices(self.cast, self._interrupts, HEALTHY_S)
+        self._warm_up()
+        self._version = self._entrust("observe", None)
+        start_agent(self._stage, folder, self.cast, start_nodes=all_on)
+        self._listener.start()  # a thread: nothing is forked any more
+        self._until(lambda: bool(self._heard), CONNECTED_S, "the service's events")
+        if all_on:
+            self._until(lambda: self._view.healthy, HEALTHY_S, "the robot to be up and well")
+            self._entrust("auto", self._version)
+
+    def power_up(self) -> Record:
+        """Entrust the robot to the service as it is: everything off."""
+        zero_ns = self._begin(POWER_UP)
+        self._entrust("auto", self._version)
+        return self._repaired(POWER_UP, zero_ns)
+
+    def shut_down(self) -> Record:
+        """Take the power from the tracked base."""
+        self._until(lambda: self._view.healthy, HEALTHY_S, "the robot to be well")
+        channel = self.cast.model.hardware[VICTIM].channel
+        assert channel is not None
+        zero_ns = self._begin(SHUT_DOWN)
+        self.cast.board.set_channel(channel, False)
+        return self._repaired(SHUT_DOWN, zero_ns)
+
+    def hold(self) -> None:
+        """Go on showing what happens, until a signal comes."""
+        self._screen.scene("hold", time.time_ns(), self._view)
+        while True:
+            self._look()
+            self._interrupts.wait(0.05)
+
+    # --- inside ------------------------------------------------------------------------------------
+
+    def _warm_up(self) -> None:
+        """Let the service plan something once: a planner is slow the first time, and robots come later."""
+        question = {"model": self.cast.model.name, "bad": [VICTIM]}
+
+        def ask() -> None:
+            client = Client(self.cast.url, timeout_s=READY_S, retry=NEVER)
+            with client, contextlib.suppress(ClientError):  # the repair will tell what is wrong
+                client.send(post("plans", json=question))
+
+        thread = threading.Thread(target=ask, name="warm-up", daemon=True)
+        thread.start()
+        look = self._interrupts.poll(READY_S)
+        while thread.is_alive() and look.left():
+            self._stage.check()
+        thread.join(1.0)
+
+    def _begin(self, name: str) -> int:
+        """Begin a scenario; return its time zero."""
+        self._look()
+        self._unheard = self._view.unheard
+        zero_ns = time.time_ns()
+        self._screen.scene(name, zero_ns, self._view)
+        return zero_ns
+
+    def _entrust(self, policy: str, version: str | None) -> str:
+        """Tell the service of the robot, and how far it may go."""
+        config = robot_config(self.cast.board, policy=policy, domain=self._domain, hold_s=self._hold_s)
+        return self._client.put_robot(ROBOT, config, version).version
+
+    def _repaired(self, name: str, zero_ns: int) -> Record:
+        """Wait until the robot was repaired and stays well; return everything about it."""
+        self._until(lambda: self._settled(zero_ns), REPAIR_S, f"{name} to end")
+        return record(name, zero_ns, self._heard, self._history(zero_ns), self._unheard)
+
+    def _settled(self, zero_ns: int) -> bool:
+        repair = self._view.repair
+        if repair is None or repair["created_ns"] < zero_ns or self._view.repairing:
+            return False
+        if repair["state"] != "repaired":
+            ended = f"the repair ended as {repair['state']!r}: {repair['reason']}"
+            raise DemoFailed(f"{ended}; {self._logs('agent', 'service')}")
+        quiet_s = (time.time_ns() - repair["finished_ns"]) / 1e9
+        return self._view.healthy and bool(repair["rounds"]) and quiet_s >= SETTLED_S
+
+    def _until(self, condition: Callable[[], bool], timeout_s: float, what: str) -> None:
+        """Watch until the condition holds.
+
+        Raises:
+            DemoFailed: it does not in time, or a part ended; says what is known and shows the right log.
+        """
+        look = self._interrupts.poll(timeout_s)
+        while look.left():
+            self._look()
+            if condition():
+                return
+        raise DemoFailed(f"waited {timeout_s:g} s for {what}: {self._known()}")
+
+    def _look(self) -> None:
+        for heard in self._listener.take():
+            self._heard.append(heard)
+            self._view.take(heard.event)
+            self._screen.heard(heard.event, self._view)
+        self._screen.refresh(self._view)
+        self._stage.check()
+        if self._listener.lost is not None:
+            raise DemoFailed(f"the service's events ended: {self._listener.lost}; {self._logs('service')}")
+
+    def _known(self) -> str:
+        view = self._view
+        if view.board != "connected":
+            return f"the service's link to the board is {view.board!r}; {self._logs('board', 'service')}"
+        if view.unheard:
+            actor = "board" if all(atom.startswith("on(") for atom in view.unheard) else "agent"
+            return f"nobody reported {', '.join(view.unheard)}; {self._logs(actor)}"
+        if view.repairing and view.repair is not None:
+            why = f"{view.repair['state']!r}: {view.repair['reason']}"
+            return f"the repair is still {why}; {self._logs('agent', 'service')}"
+        wrong = [f"not {atom}" for atom in view.observed if not view.obs[atom]]
+        return f"observed is {', '.join(wrong) or 'nothing wrong'}; {self._logs('agent')}"
+
+    def _logs(self, *names: str) -> str:
+        ends = [f"the log of {name} ends:\n{tail(self.cast.actors[name].log)}" for name in names]
+        return "\n".join(ends)
+
+    def _history(self, zero_ns: int) -> list[dict[str, object]]:
+        """Return the accepted batches since then, which tell when each literal was observed."""
+        lines: list[dict[str, object]] = []
+        cursor: str | None = None
+        while True:
+            page = self._client.history(ROBOT, "observations", cursor=cursor, limit=HISTORY_PAGE)
+            lines.extend(line for line in page["items"] if line["time_ns"] >= zero_ns)
+            cursor = page["next"]
+            if cursor is None or not page["items"] or page["items"][-1]["time_ns"] < zero_ns:
+                return lines

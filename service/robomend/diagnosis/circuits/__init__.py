@@ -1,0 +1,1 @@
+"""What is for circuits only: gates found again in the clauses, dominators and cones, simulation."""

@@ -1,0 +1,306 @@
+"""What a circuit looks like from one set of sensors: cones, simulation passes and a small CNF for the solver.
+
+Everything here depends on which nets are observed, not on their values, and is made once for each such set:
+
+    netlist + observed nets ──► cones ──► simulation passes (flips)          faults of one or two gates
+                                     └──► top-level CNF, simplified          larger ones, core-guided
+
+In the top-level CNF the gates below the top level are simply healthy, so most of their nets can be
+eliminated. The health literals of the top level and the observed nets are frozen: they are what the search
+speaks of.
+
+Replacing members by gates of their cones is exact. With all inputs observed, each member of a
+minimum-cardinality diagnosis gives the opposite of what it should (else it could be dropped), so the values
+on all nets outside the cones are fixed, one way only; a gate of the cone can stand in for its top exactly
+when flipping it flips the top, whatever stands in for the other members. The flat diagnoses are therefore
+the products, and the count is exact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Iterator, Sequence
+
+from pysat.process import Processor
+
+from robomend.diagnosis.circuits.cones import find_cones
+from robomend.diagnosis.circuits.flips import Flips, Values, compiled, values_of
+from robomend.diagnosis.circuits.netlist import Netlist
+from robomend.diagnosis.masks import bits
+from robomend.diagnosis.oll import CoreGuided, MinimumTooLarge
+from robomend.diagnosis.oracle import Deadline
+from robomend.model.cnf import HealthCnf
+
+Top = tuple[int, ...]
+"""A top-level diagnosis: gates, as indices into the netlist, ascending."""
+
+SIMPLIFIED_CLAUSES = 200_000
+"""Larger formulas are searched as they are: the simplifier cannot be interrupted."""
+
+SIMULATED_GATES = 20_000
+"""Larger circuits are left to the solver: Python takes long to compile their passes."""
+
+SUPPORTS_TRIED = 3
+SMALL_TOP = 600
+"""With more top-level gates, one pair is found faster by the solver than by simulation."""
+
+BATCH = 1_024
+"""Top-level diagnoses whose cones are expanded in one go."""
+
+
+class TopLevel:
+    """The top level for one set of observed nets."""
+
+    def __init__(
+        self, cnf: HealthCnf, netlist: Netlist, observed: frozenset[int], clock: Deadline, solver: str
+    ) -> None:
+        self.netlist = netlist
+        self.cones = find_cones(netlist, observed)
+        self.uses = 0
+        self._cnf = cnf
+        self._clock = clock
+        self._solver = solver
+        self._driver = netlist.driver()
+        self._checks = tuple(sorted(net for net in observed if net in self._driver))
+        used = {net for index in self.cones.seen for net in netlist.gates[index].inputs}
+        self._observed_sources = sorted(used & netlist.sources & observed)
+        self.determined = (used & netlist.sources) <= observed
+        """All inputs that matter are observed: what healthy gates do is known, and simulation is exact."""
+        self._flips: dict[bool, Flips] = {}
+        self._values: Values | None = None
+        self._functions: dict[str, Callable[..., int]] = {}
+        self._guided: CoreGuided | None = None
+        self._number: dict[int, int] = {}
+
+    # --- top-level diagnoses ----------------------------------------------------------------------
+
+    def minimum(
+        self, values: dict[int, bool], first_only: bool, at_most: int | None
+    ) -> Generator[Top, None, None]:
+        """Yield the minimum-cardinality diagnoses among the top-level gates.
+
+        Raises:
+            MinimumTooLarge: they have more than `at_most` members.
+            OutOfTime: what was yielded before stays true.
+        """
+        self.uses += 1
+        at_least = 0
+        if self._simulates():
+            inputs, expected = self._inputs(values)
+            flips = self._passes(flat=False)
+            if not first_only:
+                self._prepare_cones()
+            top = self.cones.top
+            healthy, singles = flips.singles(inputs, expected)
+            if healthy:
+                yield ()
+                return
+            if at_most == 0:
+                raise MinimumTooLarge
+            if singles:
+                yield from ((top[position],) for position in singles)
+                return
+            at_least = 2
+            if not first_only or len(top) <= SMALL_TOP:
+                self._clock.check()
+                pairs = flips.pairs(inputs, expected, self._supports(values, flat=False), self._clock.check)
+                if pairs and at_most == 1:
+                    raise MinimumTooLarge
+                if pairs:
+                    yield from ((top[one], top[other]) for one, other in pairs)
+                    return
+                at_least = 3
+        guided = self._search()
+        number = self._number
+        assumptions = [
+            number[net] if value else -number[net] for net, value in values.items() if net in number
+        ]
+        for found in guided.minimum(assumptions, at_least, at_most):
+            yield tuple(self.cones.top[candidate - 1] for candidate in found)
+
+    def small_subset_minimal(self, values: dict[int, bool], size: int, smaller: set[int]) -> Iterator[Top]:
+        """Yield the subset-minimal diagnoses of 1 or 2 gates, of all gates; `smaller`: those of size 1."""
+        flips = self._passes(flat=True)
+        inputs, expected = self._inputs(values)
+        seen = self.cones.seen
+        if size == 1:
+            yield from ((seen[position],) for position in flips.singles(inputs, expected)[1])
+            return
+        for one, other in flips.pairs(inputs, expected, self._supports(values, flat=True), self._clock.check):
+            if seen[one] not in smaller and seen[other] not in smaller:
+                yield seen[one], seen[other]
+
+    def all_healthy(self, values: dict[int, bool]) -> bool:
+        """Return whether simulation agrees with all that is observed."""
+        inputs, expected = self._inputs(values)
+        return self._passes(flat=False).agrees(inputs, expected)
+
+    def _simulates(self) -> bool:
+        """Whether passes are worth compiling: at once for small circuits, at the second use for others."""
+        if not self.determined or len(self.netlist.gates) > SIMULATED_GATES:
+            return False
+        return self.uses > 1 or len(self.netlist.gates) <= 1_000
+
+    @property
+    def can_simulate(self) -> bool:
+        """Whether the circuit and its sensors allow simulation at all."""
+        return self.determined and len(self.netlist.gates) <= SIMULATED_GATES
+
+    def _passes(self, flat: bool) -> Flips:
+        flips = self._flips.get(flat)
+        if flips is None:
+            flippable = self.cones.seen if flat else self.cones.top
+            flips = self._flips[flat] = Flips(self.netlist, flippable, self.cones.seen, self._checks)
+        return flips
+
+    def _inputs(self, values: dict[int, bool]) -> tuple[list[bool], list[bool]]:
+        return [values[net] for net in self._observed_sources], [values[net] for net in self._checks]
+
+    def _prepare_cones(self) -> None:
+        """Compile all that cones need with the rest, so that no later call of a warm engine waits for it."""
+        if len(self.cones.top) < len(self.cones.seen):
+            self._passes(flat=True)
+            self._value_pass()
+
+    def _value_pass(self) -> Values:
+        if self._values is None:
+            self._values = values_of(self.netlist, self.cones.seen, self.cones.top)
+        return self._values
+
+    def _net_values(self, values: dict[int, bool], flips: list[int], ones: int) -> list[int]:
+        return self._value_pass()(
+            {net: ones if values[net] else 0 for net in self._observed_sources}, flips, ones
+        )
+
+    def _supports(self, values: dict[int, bool], flat: bool) -> list[int]:
+        """Return conflicts as masks over the flippable gates: those that make a wrong output what it is.
+
+        Where an input alone decides a gate's output, only that input is followed.
+        """
+        nets = self._net_values(values, [0] * len(self.cones.top), 1)
+        wrong = [net for net in self._checks if nets[net] != values[net]]
+        flippable = self.cones.seen if flat else self.cones.top
+        bit = {gate: 1 << index for index, gate in enumerate(flippable)}
+        return [sum(bit.get(gate, 0) for gate in self._justify(net, nets)) for net in wrong[:SUPPORTS_TRIED]]
+
+    def _justify(self, net: int, nets: list[int]) -> set[int]:
+        gates, driver = self.netlist.gates, self._driver
+        reached: set[int] = set()
+        todo = [driver[net]]
+        while todo:
+            index = todo.pop()
+            if index in reached:
+                continue
+            reached.add(index)
+            gate = gates[index]
+            follow = gate.inputs
+            if gate.controlling is not None:
+                deciding = [i for i in gate.inputs if nets[i] == gate.controlling]
+                if deciding:
+                    # A source costs nothing; else the gate that is nearest to the inputs.
+                    follow = (min(deciding, key=lambda i: driver.get(i, -1)),)
+            todo.extend(driver[i] for i in follow if i in driver)
+        return reached
+
+    def _search(self) -> CoreGuided:
+        """Build the top-level CNF at the first need: candidates first, then the nets that are left."""
+        if self._guided is not None:
+            return self._guided
+        gates, cnf = self.netlist.gates, self._cnf
+        n = len(cnf.components)
+        candidate = {gates[index].component: order for order, index in enumerate(self.cones.top, 1)}
+        seen = {gates[index].component for index in self.cones.seen}
+        clauses: list[list[int]] = []
+        for clause in cnf.clauses:
+            health = next(-literal for literal in clause if abs(literal) <= n)
+            if health in candidate:
+                clauses.append(list(clause))
+            elif health in seen:
+                clauses.append([literal for literal in clause if abs(literal) > n])
+        frozen = [*candidate, *self._checks, *self._observed_sources]
+        if len(clauses) <= SIMPLIFIED_CLAUSES:
+            with Processor(bootstrap_with=clauses) as processor:
+                # Nothing that replaces one variable by another: the frozen ones must stay themselves.
+                clauses = processor.process(decompose=False, freeze=frozen).clauses
+        number = dict(candidate)
+        for variable in frozen:
+            number.setdefault(variable, len(number) + 1)
+        for body in clauses:
+            for literal in body:
+                number.setdefault(abs(literal), len(number) + 1)
+        renumbered = [[number[lit] if lit > 0 else -number[-lit] for lit in body] for body in clauses]
+        self._number = {net: number[net] for net in (*self._checks, *self._observed_sources)}
+        self._guided = CoreGuided(renumbered, len(candidate), len(number), self._clock, self._solver)
+        return self._guided
+
+    # --- cones ------------------------------------------------------------------------------------
+
+    def alternatives(
+        self, values: dict[int, bool], tops: Sequence[Top]
+    ) -> Iterator[tuple[tuple[int, ...], ...]]:
+        """Yield for each top-level diagnosis what may stand in for each member, the member itself included.
+
+        Only for minimum-cardinality diagnoses, and only where `can_simulate`.
+        """
+        expand = self._expand_singles if tops and len(tops[0]) == 1 else self._expand
+        for start in range(0, len(tops), BATCH):
+            self._clock.check()
+            yield from expand(values, tops[start : start + BATCH])
+
+    def _expand_singles(
+        self, values: dict[int, bool], tops: Sequence[Top]
+    ) -> Iterator[tuple[tuple[int, ...]]]:
+        """A gate stands in for a top that explains all alone exactly when it explains all alone too."""
+        members = self.cones.members
+        below = [gate for (top,) in tops for gate in members[top][:-1]]
+        fits = set(self._passes(flat=True).explaining_alone(*self._inputs(values), below)) if below else set()
+        for (top,) in tops:
+            yield ((top, *[gate for gate in members[top][:-1] if gate in fits]),)
+
+    def _expand(self, values: dict[int, bool], tops: Sequence[Top]) -> Iterator[tuple[tuple[int, ...], ...]]:
+        lanes = len(tops)
+        ones = (1 << lanes) - 1
+        member_of: dict[int, int] = {}  # top-level gate -> the lanes (diagnoses) that it is a member of
+        for lane, top in enumerate(tops):
+            for gate in top:
+                member_of[gate] = member_of.get(gate, 0) | 1 << lane
+        replaced: dict[int, list[list[int]]] = {}  # top-level gate -> lane -> gates that can stand in
+        if any(len(self.cones.members[gate]) > 1 for gate in member_of):
+            nets = self._net_values(values, [member_of.get(gate, 0) for gate in self.cones.top], ones)
+            for gate, lanes_of_gate in member_of.items():
+                if len(self.cones.members[gate]) > 1:
+                    replaced[gate] = self._stand_ins(gate, lanes_of_gate, nets, lanes)
+        for lane, top in enumerate(tops):
+            yield tuple((gate, *replaced[gate][lane]) if gate in replaced else (gate,) for gate in top)
+
+    def _stand_ins(self, top: int, wanted: int, nets: list[int], lanes: int) -> list[list[int]]:
+        """Flip each gate of the cone in a block of lanes of its own; keep those that flip the top."""
+        gates, cone = self.netlist.gates, self.cones.members[top]
+        below = len(cone) - 1
+        block = (1 << lanes) - 1
+        copies = sum(1 << (lanes * index) for index in range(below))
+        ones = block * copies
+        inside: dict[int, int] = {}
+        for index, member in enumerate(cone):
+            gate = gates[member]
+            arguments = [inside[net] if net in inside else nets[net] * copies for net in gate.inputs]
+            value = self._function(gate.expression, len(arguments))(ones, *arguments)
+            inside[gate.output] = value ^ (block << (lanes * index) if index < below else 0)
+        flipped = ones & ~(inside[gates[top].output] ^ nets[gates[top].output] * copies) & wanted * copies
+        found: list[list[int]] = [[] for _ in range(lanes)]
+        for bit in bits(flipped):
+            found[bit % lanes].append(cone[bit // lanes])
+        return found
+
+    def _function(self, expression: str, inputs: int) -> Callable[..., int]:
+        function: Callable[..., int] | None = self._functions.get(expression)
+        if function is None:
+            names = [f"a{index}" for index in range(inputs)]
+            source = f"def gate({', '.join(['M', *names])}): return {expression.format(*names)}"
+            function = compiled(source, "gate")
+            self._functions[expression] = function
+        return function
+
+    def close(self) -> None:
+        """Free the solver."""
+        if self._guided is not None:
+            self._guided.close()

@@ -1,0 +1,121 @@
+"""Diagnoses in worker processes: the engine of a model stays warm where it was last used.
+
+The compiled model travels only when a worker does not have it yet. A worker that breaks a deadline is
+killed and its engines with it; the next call sends the model again.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+
+from robomend.diagnosis.engines import make_engine
+from robomend.diagnosis.probes import Prober, ProbeResult
+from robomend.diagnosis.result import DiagnosisResult, Engine, Options
+from robomend.errors import RobomendError
+from robomend.model.cnf import HealthCnf
+from robomend.oneshots.warm_model import ask_engine
+from robomend.workers.pool import WorkerPool
+from robomend_client.literals import Literal
+
+KEPT = 4
+"""Engines kept warm in each worker; a monstrous one takes hundreds of megabytes."""
+
+MEMORY_BYTES = 4 << 30
+"""Address space of a worker: a model that needs more ends its worker, not the computer."""
+
+SEND_S = 5.0
+"""What a deadline allows besides the search: the model's way to the worker, and its compilation there."""
+
+
+class SolverWorkers:
+    """See the module. Thread-safe."""
+
+    def __init__(self, size: int, queue_limit: int, memory_bytes: int | None = MEMORY_BYTES) -> None:
+        self.pool = WorkerPool(
+            "solver", size=size, spare=0, warm=warm, memory_bytes=memory_bytes, queue_limit=queue_limit
+        )
+
+    async def diagnose(
+        self,
+        key: str,
+        engine: str,
+        cnf: HealthCnf,
+        literals: frozenset[Literal],
+        options: Options,
+        deadline_s: float,
+    ) -> DiagnosisResult:
+        """Diagnose in a worker.
+
+        Raises:
+            WorkerTimeout, WorkerDied, WorkersBusy: see robomend.workers.pool.
+        """
+        try:
+            return await self.pool.run(
+                diagnose, (key, engine), None, literals, options, timeout_s=deadline_s + SEND_S
+            )
+        except EngineMissing:
+            return await self.pool.run(
+                diagnose, (key, engine), cnf, literals, options, timeout_s=deadline_s + SEND_S
+            )
+
+    async def probes(
+        self,
+        key: str,
+        engine: str,
+        cnf: HealthCnf,
+        literals: frozenset[Literal],
+        options: Options,
+        limit: int,
+        deadline_s: float,
+    ) -> ProbeResult:
+        """Diagnose and look for the observations worth making next,
+        in a worker; raises as `diagnose` does.
+        """
+        return await self.pool.run(
+            find_probes, (key, engine), cnf, literals, options, limit, timeout_s=deadline_s + SEND_S
+        )
+
+    async def close(self) -> None:
+        """Kill the workers."""
+        await self.pool.aclose()
+
+
+class EngineMissing(RobomendError):
+    """The worker does not have this model's engine: send the model. Never leaves this module."""
+
+    code = "engine-missing"
+
+
+_warm: OrderedDict[tuple[str, str], tuple[Engine, HealthCnf]] = OrderedDict()
+"""Of a worker process."""
+
+
+def warm() -> None:
+    """Import what the first call needs."""
+    make_engine("sat", HealthCnf("warm", ("c",), (), (), (), (), 1)).close()
+
+
+def diagnose(
+    key: tuple[str, str], cnf: HealthCnf | None, literals: frozenset[Literal], options: Options
+) -> DiagnosisResult:
+    """Answer one question; runs in a worker process."""
+    if key not in _warm:
+        if cnf is None:
+            raise EngineMissing(key[0])
+        while len(_warm) >= KEPT:
+            _warm.popitem(last=False)[1][0].close()
+        _warm[key] = make_engine(key[1], cnf), cnf
+    _warm.move_to_end(key)
+    return ask_engine(*_warm[key], literals, options)
+
+
+def find_probes(
+    key: tuple[str, str], cnf: HealthCnf, literals: frozenset[Literal], options: Options, limit: int
+) -> ProbeResult:
+    """Answer which observations are worth making; runs in a worker process."""
+    result = diagnose(key, cnf, literals, options)
+    prober = Prober(cnf)
+    try:
+        return prober.probes(sorted(literals), result, limit=limit, timeout_s=options.timeout_s)
+    finally:
+        prober.close()

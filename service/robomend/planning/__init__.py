@@ -1,0 +1,1 @@
+"""From a diagnosis to a plan: domain, problem, planners, prediction, choice, policy."""

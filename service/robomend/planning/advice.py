@@ -1,0 +1,104 @@
+"""From a diagnosis result to what to do next: the planning half of the loop.
+
+    result ──► leading diagnoses, and what they share ──► a plan for each (worker) ──► choice
+
+The service, the stateless one-shots and the command line all go through here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from robomend.diagnosis.probes import ProbeResult
+from robomend.diagnosis.result import Diagnosis, DiagnosisResult
+from robomend.errors import ModelError
+from robomend.model.components import ComponentModel
+from robomend.model.system import System
+from robomend.planning.choice import (
+    Attempt,
+    Candidate,
+    Choice,
+    Look,
+    Patience,
+    choose,
+    common_part,
+    leading,
+)
+from robomend.planning.plan import Plan
+from robomend_client.literals import Literal
+
+DEFAULT_PATIENCE = Patience()
+
+
+@dataclass(frozen=True)
+class Situation:
+    """Everything that choosing rests on: values only."""
+
+    model: ComponentModel
+    observed: tuple[Literal, ...]
+    result: DiagnosisResult
+    tried: tuple[Attempt, ...] = ()
+    probes: ProbeResult | None = None  # only those that somebody can make now
+    now_ns: int = 0
+    patience: Patience = DEFAULT_PATIENCE
+
+    @property
+    def wanted(self) -> tuple[Diagnosis, ...]:
+        """The diagnoses to plan for, the shared part last where there is one."""
+        found = self.leading
+        shared = common_part(found)
+        return (*found, Diagnosis(shared)) if shared else found
+
+    @property
+    def leading(self) -> tuple[Diagnosis, ...]:
+        """The most probable diagnoses, by what was tried: those worth a plan of their own."""
+        found = leading(self.result.diagnoses, self.tried, now_ns=self.now_ns, patience=self.patience)
+        return tuple(found)
+
+    def decide(self, plans: Sequence[Plan]) -> Choice:
+        """Return the choice, given a plan for each of `wanted`."""
+        diagnoses = self.leading
+        pairs = [Candidate(one, plan) for one, plan in zip(self.wanted, plans, strict=True)]
+        candidates, shared = pairs[: len(diagnoses)], pairs[len(diagnoses) :]
+        return choose(
+            candidates,
+            self.tried,
+            looks(self.probes, candidates),
+            common=shared[0] if shared else None,
+            now_ns=self.now_ns,
+            patience=self.patience,
+        )
+
+
+def parts_of(system: System) -> ComponentModel:
+    """Return what can be repaired.
+
+    Raises:
+        ModelError: the model is no component model.
+    """
+    if system.parts is None:
+        raise ModelError(
+            f"a model in {system.format} format says nothing of what can be switched or restarted: planning "
+            "needs a component model (robomend: 1)"
+        )
+    return system.parts
+
+
+def looks(probes: ProbeResult | None, candidates: Sequence[Candidate]) -> list[Look]:
+    """Return the probes as choosing sees them."""
+    if probes is None:
+        return []
+    index = {bad: position for position, bad in enumerate(probes.diagnoses)}
+    positions = [index.get(one.diagnosis.bad) for one in candidates]
+    return [
+        Look(
+            probe.atom,
+            probe.cost_s,
+            tuple(
+                True if position in probe.if_true else False if position in probe.if_false else None
+                for position in positions
+            ),
+        )
+        for probe in probes.probes
+    ]

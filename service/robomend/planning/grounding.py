@@ -1,0 +1,287 @@
+"""From a domain with variables to the few ground actions that a plan can use.
+
+Grounding everything is what makes stock chains slow: 8 s at 100 components. Here the goal pulls in what it
+needs:
+
+    open goals ──► actions that achieve them ──► their preconditions ──► …      (relevance, backwards)
+                   of these, what can be reached from the initial state         (deletes ignored, forwards)
+
+Backwards, a fact is only worth achieving if it is a goal or a precondition of a relevant action, and does
+not hold for good: it is false at first, or some relevant action destroys it. Dropping every other action
+from a plan leaves a plan (what it needs was there and nobody left destroys it), so no plan is lost and none
+gets dearer. Static facts are joined through an index, never enumerated. What holds for good disappears from
+preconditions.
+
+Facts are signed integers: +i the atom i holds, -i it does not. An action achieves the facts in its
+`effects` and destroys their opposites, so negative preconditions need no special case.
+
+Source: J. Hoffmann, B. Nebel. The FF planning system. JAIR 14, 2001, for relaxed reachability; M. Helmert.
+Concise finite-domain representations for PDDL planning tasks. AIJ 173, 2009, for grounding as a join.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sized
+from dataclasses import dataclass, field
+
+from robomend.errors import DomainError
+from robomend.planning.domain.compilation import (
+    Compilation,
+    Condition,
+    GuardedEffect,
+    Junction,
+    compile_domain,
+)
+from robomend.planning.domain.formulas import Equal, Is, Negation
+from robomend.planning.domain.values import Domain
+from robomend.planning.policy import DARK, NODE_ACTIONS, POWER_ACTIONS
+from robomend.planning.problem import Fact, RepairProblem
+from robomend.planning.static_facts import Env, StaticFacts
+from robomend_client.literals import Atom, Literal
+
+MAX_GROUND_ACTIONS = 100_000
+MAX_ALTERNATIVES = 64
+"""Disjunctive preconditions become one ground action for each alternative, up to this many."""
+
+Alternatives = list[frozenset[int]]
+"""A condition in disjunctive normal form: [] never holds, [frozenset()] always does."""
+
+ALWAYS: Alternatives = [frozenset()]
+
+GIVING = frozenset({"on", "running"})
+"""Predicates of what has power and works; the opposites of DARK."""
+
+OWN_ACTIONS = POWER_ACTIONS | NODE_ACTIONS
+
+
+@dataclass(frozen=True, slots=True)
+class GroundAction:
+    """One action with its parameters filled in, over signed facts."""
+
+    name: str
+    parameters: tuple[str, ...]
+    cost: float
+    needs: frozenset[int]
+    effects: frozenset[int]
+
+    def __str__(self) -> str:
+        return f"{self.name}({', '.join(self.parameters)})"
+
+
+@dataclass(frozen=True)
+class GroundProblem:
+    """The relevant, reachable part of a problem: actions over the facts that can change and matter."""
+
+    actions: tuple[GroundAction, ...]
+    initial: frozenset[int]
+    goal: frozenset[int]
+    unreachable: Mapping[int, str] = field(default_factory=dict)  # goal fact -> why, as a sentence
+
+
+class Grounder:
+    """The ground actions of one problem, made on demand."""
+
+    def __init__(self, domain: Domain, problem: RepairProblem) -> None:
+        self.domain = domain
+        self.problem = problem
+        self._compiled = compile_domain(domain)
+        self._numbers: dict[Fact, int] = {}
+        self._facts: list[Fact] = [()]
+        self._static = StaticFacts(domain, problem)
+        self._made: dict[tuple[str, tuple[str, ...]], tuple[GroundAction, ...]] = {}
+        self.refused: dict[int, str] = {}  # fact -> an action that would achieve it, and why it is refused
+        self.initial: set[int] = set()  # numbers of the atoms that hold
+        for fact in sorted(problem.initial - self._static.facts):
+            self.initial.add(self.number(fact))
+        self._producers: dict[tuple[str, bool], list[tuple[Compilation, GuardedEffect]]] = defaultdict(list)
+        for compilation in self._compiled:
+            for effect in compilation.effects:
+                self._producers[effect.atom.predicate, effect.adds].append((compilation, effect))
+
+    # --- facts ----------------------------------------------------------------------------------
+
+    def number(self, fact: Fact) -> int:
+        """Return the positive number of an atom."""
+        found = self._numbers.get(fact)
+        if found is None:
+            found = self._numbers[fact] = len(self._facts)
+            self._facts.append(fact)
+        return found
+
+    def fact(self, number: int) -> Fact:
+        """Return the atom of a signed number."""
+        return self._facts[abs(number)]
+
+    def literal(self, number: int) -> Literal:
+        """Return a signed number as a literal in the model's words."""
+        fact = self._facts[abs(number)]
+        return Literal(Atom(fact[0], fact[1:]), number > 0)
+
+    def holds_at_first(self, number: int) -> bool:
+        """Whether a signed fact holds in the initial state."""
+        return (abs(number) in self.initial) == (number > 0)
+
+    # --- conditions -----------------------------------------------------------------------------
+
+    def _alternatives(self, formula: Condition, env: Env) -> Alternatives:
+        """Return what must hold of the facts that can change for a condition to hold."""
+        if isinstance(formula, Is):
+            return self._atom(formula, env, 1)
+        if isinstance(formula, Negation):
+            part = formula.part
+            if isinstance(part, Equal):
+                return [] if self._same(part, env) else ALWAYS
+            assert isinstance(part, Is)  # negation normal form
+            return self._atom(part, env, -1)
+        if isinstance(formula, Equal):
+            return ALWAYS if self._same(formula, env) else []
+        if isinstance(formula, Junction):
+            parts = (self._alternatives(part, env) for part in formula.parts)
+        else:
+            parts = (
+                self._alternatives(formula.rest, binding)
+                for binding in self._static.bindings(formula.variables, formula.guards, env)
+            )
+        return self._all(parts) if formula.every else self._any(parts)
+
+    def _atom(self, atom: Is, env: Env, sign: int) -> Alternatives:
+        fact = (atom.predicate, *(env.get(term, term) for term in atom.terms))
+        if atom.predicate in self.domain.static:
+            return ALWAYS if (fact in self._static.facts) == (sign > 0) else []
+        return [frozenset((sign * self.number(fact),))]
+
+    @staticmethod
+    def _same(equal: Equal, env: Env) -> bool:
+        return env.get(equal.left, equal.left) == env.get(equal.right, equal.right)
+
+    def _all(self, parts: Iterable[Alternatives]) -> Alternatives:
+        result = ALWAYS
+        for part in parts:
+            if not part:
+                return []
+            if part is ALWAYS:
+                continue
+            if len(result) == 1 and len(part) == 1:
+                result = [result[0] | part[0]]
+            else:
+                result = list(dict.fromkeys(one | other for one in result for other in part))
+                self._limit(result)
+        if len(result) > 1 or result is not ALWAYS:
+            result = [one for one in result if not any(-number in one for number in one)]
+        return result
+
+    def _any(self, parts: Iterable[Alternatives]) -> Alternatives:
+        result: dict[frozenset[int], None] = {}
+        for part in parts:
+            if part is ALWAYS:
+                return ALWAYS
+            result.update(dict.fromkeys(part))
+            self._limit(result)
+        return list(result)
+
+    @staticmethod
+    def _limit(found: Sized) -> None:
+        if len(found) > MAX_ALTERNATIVES:
+            raise DomainError(
+                f"a precondition has more than {MAX_ALTERNATIVES} alternatives; split the action"
+            )
+
+    # --- actions --------------------------------------------------------------------------------
+
+    def instances(self, name: str, parameters: tuple[str, ...]) -> tuple[GroundAction, ...]:
+        """Return a ground action: none if its static conditions fail, several for a disjunction."""
+        for compilation in self._compiled:
+            if compilation.schema.name == name and len(compilation.schema.parameters) == len(parameters):
+                return self._instances(compilation, parameters)
+        return ()
+
+    def _instances(self, compilation: Compilation, parameters: tuple[str, ...]) -> tuple[GroundAction, ...]:
+        schema = compilation.schema
+        key = (schema.name, parameters)
+        if key in self._made:
+            return self._made[key]
+        if len(self._made) >= MAX_GROUND_ACTIONS:
+            raise DomainError(
+                f"more than {MAX_GROUND_ACTIONS} ground actions; guard the parameters of {schema.name!r} "
+                "with static predicates",
+                schema.file,
+                schema.line,
+            )
+        env = {variable: value for (variable, _), value in zip(schema.parameters, parameters, strict=True)}
+        found: tuple[GroundAction, ...] = ()
+        typed = all(
+            value in self._static.members_of(kind)
+            for (_, kind), value in zip(schema.parameters, parameters, strict=True)
+        )
+        if typed and all(self._atom(guard, env, 1) for guard in compilation.guards):
+            effects = self._effects(compilation, env)
+            cost = schema.cost * self._factor(parameters)
+            found = tuple(
+                GroundAction(schema.name, parameters, cost, needs, effects)
+                for needs in self._alternatives(compilation.rest, env)
+            )
+        self._made[key] = found
+        return found
+
+    def _effects(self, compilation: Compilation, env: Env) -> frozenset[int]:
+        """PDDL deletes first and then adds, so what is added and deleted is added."""
+        adds: set[int] = set()
+        deletes: set[int] = set()
+        for effect in compilation.effects:
+            for binding in self._static.bindings(effect.variables, effect.guards, env):
+                if self._alternatives(effect.rest, binding):
+                    fact = (effect.atom.predicate, *(binding.get(term, term) for term in effect.atom.terms))
+                    (adds if effect.adds else deletes).add(self.number(fact))
+        return frozenset(adds | {-number for number in deletes - adds})
+
+    def _factor(self, parameters: tuple[str, ...]) -> float:
+        """An action costs as its first component says."""
+        for name in parameters:
+            if name in self.problem.components:
+                return self.problem.costs.get(name, 1.0)
+        return 1.0
+
+    def achievers(self, number: int) -> list[GroundAction]:
+        """Return the ground actions that achieve a signed fact and are not refused, in a fixed order."""
+        fact = self.fact(number)
+        found: dict[int, GroundAction] = {}
+        for compilation, effect in self._producers.get((fact[0], number > 0), ()):
+            variables = compilation.schema.parameters + effect.variables
+            env = self._static.unify(effect.atom.terms, fact[1:], {}, dict(variables))
+            if env is None:
+                continue
+            guards = compilation.guards + effect.guards
+            for binding in self._static.bindings(variables, guards, env):
+                parameters = tuple(binding[name] for name, _ in compilation.schema.parameters)
+                for action in self._instances(compilation, parameters):
+                    if number not in action.effects:
+                        continue
+                    if (why := self.refusal(action)) is not None:
+                        self.refused.setdefault(number, f"{action} is refused: {why}")
+                    else:
+                        found[id(action)] = action
+        return list(found.values())
+
+    def refusal(self, action: GroundAction) -> str | None:
+        """Return why an action may not be taken, or None: it takes power or process from a protected
+        component, changes one that is set aside, or was tried in vain.
+        """
+        problem = self.problem
+        if problem.avoided and str(action) in problem.avoided:
+            return "it was tried, and it did not help"
+        for number in sorted(action.effects):
+            fact = self.fact(number)
+            if len(fact) != 2:
+                continue
+            predicate, name = fact
+            if name in problem.protected and (
+                (number > 0 and predicate in DARK) or (number < 0 and predicate in GIVING)
+            ):
+                saved = problem.protected[name]
+                return f"{saved} is protected" if saved == name else f"{saved}, which it feeds, is protected"
+            if name in problem.excluded and predicate in DARK | GIVING:
+                if name in problem.idle and action.name not in OWN_ACTIONS:
+                    continue
+                return f"{name} is left alone"
+        return None

@@ -1,0 +1,66 @@
+"""From a plan in a row to a partial order: what does not interfere may run side by side.
+
+Of two actions the earlier stays first if one of them destroys what the other needs or achieves, or if the
+earlier achieves what the later needs. Any two others can swap, and swapping neighbours that do not
+interfere changes neither what holds before any action nor the end; every order that keeps these pairs can
+be reached by such swaps, so every one is a plan (the partial order of a Mazurkiewicz trace).
+
+Source: C. Bäckström. Computational aspects of reordering plans. JAIR 9, 1998 (deordering).
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections import defaultdict
+from collections.abc import Callable, Sequence
+
+from robomend.planning.grounding import GroundAction
+
+
+def partial_order(plan: Sequence[GroundAction]) -> list[tuple[int, ...]]:
+    """Return for each action the positions of those right before it (transitively reduced)."""
+    achieved: dict[int, list[int]] = defaultdict(list)  # fact -> the actions so far that achieve it
+    needed: dict[int, list[int]] = defaultdict(list)
+    before: list[int] = []  # bit sets, transitively closed
+    direct: list[tuple[int, ...]] = []
+    for position, action in enumerate(plan):
+        earlier: set[int] = set()
+        for number in action.needs:
+            earlier.update(achieved[number])
+            earlier.update(achieved[-number])
+        for number in action.effects:
+            earlier.update(needed[-number])
+            earlier.update(achieved[-number])
+        covered = 0
+        kept: list[int] = []
+        for other in sorted(earlier, reverse=True):
+            if not covered >> other & 1:
+                kept.append(other)
+                covered |= before[other] | 1 << other
+        before.append(covered)
+        direct.append(tuple(sorted(kept)))
+        for number in action.needs:
+            needed[number].append(position)
+        for number in action.effects:
+            achieved[number].append(position)
+    return direct
+
+
+def layered(after: Sequence[tuple[int, ...]], rank: Callable[[int], tuple[int, ...]]) -> list[int]:
+    """Return the positions in an order that keeps `after` and puts low ranks first where it is free to."""
+    waiting = [len(one) for one in after]
+    followers: dict[int, list[int]] = defaultdict(list)
+    for position, one in enumerate(after):
+        for other in one:
+            followers[other].append(position)
+    ready = [(rank(position), position) for position, count in enumerate(waiting) if not count]
+    heapq.heapify(ready)
+    order: list[int] = []
+    while ready:
+        _, position = heapq.heappop(ready)
+        order.append(position)
+        for follower in followers[position]:
+            waiting[follower] -= 1
+            if not waiting[follower]:
+                heapq.heappush(ready, (rank(follower), follower))
+    return order

@@ -1,0 +1,160 @@
+"""Planning in worker processes: the asynchronous front of robomend.planning.planning.
+
+    planner asked  ──► answer                                   within its share of the time
+        │ hangs, crashes, runs out of memory: its process is killed
+        └──► fallback asked, in a fresh process  ──► answer, or GAVE_UP
+
+Out of time is an answer (GAVE_UP); a crash of planner and fallback alike is WorkerDied.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import replace
+
+from robomend.errors import WorkerDied, WorkerTimeout
+from robomend.model.components import ComponentModel
+from robomend.planning.advice import Situation
+from robomend.planning.choice import Choice
+from robomend.planning.domain.loading import load_domain
+from robomend.planning.plan import Plan
+from robomend.planning.planners import DEFAULT, FALLBACK, make_planner
+from robomend.planning.planning import PlanOptions, gave_up, plan_for, plans_for
+from robomend.workers.pool import WorkerPool
+from robomend_client.literals import Literal
+
+SHARE = 0.6
+"""Of the time, for the planner that was asked; the rest is the fallback's."""
+
+GRACE_S = 0.25
+"""What a worker gets beyond a planner's own deadline, to hand in what it has."""
+
+MEMORY_BYTES = 4 << 30
+"""Address space, of which a planner touches about 120 MB."""
+
+
+def warm() -> None:
+    """Load what every planning call needs."""
+    load_domain()
+    make_planner(FALLBACK)
+    make_planner(DEFAULT)
+    # The first plan is slow: regular expressions, clingo's encoding, Unified Planning's lazy imports.
+    from robomend.model.components import Hardware, Node
+
+    tiny = ComponentModel("warm-up", {"h": Hardware("h", 0)}, {"n": Node("n", ("h",))}, {})
+    for planner in (DEFAULT, FALLBACK):
+        plan_for(tiny, (), ("h",), PlanOptions(planner=planner))
+
+
+class PlannerPool:
+    """Plans in warm processes, with deadlines that hold."""
+
+    def __init__(
+        self, *, size: int = 1, spare: int = 1, idle_s: float = 300.0, memory_bytes: int | None = MEMORY_BYTES
+    ) -> None:
+        self._workers = WorkerPool(
+            "planner", size=size, spare=spare, warm=warm, idle_s=idle_s, memory_bytes=memory_bytes
+        )
+
+    def start(self) -> None:
+        """Warm the first process now instead of at the first call."""
+        self._workers.start()
+
+    async def plans(
+        self,
+        model: ComponentModel,
+        observed: Iterable[Literal],
+        diagnoses: Sequence[Collection[str]],
+        options: PlanOptions,
+    ) -> list[Plan]:
+        """Return a plan for each diagnosis, those that ran out of time as GAVE_UP.
+
+        Raises:
+            InputError: what plan_for refuses.
+            WorkerDied: planner and fallback crashed.
+            Overloaded: too many calls wait already.
+        """
+        attempts = _Attempts(options)
+        literals = tuple(observed)
+        wanted = [tuple(bad) for bad in diagnoses]
+        while True:
+            try:
+                return await self._workers.run(
+                    plans_for, model, literals, wanted, attempts.current, timeout_s=attempts.deadline_s
+                )
+            except (WorkerTimeout, WorkerDied) as error:
+                if not attempts.next():
+                    return attempts.given_up(error, len(wanted))
+
+    def plans_now(
+        self,
+        model: ComponentModel,
+        observed: Iterable[Literal],
+        diagnoses: Sequence[Collection[str]],
+        options: PlanOptions,
+    ) -> list[Plan]:
+        """Like `plans`, for code without an event loop."""
+        return asyncio.run(self.plans(model, observed, diagnoses, options))
+
+    def close(self) -> None:
+        """End every process."""
+        self._workers.close()
+
+    async def aclose(self) -> None:
+        """Like `close`, without blocking the event loop."""
+        await self._workers.aclose()
+
+    @property
+    def pids(self) -> tuple[int, ...]:
+        """The process ids of the workers."""
+        return self._workers.pids
+
+
+class _Attempts:
+    """The planner that was asked, then the fallback, within one deadline."""
+
+    def __init__(self, options: PlanOptions) -> None:
+        self._options = options
+        self._started = time.monotonic()
+        alone = options.planner == FALLBACK
+        share = options.timeout_s
+        if share is not None and not alone:
+            share *= SHARE
+        self.current = replace(options, timeout_s=share)
+        self._left = [] if alone else [FALLBACK]
+
+    @property
+    def deadline_s(self) -> float | None:
+        timeout_s = self.current.timeout_s
+        return None if timeout_s is None else timeout_s + GRACE_S
+
+    def next(self) -> bool:
+        """Go on to the fallback; False: nothing is left, or no time."""
+        if not self._left:
+            return False
+        left: float | None = None
+        if self._options.timeout_s is not None:
+            left = self._started + self._options.timeout_s - time.monotonic()
+            if left <= 0:
+                return False
+        self.current = replace(self._options, planner=self._left.pop(), timeout_s=left)
+        return True
+
+    def given_up(self, error: WorkerTimeout | WorkerDied, count: int) -> list[Plan]:
+        if isinstance(error, WorkerDied):
+            raise error
+        return [gave_up(self._options.planner, time.monotonic() - self._started)] * count
+
+
+async def advise(pool: PlannerPool, situation: Situation, options: PlanOptions) -> Choice:
+    """Plan for the leading diagnoses in a worker and choose."""
+    wanted = [one.bad for one in situation.wanted]
+    plans = await pool.plans(situation.model, situation.observed, wanted, options) if wanted else []
+    return situation.decide(plans)
+
+
+def advise_now(pool: PlannerPool, situation: Situation, options: PlanOptions) -> Choice:
+    """Like `advise`, for code without an event loop."""
+    return asyncio.run(advise(pool, situation, options))

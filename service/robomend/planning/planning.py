@@ -1,0 +1,289 @@
+"""Plan the repair of one diagnosis: the whole chain in one function.
+
+    model, OBS, diagnosis ──► problem ──► ground ──► parts ──► a plan for each ──► replay ──► order ──► Plan
+
+`plan_for` is pure but for the clock, and made for a worker process: its arguments and its answer pickle.
+robomend.planning.planner_pool calls it from the service.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import OrderedDict
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass, replace
+
+from robomend.errors import SolverError
+from robomend.model.components import ComponentModel
+from robomend.planning.decomposition import NamedPart, Part, split
+from robomend.planning.domain.loading import load_domain
+from robomend.planning.domain.values import Domain
+from robomend.planning.grounding import GroundAction, Grounder
+from robomend.planning.ordering import layered, partial_order
+from robomend.planning.pddl_text import problem_text
+from robomend.planning.plan import Outcome, Plan, Step
+from robomend.planning.planners import DEFAULT, FALLBACK, PartAnswer, Planner, make_planner
+from robomend.planning.planners.relaxed import achieves
+from robomend.planning.problem import RepairProblem, repair_problem
+from robomend.planning.relevance import ground
+from robomend.planning.series import in_series
+from robomend.planning.validation import replay
+from robomend_client.literals import Atom, Literal
+
+
+@dataclass(frozen=True, slots=True)
+class PlanOptions:
+    """How to plan. The defaults are those of HTTP and the command line."""
+
+    planner: str = DEFAULT
+    timeout_s: float | None = 5.0
+    domain: str | None = None  # the user's PDDL: actions for repair.pddl, or a whole domain
+    domain_file: str | None = None  # what messages call it
+    expected_stopped: tuple[str, ...] = ()
+    quarantined: tuple[str, ...] = ()
+    protected: tuple[str, ...] = ()
+    avoided: tuple[str, ...] = ()  # ground actions, as `power_up(lidar)`, that must not be used
+    pddl: bool = False  # add the PDDL to the plan
+
+
+def plan_for(
+    model: ComponentModel,
+    observed: Iterable[Literal],
+    bad: Collection[str],
+    options: PlanOptions = PlanOptions(),
+) -> Plan:
+    """Return a validated plan that makes every component good, as far as known actions can.
+
+    Raises:
+        DomainError: the user's PDDL is at fault.
+        UnknownComponent: the diagnosis or an option names no component of the model.
+        OptionRefused: no such planner.
+        SolverError: the planner and the fallback failed.
+    """
+    started = time.perf_counter()
+    domain = load_domain(options.domain, options.domain_file)
+    problem = repair_problem(
+        model,
+        domain,
+        observed,
+        bad,
+        expected_stopped=options.expected_stopped,
+        quarantined=options.quarantined,
+        protected=options.protected,
+        avoided=options.avoided,
+    )
+    plan = plan_problem(domain, problem, options)
+    return replace(plan, elapsed_s=time.perf_counter() - started)
+
+
+def plans_for(
+    model: ComponentModel,
+    observed: Iterable[Literal],
+    diagnoses: Sequence[Collection[str]],
+    options: PlanOptions = PlanOptions(),
+) -> list[Plan]:
+    """Return a plan for each diagnosis; those for which the time is up are GAVE_UP."""
+    literals = tuple(observed)
+    make_planner(options.planner)  # loading it is not planning
+    deadline = None if options.timeout_s is None else time.monotonic() + options.timeout_s
+    found: list[Plan] = []
+    for bad in diagnoses:
+        left = None if deadline is None else deadline - time.monotonic()
+        if left is not None and left <= 0 and found:
+            found.append(gave_up(options.planner, 0.0))
+        else:
+            found.append(plan_for(model, literals, bad, replace(options, timeout_s=left)))
+    return found
+
+
+def gave_up(planner: str, elapsed_s: float) -> Plan:
+    """Return the answer for a planner that ran out of time."""
+    return Plan(Outcome.GAVE_UP, (), 0.0, planner, frozenset(), (), (), (), elapsed_s)
+
+
+def plan_problem(domain: Domain, problem: RepairProblem, options: PlanOptions) -> Plan:
+    """Return a validated plan for a problem that is built already."""
+    search = _PartSearch(options)
+    grounder = Grounder(domain, problem)
+    goal = [grounder.number(fact) for fact in problem.goal]
+    unreachable: dict[int, str] = {}
+    serial: list[GroundAction] | None = None
+    while serial is None:
+        ground_problem = ground(grounder, [number for number in goal if number not in unreachable])
+        unreachable.update(ground_problem.unreachable)
+        lost: dict[int, str] = {}
+        serial = []
+        for part in split(ground_problem):
+            answer = search.solve(part.part)
+            if answer.outcome is Outcome.GAVE_UP:
+                return replace(gave_up(search.used, 0.0), excluded=problem.excluded, assumed=problem.assumed)
+            if answer.outcome is Outcome.UNSOLVABLE:
+                lost.update(_lost_goals(grounder, part, search))
+            serial.extend(part.actions[index] for index in answer.actions)
+        if lost:
+            # What waits for a lost goal must be planned anew, without it.
+            unreachable.update(lost)
+            serial = None
+    kept = [number for number in goal if number not in unreachable]
+    names = [(action.name, action.parameters) for action in serial]
+    complete, flaw = replay(grounder, names, kept)
+    if flaw is not None:
+        raise SolverError(f"{search.used} gave an invalid plan: {flaw}")
+    return Plan(
+        outcome=Outcome.UNSOLVABLE if unreachable else Outcome.SOLVED,
+        steps=_steps(grounder, complete),
+        cost=sum(action.cost for action in complete),
+        planner=search.used,
+        initial=frozenset(
+            Atom(fact[0], fact[1:]) for fact in problem.initial if fact[0] not in domain.static
+        ),
+        assumed=problem.assumed,
+        unreachable=tuple(unreachable[number] for number in goal if number in unreachable),
+        excluded=problem.excluded,
+        elapsed_s=0.0,
+        pddl=(domain.pddl, problem_text(domain, problem, problem.goal)) if options.pddl else None,
+    )
+
+
+EXACT_UP_TO = 14
+"""Actions of a part that is searched as a whole: a device with some drivers. Larger ones: in stages first."""
+
+
+class _PartSearch:
+    """Asks the planner part by part, the fallback where the planner fails or a part is too large for it."""
+
+    def __init__(self, options: PlanOptions) -> None:
+        self._planner = make_planner(options.planner)
+        self._deadline = None if options.timeout_s is None else time.monotonic() + options.timeout_s
+        self.used = options.planner
+
+    def solve(self, part: Part) -> PartAnswer:
+        """Return the answer for a part: exact for small ones, in stages for large ones where that works."""
+        if len(part.actions) > EXACT_UP_TO:
+            plan = in_series(part, self.solve)
+            if plan is not None and achieves(part, plan):
+                return PartAnswer(Outcome.SOLVED, plan)
+        return self._whole(part)
+
+    def _whole(self, part: Part) -> PartAnswer:
+        planner = self._planner
+        if planner.max_actions is not None and len(part.actions) > planner.max_actions:
+            planner = make_planner(FALLBACK)
+        try:
+            answer = self._ask(planner, part)
+        except SolverError:
+            if planner.name == FALLBACK:
+                raise
+            planner = make_planner(FALLBACK)
+            answer = self._ask(planner, part)
+        if planner.name != self._planner.name:
+            self.used = f"{self._planner.name}+{planner.name}"
+        return answer
+
+    def _ask(self, planner: Planner, part: Part) -> PartAnswer:
+        known = _ANSWERS.get((planner.name, part))
+        if known is not None:
+            return known
+        left = None if self._deadline is None else max(0.0, self._deadline - time.monotonic())
+        answer = planner.solve(part, left)
+        if answer.outcome is Outcome.SOLVED and not achieves(part, answer.actions):
+            raise SolverError(
+                f"{planner.name} gave an invalid plan for a part of {len(part.actions)} actions"
+            )
+        if answer.outcome is not Outcome.GAVE_UP:
+            _ANSWERS.put((planner.name, part), answer)
+        return answer
+
+
+class _Memory:
+    """The answers of late: a robot's devices mostly pose the same small problems, a fleet's robots too."""
+
+    def __init__(self, max_actions: int) -> None:
+        self._answers: OrderedDict[tuple[str, Part], PartAnswer] = OrderedDict()
+        self._room = max_actions  # in actions, so that large parts do not fill the memory
+
+    def get(self, key: tuple[str, Part]) -> PartAnswer | None:
+        found = self._answers.get(key)
+        if found is not None:
+            self._answers.move_to_end(key)
+        return found
+
+    def put(self, key: tuple[str, Part], answer: PartAnswer) -> None:
+        self._answers[key] = answer
+        self._room -= len(key[1].actions)
+        while self._room < 0:
+            (_, part), _ = self._answers.popitem(last=False)
+            self._room += len(part.actions)
+
+    def clear(self) -> None:
+        self._room += sum(len(part.actions) for _, part in self._answers)
+        self._answers.clear()
+
+
+_ANSWERS = _Memory(max_actions=50_000)
+
+
+def forget() -> None:
+    """Forget the answers of late: for measurements."""
+    _ANSWERS.clear()
+
+
+def _lost_goals(grounder: Grounder, part: NamedPart, search: _PartSearch) -> dict[int, str]:
+    """Return the goals of an unsolvable part that must be given up, each with a sentence.
+
+    Each goal by itself looked reachable, so goals exclude one another, or need an order of events that does
+    not exist. Goals are kept one by one while a plan remains: once beginning with what is broken, once with
+    what works; the larger set is kept, and of equal ones that with the repair.
+    """
+    facts = dict(zip(part.goals, sorted(part.part.goal), strict=True))
+    broken = [number for number in facts if not grounder.holds_at_first(number)]
+    working = [number for number in facts if grounder.holds_at_first(number)]
+    best: list[int] = []
+    for order in (broken + working, working + broken):
+        kept: list[int] = []
+        for number in order:
+            goal = frozenset(facts[one] for one in (*kept, number))
+            if search.solve(replace(part.part, goal=goal)).outcome is Outcome.SOLVED:
+                kept.append(number)
+        if len(kept) > len(best):
+            best = kept
+    lost = [number for number in facts if number not in best]
+    sentences: dict[int, str] = {}
+    for number in lost:
+        alone = search.solve(replace(part.part, goal=frozenset({facts[number]})))
+        name = ", ".join(grounder.fact(number)[1:])
+        word = grounder.fact(number)[0]
+        if alone.outcome is Outcome.SOLVED and best:
+            others = ", ".join(sorted({", ".join(grounder.fact(one)[1:]) for one in best}))
+            sentences[number] = f"{name}: cannot be made {word} together with {others}"
+        else:
+            sentences[number] = f"{name}: no sequence of known actions makes it {word}"
+    return sentences
+
+
+def _steps(grounder: Grounder, plan: Sequence[GroundAction]) -> tuple[Step, ...]:
+    """Return the actions as steps of a partial order, devices before processes where the order is free."""
+    objects = {name: index for index, name in enumerate(grounder.problem.objects)}
+    after = partial_order(plan)
+
+    def rank(position: int) -> tuple[int, ...]:
+        parameters = plan[position].parameters
+        first = parameters[0] if parameters else ""
+        kind = grounder.problem.objects.get(first, "")
+        is_node = bool(kind) and "node" in grounder.domain.supertype and grounder.domain.is_a(kind, "node")
+        return (int(is_node), objects.get(first, -1))
+
+    order = layered(after, rank)
+    new = {position: index for index, position in enumerate(order)}
+    return tuple(
+        Step(
+            index=index,
+            name=plan[position].name,
+            parameters=plan[position].parameters,
+            cost=plan[position].cost,
+            after=tuple(sorted(new[other] for other in after[position])),
+            preconditions=tuple(map(grounder.literal, sorted(plan[position].needs, key=abs))),
+            effects=tuple(map(grounder.literal, sorted(plan[position].effects, key=abs))),
+        )
+        for index, position in enumerate(order)
+    )

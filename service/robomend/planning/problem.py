@@ -1,0 +1,293 @@
+"""From a diagnosis to a planning problem: pure, no search, no planner.
+
+    OBS ∪ bad(c) ∪ good(c) of a diagnosis ──► completed initial state, goal (good c) for what is meant to work
+
+The paper's initial state is OBS ∪ {bad, good} (section IV-E); planners read what is absent as false, so it is
+completed until exactly one of on/off, running/stopped and good/bad holds for each component:
+
+    unobserved         true for good components; for bad ones assumed true, and the assumption is listed
+    no channel         hardware without one is on
+    stopped or off     implies bad: what does not run does not work, whatever the diagnosis blames
+
+A bad component of unknown state is taken to be on: shutdown and power_up then also mend one that was off,
+while the opposite guess would send a command without effect.
+
+Static facts come from the model: `drives` and `tied` as written; `fed_by` as written and through feeders
+that have no channel, so that it leads to every channel that the device loses its power with; `hangs_on`, the
+same for devices without channel, which come back with the channel by themselves. `needs(n, m)` holds when
+something that n publishes rests on a topic of m. Cycles of topics are normal, so within a strongly connected
+component of `needs` there is no order to keep. Facts of predicates that the domain does not declare are left
+out, so one builder serves every domain.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass, field
+
+from robomend.errors import DomainError, UnknownComponent
+from robomend.model.components import ComponentModel, Hardware, Node
+from robomend.planning.domain.values import Declared, Domain
+from robomend_client.literals import Atom, Literal
+
+Fact = tuple[str, ...]
+"""A ground atom as (predicate, arguments…): cheaper to hash than Atom by far."""
+
+
+@dataclass(frozen=True)
+class RepairProblem:
+    """A planning problem in the model's own names; values only."""
+
+    name: str
+    objects: Mapping[str, str]  # name -> type; components first, in the order of the model
+    initial: frozenset[Fact]
+    goal: tuple[Fact, ...]
+    components: frozenset[str] = frozenset()
+    assumed: tuple[Literal, ...] = ()  # facts of bad components that nobody observed
+    excluded: tuple[str, ...] = ()  # left out of the goal, and left alone
+    idle: frozenset[str] = frozenset()  # of these, those meant to be off: the user's actions may use them
+    protected: Mapping[str, str] = field(default_factory=dict)  # never shut down -> itself, or what it feeds
+    avoided: frozenset[str] = frozenset()  # ground actions, as text, that must not be used
+    costs: Mapping[str, float] = field(default_factory=dict)  # factor for actions on this component
+
+
+def repair_problem(
+    model: ComponentModel,
+    domain: Domain,
+    observed: Iterable[Literal],
+    bad: Collection[str],
+    *,
+    expected_stopped: Collection[str] = (),
+    quarantined: Collection[str] = (),
+    protected: Collection[str] = (),
+    avoided: Collection[str] = (),
+) -> RepairProblem:
+    """Return the problem of making every component good, starting from OBS and one diagnosis.
+
+    Args:
+        observed: OBS; literals of predicates that the domain does not declare are skipped.
+        bad: the diagnosis; every other component is taken to be good.
+        expected_stopped: components that are meant to be off: no goal, not needed by others, touched by
+            nothing but the user's own actions (a spare that stands in).
+        quarantined: components that must not be tried again now: no goal, never touched.
+        protected: components that nothing may shut down or stop, besides those that the model marks.
+        avoided: ground actions, as `power_up(lidar)`, that were tried, did not help and must not be used.
+
+    Raises:
+        UnknownComponent: a name above is no component of the model.
+        DomainError: an object or fact of the user's text does not fit the model.
+    """
+    components = model.components
+    known = frozenset(components)
+    for name in (*bad, *expected_stopped, *quarantined, *protected):
+        if name not in known:
+            raise UnknownComponent(name, known)
+    seen = {literal.atom: literal.positive for literal in observed}
+    facts: set[Fact] = set()
+    assumed: list[Literal] = []
+    blamed = frozenset(bad)
+
+    def active(predicate: str, name: str, switchable: bool) -> bool:
+        """Whether the component is on or runs, as seen or assumed."""
+        atom = Atom(predicate, (name,))
+        if atom in seen:
+            return seen[atom]
+        if name in blamed and switchable:
+            assumed.append(Literal(atom))
+        return True
+
+    for name, hardware in model.hardware.items():
+        is_on = hardware.channel is None or active("on", name, True)
+        facts.update([("on", name)] if is_on else [("off", name), ("not_on", name)])
+        if hardware.channel is not None:
+            facts.add(("switchable", name))
+        feeders = _feeders(model, hardware)
+        facts.update(("fed_by", name, feeder) for feeder in feeders)
+        if hardware.channel is None:
+            facts.update(("hangs_on", name, feeder) for feeder in feeders if model.switchable(feeder))
+        facts.add(("good" if is_on and name not in blamed else "bad", name))
+    aside = frozenset(expected_stopped)
+    needs = {pair for pair in needs_of(model) if pair[1] not in aside}
+    for name, node in model.nodes.items():
+        runs = active("running", name, node.restartable)
+        facts.update([("running", name)] if runs else [("stopped", name), ("not_running", name)])
+        if node.restartable:
+            facts.add(("restartable", name))
+        facts.update(("drives", name, device) for device in node.drives)
+        facts.update(("tied", name, other) for other in node.tied_to)
+        facts.add(("good" if runs and name not in blamed else "bad", name))
+    facts.update(("needs", node, other) for node, other in needs)
+
+    objects = {name: "hardware" if name in model.hardware else "node" for name in components}
+    _add_objects(objects, domain, known)
+    _add_facts(facts, domain, objects)
+    _add_observed(facts, domain, objects, seen)
+    excluded = tuple(name for name in components if name in aside or name in frozenset(quarantined))
+    parts: dict[str, Hardware | Node] = {**model.hardware, **model.nodes}
+    marked = {name for name, part in parts.items() if part.protected}
+    marked |= {name for name, part in model.hardware.items() if part.channel in model.protected_channels}
+    return RepairProblem(
+        name=model.name,
+        objects=objects,
+        initial=frozenset(fact for fact in facts if fact[0] in domain.predicates),
+        goal=tuple(("good", name) for name in components if name not in excluded),
+        components=known,
+        assumed=tuple(assumed),
+        excluded=excluded,
+        idle=aside,
+        protected=_with_feeders(model, marked | set(protected)),
+        avoided=frozenset(avoided),
+        costs={name: part.cost for name, part in parts.items() if part.cost is not None},
+    )
+
+
+def needs_of(model: ComponentModel) -> frozenset[tuple[str, str]]:
+    """Return the pairs (n, m) where node n rests on a topic that m publishes, cycles left out."""
+    publishers: dict[str, list[str]] = {}
+    for name, node in model.nodes.items():
+        for topic in node.publishes:
+            publishers.setdefault(topic, []).append(name)
+    successors: dict[str, list[str]] = {}
+    for name, node in model.nodes.items():
+        inputs = dict.fromkeys(topic for topics in node.publishes.values() for topic in topics)
+        successors[name] = [other for topic in inputs for other in publishers.get(topic, ()) if other != name]
+    cluster = strong_components(successors)
+    return frozenset(
+        (name, other)
+        for name, others in successors.items()
+        for other in others
+        if cluster[name] != cluster[other]
+    )
+
+
+def strong_components(successors: Mapping[str, Iterable[str]]) -> dict[str, int]:
+    """Return the number of each vertex's strongly connected component; a successor's number is never higher.
+
+    Source: R. Tarjan. Depth-first search and linear graph algorithms. SIAM J. Computing 1(2), 1972; with an
+    explicit stack, as chains of a thousand nodes are deeper than Python recurses.
+    """
+    number: dict[str, int] = {}
+    low: dict[str, int] = {}
+    found: dict[str, int] = {}
+    path: list[str] = []
+    count = 0
+    for root in successors:
+        if root in number:
+            continue
+        work = [(root, iter(successors[root]))]
+        number[root] = low[root] = len(number)
+        path.append(root)
+        while work:
+            vertex, rest = work[-1]
+            for other in rest:
+                if other not in number:
+                    number[other] = low[other] = len(number)
+                    path.append(other)
+                    work.append((other, iter(successors.get(other, ()))))
+                    break
+                if other not in found:
+                    low[vertex] = min(low[vertex], number[other])
+            else:
+                work.pop()
+                if work:
+                    low[work[-1][0]] = min(low[work[-1][0]], low[vertex])
+                if low[vertex] == number[vertex]:
+                    while (member := path.pop()) != vertex:
+                        found[member] = count
+                    found[vertex] = count
+                    count += 1
+    return found
+
+
+def _feeders(model: ComponentModel, device: Hardware) -> list[str]:
+    """Return what feeds a device, directly or through devices that have no channel of their own."""
+    found = list(device.fed_by)
+    for name in found:  # grows on the way
+        feeder = model.hardware[name]
+        if feeder.channel is None:
+            found.extend(other for other in feeder.fed_by if other not in found)
+    return found
+
+
+def _with_feeders(model: ComponentModel, protected: set[str]) -> dict[str, str]:
+    """Return the protected components and all that feeds them (a feeder's shutdown is theirs too), each with
+    the one that it is protected for.
+    """
+    found = {name: name for name in sorted(protected)}
+    pending = list(found)
+    while pending:
+        name = pending.pop()
+        hardware = model.hardware.get(name)
+        for feeder in hardware.fed_by if hardware else ():
+            if feeder not in found:
+                found[feeder] = found[name]
+                pending.append(feeder)
+    return found
+
+
+def _add_objects(objects: dict[str, str], domain: Domain, components: frozenset[str]) -> None:
+    """Add the user's objects and the domain's constants; one may give a component a narrower type."""
+    folded: dict[str, str] = {}
+    for name in objects:
+        folded.setdefault(name.lower(), name)
+    declared = [Declared((name, kind), (False, False), 0, None) for name, kind in domain.constants.items()]
+    for one in (*declared, *domain.objects):
+        written, kind = one.words
+        name = written if written in objects or one.quoted[0] else folded.get(written, written)
+        if name not in objects:
+            if domain.is_a(kind, "component"):
+                raise DomainError(
+                    f"{written!r} is declared a {kind}, but the model has no such component",
+                    one.file,
+                    one.line,
+                )
+            objects[name] = kind
+            folded.setdefault(name.lower(), name)
+        elif domain.is_a(kind, objects[name]):
+            objects[name] = kind
+        elif not domain.is_a(objects[name], kind):
+            raise DomainError(f"{name!r} is a {objects[name]}, not a {kind}", one.file, one.line)
+
+
+def _add_facts(facts: set[Fact], domain: Domain, objects: Mapping[str, str]) -> None:
+    """Add the user's init, with names looked up in the model."""
+    folded: dict[str, str] = {}
+    for name in objects:
+        folded.setdefault(name.lower(), name)
+    for one in domain.facts:
+        predicate = domain.predicates[one.words[0]]
+        names: list[str] = []
+        for word, quoted, wanted in zip(one.words[1:], one.quoted[1:], predicate.types, strict=True):
+            name = word if word in objects or quoted else folded.get(word, word)
+            if name not in objects:
+                raise DomainError(
+                    f"{word!r} is neither a component of the model nor in (:objects …)", one.file, one.line
+                )
+            if not domain.is_a(objects[name], wanted):
+                raise DomainError(
+                    f"{predicate.name} wants a {wanted} here, and {name} is a {objects[name]}",
+                    one.file,
+                    one.line,
+                )
+            names.append(name)
+        facts.add((predicate.name, *names))
+
+
+COMPLETED = frozenset({"on", "off", "not_on", "running", "stopped", "not_running", "good", "bad"})
+"""Predicates that the completion above decides."""
+
+
+def _add_observed(
+    facts: set[Fact], domain: Domain, objects: Mapping[str, str], seen: Mapping[Atom, bool]
+) -> None:
+    """Let OBS speak for the user's own predicates: the paper's I = OBS ∪ …"""
+    for atom, positive in seen.items():
+        predicate = domain.predicates.get(atom.predicate)
+        if predicate is None or atom.predicate in COMPLETED or len(predicate.types) != len(atom.args):
+            continue
+        if all(
+            name in objects and domain.is_a(objects[name], wanted)
+            for name, wanted in zip(atom.args, predicate.types, strict=True)
+        ):
+            fact = (atom.predicate, *atom.args)
+            facts.add(fact) if positive else facts.discard(fact)

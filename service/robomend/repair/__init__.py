@@ -1,1 +1,0 @@
-"""From a diagnosis to a verified repair: problem, plan, choice, policy, execution."""

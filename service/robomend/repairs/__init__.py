@@ -1,0 +1,14 @@
+"""Repairs: each plan carried out, written down, looked at; the loop itself is robomend/cycle.py.
+
+repairs.py           the repairs of all robots: which are ours, and what people may ask of them
+robot_repairs.py     one robot's: when a repair begins, and that it ends
+live_repair.py       one repair: what the loop asks for, answered by robots, store, planners and executors
+choosing.py          the situation that a choice is made in
+execution.py         a plan, step by step;  execution_values.py  what that needs and reports
+executors/           who carries out an action
+record.py            what is written down, before an action is sent and after
+hearing.py           whether the observers have spoken
+reentry.py           what a crash left: settled, asked, taken up again; the questions to people
+signals.py           what reaches a running repair: a yes, a cancellation, the stop
+conclusions.py       what a repair came to, in words
+"""

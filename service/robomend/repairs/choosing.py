@@ -1,0 +1,268 @@
+"""Choosing for a live robot: the situation (robomend.planning.advice) filled with what we know of it.
+
+tried repairs, quarantine (store) ──────────────────────────┐
+probes, if the model says what observing costs (worker) ────┼──► Situation ──► plans ──► Choice
+diagnoses, OBS (robot state) ───────────────────────────────┘     another way instead of a useless one;
+                                                                  what the policy refuses is no plan
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from robomend.diagnosis.probes import ProbeResult
+from robomend.diagnosis.result import DiagnosisResult
+from robomend.errors import Refused, RobomendError, StateConflict
+from robomend.model.components import ComponentModel
+from robomend.oneshots.oneshots import OneShots
+from robomend.oneshots.plan_json import choice_json
+from robomend.oneshots.question import given_diagnosis
+from robomend.planning.advice import Situation
+from robomend.planning.choice import Attempt, Choice, Patience
+from robomend.planning.domain.loading import load_domain
+from robomend.planning.plan import Plan
+from robomend.planning.planner_pool import PlannerPool
+from robomend.planning.planning import PlanOptions
+from robomend.planning.policy import HOUR_NS, NODE_ACTIONS, POWER_ACTIONS, Policy
+from robomend.robots.configuration import policy_of
+from robomend.robots.robot import Robot
+from robomend.store import Store, View, attempts, records
+
+PLAN_TIMEOUT_S = 10.0
+"""For the plans of all leading diagnoses together."""
+
+
+@dataclass(frozen=True, slots=True)
+class Remembered:
+    """What the store remembers of a robot's repairs."""
+
+    tried: tuple[Attempt, ...]
+    quarantined: tuple[str, ...]
+    useless: Mapping[
+        frozenset[str], frozenset[str]
+    ]  # diagnosis -> actions that were done and did not cure it
+    attempts: Mapping[str, int]  # component -> actions on it in the last hour
+
+
+class Chooser:
+    """One per instance; knows no robot, everything comes with the call."""
+
+    def __init__(
+        self, store: Store, planners: PlannerPool, one_shots: OneShots, patience: Patience | None = None
+    ) -> None:
+        self._store = store
+        self._planners = planners
+        self._one_shots = one_shots
+        self.patience = patience or Patience()
+
+    def policy(self, state: Robot) -> Policy:
+        """Return the robot's policy, with what the model and its board protect."""
+        parts = state.system.parts
+        protected: set[str] = set()
+        if parts is not None:
+            protected = {hardware.name for hardware in parts.hardware.values() if hardware.protected}
+            protected |= {node.name for node in parts.nodes.values() if node.protected}
+            if state.config.board is not None:
+                guarded = frozenset(state.config.board.protected)
+                protected |= {h.name for h in parts.hardware.values() if h.channel in guarded}
+        return policy_of(state.config, protected)
+
+    def actions(self, state: Robot) -> tuple[str, ...]:
+        """Return the action names of the robot's repair domain."""
+        return tuple(load_domain(state.config.domain).schemas)
+
+    def not_idempotent(self, state: Robot) -> frozenset[str]:
+        """Return the actions that must not be sent twice: the user's own, unless they say otherwise."""
+        return frozenset(
+            name
+            for name in self.actions(state)
+            if name not in POWER_ACTIONS | NODE_ACTIONS
+            and not (state.config.actions.get(name) or {}).get("idempotent")
+        )
+
+    async def remembered(self, robot: str) -> Remembered:
+        """Return what was tried lately and what is left alone now."""
+        now = time.time_ns()
+
+        def look(view: View) -> Remembered:
+            records_ = attempts.tried(view, robot)
+            return Remembered(
+                tuple(tried_of(record) for record in records_),
+                tuple(
+                    entry.component
+                    for entry in attempts.quarantine(view, robot)
+                    if entry.until_ns is None or entry.until_ns > now
+                ),
+                useless_of(records_, since_ns=now - int(self.patience.memory_s * 1e9)),
+                attempts.counted(view, robot, now - HOUR_NS),
+            )
+
+        return await self._store.read(look)
+
+    async def attempts(self, robot: str) -> Mapping[str, int]:
+        """Return component -> actions on it in the last hour."""
+        since = time.time_ns() - HOUR_NS
+        return await self._store.read(attempts.counted, robot, since)
+
+    async def choose(
+        self,
+        state: Robot,
+        result: DiagnosisResult,
+        *,
+        looks: bool,
+        planner: str | None = None,
+        timeout_s: float = PLAN_TIMEOUT_S,
+        pddl: bool = False,
+        permitted: bool = True,
+    ) -> Choice:
+        """Plan for the leading diagnoses and return what to do first.
+
+        Args:
+            looks: whether somebody can be asked to look first.
+            permitted: whether only what the policy allows comes into question.
+
+        Raises:
+            Refused: the model does not say what can be repaired.
+            DomainError, OptionRefused: the robot's own PDDL or planner is at fault.
+        """
+        parts = self._parts(state)
+        memory = await self.remembered(state.id)
+        situation = Situation(
+            parts,
+            state.literals(),
+            result,
+            memory.tried,
+            now_ns=time.time_ns(),
+            patience=self.patience,
+        )
+        policy = self.policy(state)
+        options = PlanOptions(
+            planner=planner or state.config.planner,
+            timeout_s=timeout_s,
+            domain=state.config.domain,
+            expected_stopped=state.config.expected_stopped,
+            quarantined=tuple(name for name in memory.quarantined if name in parts.components),
+            protected=tuple(policy.protected & set(parts.components)),
+            pddl=pddl,
+        )
+        plans = await self._plans(situation, options, memory.useless)
+        if permitted:
+            components = frozenset(parts.components)
+            plans = [_permitted(plan, policy, memory.attempts, components) for plan in plans]
+        if looks and len(situation.leading) > 1:
+            situation = replace(situation, probes=await self._probes(state))
+        return situation.decide(plans)
+
+    async def _plans(
+        self,
+        situation: Situation,
+        options: PlanOptions,
+        useless: Mapping[frozenset[str], frozenset[str]],
+    ) -> list[Plan]:
+        """Return a plan for each wanted diagnosis; another way where one was tried in vain."""
+        wanted = [diagnosis.bad for diagnosis in situation.wanted]
+        plans = await self._planners.plans(situation.model, situation.observed, wanted, options)
+        for position, diagnosis in enumerate(situation.leading):
+            in_vain = useless.get(frozenset(diagnosis.bad))
+            if in_vain:
+                other = replace(options, avoided=tuple(sorted(in_vain)))
+                [way] = await self._planners.plans(
+                    situation.model, situation.observed, [diagnosis.bad], other
+                )
+                if way.steps and len(way.unreachable) <= len(plans[position].unreachable):
+                    plans[position] = way
+        return plans
+
+    async def _probes(self, state: Robot) -> ProbeResult | None:
+        """Return the probes that somebody can make: those whose cost the model declares."""
+        costs = state.system.cnf.costs
+        if not costs:
+            return None
+        try:
+            found = await self._one_shots.probes(*state.question(), state.config.engine, 10)
+        except RobomendError:
+            return None  # looking first is a saving, never a condition
+        return replace(found, probes=tuple(probe for probe in found.probes if probe.atom in costs))
+
+    async def describe(
+        self,
+        state: Robot,
+        *,
+        bad: Sequence[str] | None,
+        planner: str | None,
+        timeout_s: float,
+        pddl: bool,
+    ) -> dict[str, Any]:
+        """Return what would be done now, as JSON: the dry run of POST …/plans."""
+        self._parts(state)
+        result = _present(state) if bad is None else given_diagnosis(bad, state.system)
+        found = await self.choose(
+            state,
+            result,
+            looks=bad is None,
+            planner=planner,
+            timeout_s=timeout_s,
+            pddl=pddl,
+            permitted=False,
+        )
+        return choice_json(found, state.system.cnf.components)
+
+    def _parts(self, state: Robot) -> ComponentModel:
+        if state.system.parts is None:
+            raise Refused(f"a {state.system.format} model says nothing of what can be repaired")
+        return state.system.parts
+
+
+def _present(state: Robot) -> DiagnosisResult:
+    answer = None if state.current is None else state.current.answer
+    if answer is None or answer.result is None:
+        why = "" if answer is None or answer.fault is None else f": {answer.fault}"
+        raise StateConflict(f"robot {state.id!r} has no diagnosis now{why}")
+    return answer.result
+
+
+def _permitted(plan: Plan, policy: Policy, attempts: Mapping[str, int], components: Collection[str]) -> Plan:
+    """Return the plan, or one without steps that says what the policy refuses."""
+    refusal = policy.plan_refusal(plan.steps, attempts, components)
+    return plan if refusal is None else replace(plan, steps=(), unreachable=(refusal, *plan.unreachable))
+
+
+def useless_of(
+    tried: Iterable[records.StoredAttempt], *, since_ns: int
+) -> dict[frozenset[str], frozenset[str]]:
+    """Return, for each diagnosis, the actions that were done for it lately and did not cure it."""
+    found: dict[frozenset[str], frozenset[str]] = {}
+    for one in tried:
+        if not one.helped and one.time_ns >= since_ns:
+            bad = frozenset(one.bad)
+            found[bad] = found.get(bad, frozenset()) | frozenset(one.data.get("direct", ()))
+    return found
+
+
+def tried_of(record: records.StoredAttempt) -> Attempt:
+    """Return an attempt as choosing sees it."""
+    return Attempt(
+        bad=frozenset(record.bad),
+        repaired=frozenset(record.data.get("repaired", ())),
+        time_ns=record.time_ns,
+        effect_seen=record.effect_seen,
+        helped=record.helped,
+        actions=record.actions,
+    )
+
+
+def record_of(tried: Attempt, robot: str, repair: str, data: Mapping[str, Any]) -> records.StoredAttempt:
+    """Return an attempt as the store keeps it."""
+    return records.StoredAttempt(
+        robot=robot,
+        bad=tuple(sorted(tried.bad)),
+        actions=tried.actions,
+        helped=tried.helped,
+        effect_seen=tried.effect_seen,
+        repair=repair,
+        time_ns=tried.time_ns,
+        data={**data, "repaired": sorted(tried.repaired)},
+    )

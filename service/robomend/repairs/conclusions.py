@@ -1,0 +1,95 @@
+"""What a repair comes to, in words: pure, from its last turn and what is written of it.
+
+Who reads them is a person who was not there: what was tried, how it ended, what stands in the way.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+
+from robomend.cycle import Turn, Verdict
+from robomend.repairs.execution_values import Ending
+from robomend.repairs.record import Json
+from robomend.repairs.signals import Signals
+from robomend.robots.robot import Robot
+
+BadSets = frozenset[tuple[str, ...]]
+"""The diagnoses' bad sets: what a repair gave up on is not tried again until they change."""
+
+NAMED = 5
+"""Literals that a reason lists; the rest is counted."""
+
+
+def is_healthy(state: Robot) -> bool:
+    """Return whether the present diagnosis says that all is well; False where there is none."""
+    result = None if state.current is None else state.current.result
+    return result is not None and any(not diagnosis["bad"] for diagnosis in result["diagnoses"])
+
+
+def situation_of(state: Robot) -> BadSets | None:
+    """Return the bad sets of the present diagnoses; None when healthy, or not diagnosed."""
+    result = None if state.current is None else state.current.result
+    if result is None:
+        return None
+    bads = frozenset(tuple(diagnosis["bad"]) for diagnosis in result["diagnoses"])
+    return None if () in bads or not bads else bads
+
+
+def nobodys_fault(state: Robot) -> str:
+    """Return, in words, what is silent although nothing is wrong.
+
+    Topics that wait for an input from outside, or for each other, are nobody's fault; a person should hear of
+    it all the same.
+    """
+    literals = (literal for literal in state.literals() if literal.atom.predicate == "ok")
+    seen = sorted(str(literal) for literal in literals if not literal.positive)
+    if not seen:
+        return ""
+    more = f" and {len(seen) - NAMED} more" if len(seen) > NAMED else ""
+    return f"; {', '.join(seen[:NAMED])}{more}: still seen, and the model blames nobody for it"
+
+
+def in_doubt(last: Turn) -> str | None:
+    """Return why a person must look: what must not be repeated was sent, and nobody knows if it acted."""
+    done = last.execution
+    if last.verdict is not Verdict.ASK or done is None or done.ending is not Ending.UNKNOWN_OUTCOME:
+        return None
+    return done.reason
+
+
+def conclusion(last: Turn, signals: Signals, written: Json) -> tuple[str, str]:
+    """Return the final state of a repair and the reason, from its last turn and what is written of it."""
+    rounds = [one for one in written.get("rounds", ()) if one.get("ending") and not one.get("helped")]
+    why = last.execution.reason if last.execution is not None else ""
+    match last.verdict:
+        case Verdict.HEALTHY:
+            return "repaired", "every observation is what a healthy robot would show"
+        case Verdict.HALTED | Verdict.NOT_APPROVED:
+            return "cancelled", signals.reason or why or "cancelled"
+        case Verdict.NOTHING_TO_TRY:
+            assert last.choice is not None
+            return "escalated", f"{_tried(rounds)}{last.choice.reason}"
+        case Verdict.ASK:
+            return "escalated", why
+        case _:
+            return "escalated", (
+                f"{_tried(rounds)}that is as many plans as one repair may try (limits.rounds), and the robot "
+                f"is not healthy{': ' + why if not rounds else ''}"
+            )
+
+
+def _tried(rounds: Sequence[Json]) -> str:
+    """Return what the rounds that did not help came to: each end once, with how often, the last one first."""
+    counts = Counter(map(_in_vain, reversed(rounds)))
+    told = [f"{reason} ({count} times)" if count > 1 else reason for reason, count in counts.items()]
+    return "".join(f"{one}; " for one in told)
+
+
+def _in_vain(one: Json) -> str:
+    """Return how a round ended that did not help."""
+    if one["ending"] != str(Ending.DONE):
+        return str(one["reason"])
+    return (
+        f"{', '.join(step['text'] for step in one['plan'])}: done, every effect was seen, and it did not help"
+    )

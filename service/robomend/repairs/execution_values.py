@@ -1,0 +1,179 @@
+"""What an execution needs and what it reports: its setting, how long things may take, how each step ended.
+
+execution.py carries plans out, live_repair.py supplies the setting, record.py writes the reports.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable, Collection, Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Protocol
+
+from robomend.planning.plan import Step
+from robomend.planning.prediction import OBSERVED_FACTS, Prediction
+from robomend_client.actions import (
+    CANCELLED,
+    FAILED,
+    REFUSED,
+    TIMED_OUT,
+    UNREACHABLE,
+    Action,
+    ActionResult,
+    Executor,
+)
+from robomend_client.literals import Atom, Literal
+
+MAY_HAVE_ACTED = frozenset({TIMED_OUT, CANCELLED})
+"""Results after which nobody knows whether the action acted."""
+
+
+class Sight(Protocol):
+    """OBS as the execution sees it: only what is fresh."""
+
+    @property
+    def revision(self) -> int:
+        """Increases with every accepted change."""
+        ...
+
+    def value(self, atom: Atom) -> bool | None:
+        """Return whether the atom is observed to hold; None: nobody knows, or the observation is stale."""
+        ...
+
+    async def changed(self, revision: int, timeout_s: float) -> int:
+        """Return the revision once it is above `revision`, or the present one after the time-out."""
+        ...
+
+
+class Journal(Protocol):
+    """What must be on disk before an action is sent, and after its outcome is known.
+
+    How far the step is goes with it, so that one write does for both.
+    """
+
+    async def intend(self, action: Action, report: StepReport) -> None:
+        """Write the intent. Withheld: a stop or a cancellation is on disk already, so nothing is sent."""
+        ...
+
+    async def settle(self, action: Action, result: ActionResult, report: StepReport) -> None:
+        """Write the outcome. An action in doubt (see not_idempotent) is left open instead."""
+        ...
+
+
+class Withheld(Exception):  # an answer of the journal, not an error
+    """The journal refuses an intent: whoever asked for the end was faster. The argument is the reason."""
+
+
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """How long each thing may take, in seconds. Per action name, with a default."""
+
+    action_timeout_s: float = 10.0  # for the executor's answer
+    effect_timeout_s: float = 5.0  # from the answer to the effect in OBS
+    retries: int = 1  # of an action that reported failure or could not be sent
+    backoff_s: float = 0.5  # before the first retry; doubles
+    hold_s: float = 0.5  # a contradiction shorter than this is a flutter
+
+
+class Ending(StrEnum):
+    """Why an execution ended."""
+
+    DONE = "done"
+    ACTION_FAILED = "action-failed"
+    EFFECT_MISSING = "effect-missing"
+    MISMATCH = "mismatch"  # OBS contradicts the predicted state
+    NOT_PERMITTED = "not-permitted"
+    STALE = "stale"  # a precondition is no longer observed: nothing acts on old news
+    UNKNOWN_OUTCOME = (
+        "unknown-outcome"  # an action that must not be repeated, and nobody knows whether it acted
+    )
+    HALTED = "halted"  # cancelled, or the global stop
+
+
+class StepState(StrEnum):
+    """How far a step came."""
+
+    WAITING = "waiting"
+    RUNNING = "running"
+    DONE = "done"
+    ALREADY = "already-there"  # its effect was visible: not sent
+    FAILED = "failed"
+
+
+@dataclass(frozen=True, slots=True)
+class StepReport:
+    """What became of one step."""
+
+    step: Step
+    state: StepState = StepState.WAITING
+    action_id: str | None = None
+    result: ActionResult | None = None
+    seen: tuple[Literal, ...] = ()  # awaited effects that OBS showed
+    missing: tuple[Literal, ...] = ()  # … and that it did not
+    reason: str = ""
+    sent_ns: int | None = None
+    ended_ns: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Execution:
+    """The report of one plan's execution."""
+
+    ending: Ending
+    reason: str
+    steps: tuple[StepReport, ...]
+    mismatch: Literal | None = None  # what was expected and not seen
+
+    @property
+    def effect_seen(self) -> bool:
+        """Every action that was sent did what it is for: its device is on, its process runs.
+
+        That a topic stayed silent all the same is no doubt about the action, but about the diagnosis.
+        """
+        return all(
+            report.result is not None
+            and report.result.ok
+            and not any(literal.atom.predicate in OBSERVED_FACTS for literal in report.missing)
+            for report in self.steps
+            if report.sent_ns is not None
+        )
+
+
+@dataclass(frozen=True)
+class Setting:
+    """Everything a plan's execution needs of the outside."""
+
+    repair: str  # the repair's id; actions are called `repair:step`
+    first_step: int  # number of this plan's first step within the repair
+    sight: Sight
+    prediction: Prediction
+    executors: Mapping[str, Executor]  # action name -> who carries it out
+    journal: Journal
+    permit: Callable[[Step], Awaitable[str | None]]  # None, or why not
+    halt: asyncio.Event  # set by cancel and by the global stop
+    observed: frozenset[Atom]  # atoms that some observer of this robot reports
+    timing: Mapping[str, Timing] = field(default_factory=dict)
+    default_timing: Timing = Timing()
+    not_idempotent: Collection[str] = ()  # actions that must not be sent twice when their outcome is unknown
+    report: Callable[[StepReport], Awaitable[None]] | None = None  # called at each change of a step
+    feedback: Callable[[Step, int, str], None] | None = None
+
+    def timing_of(self, step: Step) -> Timing:
+        """Return the bounds of this step."""
+        return self.timing.get(step.name, self.default_timing)
+
+
+WHAT_HAPPENED = {
+    FAILED: "failed",
+    REFUSED: "was refused",
+    TIMED_OUT: "was sent, and its outcome is unknown",
+    UNREACHABLE: "could not be carried out",
+    CANCELLED: "was cancelled by who carries it out",
+}
+
+
+def failure(step: Step, result: ActionResult) -> str:
+    """Return the sentence that tells of an action which did not succeed."""
+    what = WHAT_HAPPENED.get(result.code, f"ended with result {result.code}")
+    return f"{step} {what}: {result.message}" if result.message else f"{step} {what}"

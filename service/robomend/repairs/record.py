@@ -1,0 +1,310 @@
+"""What a repair writes down: its state, each plan, each action before it is sent and after, and who and why.
+
+One write is one transaction, so that the journal, the event that tells of it and the audit entry are kept
+together or not at all. Every write carries the fence of the robot's owner; once another instance has taken
+over, the store refuses (Fenced) and the case ends at once, without sending anything more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from typing import Any
+
+from robomend.planning.plan import Plan, Step
+from robomend.repairs.execution_values import StepReport, Withheld
+from robomend.store import Store, Transaction, attempts, global_stop, journal, repairs
+from robomend.store.records import AuditEntry, Fence, Quarantine, StepRecord, StoredAttempt, StoredRepair
+from robomend_client.actions import Action, ActionResult
+from robomend_client.events import Kind
+
+Json = Mapping[str, Any]
+
+LOOP = "robomend"
+"""The actor in the audit log when nobody asked."""
+
+
+class RepairRecord:
+    """The records of one open repair."""
+
+    def __init__(
+        self, store: Store, repair: StoredRepair, fence: Fence, components: Collection[str] = ()
+    ) -> None:
+        """`components`: what attempts are counted for; a user's action has other parameters as well."""
+        self._store = store
+        self._fence = fence
+        self._repair = repair
+        self._components = frozenset(components)
+        self._data: dict[str, Any] = dict(repair.data)
+        self._why = ""
+
+    @property
+    def id(self) -> str:
+        """The repair's id."""
+        return self._repair.id
+
+    @property
+    def robot(self) -> str:
+        """The robot that is repaired."""
+        return self._repair.robot
+
+    @property
+    def state(self) -> str:
+        """What the repair is in; see docs/repair.md."""
+        return self._repair.state
+
+    @property
+    def data(self) -> Json:
+        """What is written of the repair besides its state."""
+        return self._data
+
+    async def update(
+        self,
+        state: str,
+        *,
+        reason: str = "",
+        by: str = LOOP,
+        open: bool = True,
+        answers: Sequence[int] = (),
+        also: Callable[[Transaction], None] | None = None,
+        **changes: Any,
+    ) -> None:
+        """Note a new state, with the event and the audit entry that tell of it.
+
+        Args:
+            answers: the requests that this state answers: what somebody asked for is done with when what
+                came of it is on disk, and not before.
+            also: further changes of the same transaction.
+        """
+        before = self._repair.state
+        data = {**self._data, **changes, "reason": reason}
+        entry = AuditEntry(
+            actor=by,
+            action=f"repair.{state}",
+            subject=self.id,
+            robot=self.robot,
+            reason=reason,
+            before={"state": before},
+            after={"state": state, "diagnosis": data.get("diagnosis"), "round": data.get("round")},
+        )
+
+        def write(tx: Transaction) -> StoredRepair:
+            updated = repairs.update(tx, self.id, state=state, data=data, open=open, fence=self._fence)
+            tx.emit(Kind.REPAIR, self.robot, repair_json(updated))
+            if state != before or reason:
+                tx.note(entry)
+            for request in answers:
+                repairs.answer(tx, request, fence=self._fence)
+            if also is not None:
+                also(tx)
+            return updated
+
+        self._repair = await self._store.write(write, robots=(self.robot,))
+        self._data = data
+
+    async def begin_round(
+        self, plan: Plan, *, bad: Sequence[str], good: Sequence[str], why: str, conflicts: Sequence[str]
+    ) -> int:
+        """Note the plan of a new round; return the number of its first step within the repair.
+
+        `why` is the choice in words, `conflicts` what the diagnosis resolves; both go into the audit log.
+        """
+        rounds = list(self._data.get("rounds", ()))
+        first = sum(len(past["plan"]) for past in rounds)
+        diagnosis = {"bad": list(bad), "good": list(good)}
+        steps = [step_json(step, first) for step in plan.steps]
+        rounds.append({"diagnosis": diagnosis, "plan": steps, "why": why, "ending": None})
+        self._why = f"{why}; {'; '.join(conflicts)}" if conflicts else why
+        await self.update(
+            "planning",
+            reason=why,
+            round=len(rounds),
+            rounds=rounds,
+            diagnosis=diagnosis,
+            plan=steps,
+            cost=plan.cost,
+            assumed=[str(literal) for literal in plan.assumed],
+            unreachable=list(plan.unreachable),
+            waiting_for=[],
+        )
+        return first
+
+    async def end_round(
+        self,
+        ending: str,
+        reason: str,
+        *,
+        helped: bool,
+        tried: StoredAttempt | None = None,
+        quarantined: Sequence[Quarantine] = (),
+    ) -> None:
+        """Note how the round's execution ended, what was tried, and what is not tried again for a while."""
+        rounds = list(self._data["rounds"])
+        rounds[-1] = {**rounds[-1], "ending": ending, "reason": reason, "helped": helped}
+
+        def remember(tx: Transaction) -> None:
+            if tried is not None:
+                attempts.remember(tx, tried, fence=self._fence)
+            for entry in quarantined:
+                self._set_aside(tx, entry)
+
+        # What was approved is done with: a new plan is a new question.
+        await self.update("verifying", reason=reason, rounds=rounds, approved=None, also=remember)
+
+    def _set_aside(self, tx: Transaction, entry: Quarantine) -> None:
+        attempts.put_quarantine(tx, entry, fence=self._fence)
+        told = {"quarantine": entry.component, "reason": entry.reason, "until_ns": entry.until_ns}
+        tx.emit(Kind.ROBOT, self.robot, told)
+        tx.note(AuditEntry(LOOP, "component.quarantined", entry.component, self.robot, entry.reason))
+
+    async def interrupted(self) -> None:
+        """Close the round that a crash or a shutdown cut short, if there is one."""
+        rounds = self.rounds_closed("interrupted", "the service ended in the middle of it")
+        await self.update("waiting", reason="taken up again, with fresh observations", rounds=rounds)
+
+    def rounds_closed(self, ending: str, reason: str) -> list[Json]:
+        """Return the rounds, the last one ended like this if it has no ending yet."""
+        rounds = list(self._data.get("rounds", ()))
+        if rounds and rounds[-1]["ending"] is None:
+            rounds[-1] = {**rounds[-1], "ending": ending, "reason": reason, "helped": False}
+        return rounds
+
+    # --- the journal of actions (robomend.repairs.execution_values.Journal)
+
+    async def intend(self, action: Action, report: StepReport) -> None:
+        """Write that an action will be sent, unless the global stop or a cancellation came first.
+
+        Looked up in the transaction that the intent is written in, so that no action follows a stop that
+        was acknowledged, whichever instance it was said to.
+        """
+        number, step = step_number(action.id), report.step
+        entry = AuditEntry(
+            actor=str(self._data.get("by") or LOOP),
+            action="action.sent",
+            subject=str(action),
+            robot=self.robot,
+            reason=self._why,
+            before={"preconditions": [str(p) for p in step.preconditions]},
+            after={"effects": [str(e) for e in step.effects]},
+        )
+
+        def write(tx: Transaction) -> str | None:
+            stop = global_stop.hold(tx)
+            if stop.active:
+                return f"global stop: {stop.reason}"
+            for request in repairs.requests(tx, self.robot):
+                if request.what == "cancel" and request.repair == self.id:
+                    return request.reason or "cancelled"
+            journal.intend(
+                tx,
+                self.id,
+                number,
+                action=action.id,
+                name=action.name,
+                parameters=action.parameters,
+                timeout_s=action.timeout_s,
+                fence=self._fence,
+            )
+            for component in self._components.intersection(action.parameters):
+                attempts.count(tx, self.robot, component, self.id, fence=self._fence)
+            tx.note(entry)
+            self._put_step(tx, report, number)
+            return None
+
+        refusal = await self._store.write(write, robots=(self.robot,))
+        if refusal is not None:
+            raise Withheld(refusal)
+
+    async def settle(self, action: Action, result: ActionResult, report: StepReport) -> None:
+        """Write the outcome of an action."""
+        entry = AuditEntry(
+            actor=LOOP,
+            action="action.result",
+            subject=str(action),
+            robot=self.robot,
+            reason=result.message,
+            after={"result": result.code},
+        )
+
+        def write(tx: Transaction) -> None:
+            journal.settle(tx, action.id, result.code, result.message, fence=self._fence)
+            tx.note(entry)
+            self._put_step(tx, report, step_number(action.id))
+
+        await self._store.write(write, robots=(self.robot,))
+
+    async def report(self, report: StepReport, first: int) -> None:
+        """Note how far a step came."""
+        number = first + report.step.index
+        await self._store.write(lambda tx: self._put_step(tx, report, number), robots=(self.robot,))
+
+    def _put_step(self, tx: Transaction, report: StepReport, number: int) -> None:
+        data = report_json(report, number)
+        repairs.put_step(tx, self.id, number, state=str(report.state), data=data, fence=self._fence)
+        tx.emit(Kind.ACTION, self.robot, {"repair": self.id, "round": self._data.get("round"), **data})
+
+
+def step_number(action_id: str) -> int:
+    """Return the step of an action id: 2 for `r-1:2` and for its retry `r-1:2.1`."""
+    return int(action_id.rpartition(":")[2].partition(".")[0])
+
+
+def step_json(step: Step, first: int) -> dict[str, Any]:
+    """Return a step of a plan, numbered within its repair."""
+    return {
+        "index": first + step.index,
+        "name": step.name,
+        "parameters": list(step.parameters),
+        "after": [first + before for before in step.after],
+        "cost": step.cost,
+        "text": str(step),
+    }
+
+
+def report_json(report: StepReport, number: int) -> dict[str, Any]:
+    """Return how far a step came."""
+    return {
+        "id": report.action_id,
+        "index": number,
+        "name": report.step.name,
+        "parameters": list(report.step.parameters),
+        "text": str(report.step),
+        "state": str(report.state),
+        "result": None if report.result is None else report.result.code,
+        "message": report.reason or (report.result.message if report.result else ""),
+        "seen": [str(literal) for literal in report.seen],
+        "missing": [str(literal) for literal in report.missing],
+        "sent_ns": report.sent_ns,
+        "ended_ns": report.ended_ns,
+    }
+
+
+def repair_json(repair: StoredRepair, steps: Sequence[StepRecord] = ()) -> dict[str, Any]:
+    """Return a repair as HTTP and events show it; the steps of its present plan carry how far they came."""
+    data = dict(repair.data)
+    reports = {record.step: record.data for record in steps}
+    waiting = {"state": "waiting", "result": None, "message": ""}
+    plan = [{**waiting, **step, **reports.get(step["index"], {})} for step in data.get("plan", ())]
+    rounds = [
+        {**one, "plan": [{**step, **reports.get(step["index"], {})} for step in one["plan"]]}
+        for one in data.get("rounds", ())
+    ]
+    return {
+        "id": repair.id,
+        "robot": repair.robot,
+        "state": repair.state,
+        "policy": data.get("policy"),
+        "round": data.get("round", 0),
+        "diagnosis": data.get("diagnosis"),
+        "plan": plan,
+        "rounds": rounds,
+        "cost": data.get("cost"),
+        "assumed": data.get("assumed", []),
+        "unreachable": data.get("unreachable", []),
+        "waiting_for": data.get("waiting_for", []),
+        "probe": data.get("probe"),
+        "reason": data.get("reason", ""),
+        "by": data.get("by"),
+        "created_ns": repair.created_ns,
+        "updated_ns": repair.updated_ns,
+        "finished_ns": None if repair.open else repair.updated_ns,
+    }

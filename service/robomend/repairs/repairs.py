@@ -1,0 +1,376 @@
+"""The repair loops of all robots that this instance owns; what the HTTP interface asks of them.
+
+    orphan or new robot ──► acquire (a fence) ──► RobotRepairs: one task per robot (robot_repairs.py)
+    event in the log    ──► wakes the one that it concerns, whichever instance wrote it
+
+Requests (approve, cancel, a new repair) are written into the store by whichever instance was asked; the event
+wakes the owner. So nothing here depends on who owns the robot, except the loops themselves.
+
+Every mapping that comes back holds JSON values only and is served as it is, in the literature's words:
+
+    repair      {"id", "robot", "state", "policy", "round", "diagnosis": {"bad", "good"} | null,
+                 "plan": [step…], "cost", "assumed": [literal…], "waiting_for": [literal…], "reason", "by",
+                 "created_ns", "updated_ns", "finished_ns" | null}
+    step        {"index", "name", "parameters", "after", "cost", "state", "result" | null, "message"}
+    action      {"id", "name", "parameters", "timeout_s", "host" | null}
+
+Errors are those of robomend.errors: NotFound (no such robot, repair or action), StateConflict (not
+in the state that the request needs), Refused (policy, protection, stop), and the backends' own.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import structlog
+
+from robomend.errors import NotFound, Refused, RobomendError, StateConflict
+from robomend.oneshots.oneshots import OneShots
+from robomend.planning.planner_pool import PlannerPool
+from robomend.repairs.choosing import Chooser
+from robomend.repairs.executors.agent import AgentQueue
+from robomend.repairs.record import repair_json
+from robomend.repairs.reentry import open_question
+from robomend.repairs.robot_repairs import Dependencies, RobotRepairs
+from robomend.robots.robots import Robots
+from robomend.settings import Settings
+from robomend.store import Store, Transaction, View, agent_actions, attempts, global_stop, repairs, robots
+from robomend.store.records import AuditEntry, Fence, Paging, Stop, StoredRepair
+from robomend_client.events import Event, Kind
+
+Json = Mapping[str, Any]
+
+log = structlog.get_logger("robomend.repairs.repairs")
+
+ORPHANS_S = 1.0
+"""How often robots without an owner are looked for: a dead instance's robots are taken over in about this."""
+
+CLOSE_S = 3.0
+"""For the loops to let go at shutdown."""
+
+DECIDED_S = 1.5
+"""How long `approve` and `cancel` wait for the owner, so that their answer shows the effect."""
+
+
+def make_repairs(
+    store: Store, robots: Robots, planners: PlannerPool, one_shots: OneShots, settings: Settings
+) -> Repairs:
+    """Return the repair loops of one instance, over the parts that it has."""
+    agents = AgentQueue(store)
+    chooser = Chooser(store, planners, one_shots)
+    return Repairs(Dependencies(store, robots, agents, chooser, settings.programs))
+
+
+class Repairs:
+    """What the routers ask of the repair loops. Belongs to one event loop."""
+
+    def __init__(self, needs: Dependencies) -> None:
+        self._needs = needs
+        self._store = needs.store
+        self._loops: dict[str, RobotRepairs] = {}
+        self._tasks: dict[str, asyncio.Task[None]] = {}
+        self._stop_changes = 0  # so that what was read before a change does not undo it
+        self._look = asyncio.Event()
+        self._let_go: set[str] = set()  # robots whose loop ended: released before they are kept again
+        self._seeker: asyncio.Task[None] | None = None
+        self._ends: list[Callable[[], None]] = []
+
+    # --- life
+
+    async def start(self) -> None:
+        """Take up the work: re-enter unfinished repairs from the journal. Called once, before serving."""
+        self._needs.agents.start()
+        self._ends = [
+            self._store.subscribe(self._follow),
+            self._store.ownership.on_lost(self._lost),
+        ]
+        # After following began, so that a stop in between is not missed.
+        self._needs.stop = await self._store.read(global_stop.get)
+        self._needs.robots.on_diagnosis(self._poke)
+        self._seeker = asyncio.create_task(self._seek(), name="looking for robots without an owner")
+
+    async def close(self) -> None:
+        """Let go within a few seconds: running actions are cancelled, journals closed, workers ended."""
+        for end in self._ends:
+            end()
+        if self._seeker is not None:
+            self._seeker.cancel()
+        for task in self._tasks.values():
+            task.cancel()
+        tasks = [*self._tasks.values(), *([self._seeker] if self._seeker else [])]
+        if tasks:
+            await asyncio.wait(tasks, timeout=CLOSE_S)
+        self._needs.agents.close()
+
+    async def _seek(self) -> None:
+        """Acquire what nobody owns, again and again; the database may be away for a while."""
+        while True:
+            self._look.clear()
+            try:
+                await self._read_stop()
+                await self._acquire()
+            except RobomendError as error:
+                log.warning("looking for robots", code=error.code, detail=str(error))
+            except Exception:  # else no robot would ever get a loop again
+                log.exception("looking for robots")
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(ORPHANS_S):
+                    await self._look.wait()
+
+    async def _read_stop(self) -> None:
+        """Read the global stop, for an event that was lost with its database connection."""
+        changes = self._stop_changes
+        stop = await self._store.read(global_stop.get)
+        if stop.active != self._needs.stop.active and changes == self._stop_changes:
+            self._set(stop)
+
+    async def _acquire(self) -> None:
+        """Make a loop for each robot that nobody owns, and for each of ours that has none."""
+        ownership = self._store.ownership
+        for robot in tuple(self._let_go):
+            await ownership.release(robot)
+            self._let_go.discard(robot)
+        for robot in {*await ownership.orphans(), *ownership.held} - self._loops.keys():
+            with contextlib.suppress(NotFound):  # deleted meanwhile
+                fence = await ownership.acquire(robot)
+                if fence is not None and robot not in self._loops:
+                    self._keep(robot, fence)
+
+    def _keep(self, robot: str, fence: Fence) -> None:
+        loop = self._loops[robot] = RobotRepairs(self._needs, robot, fence)
+        task = self._tasks[robot] = asyncio.create_task(loop.run(), name=f"running of {robot}")
+        task.add_done_callback(lambda _: self._ended(robot, loop))
+
+    def _ended(self, robot: str, loop: RobotRepairs) -> None:
+        if self._loops.get(robot) is loop:
+            del self._loops[robot], self._tasks[robot]
+            # The fence may be an old one, of a robot that another instance has or that was deleted.
+            self._let_go.add(robot)
+            self._look.set()
+
+    def _lost(self, fence: Fence) -> None:
+        loop = self._loops.get(fence.robot)
+        if loop is not None and loop.fence == fence:
+            self._tasks[fence.robot].cancel()
+
+    def _poke(self, robot: str) -> None:
+        loop = self._loops.get(robot)
+        if loop is not None:
+            loop.poke()
+
+    def _follow(self, events: Sequence[Event]) -> None:
+        for event in events:
+            if event.kind is Kind.STOP:
+                data = event.data
+                self._set(Stop(bool(data.get("active")), data.get("by"), data.get("reason", "")))
+            elif event.robot is not None and event.kind in {Kind.REPAIR, Kind.ROBOT, Kind.DIAGNOSIS}:
+                if event.kind is Kind.ROBOT and event.data.get("what") == "deleted":
+                    task = self._tasks.get(event.robot)
+                    if task is not None:
+                        task.cancel()
+                elif event.robot not in self._loops:
+                    self._look.set()
+                elif event.kind is Kind.REPAIR:
+                    self._loops[event.robot].asked()
+                elif event.kind is Kind.ROBOT and event.data.get("what") in {"updated", "released"}:
+                    self._loops[event.robot].reconsider()
+                else:
+                    self._loops[event.robot].poke()
+
+    def _set(self, stop: Stop) -> None:
+        self._stop_changes += 1
+        self._needs.stop = stop
+        for loop in self._loops.values():
+            loop.stopped()
+
+    # --- repairs
+
+    async def plan(
+        self, robot: str, *, bad: Sequence[str] | None, planner: str | None, timeout_s: float, pddl: bool
+    ) -> Json:
+        """Plan without acting: for the diagnosis `bad`, or for the best choice now when it is None.
+
+        Returns {"choice": {"bad", "good", "probability"}, "plan": a Plan as JSON, "alternatives": […],
+        "probe": … | null}.
+        """
+        state = await self._needs.robots.latest(robot)
+        return await self._needs.chooser.describe(
+            state, bad=bad, planner=planner, timeout_s=timeout_s, pddl=pddl
+        )
+
+    async def create(self, robot: str, *, bad: Sequence[str] | None, by: str, reason: str) -> Json:
+        """Begin a repair on request. StateConflict if one is open.
+
+        Under the policy `approve` the asker's word is no approval: it must still be approved.
+        """
+        state = await self._needs.robots.latest(robot)
+        if state.config.policy == "observe":
+            raise Refused(f"the policy of robot {robot!r} is 'observe': it is never acted on")
+        if state.system.parts is None:
+            raise Refused(f"the model of robot {robot!r} does not say what could be repaired")
+        known = frozenset(state.system.cnf.components)
+        for component in bad or ():
+            if component not in known:
+                raise NotFound(f"the model has no component {component!r}")
+        wanted = None if bad is None else list(bad)
+
+        def begin(tx: Transaction) -> StoredRepair:
+            stop = global_stop.hold(tx)  # not as we heard of it: another instance may have lifted it just now
+            if stop.active:
+                raise Refused(f"the global stop is active, set by {stop.by}: {stop.reason}")
+            if repairs.page(tx, robot, Paging(limit=1), open_only=True).items:
+                raise StateConflict(f"a repair of robot {robot!r} is open already")
+            data = {
+                "policy": state.config.policy,
+                "by": by,
+                "asked": True,
+                "wanted": wanted,
+                "reason": reason,
+                "question": open_question(tx, robot),
+            }
+            repair = repairs.create(tx, robot, state="waiting", data=data)
+            tx.emit(Kind.REPAIR, robot, repair_json(repair))
+            tx.note(AuditEntry(by, "repair.create", repair.id, robot, reason, after={"bad": wanted}))
+            return repair
+
+        return repair_json(await self._store.write(begin, robots=(robot,)))
+
+    async def repairs(self, robot: str, *, before: str | None, limit: int) -> Sequence[Json]:
+        """Return up to `limit` repairs of the robot, newest first, older than the repair `before`."""
+
+        def look(view: View) -> list[Json]:
+            robots.get(view, robot)
+            page = repairs.page(view, robot, Paging(before, limit))
+            return [repair_json(repair, repairs.steps(view, repair.id)) for repair in page.items]
+
+        return await self._store.read(look)
+
+    async def repair(self, repair_id: str) -> Json:
+        """Return one repair with its steps."""
+        return await self._store.read(
+            lambda view: repair_json(repairs.get(view, repair_id), repairs.steps(view, repair_id))
+        )
+
+    async def approve(self, repair_id: str, *, by: str, reason: str) -> Json:
+        """Let a repair that awaits approval run. StateConflict in any other state."""
+        return await self._ask(repair_id, "approve", by, reason)
+
+    async def cancel(self, repair_id: str, *, by: str, reason: str) -> Json:
+        """End an open repair; running actions are cancelled. StateConflict if it has ended already."""
+        return await self._ask(repair_id, "cancel", by, reason)
+
+    async def _ask(self, repair_id: str, what: str, by: str, reason: str) -> Json:
+        def ask(tx: Transaction) -> str:
+            repair = repairs.get(tx, repair_id)
+            if not repair.open:
+                raise StateConflict(f"repair {repair_id} has ended already ({repair.state})")
+            if what == "approve" and repair.state != "awaiting-approval":
+                raise StateConflict(f"repair {repair_id} awaits no approval; it is {repair.state}")
+            if any(r.what == what and r.repair == repair_id for r in repairs.requests(tx, repair.robot)):
+                raise StateConflict(f"repair {repair_id}: somebody said {what!r} already")
+            repairs.ask(tx, repair_id, what, by=by, reason=reason)
+            tx.emit(Kind.REPAIR, repair.robot, {**repair_json(repair), "asked": what, "asked_by": by})
+            tx.note(AuditEntry(by, f"repair.{what}", repair_id, repair.robot, reason))
+            return repair.state
+
+        before = await self._store.write(ask)
+        loop = asyncio.get_running_loop()
+        deadline = loop.time() + DECIDED_S
+        while True:
+            now = await self.repair(repair_id)
+            if now["state"] != before and (what == "approve" or now["finished_ns"] is not None):
+                return now
+            if loop.time() >= deadline:
+                return now
+            await asyncio.sleep(0.02)
+
+    # --- agents
+
+    def end_waits(self) -> None:
+        """Let every waiting agent go with nothing to do: the service shuts down."""
+        self._needs.agents.end_waits()
+
+    async def next_action(self, robot: str, *, host: str | None, wait_s: float) -> Json | None:
+        """Hand the agent on `host` its next action, waiting up to `wait_s`; None: nothing to do.
+
+        An action is handed out again until its first feedback or result comes in, so that an answer lost on
+        the way loses no action; the agent knows an id that it has had.
+        """
+        await self._needs.robots.robot(robot)
+        action = await self._needs.agents.take(robot, host, wait_s)
+        if action is None:
+            return None
+        return {
+            "id": action.id,
+            "name": action.name,
+            "parameters": list(action.parameters),
+            "timeout_s": action.timeout_s,
+            "host": action.host,
+        }
+
+    async def action_robot(self, action_id: str) -> str:
+        """Return the robot that an action belongs to, so that a robot's key opens its own actions only."""
+        return await self._store.read(lambda view: agent_actions.get(view, action_id).robot)
+
+    async def feedback(self, action_id: str, *, code: int, message: str, by: str) -> None:
+        """Note how far an action is; after its result this is a StateConflict."""
+        await self._needs.agents.answered(action_id)
+
+    async def result(self, action_id: str, *, code: int, message: str, by: str) -> Json:
+        """Take an action's result; a repeated one is answered with the first: {"code", "message"}."""
+        action = await self._needs.agents.finish(action_id, code, message)
+        return {"code": action.code, "message": action.message}
+
+    # --- the global stop, quarantine
+
+    async def stopped(self) -> Json:
+        """Return {"active": bool, "by": str | null, "reason": str, "since_ns": int | null}."""
+        return _stop_json(await self._store.read(global_stop.get))
+
+    async def stop(self, *, by: str, reason: str) -> Json:
+        """The global stop: no action starts anywhere and running ones are cancelled. Survives a restart."""
+        return await self._set_stop(True, by, reason)
+
+    async def resume(self, *, by: str, reason: str) -> Json:
+        """Lift the global stop."""
+        return await self._set_stop(False, by, reason)
+
+    async def _set_stop(self, active: bool, by: str, reason: str) -> Json:
+        if active:  # here at once, before it is on disk; other instances hear of it by the event
+            self._set(Stop(True, by, reason))
+
+        def change(tx: Transaction) -> Stop:
+            stop = global_stop.put(tx, active, by=by, reason=reason)
+            tx.emit(Kind.STOP, None, _stop_json(stop))
+            tx.note(AuditEntry(by, "stop.set" if active else "stop.lifted", "all robots", None, reason))
+            return stop
+
+        try:
+            stop = await self._store.write(change)
+        finally:
+            self._stop_changes += 1
+        self._set(stop)
+        return _stop_json(stop)
+
+    async def quarantined(self, robot: str) -> Mapping[str, str]:
+        """Return component -> why it is not tried again."""
+        entries = await self._store.read(attempts.quarantine, robot)
+        return {entry.component: entry.reason for entry in entries}
+
+    async def release(self, robot: str, component: str, *, by: str, reason: str) -> None:
+        """Let a quarantined component be tried again. NotFound if it is not in quarantine."""
+
+        def let_go(tx: Transaction) -> None:
+            attempts.release_quarantine(tx, robot, component)
+            attempts.forget(tx, robot, component)
+            tx.emit(Kind.ROBOT, robot, {"what": "released", "component": component, "by": by})
+            tx.note(AuditEntry(by, "quarantine.release", component, robot, reason))
+
+        await self._store.write(let_go, robots=(robot,))
+
+
+def _stop_json(stop: Stop) -> dict[str, object]:
+    return {"active": stop.active, "by": stop.by, "reason": stop.reason, "since_ns": stop.since_ns}

@@ -1,0 +1,151 @@
+"""The power boards of the robots: a link for each robot that has one, and its literals for OBS.
+
+    link ──► snapshot ──► hardware observer ──► literals, when they change ──► OBS (source "board")
+                │
+                └─ silent: its literals are unknown, so they are forgotten
+
+A board speaks at its broadcast rate, mostly to say what it said before; only what changed goes on.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable, Mapping
+
+from robomend.board.link import BoardLink, LinkState
+from robomend.board.observer import HardwareObserver, Wiring
+from robomend.board.snapshot import Snapshot
+from robomend.errors import NotFound, Refused
+from robomend.model.components import ComponentModel
+from robomend.robots.configuration import BoardConfig
+from robomend_client.literals import Literal
+
+SOURCE = "board"
+CONNECT_S = 2.0
+"""How long a command waits for a link that is just coming up."""
+
+Report = Callable[[str, frozenset[Literal], int], Awaitable[None]]
+"""Robot, everything that its board says now, time in nanoseconds; what is not said is not known any more."""
+
+
+class WiredBoard:
+    """One robot's board: the link, the observer, and what was last told to OBS."""
+
+    def __init__(
+        self,
+        robot: str,
+        config: BoardConfig,
+        parts: ComponentModel | None,
+        report: Report,
+        on_state: Callable[[str, LinkState, str], None],
+    ) -> None:
+        hardware = parts.hardware if parts is not None else {}
+        self.robot = robot
+        self.config = config
+        self.components: Mapping[int, str] = {
+            device.channel: name for name, device in hardware.items() if device.channel is not None
+        }
+        self.protected = frozenset(config.protected) | {
+            device.channel for device in hardware.values() if device.protected and device.channel is not None
+        }
+        self._observer = HardwareObserver(
+            {name: _wiring(channel, config) for channel, name in self.components.items()}
+        )
+        self._report = report
+        self._told: frozenset[Literal] | None = None  # None: what OBS holds is from before this link
+        self._task: asyncio.Task[None] | None = None
+        self.link = BoardLink(
+            config.host,
+            config.port,
+            broadcast_hz=config.rate_hz,
+            on_state=lambda state, reason: on_state(robot, state, reason),
+        )
+
+    @property
+    def told(self) -> bool:
+        """Whether the board has spoken since we started: only then is what OBS holds of it from now.
+
+        Once it has, a board that falls silent takes its literals out of OBS itself.
+        """
+        return self._told is not None
+
+    def start(self) -> None:
+        """Connect, and report from now on."""
+        self.link.start()
+        self._task = asyncio.create_task(self._listen(), name=f"board of {self.robot}")
+
+    async def close(self) -> None:
+        """Drop the link and say nothing more."""
+        if self._task is not None:
+            self._task.cancel()
+            await asyncio.wait([self._task], timeout=1.0)
+        await self.link.close()
+
+    async def switch(self, channel: int, on: bool) -> None:
+        """Switch a channel. Refused for switching off a protected one; BoardError as the link has it."""
+        if not on and channel in self.protected:
+            raise Refused(f"channel {channel} is protected: nothing switches it off")
+        await self.link.wait_connected(CONNECT_S)
+        await self.link.switch(channel, on)
+
+    async def _listen(self) -> None:
+        async for snapshot in self.link.measurements():
+            await self._tell(snapshot)
+
+    async def _tell(self, snapshot: Snapshot) -> None:
+        said = self._observer.observe(snapshot)
+        if said != self._told:
+            await self._report(self.robot, said, snapshot.time_ns)
+            self._told = said
+
+
+def _wiring(channel: int, config: BoardConfig) -> Wiring:
+    expected = config.expected_currents.get(channel)
+    if expected is None:
+        return Wiring(channel)
+    return Wiring(channel, expected.current_a, expected.tolerance_a)
+
+
+class Boards:
+    """The boards by robot."""
+
+    def __init__(self, report: Report, on_state: Callable[[str, LinkState, str], None]) -> None:
+        self._report = report
+        self._on_state = on_state
+        self._boards: dict[str, WiredBoard] = {}
+
+    def get(self, robot: str) -> WiredBoard:
+        """Return a robot's board; NotFound if none is configured."""
+        board = self._boards.get(robot)
+        if board is None:
+            raise NotFound(f"robot {robot!r} has no board configured")
+        return board
+
+    async def put(self, robot: str, config: BoardConfig | None, parts: ComponentModel | None) -> None:
+        """Make the robot's board what is configured; the link stays if nothing about it changed."""
+        old = self._boards.get(robot)
+        new = None if config is None else WiredBoard(robot, config, parts, self._report, self._on_state)
+        if (
+            old is not None
+            and new is not None
+            and (old.config, old.components, old.protected) == (new.config, new.components, new.protected)
+        ):
+            return
+        await self.remove(robot)
+        if new is not None:
+            self._boards[robot] = new
+            new.start()
+
+    async def remove(self, robot: str) -> None:
+        """Close the robot's link, if it has one."""
+        board = self._boards.pop(robot, None)
+        if board is not None:
+            await board.close()
+
+    async def close(self) -> None:
+        """Close all links."""
+        await asyncio.gather(*(self.remove(robot) for robot in tuple(self._boards)))
+
+    def states(self) -> dict[str, str]:
+        """Return each board's link state."""
+        return {robot: str(board.link.state) for robot, board in self._boards.items()}

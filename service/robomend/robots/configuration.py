@@ -1,0 +1,180 @@
+"""What is configured of one robot, as values.
+
+The store keeps the JSON that HTTP puts (checked by robomend.api.schemas); this is what the service reads of
+it. To add a setting of a robot: a field with a default here, one in schemas.RobotBody, a line in
+docs/http.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from robomend.errors import InputError
+from robomend.planning.policy import Mode, Policy, Window
+
+POLICIES = ("observe", "approve", "auto")
+
+COVERED = "**********"
+"""What is shown of a webhook's secret. Put back as it is, it leaves the secret as it was."""
+
+
+@dataclass(frozen=True, slots=True)
+class ExpectedCurrent:
+    """What a channel's load draws when all is well."""
+
+    current_a: float
+    tolerance_a: float
+
+
+@dataclass(frozen=True, slots=True)
+class BoardConfig:
+    """Where the robot's power board is, and what must not be done to it."""
+
+    host: str
+    port: int
+    rate_hz: int = 5  # of the broadcast that we ask for
+    protected: tuple[int, ...] = (2,)  # never shut down; channel 2 feeds the paper's PC
+    expected_currents: Mapping[int, ExpectedCurrent] = field(default_factory=dict)  # by channel
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """How much an automatic repair may try."""
+
+    attempts_per_hour: int = 12  # actions on one component
+    rounds: int = 5  # of one repair: diagnose, plan, act
+
+
+@dataclass(frozen=True, slots=True)
+class RobotConfig:
+    """One robot: its model, how it is diagnosed, and what repair may do."""
+
+    id: str
+    model: str
+    policy: str = "approve"
+    limits: Limits = Limits()
+    allow: tuple[str, ...] | None = None  # action names that may run; None: all that the model offers
+    protected: tuple[str, ...] = ()  # components that are never shut down, besides the model's own
+    board: BoardConfig | None = None
+    expected_stopped: tuple[str, ...] = ()  # components that are meant to be stopped or off
+    observed: tuple[str, ...] = ()  # literals that the observers will report, either sign
+    observed_timeout_s: float = 30.0
+    hold_s: float = 0.0  # a diagnosis must hold this long before an automatic repair
+    debounce_s: float = 0.0  # a diagnosis waits for OBS to be quiet this long, but at most ten times it
+    period_s: float | None = None  # diagnose this often, changed or not (the paper's second)
+    keep_unknown: bool = False  # keep undeclared names in OBS, unused, instead of refusing them
+    engine: str = "sat"
+    minimal: str = "subset"
+    max_size: int | None = None
+    limit: int = 100
+    timeout_s: float | None = None  # of a diagnosis; None: the service's own
+    planner: str = "pyperplan"
+    domain: str | None = None  # the user's own PDDL actions, merged into the repair domain
+    actions: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    """Action name -> what differs for it: policy, executor (kind, options), timeout_s, effect_timeout_s,
+    retries, idempotent."""
+    windows: tuple[Mapping[str, Any], ...] = ()  # automatic repair only inside: weekdays, start, end (UTC)
+
+    @classmethod
+    def from_json(cls, robot: str, values: Mapping[str, Any]) -> RobotConfig:
+        """Return the configuration that HTTP puts and the store keeps; keys of a newer version are
+        skipped.
+        """
+        options = values.get("diagnosis") or {}
+        flat = {
+            **{name: value for name, value in values.items() if name in _PLAIN},
+            **{name: value for name, value in options.items() if name in _OPTIONS},
+        }
+        for name in ("protected", "observed", "windows"):
+            flat[name] = tuple(values.get(name) or ())
+        allow = values.get("allow")
+        limits = values.get("limits") or {}
+        return cls(
+            id=robot,
+            model=values["model"],
+            limits=Limits(
+                **{name: limits[name] for name in ("attempts_per_hour", "rounds") if name in limits}
+            ),
+            allow=None if allow is None else tuple(allow),
+            board=_board(values.get("board")),
+            expected_stopped=tuple((values.get("expected") or {}).get("stopped", ())),
+            keep_unknown=values.get("unknown") == "keep",
+            **flat,
+        )
+
+
+def covered(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a configuration without the secrets of its webhooks, for answers and the audit log."""
+    return _with_secrets(values, lambda _: COVERED)
+
+
+def uncovered(values: Mapping[str, Any], before: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a configuration with the secrets of the one before where they are covered.
+
+    Raises:
+        InputError: an action has a covered secret that had none before.
+    """
+
+    def known(action: str) -> str:
+        found: str | None = _options_of((before.get("actions") or {}).get(action)).get("secret")
+        if found is None:
+            raise InputError(f"actions.{action}: there is no secret yet that {COVERED} could stand for")
+        return found
+
+    return _with_secrets(values, known, only=COVERED)
+
+
+def _with_secrets(
+    values: Mapping[str, Any], secret_of: Callable[[str], str], only: str | None = None
+) -> dict[str, Any]:
+    actions = dict(values.get("actions") or {})
+    for name, action in actions.items():
+        options = _options_of(action)
+        if "secret" in options and only in (None, options["secret"]):
+            executor = {**action["executor"], "options": {**options, "secret": secret_of(name)}}
+            actions[name] = {**action, "executor": executor}
+    return {**values, "actions": actions} if actions else dict(values)
+
+
+def _options_of(action: Mapping[str, Any] | None) -> Mapping[str, Any]:
+    return ((action or {}).get("executor") or {}).get("options") or {}
+
+
+_PLAIN = frozenset(
+    {"policy", "observed_timeout_s", "hold_s", "debounce_s", "period_s", "planner", "domain", "actions"}
+)
+_OPTIONS = frozenset({"engine", "minimal", "max_size", "limit", "timeout_s"})
+
+
+def _board(values: Mapping[str, Any] | None) -> BoardConfig | None:
+    if values is None:
+        return None
+    currents = values.get("expected_currents") or {}
+    return BoardConfig(
+        host=values["host"],
+        port=values["port"],
+        rate_hz=values.get("rate_hz", 5),
+        protected=tuple(values.get("protected", (2,))),
+        expected_currents={int(channel): ExpectedCurrent(**current) for channel, current in currents.items()},
+    )
+
+
+def policy_of(config: RobotConfig, protected: Iterable[str]) -> Policy:
+    """Return the policy that a robot's configuration describes.
+
+    Args:
+        protected: what the model and the board's protected channels add to the configuration's own.
+    """
+    modes = {name: Mode(value["policy"]) for name, value in config.actions.items() if value.get("policy")}
+    return Policy(
+        mode=Mode(config.policy),
+        actions=modes,
+        allowed=None if config.allow is None else frozenset(config.allow),
+        protected=frozenset(config.protected) | frozenset(protected),
+        attempts_per_hour=config.limits.attempts_per_hour,
+        rounds=config.limits.rounds,
+        hold_s=config.hold_s,
+        windows=tuple(map(Window.of, config.windows)),
+    )

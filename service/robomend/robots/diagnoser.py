@@ -1,0 +1,218 @@
+"""Diagnoses for every robot of the service, without one of them keeping another waiting.
+
+    seen before? ── yes ──► the cached answer
+         │ no
+    small model, within budget? ── yes ──► on the event loop: fractions of a millisecond, cheaper than
+         │ no                              any hand-over
+    a worker process with a deadline; the model's engine stays warm there
+
+One engine per model version serves all robots that follow it. A model whose diagnoses break the budget of
+the event loop goes to the workers until it is changed, so a monstrous model is slow alone. A thread would
+not do: the search is Python around a solver, and Python's part would take the interpreter from the event
+loop for 5 ms at a time.
+
+The cache is exact: the key is the model version, the options, and the set of observed literals.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections import Counter, OrderedDict
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+from robomend.diagnosis.engines import make_engine
+from robomend.diagnosis.result import DiagnosisResult, Engine, Options
+from robomend.errors import RobomendError
+from robomend.metrics import Metrics
+from robomend.model.cnf import HealthCnf
+from robomend.model.system import System
+from robomend.oneshots.result_json import result_json, timeless
+from robomend.oneshots.warm_model import ask_engine
+from robomend.settings import Settings
+from robomend.store.encoding import to_json
+from robomend_client.literals import Literal
+
+CACHED = 4096
+"""Answers kept, over all models."""
+
+ENGINES = 64
+"""Warm engines kept on the event loop; beyond, the one that was not asked for longest is closed."""
+
+STRIKES = 3
+"""Diagnoses over budget before their model leaves the event loop: one may be the first, or a pause."""
+
+Key = tuple[str, str, Options, frozenset[Literal]]
+
+GRACE_S = 2.0
+"""Beyond the engine's own time-out, before its worker is killed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosed:
+    """An engine's answer or the error that it gave, with its JSON made once for all who want it."""
+
+    result: DiagnosisResult | None
+    fault: RobomendError | None
+    json: dict[str, Any] | None
+    key: str  # equal for equal answers, whatever time they took
+    text: str | None = None  # of `json`
+
+    @classmethod
+    def of(cls, result: DiagnosisResult) -> Diagnosed:
+        """Return the answer for a result."""
+        values = result_json(result)
+        text = to_json(values)
+        return cls(result, None, values, timeless(text), text)
+
+    @classmethod
+    def failed(cls, fault: RobomendError) -> Diagnosed:
+        """Return the answer for an error."""
+        return cls(None, fault, None, f"{fault.code}: {fault}")
+
+
+class SlowDiagnoses(Protocol):
+    """Where long calls go: worker processes with deadlines."""
+
+    async def diagnose(
+        self,
+        key: str,
+        engine: str,
+        cnf: HealthCnf,
+        literals: frozenset[Literal],
+        options: Options,
+        deadline_s: float,
+    ) -> DiagnosisResult:
+        """Diagnose in a worker that keeps the engine of `key` warm; WorkerDied after the deadline."""
+        ...
+
+
+class Diagnoser:
+    """See the module. Belongs to one event loop."""
+
+    def __init__(self, settings: Settings, metrics: Metrics, workers: SlowDiagnoses) -> None:
+        self._settings = settings
+        self._metrics = metrics
+        self._workers = workers
+        self._cache: OrderedDict[Key, Diagnosed] = OrderedDict()
+        self._engines: OrderedDict[tuple[str, str], Engine] = OrderedDict()
+        self._slow: set[tuple[str, str]] = set()
+        self._strikes: Counter[tuple[str, str]] = Counter()
+        self._turns: dict[tuple[str, str], asyncio.Lock] = {}
+
+    async def diagnose(
+        self, version: str, system: System, literals: Iterable[Literal], engine: str, options: Options
+    ) -> Diagnosed:
+        """Return the answer for these observations; errors of the model or the engine are answers too."""
+        observed = frozenset(literals)
+        answer = self.at_once(version, system, observed, engine, options)
+        if answer is not None:
+            return answer
+        try:
+            answer = await self._in_worker(version, system, observed, engine, options)
+        except RobomendError as fault:
+            answer = self._failed(fault)
+        return self._remember((version, engine, options, observed), answer)
+
+    def at_once(
+        self,
+        version: str,
+        system: System,
+        observed: frozenset[Literal],
+        engine: str,
+        options: Options,
+    ) -> Diagnosed | None:
+        """Return the answer if it is known, or found within the event loop's budget; else None."""
+        key = (version, engine, options, observed)
+        answer = self._cache.get(key)
+        if answer is not None:
+            self._cache.move_to_end(key)
+            self._metrics.diagnoses.labels("cache").inc()
+            return answer
+        try:
+            answer = self._inline(version, system, observed, engine, options)
+        except RobomendError as fault:
+            answer = self._failed(fault)
+        return None if answer is None else self._remember(key, answer)
+
+    def _failed(self, fault: RobomendError) -> Diagnosed:
+        self._metrics.failures.labels(fault.code).inc()
+        return Diagnosed.failed(fault)
+
+    def _remember(self, key: Key, answer: Diagnosed) -> Diagnosed:
+        """Keep an answer that asking again would not better."""
+        if answer.result is None:
+            final = answer.fault is not None and answer.fault.code == "contradictory-model"
+        else:
+            final = answer.result.stopped_by != "time"
+        if final:
+            self._cache[key] = answer
+            while len(self._cache) > CACHED:
+                self._cache.popitem(last=False)
+        return answer
+
+    def forget(self, version: str) -> None:
+        """Close the engines of a model version that no robot follows any more."""
+        for key in [key for key in self._engines if key[0] == version]:
+            self._engines.pop(key).close()
+        self._slow = {key for key in self._slow if key[0] != version}
+        for struck in [key for key in self._strikes if key[0] == version]:
+            del self._strikes[struck]
+        for held in [key for key in self._turns if key[0] == version and not self._turns[key].locked()]:
+            del self._turns[held]
+
+    def close(self) -> None:
+        """Close all engines."""
+        for engine in self._engines.values():
+            engine.close()
+        self._engines.clear()
+
+    def _inline(
+        self, version: str, system: System, observed: frozenset[Literal], engine: str, options: Options
+    ) -> Diagnosed | None:
+        """Diagnose here and now; None if that is not for the event loop, or took too long to finish."""
+        if (version, engine) in self._slow:
+            return None
+        if len(system.cnf.components) > self._settings.inline_components or engine != "sat":
+            self._slow.add((version, engine))
+            return None
+        budget_s = min(4 * self._settings.inline_budget_s, options.timeout_s or float("inf"))
+        warm = self._warm(version, engine, system.cnf)
+        began = time.thread_time()  # not the wall's: what others take of the processor is no model's fault
+        result = ask_engine(warm, system.cnf, observed, replace(options, timeout_s=budget_s))
+        if time.thread_time() - began > self._settings.inline_budget_s:
+            self._strikes[version, engine] += 1
+            if self._strikes[version, engine] >= STRIKES:
+                self._slow.add((version, engine))
+        if result.stopped_by == "time" and budget_s != options.timeout_s:
+            return None
+        self._note(result, "inline")
+        return Diagnosed.of(result)
+
+    def _warm(self, version: str, name: str, cnf: HealthCnf) -> Engine:
+        engine = self._engines.get((version, name))
+        if engine is None:
+            engine = self._engines[version, name] = make_engine(name, cnf)
+            while len(self._engines) > ENGINES:
+                self._engines.popitem(last=False)[1].close()
+        self._engines.move_to_end((version, name))
+        return engine
+
+    async def _in_worker(
+        self, version: str, system: System, observed: frozenset[Literal], engine: str, options: Options
+    ) -> Diagnosed:
+        turn = self._turns.setdefault((version, engine), asyncio.Lock())
+        async with turn:  # a slow model takes one worker at most, whatever number of robots follow it
+            timeout_s = options.timeout_s or self._settings.max_solver_timeout_s
+            bounded = replace(options, timeout_s=timeout_s)
+            result = await self._workers.diagnose(
+                version, engine, system.cnf, observed, bounded, timeout_s + GRACE_S
+            )
+        self._note(result, "worker")
+        return Diagnosed.of(result)
+
+    def _note(self, result: DiagnosisResult, place: str) -> None:
+        self._metrics.diagnoses.labels(place).inc()
+        self._metrics.diagnosis_s.observe(result.elapsed_s)

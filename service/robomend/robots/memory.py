@@ -1,0 +1,150 @@
+"""The robots in memory, a cache of the store: read when they are first asked for, again when they are old.
+
+A robot to which nothing happens makes room for others; a wait, a timer, a repair or a write under way keeps
+it. All belongs to one event loop.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections import OrderedDict
+from collections.abc import Awaitable, Callable
+from weakref import WeakValueDictionary
+
+from robomend.errors import NotFound
+from robomend.robots.batches import stored_assertion
+from robomend.robots.diagnosing import published
+from robomend.robots.robot import Robot
+from robomend.robots.systems import Systems
+from robomend.store import Store, View, diagnoses, models, observations, records, robots
+
+WRITE_S = 10.0
+"""Longest that a reader waits for a write under way before it reads the store anew."""
+
+
+class Memory:
+    """See the module."""
+
+    def __init__(
+        self,
+        store: Store,
+        models: Systems,
+        most: int,
+        *,
+        taken_up: Callable[[Robot], Awaitable[None]],
+        left: Callable[[str], Awaitable[None]],
+    ) -> None:
+        """`most` idle robots are kept; `taken_up` hears of each that was read, `left` of one that is gone."""
+        self._store = store
+        self._models = models
+        self._most = most
+        self._taken_up = taken_up
+        self._left = left
+        # Whoever works with a state holds it, and it is found here as long as anybody does: there are never
+        # two of one robot. Nothing else keeps a state but its place among those used last.
+        self.states: WeakValueDictionary[str, Robot] = WeakValueDictionary()
+        self._used: OrderedDict[str, Robot] = OrderedDict()
+        self._loading: dict[str, asyncio.Lock] = {}
+
+    async def robot(self, robot: str) -> Robot:
+        """Return a robot's state, read from the store if it is not in memory. NotFound."""
+        state = self.states.get(robot)
+        if state is not None and not state.stale:
+            self._use(state)
+            return state
+        try:
+            async with self._loading.setdefault(robot, asyncio.Lock()):
+                state = self.states.get(robot)
+                if state is None or state.stale:
+                    state = await self._load(robot)
+        finally:
+            self._loading.pop(robot, None)  # also for names that are no robot, of which there is no end
+        return state
+
+    def _use(self, state: Robot) -> None:
+        """Keep a state in memory, and let go of the one that nobody asked for longest."""
+        self._used[state.id] = state
+        self._used.move_to_end(state.id)
+        while len(self._used) > self._most:
+            self._used.popitem(last=False)
+
+    async def latest(self, robot: str) -> Robot:
+        """Return a robot's state as the store has it: whatever another instance has acknowledged is in it.
+
+        Its event may be on the way still, so the store is asked.
+        """
+        asked = newest = await self._newest(robot)
+        until = time.monotonic() + WRITE_S
+        while True:
+            state = await self.robot(robot)  # maybe by a reading that began before we asked
+            as_configured = (state.stored.etag, state.model.version) == (newest.etag, newest.model_version)
+            if as_configured and state.revision >= asked.revision:
+                return state
+            left = until - time.monotonic()
+            if not as_configured or asked.revision > state.head or left <= 0:
+                state.stale = True
+            else:  # a write of ours is under way: it is this revision, or another instance was faster
+                await state.observed.beyond(state.revision, left)
+            newest = await self._newest(robot)
+
+    async def _newest(self, robot: str) -> records.Newest:
+        try:
+            return await self._store.read(robots.newest, robot)
+        except NotFound:
+            await self.drop(robot)
+            raise
+
+    async def drop(self, robot: str) -> None:
+        """Let go of a robot that is deleted, and of all who wait for it."""
+        self._used.pop(robot, None)
+        state = self.states.pop(robot, None)
+        await self._left(robot)
+        if state is not None:
+            state.gone = True
+            state.cancel_timers()
+            if state.task is not None:
+                state.task.cancel()
+            state.diagnosed.wake()
+            state.observed.wake()
+
+    async def _load(self, robot: str) -> Robot:
+        """Read a robot from the store into memory, keeping those who wait for it."""
+
+        def look(
+            view: View,
+        ) -> tuple[
+            records.StoredRobot, records.StoredModel, records.StoredObs, records.StoredDiagnosis | None
+        ]:
+            stored = robots.get(view, robot)
+            return (
+                stored,
+                models.get(view, stored.config["model"]),
+                observations.obs(view, robot),
+                diagnoses.latest(view, robot),
+            )
+
+        try:
+            stored, model, obs, diagnosed = await self._store.read(look)
+        except NotFound:
+            await self.drop(robot)
+            raise
+        system = await self._models.compiled(model)
+        fresh = Robot(stored, model, system)
+        assertions = [
+            assertion
+            for record in obs.assertions
+            if (assertion := stored_assertion(record, system, fresh.config)) is not None
+        ]
+        state = self.states.get(robot)
+        if state is None:
+            state = self.states[robot] = fresh
+        else:
+            state.stored, state.config, state.model, state.system = stored, fresh.config, model, system
+        self._use(state)
+        state.reload(obs, assertions)
+        if diagnosed is not None and (state.current is None or state.current.revision < diagnosed.revision):
+            state.current = published(diagnosed.revision, diagnosed.time_ns, diagnosed.result)
+            state.announced = state.current
+        await self._taken_up(state)
+        return state

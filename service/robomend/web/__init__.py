@@ -1,0 +1,1 @@
+"""What people look at: the timeline as SVG; the room of the page."""

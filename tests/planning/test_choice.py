@@ -1,0 +1,274 @@
+"""Choosing what to repair: probability over cost, memory of what was tried, probes, quarantine."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import permutations
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robomend.diagnosis.result import Diagnosis
+from robomend.planning.choice import (
+    Attempt,
+    Candidate,
+    Look,
+    Patience,
+    attempt,
+    choose,
+    common_part,
+    leading,
+    repaired_by,
+    weights,
+)
+from robomend.planning.plan import Outcome, Plan, Step
+from robomend.planning.quarantine import quarantined
+from robomend_client.literals import Atom, fails, holds
+
+SECOND = 1_000_000_000
+
+
+def plan(cost: float, *repairs: str, unreachable: tuple[str, ...] = ()) -> Plan:
+    steps = tuple(
+        Step(i, "mend", (name,), cost / len(repairs), (), (), (holds("good", name), fails("bad", name)))
+        for i, name in enumerate(repairs)
+    )
+    outcome = Outcome.UNSOLVABLE if unreachable else Outcome.SOLVED
+    return Plan(outcome, steps, cost if steps else 0.0, "test", frozenset(), (), unreachable, (), 0.0)
+
+
+def candidate(
+    bad: str, cost: float, probability: float | None = None, repairs: str | None = None
+) -> Candidate:
+    names = tuple(bad.split())
+    made = plan(cost, *(repairs.split() if repairs is not None else names))
+    return Candidate(Diagnosis(names, probability), made)
+
+
+def tried(bad: str, *, seen: bool = True, helped: bool = False, at_s: int = 0, repaired: str = "") -> Attempt:
+    return Attempt(frozenset(bad.split()), frozenset((repaired or bad).split()), at_s * SECOND, seen, helped)
+
+
+def test_the_cheaper_of_two_equally_probable_repairs_comes_first() -> None:
+    choice = choose([candidate("jaguar", 29), candidate("jaguar_node", 4)])
+    assert choice.diagnosis is not None
+    assert choice.diagnosis.bad == ("jaguar_node",)
+
+
+def test_a_probable_repair_may_cost_more() -> None:
+    choice = choose([candidate("a", 4, 0.05), candidate("b", 29, 0.95)])
+    assert choice.diagnosis is not None
+    assert choice.diagnosis.bad == ("b",)
+
+
+def test_after_the_power_came_back_without_help_the_driver_is_restarted() -> None:
+    """The tie that the six clause schemes leave, even where a power cycle would be the cheaper repair."""
+    candidates = [candidate("jaguar", 3), candidate("jaguar_node", 4)]
+    assert choose(candidates).alternatives[0].diagnosis.bad == ("jaguar",)
+    after = choose(candidates, [tried("jaguar")])
+    assert after.diagnosis is not None
+    assert after.diagnosis.bad == ("jaguar_node",)
+    assert "effect seen 1 of 1" in after.alternatives[1].reason
+
+
+def test_a_repair_whose_effect_was_never_seen_may_be_tried_again() -> None:
+    candidates = [candidate("jaguar", 3), candidate("jaguar_node", 4)]
+    seen = weights([one.diagnosis for one in candidates], [tried("jaguar", seen=True)])
+    unseen = weights([one.diagnosis for one in candidates], [tried("jaguar", seen=False)])
+    assert seen[0] < unseen[0] < 0.5
+
+
+def test_another_way_comes_before_the_same_that_did_not_help() -> None:
+    """A restart for 4 was done in vain; the spare for 44 is next, not the restart once more."""
+    spare = candidate("gps", 44, repairs="gps driver")
+    restart = candidate("driver", 4)
+    history = [
+        replace(tried("driver"), actions=("mend(driver)",)),
+        replace(tried("gps", repaired="gps driver"), actions=("cycle(gps)", "mend(driver)")),
+    ]
+    assert choose([restart, spare]).plan is restart.plan
+    assert choose([restart, spare], history).plan is spare.plan
+    assert choose([restart], history).plan is restart.plan  # where nothing else is left, once more
+
+
+def test_what_was_done_in_vain_is_not_repeated_when_it_hardly_helps_any_more() -> None:
+    """The device is in quarantine; the driver was restarted twice, each time with its effect seen."""
+    device = Candidate(Diagnosis(("imu",)), replace(plan(0), excluded=("imu",)))
+    driver = candidate("driver", 4)
+    once = [replace(tried("driver"), actions=("mend(driver)",))]
+    assert choose([device, driver], once).plan is driver.plan
+    assert choose([driver], once * 2).plan is driver.plan
+    assert choose([device, driver], once * 2).plan is None
+    assert choose([device, driver], once * 2).reason == (
+        "no known repair: driver was repaired before, and it did not help; "
+        "imu left alone for a while, as its repairs keep failing"
+    )
+
+
+def test_a_restart_that_came_with_the_power_cycle_counts_against_the_driver_too() -> None:
+    found = weights(
+        [Diagnosis(("jaguar",)), Diagnosis(("jaguar_node",)), Diagnosis(("imu_node",))],
+        [tried("jaguar", repaired="jaguar jaguar_node")],
+    )
+    assert found[0] == found[1] < found[2]
+
+
+def test_what_was_tried_long_ago_is_forgotten() -> None:
+    late = int(Patience().memory_s + 10) * SECOND
+    assert weights([Diagnosis(("a",)), Diagnosis(("b",))], [tried("a")], now_ns=late) == [0.5, 0.5]
+
+
+def test_one_plan_may_help_against_several_diagnoses() -> None:
+    """The power cycle restarts the driver as well: it covers both, and is the one repair to make."""
+    both = candidate("jaguar", 6, 0.5, repairs="jaguar jaguar_node")
+    choice = choose([both, candidate("jaguar_node", 4, 0.5)])
+    assert choice.alternatives[0].helps == 1.0
+    assert choice.diagnosis is not None
+    assert choice.diagnosis.bad == ("jaguar",)
+
+
+def test_what_every_diagnosis_blames_is_repaired_first_when_that_pays() -> None:
+    candidates = [candidate("psu a", 40, 0.5), candidate("psu b", 40, 0.5)]
+    shared = common_part([one.diagnosis for one in candidates])
+    assert shared == ("psu",)
+    common = candidate("psu", 10)
+    choice = choose(candidates, common=common)
+    assert choice.plan is common.plan
+    assert "psu" in choice.reason
+
+
+def test_the_common_part_is_not_repaired_by_itself_when_the_first_diagnosis_is_nearly_sure() -> None:
+    candidates = [candidate("psu a", 40, 0.99), candidate("psu b", 40, 0.01)]
+    choice = choose(candidates, common=candidate("psu", 10))
+    assert choice.diagnosis is not None
+    assert choice.diagnosis.bad == ("psu", "a")
+
+
+def test_nothing_is_common_when_one_diagnosis_is_the_common_part() -> None:
+    assert common_part([Diagnosis(("a",)), Diagnosis(("a", "b"))]) == ()
+    assert common_part([Diagnosis(("a",)), Diagnosis(("b",))]) == ()
+    assert common_part([Diagnosis(("a", "b"))]) == ()
+
+
+def test_a_cheap_look_that_tells_diagnoses_apart_comes_before_a_dear_repair() -> None:
+    candidates = [candidate("a", 30, 0.5), candidate("b", 30, 0.5)]
+    look = Look(Atom("ok", ("t",)), 1.0, (True, False))
+    choice = choose(candidates, looks=[look])
+    assert choice.probe == look
+    assert choice.expected_cost == 31
+
+
+def test_a_look_that_costs_more_than_it_saves_is_not_made() -> None:
+    candidates = [candidate("a", 3, 0.5), candidate("b", 3, 0.5)]
+    assert choose(candidates, looks=[Look(Atom("ok", ("t",)), 10.0, (True, False))]).probe is None
+    assert choose(candidates, looks=[Look(Atom("ok", ("u",)), 0.1, (None, None))]).probe is None
+
+
+def test_nothing_is_chosen_when_no_action_helps_and_the_reason_says_so() -> None:
+    only = Candidate(Diagnosis(("imu",)), plan(0, unreachable=("imu: no known action makes it good",)))
+    choice = choose([only])
+    assert choice.plan is None
+    assert choice.reason == "no known repair: imu: no known action makes it good"
+    assert choose([]).reason == "nothing is diagnosed bad"
+
+
+def test_part_of_a_diagnosis_is_repaired_when_the_rest_cannot_be() -> None:
+    half = Candidate(Diagnosis(("imu", "node")), plan(4, "node", unreachable=("imu: no known action …",)))
+    choice = choose([half])
+    assert choice.plan is half.plan
+    assert "not all of it" in choice.reason
+
+
+def test_small_diagnoses_lead_and_the_healthy_one_is_none() -> None:
+    diagnoses = [Diagnosis(("a", "b")), Diagnosis(("c",)), Diagnosis(())]
+    assert [one.bad for one in leading(diagnoses)] == [("c",), ("a", "b")]
+
+
+def test_a_hundred_bad_components_do_not_underflow() -> None:
+    many = tuple(f"c{i}" for i in range(400))
+    assert weights([Diagnosis(many), Diagnosis((*many[1:], "x"))]) == [0.5, 0.5]
+
+
+def test_what_soon_breaks_again_however_often_it_is_mended_is_quarantined() -> None:
+    patience = Patience(relapses=3, relapse_s=60, backoff_s=100)
+    loop = [tried("a", helped=True, at_s=at) for at in (0, 30, 60, 90)]
+    assert quarantined(loop[:3], now_ns=61 * SECOND, patience=patience) == {}  # the third may last
+    aside = quarantined(loop, now_ns=91 * SECOND, patience=patience)["a"]
+    assert (aside.failures, aside.until_ns) == (3, 190 * SECOND)
+    assert "each time it helped, and soon it was broken again" in aside.reason
+    # Attempt once more when the back-off is over: in vain again, so that it doubles.
+    fifth = [*loop, tried("a", helped=True, at_s=195)]
+    assert quarantined(fifth, now_ns=196 * SECOND, patience=patience)["a"].until_ns == 395 * SECOND
+    lasting = [*loop, tried("a", helped=True, at_s=300)]
+    assert quarantined(lasting, now_ns=301 * SECOND, patience=patience) == {}
+
+
+def test_three_failures_in_a_row_are_quarantined_with_doubling_back_off() -> None:
+    patience = Patience(attempts=3, backoff_s=100)
+    failures = [tried("a", at_s=t) for t in (0, 10, 20)]
+    assert quarantined(failures[:2], now_ns=11 * SECOND, patience=patience) == {}
+    assert quarantined(failures, now_ns=21 * SECOND, patience=patience)["a"].until_ns == 120 * SECOND
+    assert quarantined(failures, now_ns=121 * SECOND, patience=patience) == {}
+    fourth = [*failures, tried("a", at_s=130)]
+    assert quarantined(fourth, now_ns=131 * SECOND, patience=patience)["a"].until_ns == 330 * SECOND
+
+
+def test_success_and_release_end_a_series_of_failures() -> None:
+    failures = [tried("a", at_s=t) for t in (0, 10, 20)]
+    assert quarantined([*failures, tried("a", helped=True, at_s=30)], now_ns=31 * SECOND) == {}
+    assert quarantined(failures, now_ns=21 * SECOND, released={"a": 15 * SECOND}) == {}
+
+
+def test_an_attempt_remembers_only_what_was_carried_out() -> None:
+    made = plan(10, "a", "b")
+    memory = attempt(Diagnosis(("a", "b")), made, done=[0], time_ns=5, effect_seen=True, helped=False)
+    assert memory.repaired == {"a"}
+    assert memory.actions == ("mend(a)",)
+    assert repaired_by(made) == {"a", "b"}
+
+
+def expected_cost(order: tuple[int, ...], chances: list[float], costs: list[float]) -> float:
+    total, left = 0.0, 1.0
+    for index in order:
+        total += costs[index] * left
+        left -= chances[index]
+    return total
+
+
+@given(st.lists(st.tuples(st.integers(1, 20), st.integers(1, 40)), min_size=1, max_size=5))
+def test_the_order_is_the_one_of_least_expected_cost(cases: list[tuple[int, int]]) -> None:
+    """Against every order, for diagnoses that exclude one another."""
+    total = sum(chance for chance, _ in cases)
+    chances = [chance / total for chance, _ in cases]
+    costs = [float(cost) for _, cost in cases]
+    candidates = [candidate(f"c{i}", costs[i], chances[i]) for i in range(len(cases))]
+    choice = choose(candidates)
+    least = min(expected_cost(order, chances, costs) for order in permutations(range(len(cases))))
+    assert abs(choice.expected_cost - least) < 1e-6
+    mine = tuple(int(one.diagnosis.bad[0][1:]) for one in choice.alternatives)
+    assert abs(expected_cost(mine, chances, costs) - least) < 1e-6
+
+
+def test_power_is_never_cycled_for_ever() -> None:
+    """Whatever is chosen fails: each component is left alone after its attempts."""
+    candidates = {"jaguar": candidate("jaguar", 29), "jaguar_node": candidate("jaguar_node", 4)}
+    memory: list[Attempt] = []
+    for turn in range(20):
+        aside = quarantined(memory, now_ns=turn * SECOND)
+        open_ones = [one for name, one in candidates.items() if name not in aside]
+        if not open_ones:
+            break
+        choice = choose(open_ones, memory, now_ns=turn * SECOND)
+        assert choice.diagnosis is not None
+        assert choice.plan is not None
+        memory.append(
+            attempt(
+                choice.diagnosis,
+                choice.plan,
+                done=None,
+                time_ns=turn * SECOND,
+                effect_seen=True,
+                helped=False,
+            )
+        )
+    assert len(memory) == 2 * Patience().attempts

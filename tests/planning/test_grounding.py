@@ -1,0 +1,114 @@
+"""Grounding and splitting: few actions, nothing lost, any shape of condition."""
+
+from __future__ import annotations
+
+import pytest
+from tests.planning.robots import ALL_OFF, POWER_UP, TEDUSAR, texts
+
+from robomend.errors import DomainError
+from robomend.model.components import ComponentModel, Node
+from robomend.planning import grounding
+from robomend.planning.decomposition import split
+from robomend.planning.domain.loading import load_domain
+from robomend.planning.grounding import Grounder, GroundProblem
+from robomend.planning.plan import Outcome
+from robomend.planning.planning import PlanOptions, plan_for
+from robomend.planning.problem import repair_problem
+from robomend.planning.relevance import ground
+from robomend_client.literals import Literal, fails, holds
+
+
+def grounded(observed: tuple[Literal, ...], bad: tuple[str, ...]) -> GroundProblem:
+    domain = load_domain()
+    problem = repair_problem(TEDUSAR, domain, observed, bad)
+    grounder = Grounder(domain, problem)
+    return ground(grounder, [grounder.number(fact) for fact in problem.goal])
+
+
+def test_only_what_can_help_is_grounded() -> None:
+    problem = grounded((fails("on", "jaguar"),), ("jaguar",))
+    assert {str(action) for action in problem.actions} == {
+        "power_up(jaguar)",
+        "shutdown(jaguar)",
+        "start_node(jaguar_node)",
+        "stop_node(jaguar_node)",
+    }
+
+
+def test_nothing_is_grounded_when_nothing_is_wrong() -> None:
+    assert grounded((), ()).actions == ()
+
+
+def test_facts_that_hold_for_good_leave_the_preconditions() -> None:
+    """imu is good and nothing makes it bad: its driver's restart need not ask."""
+    problem = grounded((), ("imu_node",))
+    start = next(action for action in problem.actions if action.name == "start_node")
+    assert len(start.needs) == 1
+
+
+def test_devices_are_parts_of_their_own_and_equal_ones_are_equal_values() -> None:
+    parts = split(grounded(ALL_OFF, POWER_UP))
+    assert len(parts) == 9
+    assert len({part.part for part in parts}) == 2
+    assert max(len(part.actions) for part in parts) == 4
+
+
+def test_what_others_rest_on_comes_first() -> None:
+    names = [{action.parameters[0] for action in part.actions} for part in split(grounded(ALL_OFF, POWER_UP))]
+    hokuyo = next(i for i, one in enumerate(names) if "hokuyo_node" in one)
+    mapping = next(i for i, one in enumerate(names) if "hector_mapping" in one)
+    assert hokuyo < mapping
+
+
+SHAPES = """
+(define (domain robot-repair)
+  (:types tool - object)
+  (:predicates (held ?t - tool) (fits ?t - tool ?n - node) (clean ?n - node))
+  (:constants hammer wrench - tool)
+  (:action take :parameters (?t - tool)
+    :precondition (not (exists (?o - tool) (and (held ?o) (not (= ?o ?t)))))
+    :effect (and (held ?t) (increase (total-cost) 1)))
+  (:action drop :parameters (?t - tool) :precondition (held ?t)
+    :effect (and (not (held ?t)) (increase (total-cost) 1)))
+  (:action hit :parameters (?n - node)
+    :precondition (and (bad ?n) (or (held wrench) (and (held hammer) (not (clean ?n)))))
+    :effect (and (good ?n) (not (bad ?n)) (clean ?n) (increase (total-cost) 1)))
+  (:init (held wrench) (clean b)))
+"""
+
+
+@pytest.mark.parametrize("planner", ["pyperplan", "asp"])
+def test_negation_disjunction_and_quantifiers_are_understood(planner: str) -> None:
+    robot = ComponentModel("r", {}, {name: Node(name, restartable=False) for name in "ab"}, {})
+    options = PlanOptions(planner=planner, domain=SHAPES)
+    assert texts(plan_for(robot, [], ["a"], options)) == ["hit(a)"]
+    empty_handed = PlanOptions(planner=planner, domain=SHAPES.replace("(held wrench) (clean b)", "(clean b)"))
+    assert len(plan_for(robot, [], ["b"], empty_handed).steps) == 2
+    # Only a hammer, which must not touch what is clean, and no way to put it down: no plan, and it is proved.
+    stuck = SHAPES.replace("(held wrench) (clean b)", "(held hammer) (clean b)").replace(
+        ":precondition (held ?t)", ":precondition (and (held ?t) (= ?t wrench))"
+    )
+    plan = plan_for(robot, [], ["b"], PlanOptions(planner=planner, domain=stuck))
+    assert plan.outcome is Outcome.UNSOLVABLE
+    assert plan.unreachable[0].startswith("b: ")
+
+
+def test_what_is_observed_of_the_users_own_predicates_is_in_the_initial_state() -> None:
+    text = SHAPES.replace("(held wrench) (clean b)", "")
+    robot = ComponentModel("r", {}, {"a": Node("a", restartable=False)}, {})
+    assert len(plan_for(robot, [], ["a"], PlanOptions(domain=text)).steps) == 2
+    seen = [holds("held", "wrench")]
+    assert texts(plan_for(robot, seen, ["a"], PlanOptions(domain=text))) == ["hit(a)"]
+
+
+WIDE = """
+(define (domain robot-repair)
+  (:action juggle :parameters (?a ?b ?c ?d - node) :precondition (bad ?a)
+    :effect (and (good ?a) (not (bad ?a)))))
+"""
+
+
+def test_an_action_with_too_many_instances_is_refused_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(grounding, "MAX_GROUND_ACTIONS", 500)
+    with pytest.raises(DomainError, match="guard the parameters of 'juggle'"):
+        plan_for(TEDUSAR, [], ["rviz"], PlanOptions(domain=WIDE, domain_file="mine.pddl"))

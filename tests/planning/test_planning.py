@@ -1,0 +1,249 @@
+"""From a diagnosis to a validated plan: the paper's scenarios, and what stands in the way of others."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from tests.planning.robots import ALL_OFF, NODES, POWER_UP, TEDUSAR, texts
+
+from robomend.errors import OptionRefused, UnknownComponent
+from robomend.model.components import ComponentModel, Hardware, Node
+from robomend.planning.domain.loading import shipped
+from robomend.planning.plan import Outcome, Plan
+from robomend.planning.planning import PlanOptions, plan_for
+from robomend_bench.plan_robots import broken
+from robomend_client.literals import fails, holds
+
+PAPER = shipped("paper-repair.pddl")
+
+
+def position(plan: Plan, text: str) -> int:
+    return texts(plan).index(text)
+
+
+# --- the paper's scenarios ------------------------------------------------------------------------
+
+
+def test_power_up_powers_the_devices_before_it_starts_their_drivers(planner: str) -> None:
+    plan = plan_for(TEDUSAR, ALL_OFF, POWER_UP, PlanOptions(planner=planner))
+    assert plan.outcome is Outcome.SOLVED
+    assert set(texts(plan)[:3]) == {f"power_up({name})" for name in ("jaguar", "hokuyo", "laser_alignment")}
+    assert set(texts(plan)[3:]) == {f"start_node({name})" for name in NODES}
+    assert position(plan, "start_node(hokuyo_node)") < position(plan, "start_node(hector_mapping)")
+    assert plan.cost == 3 * 10 + 9 * 3
+    assert plan.assumed == ()
+
+
+def test_independent_repairs_run_side_by_side() -> None:
+    plan = plan_for(TEDUSAR, ALL_OFF, POWER_UP)
+    after = {str(step): {str(plan.steps[i]) for i in step.after} for step in plan.steps}
+    assert after["start_node(jaguar_node)"] == {"power_up(jaguar)"}
+    assert after["start_node(hector_mapping)"] == {"start_node(hokuyo_node)"}
+    assert after["start_node(rviz)"] == set()
+    assert after["power_up(jaguar)"] == after["power_up(hokuyo)"] == set()
+
+
+def test_a_device_that_lost_power_is_switched_on_and_its_driver_restarted(planner: str) -> None:
+    plan = plan_for(TEDUSAR, [fails("on", "jaguar")], ["jaguar"], PlanOptions(planner=planner))
+    assert texts(plan) == ["power_up(jaguar)", "stop_node(jaguar_node)", "start_node(jaguar_node)"]
+    assert plan.steps[2].after == (1,)  # and stop_node is after power_up: it stops what turned bad
+
+
+def test_a_device_that_hangs_is_power_cycled(planner: str) -> None:
+    plan = plan_for(TEDUSAR, [holds("on", "hokuyo")], ["hokuyo"], PlanOptions(planner=planner))
+    assert texts(plan) == [
+        "shutdown(hokuyo)",
+        "power_up(hokuyo)",
+        "stop_node(hokuyo_node)",
+        "start_node(hokuyo_node)",
+    ]
+
+
+def test_the_papers_own_domain_only_switches_the_device_on(planner: str) -> None:
+    options = PlanOptions(planner=planner, domain=PAPER)
+    assert texts(plan_for(TEDUSAR, [fails("on", "jaguar")], ["jaguar"], options)) == ["power_up(jaguar)"]
+
+
+def test_a_healthy_robot_needs_no_plan(planner: str) -> None:
+    plan = plan_for(TEDUSAR, [], [], PlanOptions(planner=planner))
+    assert (plan.outcome, plan.steps, plan.cost) == (Outcome.SOLVED, (), 0)
+
+
+def test_steps_say_what_they_need_and_do_in_the_models_words() -> None:
+    step = plan_for(TEDUSAR, [fails("on", "jaguar")], ["jaguar"]).steps[0]
+    assert set(step.preconditions) == {holds("off", "jaguar")}
+    assert {holds("on", "jaguar"), fails("off", "jaguar"), fails("bad", "jaguar")} <= set(step.effects)
+    assert {holds("bad", "jaguar_node"), fails("good", "jaguar_node")} <= set(step.effects)
+
+
+# --- what is assumed, left out, protected ---------------------------------------------------------
+
+
+def test_what_nobody_observed_of_a_bad_component_is_assumed_and_said() -> None:
+    plan = plan_for(TEDUSAR, [], ["hokuyo"])
+    assert plan.assumed == (holds("on", "hokuyo"),)
+    assert plan_for(TEDUSAR, [holds("on", "hokuyo")], ["hokuyo"]).assumed == ()
+
+
+def test_unreachable_goals_are_named_and_the_rest_is_planned(planner: str) -> None:
+    plan = plan_for(TEDUSAR, [], ["imu", "rviz"], PlanOptions(planner=planner))
+    assert plan.outcome is Outcome.UNSOLVABLE
+    assert plan.unreachable == ("imu: no known action makes it good (it has no power channel)",)
+    assert texts(plan) == ["stop_node(rviz)", "start_node(rviz)"]
+
+
+def test_the_reason_names_what_is_in_the_way() -> None:
+    plan = plan_for(TEDUSAR, [fails("running", "imu_node")], ["imu", "imu_node"])
+    assert plan.unreachable[1] == (
+        "imu_node: start_node(imu_node) needs good(imu), and no known action brings that about"
+    )
+
+
+def test_nodes_that_are_meant_to_be_stopped_are_left_alone(planner: str) -> None:
+    options = PlanOptions(planner=planner, expected_stopped=("hokuyo_node",))
+    plan = plan_for(TEDUSAR, ALL_OFF, POWER_UP, options)
+    assert plan.excluded == ("hokuyo_node",)
+    assert not any("hokuyo_node" in text for text in texts(plan))
+    assert "start_node(hector_mapping)" in texts(plan)
+
+
+def test_quarantined_components_are_left_alone_and_what_needs_them_is_named() -> None:
+    plan = plan_for(TEDUSAR, ALL_OFF, POWER_UP, PlanOptions(quarantined=("jaguar",)))
+    assert "power_up(jaguar)" not in texts(plan)
+    assert plan.unreachable == (
+        "jaguar_node: start_node(jaguar_node) needs good(jaguar), and power_up(jaguar) is refused: "
+        "jaguar is left alone",
+    )
+
+
+def test_nothing_shuts_a_protected_component_down_nor_what_feeds_it(planner: str) -> None:
+    hardware = {
+        "psu": Hardware("psu", 0),
+        "pc": Hardware("pc", 2, fed_by=("psu",)),
+        "arm": Hardware("arm", 1, fed_by=("psu",)),
+    }
+    robot = ComponentModel("r", hardware, {}, {})
+    free = plan_for(robot, [], ["psu"], PlanOptions(planner=planner))
+    assert "shutdown(psu)" in texts(free)
+    safe = plan_for(robot, [], ["psu", "arm"], PlanOptions(planner=planner, protected=("pc",)))
+    assert texts(safe) == []
+    assert "shutdown(psu) is refused: pc, which it feeds, is protected" in safe.unreachable[0]
+
+
+def test_what_hangs_on_a_supply_comes_back_with_it_and_its_drivers_restart(planner: str) -> None:
+    """Without a channel of its own nothing else could bring it back; also through a hub without channel."""
+    hardware = {
+        "psu": Hardware("psu", 0),
+        "hub": Hardware("hub", None, fed_by=("psu",)),
+        "camera": Hardware("camera", None, fed_by=("hub",)),
+        "lidar": Hardware("lidar", 1, fed_by=("hub",)),
+    }
+    nodes = {
+        "camera_node": Node("camera_node", drives=("camera",), publishes={"image": ()}),
+        "lidar_node": Node("lidar_node", drives=("lidar",), publishes={"scan": ()}),
+    }
+    robot = ComponentModel("r", hardware, nodes, {})
+    options = PlanOptions(planner=planner)
+    restarts = {f"{action}({node})" for action in ("stop_node", "start_node") for node in nodes}
+    cycled = plan_for(robot, [], ["psu"], options)
+    assert cycled.outcome is Outcome.SOLVED
+    assert texts(cycled)[0] == "shutdown(psu)"
+    assert set(texts(cycled)) == {
+        *("shutdown(psu)", "power_up(psu)", "shutdown(lidar)", "power_up(lidar)"),
+        *restarts,
+    }
+    came_back = plan_for(robot, [fails("on", "psu")], ["psu"], options)
+    assert set(texts(came_back)) == {"power_up(psu)", *restarts}
+    assert texts(came_back)[0] == "power_up(psu)"
+    safe = plan_for(robot, [], ["psu"], replace(options, protected=("camera",)))
+    assert texts(safe) == []
+
+
+def test_a_spare_that_is_meant_to_be_off_is_switched_on_by_nothing_but_the_users_action(planner: str) -> None:
+    spare = """
+    (define (domain robot-repair)
+      (:predicates (spare_for ?s ?h - hardware))
+      (:action use_spare
+        :parameters (?h ?s - hardware)
+        :precondition (and (spare_for ?s ?h) (bad ?h) (off ?s))
+        :effect (and (on ?s) (not (off ?s)) (good ?h) (not (bad ?h)) (increase (total-cost) 5)))
+      (:init (spare_for gps_b gps_a)))
+    """
+    robot = ComponentModel("r", {"gps_a": Hardware("gps_a", 0), "gps_b": Hardware("gps_b", 1)}, {}, {})
+    off = [fails("on", "gps_b")]
+    options = PlanOptions(planner=planner, domain=spare, expected_stopped=("gps_b",))
+    assert texts(plan_for(robot, off, ["gps_a"], options)) == ["use_spare(gps_a, gps_b)"]
+    assert texts(plan_for(robot, off, ["gps_b"], options)) == []
+    quarantined = replace(options, expected_stopped=(), quarantined=("gps_b",))
+    assert texts(plan_for(robot, off, ["gps_a"], quarantined)) == ["shutdown(gps_a)", "power_up(gps_a)"]
+
+
+def test_a_model_may_mark_what_is_protected() -> None:
+    robot = replace(TEDUSAR, hardware={**TEDUSAR.hardware, "hokuyo": Hardware("hokuyo", 3, protected=True)})
+    assert texts(plan_for(robot, [], ["hokuyo"])) == []
+
+
+def test_names_that_are_not_the_models_are_refused() -> None:
+    with pytest.raises(UnknownComponent, match="did you mean 'jaguar'"):
+        plan_for(TEDUSAR, [], ["jagaur"])
+    with pytest.raises(OptionRefused, match="choose one of"):
+        plan_for(TEDUSAR, [], ["jaguar"], PlanOptions(planner="graphplan"))
+
+
+def test_names_may_hold_what_pddl_cannot() -> None:
+    robot = ComponentModel(
+        "r",
+        {"Front/Lidar 1": Hardware("Front/Lidar 1", 1)},
+        {"front": Node("front"), "Front": Node("Front")},
+        {},
+    )
+    plan = plan_for(robot, [], ["Front/Lidar 1", "Front"], PlanOptions(pddl=True))
+    assert "power_up(Front/Lidar 1)" in texts(plan)
+    assert "start_node(Front)" in texts(plan)
+    assert plan.pddl is not None
+    assert ";; o0 is Front/Lidar 1" in plan.pddl[1]
+
+
+# --- structure ------------------------------------------------------------------------------------
+
+
+def test_a_cycle_of_topics_keeps_nobody_from_starting(planner: str) -> None:
+    nodes = {
+        "a": Node("a", publishes={"ta": ("tb",)}),
+        "b": Node("b", publishes={"tb": ("ta",)}),
+        "c": Node("c", publishes={"tc": ("ta",)}),
+    }
+    robot = ComponentModel("r", {}, nodes, {})
+    plan = plan_for(robot, broken(robot, nodes), nodes, PlanOptions(planner=planner))
+    assert plan.outcome is Outcome.SOLVED
+    assert position(plan, "start_node(a)") < position(plan, "start_node(c)")
+
+
+def test_what_is_tied_restarts_too(planner: str) -> None:
+    nodes = {"core": Node("core"), "bridge": Node("bridge", tied_to=("core",))}
+    robot = ComponentModel("r", {}, nodes, {})
+    plan = plan_for(robot, [], ["core"], PlanOptions(planner=planner))
+    assert set(texts(plan)) == {f"{verb}({node})" for verb in ("stop_node", "start_node") for node in nodes}
+
+
+def test_feeders_come_first(planner: str) -> None:
+    hardware = {"arm": Hardware("arm", 1, fed_by=("psu",)), "psu": Hardware("psu", 0)}
+    robot = ComponentModel("r", hardware, {}, {})
+    plan = plan_for(robot, broken(robot, hardware), hardware, PlanOptions(planner=planner))
+    assert texts(plan) == ["power_up(psu)", "power_up(arm)"]
+
+
+def test_goals_that_exclude_each_other_are_said_honestly(planner: str) -> None:
+    """The device comes back only at the price of a driver that cannot be restarted."""
+    nodes = {"driver": Node("driver", ("arm",), restartable=False)}
+    robot = ComponentModel("r", {"arm": Hardware("arm", 1)}, nodes, {})
+    plan = plan_for(robot, [], ["arm"], PlanOptions(planner=planner))
+    assert plan.outcome is Outcome.UNSOLVABLE
+    assert plan.unreachable == ("driver: cannot be made good together with arm",)
+    assert texts(plan) == ["shutdown(arm)", "power_up(arm)"]
+
+
+def test_the_cost_of_a_component_scales_its_actions() -> None:
+    robot = replace(TEDUSAR, hardware={**TEDUSAR.hardware, "hokuyo": Hardware("hokuyo", 3, cost=2.0)})
+    assert plan_for(robot, [fails("on", "hokuyo")], ["hokuyo"]).cost == 20 + 1 + 3

@@ -1,0 +1,90 @@
+"""Plans with the user's own actions: a last resort, a bus reset, a spare."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from tests.planning.robots import TEDUSAR, texts
+
+from robomend.model.components import ComponentModel, Hardware, Node
+from robomend.planning.planning import PlanOptions, plan_for
+from robomend_client.literals import fails, holds
+
+OPERATOR = """
+(define (domain robot-repair)
+  (:action call_operator
+    :parameters (?c - component)
+    :precondition (bad ?c)
+    :effect (and (good ?c) (not (bad ?c)) (increase (total-cost) 500))))
+"""
+
+
+def test_a_last_resort_is_not_taken_first_because_it_is_short(planner: str) -> None:
+    options = PlanOptions(planner=planner, domain=OPERATOR)
+    assert plan_for(TEDUSAR, [], ["hokuyo"], options).cost == 15 + 10 + 1 + 3
+    assert texts(plan_for(TEDUSAR, [], ["imu"], options)) == ["call_operator(imu)"]
+
+
+USB = """
+(define (domain robot-repair)
+  (:types bus - object)
+  (:predicates (on_bus ?h - hardware ?b - bus))
+  (:action reset_usb
+    :parameters (?b - bus)
+    :precondition (exists (?h - hardware) (and (on_bus ?h ?b) (bad ?h)))
+    :effect (and
+      (forall (?h - hardware) (when (on_bus ?h ?b) (and (good ?h) (not (bad ?h)))))
+      (forall (?h - hardware ?n - node)
+        (when (and (on_bus ?h ?b) (drives ?n ?h)) (and (bad ?n) (not (good ?n)))))
+      (increase (total-cost) 5)))
+  (:objects usb1 - bus)
+  (:init (on_bus imu usb1)))
+"""
+
+
+def test_the_users_own_action_is_planned_with(planner: str) -> None:
+    plan = plan_for(TEDUSAR, [], ["imu"], PlanOptions(planner=planner, domain=USB))
+    assert texts(plan) == ["reset_usb(usb1)", "stop_node(imu_node)", "start_node(imu_node)"]
+
+
+SPARE = """
+(define (domain robot-repair)
+  (:predicates (spare_for ?s - hardware ?h - hardware))
+  (:action switch_to_spare
+    :parameters (?h - hardware ?s - hardware)
+    :precondition (and (spare_for ?s ?h) (bad ?h) (not (on ?s)))
+    :effect (and (on ?s) (not (off ?s)) (good ?s) (not (bad ?s)) (off ?h) (not (on ?h))
+      (good ?h) (not (bad ?h))
+      (forall (?n - node) (when (drives ?n ?h) (and (bad ?n) (not (good ?n)))))
+      (increase (total-cost) 8)))
+  (:init (spare_for lidar2 lidar)))
+"""
+
+
+def test_a_spare_takes_over_where_the_device_cannot_come_back(planner: str) -> None:
+    """The spare is meant to be off, so it is no goal; the broken device has no channel to cycle."""
+    robot = ComponentModel(
+        "r",
+        {"lidar": Hardware("lidar"), "lidar2": Hardware("lidar2", 2)},
+        {"lidar_node": Node("lidar_node", ("lidar",))},
+        {},
+    )
+    options = PlanOptions(planner=planner, domain=SPARE)
+    plan = plan_for(robot, [fails("on", "lidar2")], ["lidar", "lidar2"], options)
+    assert texts(plan) == [
+        "switch_to_spare(lidar, lidar2)",
+        "stop_node(lidar_node)",
+        "start_node(lidar_node)",
+    ]
+    seen = [holds("on", "lidar2")]
+    assert texts(plan_for(robot, seen, ["lidar"], options)) == []
+
+
+def test_users_actions_respect_protection_too(planner: str) -> None:
+    robot = ComponentModel("r", {"lidar": Hardware("lidar", 1), "lidar2": Hardware("lidar2", 2)}, {}, {})
+    options = PlanOptions(planner=planner, domain=SPARE)
+    seen = [fails("on", "lidar2")]
+    assert "switch_to_spare(lidar, lidar2)" in texts(plan_for(robot, seen, ["lidar"], options))
+    safe = plan_for(robot, seen, ["lidar"], replace(options, protected=("lidar",)))
+    assert texts(safe) == ["power_up(lidar2)"]
+    assert "refused" in safe.unreachable[0]

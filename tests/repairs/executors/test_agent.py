@@ -1,0 +1,124 @@
+"""Actions that an agent pulls: handed out, answered once, withdrawn when nobody comes."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+import pytest
+from tests.store.examples import with_robots
+
+from robomend.errors import StateConflict
+from robomend.repairs.executors.agent import AgentExecutor, AgentQueue
+from robomend.store import Store
+from robomend_client.actions import CANCELLED, OK, TIMED_OUT, UNREACHABLE, Action, ActionResult
+
+pytestmark = pytest.mark.anyio
+
+
+@pytest.fixture
+async def store(tmp_path: Path) -> AsyncIterator[Store]:
+    store = Store(f"sqlite:///{tmp_path}/robomend.db")
+    await store.start()
+    await with_robots(store, "r1")
+    yield store
+    await store.close()
+
+
+@pytest.fixture
+async def queue(store: Store) -> AsyncIterator[AgentQueue]:
+    queue = AgentQueue(store)
+    queue.start()
+    yield queue
+    queue.close()
+
+
+def quiet(code: int, message: str) -> None:
+    pass
+
+
+def sent(store: Store, queue: AgentQueue, timeout_s: float, id: str = "r-1:0") -> asyncio.Task[ActionResult]:
+    """Send start_node(driver) to the agent on nuc."""
+    executor = AgentExecutor(queue, store, "r1", {"driver": "nuc"})
+    return asyncio.create_task(executor.execute(Action(id, "start_node", ("driver",), timeout_s), quiet))
+
+
+async def test_the_agent_on_the_component_s_host_gets_it_and_its_answer_counts(
+    store: Store, queue: AgentQueue
+) -> None:
+    result = sent(store, queue, 10.0)
+    assert await queue.take("r1", "other", 0.2) is None
+    action = await queue.take("r1", "nuc", 5.0)
+    assert action is not None
+    assert (action.id, action.name, action.parameters) == ("r-1:0", "start_node", ("driver",))
+    await queue.answered(action.id)
+    await queue.finish(action.id, OK, "started")
+    assert await result == ActionResult(OK, "started")
+
+
+async def test_an_action_that_returns_twice_keeps_its_first_result(store: Store, queue: AgentQueue) -> None:
+    result = sent(store, queue, 10.0)
+    action = await queue.take("r1", "nuc", 5.0)
+    assert action is not None
+    await queue.finish(action.id, 7, "no such node")
+    second = await queue.finish(action.id, OK, "started after all")
+    assert (second.code, second.message) == (7, "no such node")
+    assert await result == ActionResult(7, "no such node")
+    assert await sent(store, queue, 10.0) == ActionResult(7, "no such node")  # the same id again
+
+
+async def test_nobody_there_means_that_it_did_not_act(store: Store, queue: AgentQueue) -> None:
+    result = await sent(store, queue, 0.2)
+    assert result.code == UNREACHABLE
+    assert result.message == "the agent on nuc did not ask for work in 0.2 s"
+    assert await queue.take("r1", "nuc", 0.1) is None  # withdrawn: too late
+    with pytest.raises(StateConflict):
+        await queue.answered("r-1:0")
+
+
+async def test_an_agent_that_begins_and_never_reports_leaves_the_outcome_unknown(
+    store: Store, queue: AgentQueue
+) -> None:
+    result = sent(store, queue, 0.6)
+    action = await queue.take("r1", "nuc", 5.0)
+    assert action is not None
+    await queue.answered(action.id)
+    assert (await result).code == TIMED_OUT
+
+
+async def test_halting_tells_the_agent_that_is_at_it(store: Store, queue: AgentQueue) -> None:
+    halt = asyncio.Event()
+    executor = AgentExecutor(queue, store, "r1", {}, halt)
+    result = asyncio.create_task(executor.execute(Action("r-1:0", "start_node", ("driver",), 10.0), quiet))
+    await queue.take("r1", "nuc", 5.0)
+    await queue.answered("r-1:0")
+    await queue.answered("r-1:0")  # a second later, still wanted
+    halt.set()
+    result.cancel()
+    await asyncio.wait({result})
+    with pytest.raises(StateConflict):
+        await queue.answered("r-1:0")
+    late = await queue.finish("r-1:0", OK, "started after all")
+    assert late.code == CANCELLED
+
+
+async def test_an_agent_that_is_at_it_goes_on_when_only_the_service_ends(
+    store: Store, queue: AgentQueue
+) -> None:
+    result = sent(store, queue, 10.0)
+    await queue.take("r1", "nuc", 5.0)
+    await queue.answered("r-1:0")
+    result.cancel()
+    await asyncio.wait({result})
+    assert (await queue.answered("r-1:0")).code is None
+    assert (await queue.finish("r-1:0", OK, "started")).code == OK
+
+
+async def test_cancelling_withdraws_what_nobody_has_begun(store: Store, queue: AgentQueue) -> None:
+    result = sent(store, queue, 10.0)
+    await queue.take("r1", "nuc", 5.0)
+    result.cancel()
+    await asyncio.wait({result})
+    with pytest.raises(StateConflict):
+        await queue.answered("r-1:0")

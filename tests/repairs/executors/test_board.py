@@ -1,0 +1,71 @@
+"""The board executor maps power actions to channels and guards the protected ones."""
+
+from __future__ import annotations
+
+import pytest
+
+from robomend.errors import BoardError, BoardRefused, BoardTimeout, BoardUnreachable
+from robomend.repairs.executors.board import BoardExecutor
+from robomend_client.actions import FAILED, OK, REFUSED, TIMED_OUT, UNREACHABLE, Action
+
+pytestmark = pytest.mark.anyio
+
+
+class Board:
+    """Records what it is told, or fails."""
+
+    def __init__(self, failure: BoardError | None = None) -> None:
+        self.failure = failure
+        self.told: list[tuple[int, bool]] = []
+
+    async def wait_connected(self, timeout_s: float) -> None:
+        pass
+
+    async def switch(self, channel: int, on: bool, timeout_s: float | None = None) -> None:
+        if self.failure is not None:
+            raise self.failure
+        self.told.append((channel, on))
+
+
+def quiet(code: int, message: str) -> None:
+    pass
+
+
+def executor(board: Board) -> BoardExecutor:
+    return BoardExecutor(board, {"jaguar": 7, "pc": 2}, frozenset({2}))
+
+
+@pytest.mark.parametrize(("name", "on"), [("power_up", True), ("shutdown", False)])
+async def test_power_actions_switch_the_channel(name: str, on: bool) -> None:
+    board = Board()
+    done = await executor(board).execute(Action("r-1:0", name, ("jaguar",), 1.0), quiet)
+    assert done.code == OK
+    assert board.told == [(7, on)]
+
+
+async def test_a_protected_channel_is_never_switched_off() -> None:
+    board = Board()
+    assert (await executor(board).execute(Action("r-1:0", "shutdown", ("pc",), 1.0), quiet)).code == REFUSED
+    assert (await executor(board).execute(Action("r-1:1", "power_up", ("pc",), 1.0), quiet)).code == OK
+    assert board.told == [(2, True)]
+
+
+@pytest.mark.parametrize(
+    ("failure", "code"),
+    [
+        (BoardRefused("channel faulty"), FAILED),
+        (BoardTimeout("no acknowledge"), TIMED_OUT),
+        (BoardUnreachable("no connection"), UNREACHABLE),
+        (BoardError("something else"), FAILED),
+    ],
+)
+async def test_the_board_s_errors_are_results(failure: BoardError, code: int) -> None:
+    done = await executor(Board(failure)).execute(Action("r-1:0", "power_up", ("jaguar",), 1.0), quiet)
+    assert (done.code, done.message) == (code, str(failure))
+
+
+@pytest.mark.parametrize("action", [("start_node", ("jaguar",)), ("power_up", ("imu",)), ("power_up", ())])
+async def test_what_a_board_cannot_do_is_refused(action: tuple[str, tuple[str, ...]]) -> None:
+    name, parameters = action
+    done = await executor(Board()).execute(Action("r-1:0", name, parameters, 1.0), quiet)
+    assert done.code == REFUSED

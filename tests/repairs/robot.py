@@ -1,0 +1,209 @@
+"""A robot in memory that a real service repairs: it pulls actions as an agent does, and reports.
+
+Everything on the service's side is real (store, robots, engine, planner processes, repair loop); only the
+robot is not, so that a test can make it misbehave to the millisecond.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import time
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from robomend.api.runtime import Runtime
+from robomend.oneshots.oneshots import OneShots
+from robomend.planning.planner_pool import PlannerPool
+from robomend.repairs.repairs import Repairs, make_repairs
+from robomend.robots.batches import Batch
+from robomend.robots.robots import Robots
+from robomend.settings import Settings
+from robomend.store import Store
+
+MODEL = """
+robomend: 1
+name: small
+hardware:
+  base: {channel: 7}
+  lidar: {channel: 3}
+nodes:
+  base_node: {drives: [base], publishes: {odom: []}}
+  lidar_node: {drives: [lidar], publishes: {scan: []}}
+  mapping: {publishes: {map: [scan]}}
+"""
+
+HARDWARE = {"base": "base_node", "lidar": "lidar_node"}
+NODES = ("base_node", "lidar_node", "mapping")
+OBSERVED = (
+    [f"on({h})" for h in HARDWARE] + [f"running({n})" for n in NODES] + ["ok(odom)", "ok(scan)", "ok(map)"]
+)
+
+SHUT_DOWN = ["power_up(base)", "stop_node(base_node)", "start_node(base_node)"]
+"""What is done when the base has lost its power."""
+
+CONFIG: dict[str, Any] = {
+    "model": "small",
+    "policy": "auto",
+    "observed": OBSERVED,
+    "observed_timeout_s": 3.0,
+    "limits": {"attempts_per_hour": 100, "rounds": 6},
+    "actions": {
+        name: {"executor": {"kind": "agent"}, "timeout_s": 2.0, "effect_timeout_s": 1.0}
+        for name in ("power_up", "shutdown", "start_node", "stop_node")
+    },
+}
+
+
+ONCE = """
+(define (domain robot-repair)
+  (:action recalibrate
+    :parameters (?n - node)
+    :precondition (and (running ?n) (bad ?n))
+    :effect (and (good ?n) (not (bad ?n)) (increase (total-cost) 1))))
+"""
+"""A user's action, far cheaper than a restart, that is not declared idempotent."""
+
+
+def with_recalibrate(timeout_s: float = 3.0) -> dict[str, Any]:
+    """Return the configuration of a robot that can do it."""
+    actions = {**CONFIG["actions"], "recalibrate": {"timeout_s": timeout_s, "effect_timeout_s": 1.0}}
+    return {"domain": ONCE, "actions": actions}
+
+
+planners: PlannerPool | None = None
+"""Of the session, see conftest.py."""
+
+
+@dataclass
+class Robot:
+    """State and behaviour. `spoil` may replace what an action does; it returns the result's code, or None."""
+
+    repairs: Any
+    robots: Any
+    on: dict[str, bool] = field(default_factory=lambda: dict.fromkeys(HARDWARE, True))
+    running: dict[str, bool] = field(default_factory=lambda: dict.fromkeys(NODES, True))
+    connected: dict[str, bool] = field(default_factory=lambda: dict.fromkeys(HARDWARE.values(), True))
+    done: list[str] = field(default_factory=list)
+    ids: list[str] = field(default_factory=list)
+    spoil: Callable[[Robot, str, str], Awaitable[int | None]] | None = None
+    broken_topics: set[str] = field(default_factory=set)
+    silent: bool = False
+
+    def cut(self, device: str) -> None:
+        """The device loses its power; its driver runs on, mute."""
+        self.on[device] = False
+        self.connected[HARDWARE[device]] = False
+
+    def do(self, name: str, parameter: str) -> None:
+        """What the action does on a robot that works."""
+        if name == "power_up":
+            self.on[parameter] = True
+        elif name == "shutdown":
+            self.cut(parameter)
+        elif name == "stop_node":
+            self.running[parameter] = False
+            self.connected[parameter] = False
+        elif name == "start_node":
+            self.running[parameter] = True
+            device = next((d for d, n in HARDWARE.items() if n == parameter), None)
+            self.connected[parameter] = device is not None and self.on[device]
+
+    def sentences(self) -> list[str]:
+        """Return what the observers see."""
+        odom = self.running["base_node"] and self.connected["base_node"] and self.on["base"]
+        scan = self.running["lidar_node"] and self.connected["lidar_node"] and self.on["lidar"]
+        good = {"odom": odom, "scan": scan, "map": scan and self.running["mapping"]}
+        facts = {f"on({h})": v for h, v in self.on.items()}
+        facts |= {f"running({n})": v for n, v in self.running.items()}
+        facts |= {f"ok({t})": v and t not in self.broken_topics for t, v in good.items()}
+        return [fact if value else f"not {fact}" for fact, value in facts.items()]
+
+    async def report(self) -> None:
+        if not self.silent:
+            await self.robots.observe("r1", Batch(tuple(self.sentences()), source="test robot"))
+
+    async def settled(self) -> None:
+        """Wait until the service has diagnosed the robot as it is now."""
+        await self.report()
+        await self.robots.diagnosed("r1")
+
+    async def report_for_ever(self) -> None:
+        while True:
+            await self.report()
+            await asyncio.sleep(0.05)
+
+    async def act_for_ever(self) -> None:
+        while True:
+            action = await self.repairs.next_action("r1", host=None, wait_s=5.0)
+            if action is None:
+                continue
+            [parameter] = action["parameters"]
+            self.ids.append(action["id"])
+            await self.repairs.feedback(action["id"], code=0, message="begun", by="robot")
+            code = await self.spoil(self, action["name"], parameter) if self.spoil else None
+            if code is None:
+                self.do(action["name"], parameter)
+                code = 0
+            self.done.append(f"{action['name']}({parameter})")
+            await self.report()
+            await self.repairs.result(action["id"], code=code, message="", by="robot")
+
+
+@asynccontextmanager
+async def service(data: Path, **settings: Any) -> AsyncIterator[Runtime]:
+    """Run the parts of a service, without HTTP, on the session's planners."""
+
+    def with_planners(
+        store: Store, robots: Robots, own: PlannerPool, one_shots: OneShots, settings: Settings
+    ) -> Repairs:
+        return make_repairs(store, robots, planners or own, one_shots, settings)
+
+    runtime = Runtime(Settings(data=data, **settings), with_planners)
+    async with runtime.lifespan(runtime.app):
+        yield runtime
+
+
+@asynccontextmanager
+async def robot_on(runtime: Runtime, **changes: Any) -> AsyncIterator[Robot]:
+    """Create robot r1 on the service, and run it."""
+    with contextlib.suppress(Exception):
+        await runtime.robots.models.put("small", MODEL, format=None, expected=None, by="test")
+    await runtime.robots.put_robot("r1", {**CONFIG, **changes}, expected=None, by="test")
+    async with running(Robot(runtime.repairs, runtime.robots)) as robot:
+        yield robot
+
+
+@asynccontextmanager
+async def running(robot: Robot) -> AsyncIterator[Robot]:
+    """Let the robot report and act until the end."""
+    tasks = [asyncio.create_task(robot.report_for_ever()), asyncio.create_task(robot.act_for_ever())]
+    try:
+        yield robot
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.wait(tasks)
+
+
+async def nothing_begins(runtime: Runtime, for_s: float = 0.5) -> None:
+    """Look for a while that no repair begins. One begins within milliseconds of its diagnosis."""
+    end = time.monotonic() + for_s
+    while time.monotonic() < end:
+        assert list(await runtime.repairs.repairs("r1", before=None, limit=1)) == []
+        await asyncio.sleep(0.05)
+
+
+async def the_repair(runtime: Runtime, *, ended: bool = True, timeout_s: float = 60.0) -> dict[str, Any]:
+    """Return the robot's latest repair, once it has ended (or awaits approval)."""
+    async with asyncio.timeout(timeout_s):
+        while True:
+            repairs = await runtime.repairs.repairs("r1", before=None, limit=1)
+            if repairs:
+                repair = dict(repairs[0])
+                if (repair["finished_ns"] is not None) if ended else repair["state"] == "awaiting-approval":
+                    return repair
+            await asyncio.sleep(0.02)

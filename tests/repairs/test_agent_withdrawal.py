@@ -1,0 +1,87 @@
+"""A long action is withdrawn from a real `robomend-agent` by the real service, and nothing acts twice."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from tests.clients.running_agent import agent, alive, config
+from tests.repairs.remote import ended, latest, services
+
+pytestmark = pytest.mark.anyio
+
+MODEL = """
+robomend: 1
+name: one-node
+nodes:
+  laser: {publishes: {scan: []}}
+"""
+
+LASER = """
+import os, pathlib, sys, time
+folder = pathlib.Path(sys.argv[1])
+with (folder / "starts").open("a") as starts:
+    starts.write(f"{os.getpid()}\\n")
+while not (folder / "may-start").exists():
+    time.sleep(0.02)
+print("ready", flush=True)
+time.sleep(1000)
+"""
+
+
+@pytest.mark.parametrize("how", ["cancel", "stop"])
+async def test_a_start_under_way_is_given_up_and_done_once_when_it_is_wanted_again(
+    tmp_path: Path, how: str
+) -> None:
+    laser = {
+        "command": [sys.executable, "-c", LASER, str(tmp_path)],
+        "ready": {"output": "ready"},
+        "start_timeout_s": 120,
+    }
+
+    def starts() -> list[int]:
+        file = tmp_path / "starts"
+        return [int(line) for line in file.read_text().split()] if file.exists() else []
+
+    async def until(seen: Callable[[], object]) -> None:
+        async with asyncio.timeout(120):
+            while not seen():
+                await asyncio.sleep(0.02)
+
+    async with services(("--data", str(tmp_path / "service"))) as [service]:
+        client = service.client
+        assert client is not None
+        await client.put_model("one-node", MODEL)
+        slow = {"timeout_s": 120.0, "effect_timeout_s": 10.0}
+        robot = {
+            "model": "one-node",
+            "policy": "auto",
+            "observed": ["running(laser)"],
+            "actions": {"start_node": slow},
+        }
+        await client.put_robot("tedusar", robot)
+        with agent(config(tmp_path, service.url, {"laser": laser})):
+            await until(starts)
+            under_way = await latest([service], lambda repair: repair["state"] == "running", robot="tedusar")
+            if how == "cancel":
+                await client.cancel(under_way["id"], "not now")
+            else:
+                await client.stop("people on the floor")
+            await until(lambda: not any(map(alive, starts())))
+            over = await latest([service], ended, robot="tedusar")
+            assert (over["id"], over["state"]) == (under_way["id"], "cancelled")
+            assert [step["result"] for step in over["plan"]] == [5]
+            assert len(starts()) == 1
+            (tmp_path / "may-start").touch()
+            if how == "cancel":
+                await client.start_repair("tedusar")
+            else:
+                await client.resume()
+            repair = await latest(
+                [service], lambda r: ended(r) and r["id"] != under_way["id"], robot="tedusar"
+            )
+            assert (repair["state"], len(starts())) == ("repaired", 2)
+            assert [alive(pid) for pid in starts()] == [False, True]

@@ -1,0 +1,114 @@
+"""Executing a plan: side by side, and what keeps a step from being sent or cuts it off."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import replace
+
+import pytest
+from tests.repairs.lidar_robot import CNF, POWER_LOST, Robot, run, setting, step
+from tests.waiting import for_ever
+
+from robomend.planning.plan import Step
+from robomend.planning.prediction import Prediction, Theory
+from robomend.repairs.execution import execute
+from robomend.repairs.execution_values import Ending, StepReport, Withheld
+from robomend_client.actions import OK, Action, ActionResult
+from robomend_client.literals import Atom
+
+pytestmark = pytest.mark.anyio
+
+
+async def test_stopping_sends_nothing_more_and_cuts_off_what_runs() -> None:
+    robot = Robot()
+    here = setting(robot)
+
+    async def stop_in_the_middle(robot: Robot, action: Action) -> ActionResult | None:
+        if action.name == "stop_node":
+            here.halt.set()
+            await for_ever()
+        return None
+
+    robot.behave = stop_in_the_middle
+    async with asyncio.timeout(3.0):  # a second is what is promised; the machine may be busy
+        done = await execute(POWER_LOST, here)
+    assert done.ending is Ending.HALTED
+    assert robot.sent == ["power_up(lidar)", "stop_node(driver)"]
+    assert robot.journal[-1] == "settle r-1:1 5"
+
+
+async def test_a_stop_that_comes_while_the_intent_is_written_sends_nothing() -> None:
+    robot = Robot()
+    here = setting(robot)
+    intend = robot.intend
+
+    async def halting(action: Action, report: StepReport) -> None:
+        await intend(action, report)
+        here.halt.set()
+
+    robot.intend = halting  # type: ignore[method-assign]  # a test double of a test double
+    done = await execute(POWER_LOST, here)
+    assert done.ending is Ending.HALTED
+    assert robot.sent == []
+
+
+async def test_a_refused_step_is_not_sent() -> None:
+    robot = Robot()
+
+    async def refuse(step: Step) -> str | None:
+        return "the policy says no" if step.name == "stop_node" else None
+
+    done = await execute(POWER_LOST, replace(setting(robot), permit=refuse))
+    assert done.ending is Ending.NOT_PERMITTED
+    assert done.reason == "stop_node(driver): the policy says no"
+    assert robot.sent == ["power_up(lidar)"]
+
+
+async def test_steps_that_are_not_ordered_run_side_by_side() -> None:
+    robot = Robot(obs={})
+    both = asyncio.Barrier(2)
+
+    async def meet(robot: Robot, action: Action) -> ActionResult | None:
+        async with asyncio.timeout(1.0):
+            await both.wait()
+        return ActionResult(OK)
+
+    robot.behave = meet
+    plan = replace(
+        POWER_LOST,
+        steps=(step(0, "power_up", "lidar"), step(1, "power_up", "camera")),
+        initial=frozenset({Atom("off", ("lidar",)), Atom("off", ("camera",))}),
+    )
+    here = replace(setting(robot), observed=frozenset(), prediction=Prediction(Theory(CNF), (), plan.initial))
+    done = await execute(plan, here)
+    assert done.ending is Ending.DONE
+    assert sorted(robot.sent) == ["power_up(camera)", "power_up(lidar)"]
+
+
+async def test_a_journal_that_withholds_an_intent_ends_the_plan_unsent() -> None:
+    robot = Robot()
+
+    async def withhold(action: Action, report: StepReport) -> None:
+        raise Withheld("global stop: people on the floor")
+
+    robot.intend = withhold  # type: ignore[method-assign]  # a test double of a test double
+    done = await run(robot)
+    assert (done.ending, done.reason) == (Ending.HALTED, "global stop: people on the floor")
+    assert robot.sent == []
+
+
+async def test_an_action_cut_off_by_the_end_of_the_service_keeps_its_intent_open() -> None:
+    robot = Robot()
+    begun = asyncio.Event()
+
+    async def hangs(robot: Robot, action: Action) -> ActionResult | None:
+        begun.set()
+        await for_ever()
+        return None
+
+    robot.behave = hangs
+    task = asyncio.create_task(run(robot))
+    await begun.wait()
+    task.cancel()
+    await asyncio.wait({task})
+    assert robot.journal == ["intend r-1:0 power_up(lidar)"]

@@ -1,0 +1,111 @@
+"""What executors answer while a plan is executed: failures, silence, and an unknown outcome."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import replace
+
+import pytest
+from tests.repairs.lidar_robot import POWER_LOST, QUICK, Robot, run, setting, step
+from tests.waiting import for_ever
+
+from robomend.repairs.execution import execute
+from robomend.repairs.execution_values import Ending
+from robomend_client.actions import FAILED, REFUSED, TIMED_OUT, Action, ActionResult
+
+pytestmark = pytest.mark.anyio
+
+
+async def test_a_failed_action_is_tried_again_under_a_new_id() -> None:
+    robot = Robot()
+
+    async def fails_once(robot: Robot, action: Action) -> ActionResult | None:
+        return ActionResult(FAILED, "busy") if action.id == "r-1:1" else None
+
+    robot.behave = fails_once
+    assert (await run(robot)).ending is Ending.DONE
+    assert "intend r-1:1.1 stop_node(driver)" in robot.journal
+
+
+async def test_an_action_that_keeps_failing_ends_the_plan_with_its_message() -> None:
+    robot = Robot()
+
+    async def broken(robot: Robot, action: Action) -> ActionResult | None:
+        return ActionResult(7, "no such node") if action.name == "stop_node" else None
+
+    robot.behave = broken
+    done = await run(robot)
+    assert done.ending is Ending.ACTION_FAILED
+    assert done.reason == "stop_node(driver) ended with result 7: no such node"
+    assert robot.sent.count("stop_node(driver)") == 2
+
+
+async def test_an_action_without_an_answer_counts_as_done_when_its_effect_shows() -> None:
+    robot = Robot()
+
+    async def acts_but_never_answers(robot: Robot, action: Action) -> ActionResult | None:
+        if action.name == "power_up":
+            await robot.do(action)
+            return ActionResult(TIMED_OUT, "the acknowledge was lost")
+        return None
+
+    robot.behave = acts_but_never_answers
+    assert (await run(robot)).ending is Ending.DONE
+    assert robot.sent.count("power_up(lidar)") == 1
+
+
+async def test_an_action_that_must_not_be_repeated_asks_when_its_outcome_is_unknown() -> None:
+    robot = Robot()
+
+    async def silent(robot: Robot, action: Action) -> ActionResult | None:
+        return ActionResult(TIMED_OUT)
+
+    robot.behave = silent
+    done = await execute(POWER_LOST, replace(setting(robot), not_idempotent={"power_up"}))
+    assert done.ending is Ending.UNKNOWN_OUTCOME
+    assert robot.sent == ["power_up(lidar)"]
+
+
+async def test_an_unknown_outcome_is_told_even_if_another_step_failed_before_it() -> None:
+    robot = Robot()
+    both = replace(POWER_LOST, steps=(step(0, "power_up", "lidar"), step(1, "stop_node", "driver")))
+
+    async def one_fails_one_is_silent(robot: Robot, action: Action) -> ActionResult | None:
+        if action.name == "power_up":
+            await asyncio.sleep(0.1)  # the other has failed by then
+            return ActionResult(TIMED_OUT)
+        return ActionResult(REFUSED, "not now")
+
+    robot.behave = one_fails_one_is_silent
+    done = await execute(both, replace(setting(robot), not_idempotent={"power_up"}))
+    assert done.ending is Ending.UNKNOWN_OUTCOME
+
+
+async def test_a_hanging_executor_is_cut_off() -> None:
+    robot = Robot()
+
+    async def hangs(robot: Robot, action: Action) -> ActionResult | None:
+        await for_ever()
+        return None
+
+    robot.behave = hangs
+    quick = replace(QUICK, action_timeout_s=0.05, retries=0)
+    done = await execute(POWER_LOST, replace(setting(robot), default_timing=quick))
+    assert done.ending is Ending.ACTION_FAILED
+    assert done.reason == "power_up(lidar) was sent, and its outcome is unknown: no answer in 0.05 s"
+
+
+async def test_an_executor_that_breaks_counts_as_no_answer() -> None:
+    robot = Robot()
+
+    async def broken(robot: Robot, action: Action) -> ActionResult | None:
+        raise ZeroDivisionError("a driver's mistake")
+
+    robot.behave = broken
+    done = await run(robot)
+    assert done.ending is Ending.ACTION_FAILED
+    assert done.reason == (
+        "power_up(lidar) was sent, and its outcome is unknown: "
+        "the executor failed: ZeroDivisionError: a driver's mistake"
+    )
+    assert "settle r-1:0 3" in robot.journal

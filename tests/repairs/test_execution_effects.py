@@ -1,0 +1,130 @@
+"""What is seen while a plan is executed: effects that come, come late, stay away or flip back."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+from tests.repairs.lidar_robot import ON, RUNNING, SCAN, Robot, run
+
+from robomend.repairs.execution_values import Ending, StepState
+from robomend_client.actions import OK, Action, ActionResult
+from robomend_client.literals import Literal
+
+pytestmark = pytest.mark.anyio
+
+
+async def test_each_action_is_journaled_sent_and_its_effect_seen() -> None:
+    robot = Robot()
+    done = await run(robot)
+    assert done.ending is Ending.DONE
+    assert robot.sent == ["power_up(lidar)", "stop_node(driver)", "start_node(driver)"]
+    assert robot.journal == [
+        "intend r-1:0 power_up(lidar)",
+        "settle r-1:0 0",
+        "intend r-1:1 stop_node(driver)",
+        "settle r-1:1 0",
+        "intend r-1:2 start_node(driver)",
+        "settle r-1:2 0",
+    ]
+    assert [report.seen for report in done.steps] == [
+        (Literal(ON),),
+        (-Literal(RUNNING),),
+        (Literal(SCAN), Literal(RUNNING)),
+    ]
+    assert done.effect_seen
+
+
+async def test_a_mute_driver_after_the_power_came_back_is_expected_not_news() -> None:
+    robot = Robot()
+
+    async def slow_to_stop(robot: Robot, action: Action) -> ActionResult | None:
+        if action.name == "stop_node":
+            await asyncio.sleep(0.2)  # on(lidar), running(driver) and not ok(scan), for longer than hold_s
+        return None
+
+    robot.behave = slow_to_stop
+    assert (await run(robot)).ending is Ending.DONE
+
+
+async def test_an_effect_that_is_already_there_is_not_brought_about_again() -> None:
+    robot = Robot()
+    robot.see(ON, True)
+    done = await run(robot)
+    assert done.ending is Ending.DONE
+    assert done.steps[0].state is StepState.ALREADY
+    assert robot.sent == ["stop_node(driver)", "start_node(driver)"]
+
+
+async def test_a_stuck_relay_is_told_by_the_missing_effect() -> None:
+    robot = Robot()
+
+    async def stuck(robot: Robot, action: Action) -> ActionResult | None:
+        return ActionResult(OK) if action.name == "power_up" else None
+
+    robot.behave = stuck
+    done = await run(robot)
+    assert done.ending is Ending.EFFECT_MISSING
+    assert done.mismatch == Literal(ON)
+    assert done.reason == "power_up(lidar) answered 'done', but on(lidar) was not seen within 0.3 s"
+    assert robot.sent == ["power_up(lidar)"]
+    assert not done.effect_seen
+
+
+async def test_a_late_effect_is_waited_for() -> None:
+    robot = Robot()
+
+    async def late(robot: Robot, action: Action) -> ActionResult | None:
+        if action.name == "power_up":
+            asyncio.get_running_loop().call_later(0.15, robot.see, ON, True)
+            return ActionResult(OK)
+        return None
+
+    robot.behave = late
+    assert (await run(robot)).ending is Ending.DONE
+
+
+async def test_an_effect_that_flips_back_ends_the_plan() -> None:
+    robot = Robot()
+
+    async def flips(robot: Robot, action: Action) -> ActionResult | None:
+        if action.name == "stop_node":
+            robot.see(ON, False)
+            await asyncio.sleep(0.3)  # longer than hold_s
+        return None
+
+    robot.behave = flips
+    done = await run(robot)
+    assert done.ending is Ending.MISMATCH
+    assert done.mismatch == Literal(ON)
+    assert robot.sent == ["power_up(lidar)", "stop_node(driver)"]
+
+
+async def test_a_flutter_shorter_than_the_hold_time_is_no_mismatch() -> None:
+    robot = Robot()
+
+    async def flutter(robot: Robot, action: Action) -> ActionResult | None:
+        if action.name == "stop_node":
+            robot.see(ON, False)
+            await asyncio.sleep(0.01)  # shorter than hold_s
+            robot.see(ON, True)
+            await asyncio.sleep(0.15)  # longer than hold_s
+        return None
+
+    robot.behave = flutter
+    assert (await run(robot)).ending is Ending.DONE
+
+
+async def test_nothing_acts_on_an_observation_that_went_stale() -> None:
+    robot = Robot()
+
+    async def agent_gone(robot: Robot, action: Action) -> ActionResult | None:
+        if action.name == "power_up":
+            robot.see(RUNNING, None)
+        return None
+
+    robot.behave = agent_gone
+    done = await run(robot)
+    assert done.ending is Ending.STALE
+    assert done.mismatch == Literal(RUNNING)
+    assert robot.sent == ["power_up(lidar)"]

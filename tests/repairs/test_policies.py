@@ -1,0 +1,160 @@
+"""What a policy lets happen: who is asked, what is allowed, when a repair begins by itself."""
+
+from __future__ import annotations
+
+import asyncio
+from datetime import UTC, datetime
+from pathlib import Path
+
+import pytest
+from tests.repairs.robot import CONFIG, SHUT_DOWN, Robot, nothing_begins, robot_on, service, the_repair
+
+from robomend.errors import Refused, StateConflict
+
+pytestmark = pytest.mark.anyio
+
+
+async def test_an_approval_counts_once_and_not_after_the_end(tmp_path: Path) -> None:
+    async with service(tmp_path) as runtime, robot_on(runtime, policy="approve") as robot:
+        await robot.settled()
+        robot.cut("base")
+        proposed = await the_repair(runtime, ended=False)
+        await runtime.repairs.approve(proposed["id"], by="ann", reason="")
+        with pytest.raises(StateConflict):
+            await runtime.repairs.approve(proposed["id"], by="bob", reason="")
+        await the_repair(runtime)
+        with pytest.raises(StateConflict, match="has ended already"):
+            await runtime.repairs.approve(proposed["id"], by="bob", reason="")
+    assert robot.done == SHUT_DOWN
+
+
+async def test_a_plan_that_waits_is_withdrawn_when_the_diagnosis_changes(tmp_path: Path) -> None:
+    async with service(tmp_path) as runtime, robot_on(runtime, policy="approve") as robot:
+        await robot.settled()
+        robot.cut("base")
+        proposed = await the_repair(runtime, ended=False)
+        robot.do("power_up", "base")
+        robot.do("start_node", "base_node")
+        repair = await the_repair(runtime)
+    assert repair["id"] == proposed["id"]
+    assert (repair["state"], repair["reason"]) == (
+        "cancelled",
+        "the robot is healthy again: the plan no longer applies",
+    )
+    assert robot.done == []
+
+
+async def test_a_protected_component_is_not_shut_down(tmp_path: Path) -> None:
+    async with service(tmp_path) as runtime, robot_on(runtime, protected=["base", "base_node"]) as robot:
+        await robot.settled()
+        robot.broken_topics.add("odom")
+        repair = await the_repair(runtime)
+    assert repair["state"] == "escalated"
+    assert robot.done == []
+
+
+async def test_under_observe_nothing_is_ever_done(tmp_path: Path) -> None:
+    async with service(tmp_path) as runtime, robot_on(runtime, policy="observe") as robot:
+        await robot.settled()
+        robot.cut("base")
+        await nothing_begins(runtime, 0.7)
+        with pytest.raises(Refused, match="observe"):
+            await runtime.repairs.create("r1", bad=None, by="bob", reason="")
+        would = await runtime.repairs.plan("r1", bad=None, planner=None, timeout_s=5.0, pddl=True)
+    assert [step["text"] for step in would["plan"]["steps"]] == SHUT_DOWN
+    assert would["plan"]["graph"]["nodes"] == SHUT_DOWN  # the form of POST /plans and `robomend plan`
+    assert would["choice"]["bad"] == would["alternatives"][0]["bad"] == ["base"]
+    assert robot.done == []
+
+
+async def test_a_plan_that_the_limit_would_cut_short_is_not_begun(tmp_path: Path) -> None:
+    limits = {"attempts_per_hour": 1, "rounds": 6}
+    async with service(tmp_path) as runtime, robot_on(runtime, limits=limits) as robot:
+        await robot.settled()
+        robot.cut("base")  # the driver must be stopped and started: two actions on it
+        repair = await the_repair(runtime)
+    assert repair["state"] == "escalated"
+    assert "more than 1 actions on base_node within an hour, the limit" in repair["reason"]
+    assert robot.done == []
+
+
+async def test_an_action_off_the_allow_list_is_not_done_and_said_so(tmp_path: Path) -> None:
+    async with service(tmp_path) as runtime, robot_on(runtime, allow=["start_node", "stop_node"]) as robot:
+        await robot.settled()
+        robot.cut("base")
+        repair = await the_repair(runtime)
+    assert repair["state"] == "escalated"
+    assert (
+        "power_up(base): 'power_up' is not on the robot's allow-list (start_node, stop_node)"
+        in (repair["reason"])
+    )
+    assert robot.done == []
+
+
+async def test_one_action_that_needs_a_yes_makes_the_whole_plan_wait(tmp_path: Path) -> None:
+    actions = {**CONFIG["actions"], "power_up": {**CONFIG["actions"]["power_up"], "policy": "approve"}}
+    async with service(tmp_path) as runtime, robot_on(runtime, actions=actions) as robot:
+        await robot.settled()
+        robot.running["mapping"] = False
+        assert (await the_repair(runtime))["state"] == "repaired"
+        robot.cut("base")
+        proposed = await the_repair(runtime, ended=False)
+        assert robot.done == ["start_node(mapping)"]
+        await runtime.repairs.cancel(proposed["id"], by="ann", reason="not now")
+
+
+async def test_outside_the_maintenance_windows_nothing_begins_by_itself(tmp_path: Path) -> None:
+    now = datetime.now(UTC)
+    closed = {"weekdays": [(now.weekday() + 3) % 7], "start": "00:00", "end": "23:59"}
+    async with service(tmp_path) as runtime, robot_on(runtime, windows=[closed]) as robot:
+        await robot.settled()
+        robot.cut("base")
+        await nothing_begins(runtime, 0.7)
+        await runtime.repairs.create("r1", bad=None, by="ann", reason="I am here")
+        repair = await the_repair(runtime)
+    assert repair["state"] == "repaired"
+
+
+async def test_a_diagnosis_that_does_not_hold_begins_no_repair(tmp_path: Path) -> None:
+    async with service(tmp_path) as runtime, robot_on(runtime, hold_s=1.0) as robot:
+        await robot.settled()
+        robot.running["mapping"] = False
+        await robot.settled()
+        robot.running["mapping"] = True
+        await nothing_begins(runtime, 1.2)
+        robot.running["mapping"] = False
+        repair = await the_repair(runtime)
+    assert repair["state"] == "repaired"
+
+
+async def test_what_flaps_faster_than_the_debounce_is_not_repaired(tmp_path: Path) -> None:
+    async with service(tmp_path) as runtime, robot_on(runtime, debounce_s=0.4) as robot:
+        await asyncio.sleep(0.6)  # longer than the debounce
+        robot.running["mapping"] = False
+        await asyncio.sleep(0.1)  # shorter than the debounce
+        robot.running["mapping"] = True
+        await nothing_begins(runtime, 0.8)
+    assert robot.done == []
+
+
+async def test_after_the_policy_became_observe_the_running_repair_does_nothing_more(tmp_path: Path) -> None:
+    begun, forbidden = asyncio.Event(), asyncio.Event()
+
+    async def slow(robot: Robot, name: str, parameter: str) -> int | None:
+        begun.set()
+        await forbidden.wait()
+        return None
+
+    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
+        robot.spoil = slow
+        await robot.settled()
+        robot.cut("base")
+        await begun.wait()
+        etag = (await runtime.robots.robot("r1")).stored.etag
+        watched = {**CONFIG, "policy": "observe"}
+        await runtime.robots.put_robot("r1", watched, expected=etag, by="ann")
+        forbidden.set()
+        repair = await the_repair(runtime)
+    assert repair["state"] == "escalated"
+    assert "the policy for 'stop_node' is 'observe'" in repair["reason"]
+    assert robot.done == ["power_up(base)"]

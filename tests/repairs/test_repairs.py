@@ -1,0 +1,355 @@
+"""The whole loop on a robot in memory: from a fault to a verified repair, or to a person told why."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+import pytest
+from tests.repairs.robot import CONFIG, SHUT_DOWN, Robot, robot_on, running, service, the_repair
+from tests.waiting import for_ever
+
+from robomend.store import attempts, audit
+
+pytestmark = pytest.mark.anyio
+
+
+async def test_a_device_that_lost_power_is_repaired_in_one_plan(tmp_path: Path) -> None:
+    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
+        await robot.settled()
+        robot.cut("base")
+        repair = await the_repair(runtime)
+    assert repair["state"] == "repaired"
+    assert repair["diagnosis"]["bad"] == ["base"]
+    assert [step["state"] for step in repair["plan"]] == ["done"] * 3
+    assert robot.done == SHUT_DOWN
+    assert len(repair["rounds"]) == 1
+
+
+async def test_silence_that_the_model_blames_nobody_for_is_told_at_the_end(tmp_path: Path) -> None:
+    """Topics that wait for each other may be silent on a healthy robot; a person should know about it."""
+    model = """
+    robomend: 1
+    nodes:
+      camera: {publishes: {image: []}}
+      slam: {publishes: {map: [pose, image]}}
+      localizer: {publishes: {pose: [map]}}
+    """
+
+    class Circular(Robot):
+        def sentences(self) -> list[str]:
+            said = [
+                f"running({node})" if runs else f"not running({node})" for node, runs in self.running.items()
+            ]
+            return [
+                *said,
+                "ok(image)" if self.running["camera"] else "not ok(image)",
+                "not ok(map)",
+                "not ok(pose)",
+            ]
+
+        def do(self, name: str, parameter: str) -> None:
+            self.running[parameter] = name == "start_node"
+
+    async with service(tmp_path) as runtime:
+        await runtime.robots.models.put("circular", model, format=None, expected=None, by="test")
+        nodes = dict.fromkeys(("camera", "slam", "localizer"), True)
+        observed = [f"running({node})" for node in nodes] + ["ok(image)", "ok(map)", "ok(pose)"]
+        config = {**CONFIG, "model": "circular", "observed": observed}
+        await runtime.robots.put_robot("r1", config, expected=None, by="test")
+        async with running(Circular(runtime.repairs, runtime.robots, running=nodes | {"camera": False})):
+            repair = await the_repair(runtime)
+    assert (repair["state"], repair["reason"]) == (
+        "repaired",
+        "every observation is what a healthy robot would show; "
+        "not ok(map), not ok(pose): still seen, and the model blames nobody for it",
+    )
+
+
+async def test_everything_off_is_powered_up_in_one_plan(tmp_path: Path) -> None:
+    async with service(tmp_path) as runtime, robot_on(runtime, policy="approve") as robot:
+        robot.on = dict.fromkeys(robot.on, False)
+        robot.running = dict.fromkeys(robot.running, False)
+        robot.connected = dict.fromkeys(robot.connected, False)
+        proposed = await the_repair(runtime, ended=False)
+        await runtime.repairs.approve(proposed["id"], by="ann", reason="looks right")
+        repair = await the_repair(runtime)
+    assert repair["state"] == "repaired"
+    assert repair["by"] == "robomend"
+    assert sorted(robot.done[:2]) == ["power_up(base)", "power_up(lidar)"]
+    assert robot.done.index("start_node(lidar_node)") < robot.done.index("start_node(mapping)")
+    assert len(robot.done) == 5
+
+
+async def test_the_paper_s_domain_needs_two_rounds_and_never_cycles_power(tmp_path: Path) -> None:
+    paper = (Path(__file__).parents[2] / "pddl" / "paper-repair.pddl").read_text()
+    async with service(tmp_path) as runtime, robot_on(runtime, domain=paper) as robot:
+        await robot.settled()
+        robot.cut("base")
+        repair = await the_repair(runtime)
+    assert repair["state"] == "repaired"
+    assert [one["diagnosis"]["bad"] for one in repair["rounds"]] == [["base"], ["base_node"]]
+    assert robot.done == SHUT_DOWN
+
+
+async def test_a_stuck_relay_ends_with_a_person_told_the_cause(tmp_path: Path) -> None:
+    async def stuck(robot: Robot, name: str, parameter: str) -> int | None:
+        return 0 if name == "power_up" else None
+
+    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
+        robot.spoil = stuck
+        await robot.settled()
+        robot.cut("base")
+        repair = await the_repair(runtime)
+        quarantined = await runtime.repairs.quarantined("r1")
+    assert repair["state"] == "escalated"
+    assert repair["reason"] == (
+        "power_up(base) answered 'done', but on(base) was not seen within 1 s (3 times); "
+        "no known repair: base left alone for a while, as its repairs keep failing"
+    )
+    assert list(quarantined) == ["base"]
+    assert robot.done.count("power_up(base)") == 3
+    assert "stop_node(base_node)" not in robot.done
+
+
+async def test_a_released_component_is_tried_again(tmp_path: Path) -> None:
+    stuck = True
+
+    async def relay(robot: Robot, name: str, parameter: str) -> int | None:
+        return 0 if name == "power_up" and stuck else None
+
+    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
+        robot.spoil = relay
+        await robot.settled()
+        robot.cut("base")
+        first = await the_repair(runtime)
+        stuck = False
+        await runtime.repairs.release("r1", "base", by="ann", reason="relay replaced")
+        second = await the_repair(runtime)
+        while second["id"] == first["id"]:
+            second = await the_repair(runtime)
+    assert second["state"] == "repaired"
+
+
+async def test_a_release_counts_although_the_service_ended_before_the_next_try(tmp_path: Path) -> None:
+    async def stuck(robot: Robot, name: str, parameter: str) -> int | None:
+        return 0 if name == "power_up" else None
+
+    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
+        robot.spoil = stuck
+        await robot.settled()
+        robot.cut("base")
+        first = await the_repair(runtime)
+        assert first["state"] == "escalated"
+        await runtime.repairs.stop(by="ann", reason="the relay is being replaced")
+        await runtime.repairs.release("r1", "base", by="ann", reason="relay replaced")
+        await asyncio.sleep(0.2)  # the release has reached the loop
+    async with (
+        service(tmp_path) as runtime,
+        running(Robot(runtime.repairs, runtime.robots, on=robot.on, connected=robot.connected)) as robot,
+    ):
+        await robot.settled()
+        await runtime.repairs.resume(by="ann", reason="done")
+        while (second := await the_repair(runtime))["id"] == first["id"]:
+            await asyncio.sleep(0.02)
+    assert second["state"] == "repaired"
+
+
+async def test_a_node_that_dies_at_its_start_is_escalated_by_name(tmp_path: Path) -> None:
+    async def dies(robot: Robot, name: str, parameter: str) -> int | None:
+        return 1 if (name, parameter) == ("start_node", "mapping") else None
+
+    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
+        robot.spoil = dies
+        await robot.settled()
+        robot.running["mapping"] = False
+        repair = await the_repair(runtime)
+    assert repair["state"] == "escalated"
+    assert repair["reason"] == (
+        "start_node(mapping) failed (3 times); "
+        "no known repair: mapping left alone for a while, as its repairs keep failing"
+    )
+
+
+async def test_a_node_that_runs_and_soon_dies_again_is_not_restarted_for_ever(tmp_path: Path) -> None:
+    async def dies_soon(robot: Robot, name: str, parameter: str) -> int | None:
+        if (name, parameter) == ("start_node", "mapping"):
+            asyncio.get_running_loop().call_later(1.0, robot.running.__setitem__, "mapping", False)
+        return None
+
+    limits = {"attempts_per_hour": 6, "rounds": 6}
+    async with service(tmp_path) as runtime, robot_on(runtime, limits=limits) as robot:
+        robot.spoil = dies_soon
+        await robot.settled()
+        robot.running["mapping"] = False
+        async with asyncio.timeout(100):
+            while (repair := await the_repair(runtime))["state"] != "escalated":
+                assert len(robot.done) <= 4
+                await asyncio.sleep(0.1)
+        aside = await runtime.repairs.quarantined("r1")
+    assert robot.done == ["start_node(mapping)"] * 4
+    assert repair["reason"] == (
+        "no known repair: mapping left alone for a while, as its repairs keep failing"
+    )
+    assert aside["mapping"].startswith(
+        "mapping was repaired 3 times in a row, each time it helped, and soon it was broken again"
+    )
+
+
+async def test_a_late_effect_is_waited_for(tmp_path: Path) -> None:
+    async def late(robot: Robot, name: str, parameter: str) -> int | None:
+        if name != "power_up":
+            return None
+        asyncio.get_running_loop().call_later(0.5, robot.do, name, parameter)
+        return 0
+
+    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
+        robot.spoil = late
+        await robot.settled()
+        robot.cut("base")
+        repair = await the_repair(runtime)
+    assert repair["state"] == "repaired"
+    assert robot.done == SHUT_DOWN
+
+
+async def test_an_effect_that_flips_back_once_is_repaired_by_another_round(tmp_path: Path) -> None:
+    flips = 1
+
+    async def flipping(robot: Robot, name: str, parameter: str) -> int | None:
+        nonlocal flips
+        if name == "stop_node" and flips:
+            flips -= 1
+            robot.do(name, parameter)
+            robot.cut("base")
+            await robot.report()
+            await asyncio.sleep(1.5)  # longer than an effect is waited for
+            return 0
+        return None
+
+    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
+        robot.spoil = flipping
+        await robot.settled()
+        robot.cut("base")
+        repair = await the_repair(runtime)
+    assert repair["state"] == "repaired"
+    assert repair["rounds"][0]["ending"] == "mismatch", repair["rounds"][0]
+    assert len(repair["rounds"]) == 2
+
+
+async def test_an_agent_that_is_gone_is_escalated_as_the_cause(tmp_path: Path) -> None:
+    async def hangs(robot: Robot, name: str, parameter: str) -> int | None:
+        await for_ever()
+        return None
+
+    actions = {name: {**CONFIG["actions"][name], "timeout_s": 0.6} for name in CONFIG["actions"]}
+    async with service(tmp_path) as runtime, robot_on(runtime, actions=actions) as robot:
+        robot.spoil = hangs
+        await robot.settled()
+        robot.running["mapping"] = False
+        repair = await the_repair(runtime, timeout_s=60)
+    assert repair["state"] == "escalated"
+    assert (
+        "start_node(mapping) could not be carried out: the robot's agent did not ask for work in 0.6 s"
+        in repair["reason"]
+    )
+
+
+async def test_observations_that_stop_stop_the_repair(tmp_path: Path) -> None:
+    async with (
+        service(tmp_path) as runtime,
+        robot_on(runtime, observed=["ok(odom)", "running(mapping)"]) as robot,
+    ):
+        robot.silent = True
+        await runtime.repairs.create("r1", bad=None, by="ann", reason="")
+        repair = await the_repair(runtime)
+        assert repair["state"] == "repaired"  # nothing is known to be wrong
+        from robomend.robots.batches import Batch
+
+        await runtime.robots.observe("r1", Batch(("not running(mapping)",)))
+        repair = await the_repair(runtime)
+        while repair["state"] == "repaired":
+            repair = await the_repair(runtime)
+    assert repair["state"] == "escalated"
+    assert repair["reason"].startswith("nobody reported ok(odom) within 3 s")
+    assert robot.done == []
+
+
+async def test_observers_that_fall_silent_under_way_are_named_and_not_the_component(tmp_path: Path) -> None:
+    async def silences(robot: Robot, name: str, parameter: str) -> int | None:
+        robot.silent = True
+        await asyncio.sleep(1.0)  # what was on its way has arrived
+        return None
+
+    async with service(tmp_path) as runtime, robot_on(runtime, observed_timeout_s=2.0) as robot:
+        robot.spoil = silences
+        await robot.settled()
+        robot.cut("base")
+        repair = await the_repair(runtime)
+        quarantined = await runtime.repairs.quarantined("r1")
+        tried = await runtime.store.read(attempts.tried, "r1")
+    assert repair["state"] == "escalated"
+    assert repair["reason"] == (
+        "power_up(base) answered 'done', but on(base) was not seen within 1 s, and nobody reported on(base) "
+        "since: look whether the observers still work"
+    )
+    assert [one["ending"] for one in repair["rounds"]] == ["stale"]
+    assert robot.done == ["power_up(base)"]
+    assert (quarantined, tried) == ({}, ())
+
+
+async def test_the_wrong_component_repaired_first_is_followed_by_the_right_one(tmp_path: Path) -> None:
+    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
+        await robot.settled()
+        robot.broken_topics.add("odom")  # until the device is power-cycled
+
+        async def device_fault(robot: Robot, name: str, parameter: str) -> int | None:
+            if (name, parameter) == ("power_up", "base"):
+                robot.broken_topics.clear()
+            return None
+
+        robot.spoil = device_fault
+        repair = await the_repair(runtime)
+    assert repair["state"] == "repaired"
+    assert robot.done[:2] == ["stop_node(base_node)", "start_node(base_node)"]  # the cheaper one
+    assert "shutdown(base)" in robot.done
+
+
+async def test_every_action_is_in_the_audit_log_with_its_cause(tmp_path: Path) -> None:
+    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
+        await robot.settled()
+        robot.cut("base")
+        await the_repair(runtime)
+        page = await runtime.store.read(audit.page, robot="r1")
+    sent = [entry for entry in page.items if entry.action == "action.sent"]
+    assert [entry.subject for entry in reversed(sent)] == SHUT_DOWN
+    assert all("base should be on" in entry.reason for entry in sent)
+
+
+async def test_a_fault_of_our_own_ends_the_repair_and_not_the_loop(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
+        await robot.settled()
+        with monkeypatch.context() as broken:
+            broken.setattr("robomend.repairs.live_repair.Prediction", lambda *_: 1 / 0)
+            robot.cut("base")
+            first = await the_repair(runtime)
+        robot.running["mapping"] = False  # the diagnosis changes: another repair
+        while (second := await the_repair(runtime))["id"] == first["id"]:
+            await asyncio.sleep(0.02)
+    assert first["state"] == "failed"
+    assert first["reason"] == "an error in robomend: ZeroDivisionError: division by zero"
+    assert second["state"] == "repaired"
+
+
+async def test_a_robot_that_is_deleted_and_created_again_is_kept_again(tmp_path: Path) -> None:
+    async with service(tmp_path) as runtime:
+        async with robot_on(runtime) as robot:
+            await robot.settled()
+        etag = (await runtime.robots.robot("r1")).stored.etag
+        await runtime.robots.delete_robot("r1", expected=etag, by="ann")
+        await asyncio.sleep(0.3)  # whatever kept it has ended
+        async with robot_on(runtime) as robot:
+            robot.cut("base")
+            repair = await the_repair(runtime)
+    assert repair["state"] == "repaired"

@@ -1,0 +1,163 @@
+"""Two services on one database: when the owner of a robot is killed, the other goes on with its repair."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from pathlib import Path
+
+import pytest
+from tests.repairs.remote import ServiceProcess, ended, latest, remote_robot, services
+from tests.repairs.robot import Robot
+from tests.store.examples import owner
+from tests.waiting import for_ever
+
+from robomend_client.rest.errors import Forbidden
+
+pytestmark = pytest.mark.anyio
+
+TAKEN_OVER_S = 5.0
+
+
+@pytest.fixture(params=["sqlite", "postgresql"])
+def database(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[str, ...]:
+    """The arguments that name one database to two services."""
+    if request.param == "sqlite":
+        return ("--data", str(tmp_path))
+    return ("--data", str(tmp_path), "--database", str(request.getfixturevalue("postgres_url")))
+
+
+async def owner_of(running: list[ServiceProcess], database: tuple[str, ...]) -> ServiceProcess | None:
+    """Return the service that carries out the robot's repairs; None while nobody living does."""
+    from robomend.api.runtime import opened_store
+    from robomend.settings import Settings
+
+    values = dict(zip(("data", "database"), database[1::2], strict=False))
+    async with opened_store(Settings.model_validate(values)) as store:
+        instance, _ = await store.read(owner, "r1")
+        instances = await store.ownership.instances()
+    pids = {one.pid for one in instances if one.id == instance}
+    return next((one for one in running if one.process is not None and one.process.pid in pids), None)
+
+
+async def test_the_other_instance_takes_over_a_repair_and_finishes_it(database: tuple[str, ...]) -> None:
+    begun = asyncio.Event()
+
+    async def slow(robot: Robot, name: str, parameter: str) -> int | None:
+        begun.set()
+        await asyncio.sleep(0.3)  # an action takes time
+        return None
+
+    async with services(database, database) as running, remote_robot(running) as robot:
+        robot.spoil = slow
+        await robot.settled()
+        robot.on = dict.fromkeys(robot.on, False)
+        robot.running = dict.fromkeys(robot.running, False)
+        robot.connected = dict.fromkeys(robot.connected, False)
+        async with asyncio.timeout(20):
+            await begun.wait()
+        victim = await owner_of(running, database)
+        assert victim is not None
+        [other] = [service for service in running if service is not victim]
+        client = other.client
+        assert client is not None
+        acknowledged = (await client.observations("r1"))["revision"]
+        await victim.kill()
+        killed = time.monotonic()
+        while await owner_of([*running], database) is not other:
+            assert time.monotonic() - killed < TAKEN_OVER_S
+            await asyncio.sleep(0.2)
+        print(f"taken over after {time.monotonic() - killed:.1f} s")
+        repair = await latest([other], ended)
+        after = await client.observations("r1")
+        audit = await client.audit("r1", limit=500)
+    assert repair["state"] == "repaired", repair["reason"]
+    assert repair["rounds"][0]["ending"] == "interrupted"
+    assert robot.complaints == []
+    assert len(set(robot.ids)) == len(robot.ids)
+    assert len(robot.done) == 5
+    assert after["revision"] > acknowledged
+    sent = [entry["subject"] for entry in audit["items"] if entry["action"] == "action.sent"]
+    assert sorted(sent) == sorted(robot.done)
+
+
+async def test_a_cancellation_reaches_the_owner_through_the_other_instance(database: tuple[str, ...]) -> None:
+    begun = asyncio.Event()
+
+    async def hangs(robot: Robot, name: str, parameter: str) -> int | None:
+        begun.set()
+        await for_ever()
+        return None
+
+    async with services(database, database) as running, remote_robot(running) as robot:
+        robot.spoil = hangs
+        await robot.settled()
+        robot.cut("base")
+        async with asyncio.timeout(20):
+            await begun.wait()
+        owner = await owner_of(running, database)
+        [other] = [service for service in running if service is not owner]
+        client = other.client
+        assert client is not None
+        open_one = (await client.repairs("r1", limit=1))["items"][0]
+        await client.cancel(open_one["id"], "I see smoke")
+        repair = await latest([other], ended, timeout_s=5.0)
+    assert (repair["id"], repair["state"], repair["reason"]) == (open_one["id"], "cancelled", "I see smoke")
+
+
+@pytest.mark.parametrize("way", ["repair.cancel", "stop.set"])
+async def test_the_owner_sends_nothing_after_the_other_instance_was_asked_to_end_it(
+    database: tuple[str, ...], way: str
+) -> None:
+    """The audit log is in the order of the writes: no intent comes after the request."""
+    second, asked = asyncio.Event(), asyncio.Event()
+
+    async def takes_time(robot: Robot, name: str, parameter: str) -> int | None:
+        if len(robot.ids) > 1:
+            second.set()
+            await asked.wait()
+        return None
+
+    async with services(database, database) as running, remote_robot(running) as robot:
+        robot.spoil = takes_time
+        await robot.settled()
+        robot.on = dict.fromkeys(robot.on, False)
+        robot.running = dict.fromkeys(robot.running, False)
+        robot.connected = dict.fromkeys(robot.connected, False)
+        async with asyncio.timeout(60):
+            await second.wait()
+        owner = await owner_of(running, database)
+        [other] = [service for service in running if service is not owner]
+        client = other.client
+        assert client is not None
+        open_one = (await client.repairs("r1", limit=1))["items"][0]
+        if way == "stop.set":
+            await client.stop("I see smoke")
+        else:
+            await client.cancel(open_one["id"], "I see smoke")
+        asked.set()
+        repair = await latest([other], ended)
+        await robot.rest()
+        audit = await client.audit(limit=500)
+    assert (repair["id"], repair["state"]) == (open_one["id"], "cancelled")
+    actions = [entry["action"] for entry in reversed(audit["items"])]
+    assert 2 <= actions.count("action.sent") < 5
+    after = actions[actions.index(way) : actions.index("repair.cancelled")]
+    assert "action.sent" not in after
+    assert robot.complaints == []
+
+
+async def test_every_instance_obeys_the_stop_as_it_is_on_disk(database: tuple[str, ...]) -> None:
+    """Not as it heard of it: its news come a moment later than the answer of the other."""
+    async with services(database, database) as running, remote_robot(running):
+        one, other = running
+        assert one.client is not None
+        assert other.client is not None
+        for _ in range(5):
+            await one.client.stop("I see smoke")
+            with pytest.raises(Forbidden, match="I see smoke"):
+                await other.client.start_repair("r1")
+            await one.client.resume()
+            begun = await other.client.start_repair("r1")
+            repair = await latest([other], ended)
+            assert (repair["id"], repair["state"]) == (begun["id"], "repaired")

@@ -1,0 +1,215 @@
+"""The paper's two scenarios, played by the demo as a user starts it: golden outcomes, nothing left behind."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import json
+import os
+import random
+import signal
+import socket
+import time
+import xml.etree.ElementTree as ET
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.clients.running_agent import alive
+from tests.clients.service_double import eventually
+from tests.robomend_demo.playing import END_S, Playing, children, play, playing
+
+DEVICES = {"jaguar", "hokuyo", "laser_alignment"}
+NODES = {
+    "jaguar_node",
+    "hokuyo_node",
+    "laser_alignment_node",
+    "imu_node",
+    "joy_node",
+    "jaguar_teleop_node",
+    "hector_mapping",
+    "rviz",
+    "laser_alignment_control",
+}
+DRIVERS = {
+    "jaguar": "jaguar_node",
+    "hokuyo": "hokuyo_node",
+    "laser_alignment": "laser_alignment_node",
+}
+RESTART = ["power_up(jaguar)", "stop_node(jaguar_node)", "start_node(jaguar_node)"]
+
+pytestmark = pytest.mark.timeout(240)
+
+
+@pytest.fixture(scope="session")
+def both(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Path]:
+    """Both scenarios, played once for all tests, also where several processes run them."""
+    own = tmp_path_factory.getbasetemp()
+    shared = own.parent if "PYTEST_XDIST_WORKER" in os.environ else own
+    folder = shared / "both-scenarios"
+    with (shared / "both-scenarios.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not folder.exists():
+            play_both(folder)
+    return json.loads((folder / "out").read_text()), folder / "report"
+
+
+def play_both(folder: Path) -> None:
+    """Play both, with the usual ports taken and the settings of another service around."""
+    with ExitStack() as stack:
+        for port in (8600, 5000, 5001):
+            taken = stack.enter_context(socket.socket())
+            with contextlib.suppress(OSError):  # somebody else has it, which is as good
+                taken.bind(("127.0.0.1", port))
+                taken.listen()
+        elsewhere = {"ROBOMEND_DATABASE": "postgresql://nobody@127.0.0.1:1/none", "ROBOMEND_PORT": "8600"}
+        play(folder, environment=elsewhere)
+
+
+def scenario(printed: dict[str, Any], name: str) -> dict[str, Any]:
+    return next(one for one in printed["scenarios"] if one["name"] == name)
+
+
+def test_power_up_is_planned_from_the_one_diagnosis_once_every_observer_was_heard(
+    both: tuple[dict[str, Any], Path],
+) -> None:
+    power_up = scenario(both[0], "power-up")
+    assert power_up["repaired"] is True
+    assert set(power_up["diagnosis"]["bad"]) == DEVICES | NODES
+    assert set(power_up["diagnosis"]["good"]) == {"imu", "joystick"}
+
+
+def test_power_up_powers_the_devices_before_it_starts_their_drivers(
+    both: tuple[dict[str, Any], Path],
+) -> None:
+    plan = scenario(both[0], "power-up")["plan"]
+    assert {step for step in plan if step.startswith("power_up")} == {f"power_up({d})" for d in DEVICES}
+    assert {step for step in plan if step.startswith("start_node")} == {f"start_node({n})" for n in NODES}
+    for device, driver in DRIVERS.items():
+        assert plan.index(f"power_up({device})") < plan.index(f"start_node({driver})")
+
+
+def test_shut_down_is_diagnosed_as_the_base_and_repaired_by_one_plan(
+    both: tuple[dict[str, Any], Path],
+) -> None:
+    shut_down = scenario(both[0], "shut-down")
+    assert shut_down["repaired"] is True
+    assert shut_down["diagnosis"]["bad"] == ["jaguar"]
+    assert shut_down["plan"] == RESTART
+
+
+def test_demo_json_tells_of_each_event_and_of_every_figure(both: tuple[dict[str, Any], Path]) -> None:
+    for one in both[0]["scenarios"]:
+        times = [event["t_s"] for event in one["events"]]
+        assert times == sorted(times)
+        assert {"observations", "diagnosis", "repair", "action"} <= {event["kind"] for event in one["events"]}
+        own = one["figures"]
+        assert 0 < own["service_share_s"] < own["total_s"] + own["detection_s"]
+        assert 0 < own["observation_to_diagnosis_ms"]["p50"] <= own["observation_to_diagnosis_ms"]["max"]
+        assert own["diagnosis_to_plan_ms"] > 0
+
+
+def test_the_report_holds_both_timelines_and_the_same_json(both: tuple[dict[str, Any], Path]) -> None:
+    printed, report = both
+    assert json.loads((report / "demo.json").read_text()) == printed
+    for name in ("power-up", "shut-down"):
+        text = "".join(ET.parse(report / f"{name}.svg").getroot().itertext())
+        assert "power_up(jaguar)" in text
+        assert "laser_alignment_control" in text
+    assert sorted(file.name for file in report.iterdir()) == ["demo.json", "power-up.svg", "shut-down.svg"]
+
+
+def test_the_papers_domain_needs_two_rounds_for_the_lost_power(tmp_path: Path) -> None:
+    shut_down = scenario(play(tmp_path / "paper", "--domain", "paper"), "shut-down")
+    assert shut_down["repaired"] is True
+    assert shut_down["diagnosis"]["bad"] == ["jaguar"]
+    assert [done["diagnosis"]["bad"] for done in shut_down["rounds"]] == [["jaguar"], ["jaguar_node"]]
+    assert [done["plan"] for done in shut_down["rounds"]] == [RESTART[:1], RESTART[1:]]
+
+
+def test_two_demos_do_not_disturb_each_other(tmp_path: Path) -> None:
+    with (
+        playing(tmp_path / "one", "--scenario", "shut-down", "--format", "json") as one,
+        playing(tmp_path / "two", "--scenario", "shut-down", "--format", "json") as two,
+    ):
+        for demo in (one, two):
+            assert demo.process.wait(END_S) == 0, demo.said()
+    for name in ("one", "two"):
+        printed = json.loads((tmp_path / name / "out").read_text())
+        assert scenario(printed, "shut-down")["plan"] == RESTART
+
+
+# --- ending early ----------------------------------------------------------------------------------------
+
+
+def test_ctrl_c_at_any_moment_leaves_nothing_behind(tmp_path: Path, request: pytest.FixtureRequest) -> None:
+    moments = 25 if request.config.getoption("--long") else 3
+    draw = random.Random(os.urandom(8))
+    for number in range(moments):
+        after_s = draw.uniform(0.3, 9.0)
+        with playing(tmp_path / str(number)) as demo:
+            time.sleep(after_s)  # a random moment
+            demo.process.send_signal(signal.SIGINT)
+            assert demo.process.wait(END_S) in {130, 0}, (after_s, demo.said())
+            assert "Traceback" not in demo.said(), (after_s, demo.said())
+            demo.nothing_is_left()
+
+
+def test_ctrl_c_while_it_holds_is_the_ordinary_end(tmp_path: Path) -> None:
+    with playing(tmp_path / "held", "--scenario", "shut-down", "--hold", "--format", "json") as demo:
+        demo.until_said("Ctrl-C ends it")
+        assert scenario(json.loads((demo.folder / "out").read_text()), "shut-down")["repaired"] is True
+        demo.process.send_signal(signal.SIGINT)
+        assert demo.process.wait(END_S) == 0, demo.said()
+        demo.nothing_is_left()
+
+
+def test_kill_9_of_the_demo_ends_its_parts_and_the_next_one_sweeps_its_folder(tmp_path: Path) -> None:
+    with playing(tmp_path / "killed", "--scenario", "shut-down") as demo:
+        demo.until_said("shut-down:")
+        assert len(demo.parts()) > len(NODES)
+        demo.process.kill()
+        demo.process.wait(END_S)
+        eventually(lambda: not demo.parts(), "no process is left", 15)
+        (left,) = demo.scratch
+    following = {"TMPDIR": str(left.parent)}
+    with playing(tmp_path / "next", environment=following) as demo:
+        eventually(lambda: not left.exists(), "the old folder is gone", 20)
+
+
+# --- what goes wrong -------------------------------------------------------------------------------------
+
+
+def failed(demo: Playing) -> str:
+    """Wait for the demo to fail; return what it said, with nothing left behind."""
+    assert demo.process.wait(END_S) == 3, demo.said()
+    demo.nothing_is_left()
+    assert "Traceback (most recent call last)" not in demo.said().partition("its log ends")[0]
+    return demo.said()
+
+
+def test_kill_9_of_the_service_ends_its_workers_and_is_told(tmp_path: Path) -> None:
+    with playing(tmp_path / "killed", "--scenario", "shut-down") as demo:
+        demo.until_said("shut-down:")
+        service = demo.part("serve", "--announce")
+        workers = children(service)
+        assert workers
+        os.kill(service, signal.SIGKILL)
+        eventually(lambda: not any(map(alive, workers)), "its workers are gone", 2)
+        assert "service was ended by signal 9" in failed(demo)
+
+
+def test_a_part_that_ends_in_the_middle_is_named_with_its_log(tmp_path: Path) -> None:
+    with playing(tmp_path / "board", "--scenario", "shut-down") as demo:
+        demo.until_said("diagnosis: healthy")
+        os.kill(demo.part("robomend_board.main"), signal.SIGTERM)
+        assert "board ended with exit code 0 in the middle; its log ends" in failed(demo)
+
+
+def test_a_report_folder_that_cannot_be_written_is_refused_before_anything_starts(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with playing(tmp_path / "refused", "--report", str(tmp_path / "file" / "report")) as demo:
+        assert demo.process.wait(END_S) == 2
+        assert "name a folder that can be written" in demo.said()
+        assert demo.scratch == []

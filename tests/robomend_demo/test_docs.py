@@ -1,0 +1,37 @@
+"""docs/demo.md against the command and what it prints."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import pytest
+from tests.robomend_demo.records import restarted
+
+from robomend_demo.cast import GENERAL_OBSERVERS
+from robomend_demo.command import command
+from robomend_demo.figures import figures
+from robomend_demo.story import scenario_json
+
+DOCS = Path(__file__).parents[2] / "docs"
+PAGE = (DOCS / "demo.md").read_text(encoding="utf-8")
+
+
+def test_every_option_is_described() -> None:
+    for parameter in command.params:
+        for option in (*parameter.opts, *parameter.secondary_opts):
+            assert option in PAGE
+
+
+def test_every_key_of_demo_json_is_described() -> None:
+    told = scenario_json(restarted(), figures(restarted(), from_plan=False))
+    keys = {*told, *told["figures"], *told["figures"]["observation_to_diagnosis_ms"]}
+    assert [key for key in keys if f'"{key}"' not in PAGE] == []
+    assert ", ".join(GENERAL_OBSERVERS) in PAGE
+
+
+@pytest.mark.parametrize("name", ["power-up", "shut-down"])
+def test_the_pictures_are_those_of_the_demo(name: str) -> None:
+    assert f"]({name}.svg)" in PAGE
+    text = "".join(ET.parse(DOCS / f"{name}.svg").getroot().itertext())
+    assert "All good and verified" in text

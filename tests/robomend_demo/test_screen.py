@@ -1,0 +1,89 @@
+"""What people see: the picture on a terminal, lines anywhere else."""
+
+from __future__ import annotations
+
+import io
+
+import pytest
+from rich.console import Console
+from tests.robomend_demo.records import restarted
+
+from robomend_client.events import Event, Kind
+from robomend_demo.screen import Lines, Picture, picture, tell
+from robomend_demo.view import RobotView
+
+COMPONENTS = ["h", "n"]
+MS = 1_000_000
+
+
+def seen(until_ms: int) -> RobotView:
+    """Return the robot as events up to a moment show it."""
+    view = RobotView("r", ["running(n)", "ok(t)"])
+    for heard in restarted().heard:
+        if heard.event.time_ns <= until_ms * MS:
+            view.take(heard.event)
+    return view
+
+
+def drawn(view: RobotView, now_ms: int) -> str:
+    console = Console(file=io.StringIO(), width=100)
+    console.print(picture("shut-down", COMPONENTS, view, 0, now_ms * MS))
+    assert isinstance(console.file, io.StringIO)
+    return console.file.getvalue()
+
+
+def test_the_picture_says_who_is_bad_and_what_is_being_done() -> None:
+    now = drawn(seen(130), 150)
+    assert "n          ███ bad" in now
+    assert "h          ─── good" in now
+    assert "repairing" in now
+    assert "▶  start_node(n)  0.12 s  0.03 s" in now
+
+
+def test_a_component_that_only_some_diagnoses_blame_is_a_suspect() -> None:
+    assert drawn(seen(306), 306).count("suspect") == 2
+    assert "not diagnosed yet" in drawn(seen(0), 0)
+
+
+def test_the_end_says_that_all_is_good_and_verified() -> None:
+    end = drawn(seen(500), 500)
+    assert "all good, and verified" in end
+    assert "✓  start_node(n)  0.12 s  0.29 s" in end
+
+
+def test_lines_tell_each_thing_once(capsys: pytest.CaptureFixture[str]) -> None:
+    lines, view = Lines(), RobotView("r", [])
+    lines.scene("shut-down", 0, view)
+    for heard in restarted().heard:
+        lines.heard(heard.event, view)
+        lines.heard(heard.event, view)
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert [line.split(" s  ")[-1] for line in printed.err.splitlines()[1:]] == [
+        "diagnosis: {n}",
+        "plan: start_node(n)",
+        "diagnosis: {h} or {n}",
+        "diagnosis: healthy",
+        "start_node(n) done",
+        "repair repaired: ",
+    ]
+
+
+def test_a_long_set_is_shortened() -> None:
+    result = {"diagnoses": [{"bad": list("abcdef")}, {"bad": ["g"]}, {"bad": ["h"]}]}
+    event = Event(1, 0, Kind.DIAGNOSIS, "r", {"revision": 1, "result": result, "fault": None})
+    assert tell(event) == "diagnosis: {a, b, c, d, and 2 more} or {g} or 1 more"
+
+
+def test_each_scene_leaves_its_last_picture_and_gives_the_cursor_back() -> None:
+    console = Console(file=io.StringIO(), width=100, force_terminal=True)
+    with Picture(console, COMPONENTS) as screen:
+        screen.scene("power-up", 0, seen(130))
+        screen.refresh(seen(306))
+        screen.scene("shut-down", 0, seen(306))
+        screen.rest()
+    assert isinstance(console.file, io.StringIO)
+    printed = console.file.getvalue()
+    assert " power-up " in printed
+    assert " shut-down " in printed
+    assert printed.rindex("\x1b[?25h") > printed.rindex("\x1b[?25l")

@@ -1,0 +1,76 @@
+"""The figure of a repair: lanes, spans, marks, and SVG that every viewer takes."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from itertools import pairwise
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robomend.web.timeline import ActionBar, Mark, Span, Timeline, lanes, svg
+
+SVG = "{http://www.w3.org/2000/svg}"
+TIMES = st.floats(0, 30, allow_nan=False)
+NAMES = st.text(st.characters(codec="utf-8", exclude_categories=("Cs", "Cc")), max_size=20)
+BARS = st.builds(
+    lambda start, length, label, ok: ActionBar(start, start + length, label, ok),
+    TIMES,
+    st.floats(0, 5),
+    NAMES,
+    st.booleans(),
+)
+
+
+def drawn(timeline: Timeline) -> ET.Element:
+    return ET.fromstring(svg(timeline))
+
+
+def classes(root: ET.Element) -> list[str]:
+    return [element.get("class", "") for element in root.iter(f"{SVG}rect") if element.get("class")]
+
+
+@given(st.lists(BARS, max_size=12), st.floats(1, 500))
+def test_no_bar_meets_another_in_its_lane(bars: list[ActionBar], per_second: float) -> None:
+    placed = lanes(bars, per_second)
+    assert sorted(map(id, (bar for _, bar in placed))) == sorted(map(id, bars))
+    for lane in {lane for lane, _ in placed}:
+        inside = [bar for at, bar in placed if at == lane]
+        for before, after in pairwise(inside):
+            assert before.end_s <= after.start_s
+
+
+def test_actions_one_after_the_other_share_a_lane_if_their_labels_have_room() -> None:
+    bars = [ActionBar(0, 1, "a"), ActionBar(1, 2, "b"), ActionBar(1.5, 3, "c")]
+    assert [(lane, bar.label) for lane, bar in lanes(bars, 100)] == [(0, "a"), (0, "b"), (1, "c")]
+    assert [lane for lane, _ in lanes(bars, 1)] == [0, 1, 2]
+
+
+def test_state_is_told_by_height_as_well_as_by_colour() -> None:
+    spans = (Span(0, 1, True), Span(1, 2, True, only_suspect=True), Span(2, 3, False))
+    root = drawn(Timeline("t", "s", [("jaguar", spans)], [], [], 3))
+    rows = [element for element in root.iter(f"{SVG}rect") if element.get("class")]
+    assert [element.get("class") for element in rows] == ["bad", "suspect", "good"]
+    assert [float(element.get("height", "0")) for element in rows] == [13, 8, 4]
+    assert "suspect" in [element.text for element in root.iter(f"{SVG}text")]
+
+
+def test_a_figure_without_suspects_has_none_in_its_legend() -> None:
+    root = drawn(Timeline("t", "s", [("jaguar", (Span(0, 1, True),))], [], [], 1))
+    assert "suspect" not in [element.text for element in root.iter(f"{SVG}text")]
+
+
+def test_nothing_that_happened_is_an_empty_figure() -> None:
+    assert classes(drawn(Timeline("t", "", [], [], [], 0))) == []
+
+
+@given(NAMES, st.lists(BARS, max_size=5), st.lists(st.builds(Mark, TIMES, NAMES), max_size=3))
+def test_any_name_makes_well_formed_svg_that_stays_inside(
+    name: str, bars: list[ActionBar], marks: list[Mark]
+) -> None:
+    root = drawn(Timeline(name, name, [(name, (Span(0, 40, True),))], bars, marks, 20))
+    width, height = float(root.get("width", "0")), float(root.get("height", "0"))
+    for rect in root.iter(f"{SVG}rect"):
+        assert 0 <= float(rect.get("x", "0")) <= width
+        assert 0 <= float(rect.get("y", "0")) <= height
+    assert len([kind for kind in classes(root) if kind == "action"]) == len(bars)
