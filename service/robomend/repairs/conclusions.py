@@ -11,7 +11,8 @@ from collections.abc import Sequence
 from robomend.cycle import Turn, Verdict
 from robomend.repairs.execution_values import Ending
 from robomend.repairs.record import Json
-from robomend.repairs.signals import Signals
+from robomend.repairs.signals import NO_REASON, Signals
+from robomend.repairs.states import RepairTrigger
 from robomend.robots.robot import Robot
 
 BadSets = frozenset[tuple[str, ...]]
@@ -58,22 +59,22 @@ def in_doubt(last: Turn) -> str | None:
     return done.reason
 
 
-def conclusion(last: Turn, signals: Signals, written: Json) -> tuple[str, str]:
-    """Return the final state of a repair and the reason, from its last turn and what is written of it."""
+def conclusion(last: Turn, signals: Signals, written: Json) -> tuple[RepairTrigger, str]:
+    """Return what ends a repair and the reason, from its last turn and what is written of it."""
     rounds = [one for one in written.get("rounds", ()) if one.get("ending") and not one.get("helped")]
     why = last.execution.reason if last.execution is not None else ""
     match last.verdict:
         case Verdict.HEALTHY:
-            return "repaired", "every observation is what a healthy robot would show"
+            return RepairTrigger.HEALTHY, "every observation is what a healthy robot would show"
         case Verdict.HALTED | Verdict.NOT_APPROVED:
-            return "cancelled", signals.reason or why or "cancelled"
+            return RepairTrigger.HALTED, signals.reason or why or NO_REASON
         case Verdict.NOTHING_TO_TRY:
             assert last.choice is not None
-            return "escalated", f"{_tried(rounds)}{last.choice.reason}"
+            return RepairTrigger.NEEDS_PERSON, f"{_tried(rounds)}{last.choice.reason}"
         case Verdict.ASK:
-            return "escalated", why
+            return RepairTrigger.NEEDS_PERSON, why
         case _:
-            return "escalated", (
+            return RepairTrigger.NEEDS_PERSON, (
                 f"{_tried(rounds)}that is as many plans as one repair may try (limits.rounds), and the robot "
                 f"is not healthy{': ' + why if not rounds else ''}"
             )

@@ -30,11 +30,12 @@ from robomend.repairs.execution_values import (
     Execution,
     Setting,
     StepReport,
-    StepState,
     Timing,
     Withheld,
     failure,
 )
+from robomend.repairs.states import STEP, STEP_ENDS, StepTrigger
+from robomend.transitions import after
 from robomend_client.actions import (
     CANCELLED,
     FAILED,
@@ -146,12 +147,12 @@ class _Run:
             if self._visible(step):
                 self._setting.prediction.begin(step)
                 self._setting.prediction.finish(step)
-                await self._note(step, state=StepState.ALREADY, reason="its effect was already there")
+                await self._note(step, StepTrigger.EFFECT_THERE, reason="its effect was already there")
                 return
             wanted = await self._act(step, timing)
             await self._await_effect(step, wanted, timing.effect_timeout_s)
         except _Stop as stop:
-            await self._note(step, state=StepState.FAILED, reason=stop.reason)
+            await self._note(step, StepTrigger.WENT_WRONG, reason=stop.reason)
             raise
 
     async def _check_permitted(self, step: Step) -> None:
@@ -250,7 +251,7 @@ class _Run:
             # robot, the intent stays open: whoever takes over finds out whether it acted, or asks.
             if self._setting.halt.is_set():
                 cancelled = ActionResult(CANCELLED, "cut off; whether it acted is unknown")
-                await asyncio.shield(self._settle(step, action, cancelled, state=StepState.FAILED))
+                await asyncio.shield(self._settle(step, action, cancelled, StepTrigger.WENT_WRONG))
             raise
         except Exception as error:  # noqa: BLE001  # whatever an executor of any kind may raise
             # An executor answers with results; one that raises is broken, and nobody knows what it did.
@@ -260,7 +261,7 @@ class _Run:
 
     async def _intend(self, step: Step, action: Action) -> None:
         """Write the intent; one whose write is overtaken by a cancellation is written off, as not sent."""
-        sending = self._report(step, state=StepState.RUNNING, action_id=action.id, sent_ns=time.time_ns())
+        sending = self._report(step, StepTrigger.SENT, action_id=action.id, sent_ns=time.time_ns())
         writing = asyncio.ensure_future(self._setting.journal.intend(action, sending))
         try:
             await asyncio.shield(writing)
@@ -274,18 +275,19 @@ class _Run:
 
     async def _not_sent(self, step: Step, action: Action) -> None:
         refused = ActionResult(REFUSED, "stopped before it was sent")
-        report = self._report(step, state=StepState.FAILED, result=refused, sent_ns=None)
+        report = self._report(step, StepTrigger.WENT_WRONG, result=refused, sent_ns=None)
         await self._setting.journal.settle(action, refused, report)
 
-    async def _settle(self, step: Step, action: Action, result: ActionResult, **changes: object) -> None:
+    async def _settle(
+        self, step: Step, action: Action, result: ActionResult, what: StepTrigger | None = None
+    ) -> None:
         """Write the outcome. What must not be repeated and may have acted stays open in the journal.
 
         It is settled when the question to a person is on disk, so that nothing that happens in between, be it
         a crash, a stop or a cancellation, loses the question.
         """
-        if changes:
-            changes["reason"] = result.message
-        report = self._report(step, result=result, **changes)
+        changes = {} if what is None else {"reason": result.message}
+        report = self._report(step, what, result=result, **changes)
         if not self._in_doubt(step, result):
             await self._setting.journal.settle(action, result, report)
         elif self._setting.report is not None:
@@ -320,13 +322,13 @@ class _Run:
         self._agreed.update(seen)
         if left:
             names, was = " and ".join(map(str, sorted(left))), "was" if len(left) == 1 else "were"
-            self._report(step, seen=seen, missing=tuple(sorted(left)))  # written with the reason
+            self._report(step, None, seen=seen, missing=tuple(sorted(left)))  # written with the reason
             raise _Stop(
                 Ending.EFFECT_MISSING,
                 f"{step} answered 'done', but {names} {was} not seen within {timeout_s:g} s",
                 min(left),
             )
-        await self._note(step, state=StepState.DONE, seen=seen)
+        await self._note(step, StepTrigger.EFFECT_SEEN, seen=seen)
 
     async def _until_none(self, wrong: Callable[[], T | None], timeout_s: float) -> T | None:
         """Wait until `wrong()` is None, looking at each change of OBS; return its last answer."""
@@ -369,15 +371,19 @@ class _Run:
                 )
             await sight.changed(revision, hold_s / 2 if broken else 1.0)
 
-    def _report(self, step: Step, **changes: object) -> StepReport:
-        if changes.get("state") in {StepState.DONE, StepState.ALREADY, StepState.FAILED}:
-            changes["ended_ns"] = time.time_ns()
-        report = replace(self._reports[step.index], **changes)  # type: ignore[arg-type]  # fields by name
+    def _report(self, step: Step, what: StepTrigger | None, **changes: object) -> StepReport:
+        """Note what happened to a step, and what is known of it since."""
+        report = self._reports[step.index]
+        if what is not None:
+            changes["state"] = state = after(STEP, report.state, what)
+            if state in STEP_ENDS:
+                changes["ended_ns"] = time.time_ns()
+        report = replace(report, **changes)  # type: ignore[arg-type]  # fields by name
         self._reports[step.index] = report
         return report
 
-    async def _note(self, step: Step, **changes: object) -> None:
-        report = self._report(step, **changes)
+    async def _note(self, step: Step, what: StepTrigger, **changes: object) -> None:
+        report = self._report(step, what, **changes)
         if self._setting.report is not None:
             await self._setting.report(report)
 

@@ -13,6 +13,7 @@ from typing import Protocol
 
 from robomend.planning.plan import Step
 from robomend.planning.prediction import OBSERVED_FACTS, Prediction
+from robomend.repairs.states import StepState
 from robomend_client.actions import (
     CANCELLED,
     FAILED,
@@ -89,16 +90,6 @@ class Ending(StrEnum):
         "unknown-outcome"  # an action that must not be repeated, and nobody knows whether it acted
     )
     HALTED = "halted"  # cancelled, or the global stop
-
-
-class StepState(StrEnum):
-    """How far a step came."""
-
-    WAITING = "waiting"
-    RUNNING = "running"
-    DONE = "done"
-    ALREADY = "already-there"  # its effect was visible: not sent
-    FAILED = "failed"
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,10 +21,11 @@ from robomend.planning.policy import Mode, Policy
 from robomend.planning.prediction import Prediction, theory_of
 from robomend.planning.quarantine import quarantined
 from robomend.repairs.choosing import Chooser, record_of
-from robomend.repairs.execution_values import Ending, Execution, Setting, StepReport, StepState, Timing
+from robomend.repairs.execution_values import Ending, Execution, Setting, StepReport, Timing
 from robomend.repairs.hearing import Hearing, LiveSight
 from robomend.repairs.record import RepairRecord
 from robomend.repairs.signals import Signals
+from robomend.repairs.states import RepairTrigger, StepState
 from robomend.robots.robot import Robot
 from robomend.robots.robots import Robots
 from robomend.store.interface import Store
@@ -91,7 +92,8 @@ class LiveRepair:
 
     async def diagnose(self) -> DiagnosisResult:
         """Return the diagnosis of OBS now, after every configured observer was heard."""
-        await self._hear_all()
+        if await self._hear_all():
+            await self._record.update(RepairTrigger.HEARD, waiting_for=[])
         wanted = self._record.data.get("wanted")
         result = await self._newest()
         if wanted and not result.healthy and not self._record.data.get("rounds"):
@@ -102,8 +104,8 @@ class LiveRepair:
                 )
         return result
 
-    async def _hear_all(self) -> None:
-        """Wait until OBS holds each literal that the observers will report, with either sign.
+    async def _hear_all(self) -> bool:
+        """Wait until OBS holds each literal that the observers will report; return whether we had to.
 
         A person who asked for the repair is not kept waiting; what is unknown then is assumed, and shown.
         """
@@ -113,7 +115,7 @@ class LiveRepair:
         while missing := await self._hearing.unheard():
             names = [str(atom) for atom in missing]
             if asked:
-                return
+                return False
             if time.monotonic() >= deadline:
                 raise Silent(
                     f"nobody reported {', '.join(names)} within {self._state.config.observed_timeout_s:g} s: "
@@ -121,11 +123,10 @@ class LiveRepair:
                 )
             if names != told:
                 told = names
-                await self._record.update("waiting", reason="for observers", waiting_for=names)
+                await self._record.update(RepairTrigger.UNHEARD, reason="for observers", waiting_for=names)
             await self._signals.unless_halted(self._sight.changed(self._sight.revision, LOOK_S))
         self._hearing.anew = False
-        if told:
-            await self._record.update("planning", waiting_for=[])
+        return bool(told)
 
     async def _newest(self) -> DiagnosisResult:
         """Return the diagnosis of OBS as it is now; the fault, if there is none, is raised."""
@@ -152,7 +153,10 @@ class LiveRepair:
         if found.probe is not None:
             atom = found.probe.atom
             await self._record.update(
-                "waiting", reason=found.reason, waiting_for=[str(atom)], probe={"atom": str(atom)}
+                RepairTrigger.LOOKS_FIRST,
+                reason=found.reason,
+                waiting_for=[str(atom)],
+                probe={"atom": str(atom)},
             )
             deadline = time.monotonic() + self._state.config.observed_timeout_s
             while self._state.value(atom) is None and time.monotonic() < deadline:
@@ -195,10 +199,10 @@ class LiveRepair:
         if refusal is not None:
             raise NotPermitted(refusal)
         if self._policy.mode_for(steps) is not Mode.APPROVE or self._covered(steps):
-            await self._record.update("running")
+            await self._record.update(RepairTrigger.PERMITTED)
             return not self._signals.halt.is_set()
         self._signals.ask()  # before the question can be seen, or a quick yes would be lost
-        await self._record.update("awaiting-approval", reason=choice.reason)
+        await self._record.update(RepairTrigger.NEEDS_APPROVAL, reason=choice.reason)
         while not await self._signals.decided(LOOK_S):
             if self._signals.halt.is_set():
                 return False
@@ -206,7 +210,7 @@ class LiveRepair:
         self._check_stands(choice, await self._newest())
         by = self._signals.by
         await self._record.update(
-            "running",
+            RepairTrigger.APPROVED,
             by=by,
             reason=f"approved by {by}",
             answers=self._signals.answers(),

@@ -12,8 +12,11 @@ from typing import Any
 
 from robomend.planning.plan import Plan, Step
 from robomend.repairs.execution_values import StepReport, Withheld
+from robomend.repairs.signals import NO_REASON
+from robomend.repairs.states import ENDS, REPAIR, RepairState, RepairTrigger, StepState
 from robomend.store.interface import Store, Transaction
 from robomend.store.records import AuditEntry, Fence, Quarantine, StepRecord, StoredAttempt, StoredRepair
+from robomend.transitions import after
 from robomend_client.actions import Action, ActionResult
 from robomend_client.events import Kind
 
@@ -48,9 +51,9 @@ class RepairRecord:
         return self._repair.robot
 
     @property
-    def state(self) -> str:
-        """What the repair is in; see docs/repair.md."""
-        return self._repair.state
+    def state(self) -> RepairState:
+        """What the repair is in."""
+        return RepairState(self._repair.state)
 
     @property
     def data(self) -> Json:
@@ -59,23 +62,23 @@ class RepairRecord:
 
     async def update(
         self,
-        state: str,
+        what: RepairTrigger,
         *,
         reason: str = "",
         by: str = LOOP,
-        open: bool = True,
         answers: Sequence[int] = (),
         also: Callable[[Transaction], None] | None = None,
         **changes: Any,
     ) -> None:
-        """Note a new state, with the event and the audit entry that tell of it.
+        """Note what happened and the state after it, with the event and the audit entry that tell of it.
 
         Args:
-            answers: the requests that this state answers: what somebody asked for is done with when what
+            answers: the requests that this answers: what somebody asked for is done with when what
                 came of it is on disk, and not before.
             also: further changes of the same transaction.
         """
-        before = self._repair.state
+        before = self.state
+        state = after(REPAIR, before, what)
         data = {**self._data, **changes, "reason": reason}
         entry = AuditEntry(
             actor=by,
@@ -83,12 +86,13 @@ class RepairRecord:
             subject=self.id,
             robot=self.robot,
             reason=reason,
-            before={"state": before},
-            after={"state": state, "diagnosis": data.get("diagnosis"), "round": data.get("round")},
+            before={"state": str(before)},
+            after={"state": str(state), "diagnosis": data.get("diagnosis"), "round": data.get("round")},
         )
 
         def write(tx: Transaction) -> StoredRepair:
-            updated = tx.update_repair(self.id, state=state, data=data, open=open, fence=self._fence)
+            still_open = state not in ENDS
+            updated = tx.update_repair(self.id, state=state, data=data, open=still_open, fence=self._fence)
             tx.emit(Kind.REPAIR, self.robot, repair_json(updated))
             if state != before or reason:
                 tx.note(entry)
@@ -115,7 +119,7 @@ class RepairRecord:
         rounds.append({"diagnosis": diagnosis, "plan": steps, "why": why, "ending": None})
         self._why = f"{why}; {'; '.join(conflicts)}" if conflicts else why
         await self.update(
-            "planning",
+            RepairTrigger.PLANNED,
             reason=why,
             round=len(rounds),
             rounds=rounds,
@@ -148,7 +152,14 @@ class RepairRecord:
                 self._set_aside(tx, entry)
 
         # What was approved is done with: a new plan is a new question.
-        await self.update("verifying", reason=reason, rounds=rounds, approved=None, also=remember)
+        await self.update(
+            RepairTrigger.ROUND_ENDED,
+            reason=reason,
+            rounds=rounds,
+            approved=None,
+            waiting_for=[],
+            also=remember,
+        )
 
     def _set_aside(self, tx: Transaction, entry: Quarantine) -> None:
         tx.put_quarantine(entry, fence=self._fence)
@@ -159,7 +170,9 @@ class RepairRecord:
     async def interrupted(self) -> None:
         """Close the round that a crash or a shutdown cut short, if there is one."""
         rounds = self.rounds_closed("interrupted", "the service ended in the middle of it")
-        await self.update("waiting", reason="taken up again, with fresh observations", rounds=rounds)
+        await self.update(
+            RepairTrigger.TAKEN_UP, reason="taken up again, with fresh observations", rounds=rounds
+        )
 
     def rounds_closed(self, ending: str, reason: str) -> list[Json]:
         """Return the rounds, the last one ended like this if it has no ending yet."""
@@ -193,7 +206,7 @@ class RepairRecord:
                 return f"global stop: {stop.reason}"
             for request in tx.repair_requests(self.robot):
                 if request.what == "cancel" and request.repair == self.id:
-                    return request.reason or "cancelled"
+                    return request.reason or NO_REASON
             tx.intend(
                 self.id,
                 number,
@@ -281,7 +294,7 @@ def repair_json(repair: StoredRepair, steps: Sequence[StepRecord] = ()) -> dict[
     """Return a repair as HTTP and events show it; the steps of its present plan carry how far they came."""
     data = dict(repair.data)
     reports = {record.step: record.data for record in steps}
-    waiting = {"state": "waiting", "result": None, "message": ""}
+    waiting = {"state": StepState.WAITING, "result": None, "message": ""}
     plan = [{**waiting, **step, **reports.get(step["index"], {})} for step in data.get("plan", ())]
     rounds = [
         {**one, "plan": [{**step, **reports.get(step["index"], {})} for step in one["plan"]]}

@@ -21,14 +21,16 @@ from dataclasses import dataclass
 
 from robomend.errors import NotFound
 from robomend.repairs.choosing import Chooser
-from robomend.repairs.execution_values import MAY_HAVE_ACTED, StepState
+from robomend.repairs.execution_values import MAY_HAVE_ACTED
 from robomend.repairs.executors.agent import AgentQueue
 from robomend.repairs.live_repair import approval
 from robomend.repairs.record import LOOP, RepairRecord
 from robomend.repairs.signals import Declined, Halted, Signals
+from robomend.repairs.states import STEP, RepairState, RepairTrigger, StepState, StepTrigger
 from robomend.robots.robot import Robot
 from robomend.store.interface import Store, Transaction, View
 from robomend.store.records import AuditEntry, Fence, Intent, Paging
+from robomend.transitions import after
 from robomend_client.actions import OK, TIMED_OUT
 from robomend_client.events import Kind
 
@@ -95,13 +97,13 @@ class Reentry:
 
         if new:
             self._signals.ask()
-        await self._record.update("awaiting-approval", reason=question, question=question, also=settle)
+        await self._record.update(RepairTrigger.QUESTIONED, reason=question, question=question, also=settle)
         if not await self._signals.decided():
             cancelled = self._signals.halted_by
             raise Halted if cancelled is None or cancelled in early else Declined
         by = self._signals.by
         await self._record.update(
-            "waiting",
+            RepairTrigger.GO_ON,
             by=by,
             reason=f"{by} looked, and said to go on",
             question=None,
@@ -128,11 +130,11 @@ class Reentry:
         requests = await self._store.read(lambda view: view.repair_requests(self._record.robot))
         yes = [r for r in requests if r.repair == self._record.id and r.what == "approve"]
         numbers = [request.number for request in yes]
-        if yes and self._record.state == "awaiting-approval":
+        if yes and self._record.state is RepairState.AWAITING_APPROVAL:
             given = approval(yes[-1].by, (step["text"] for step in self._record.data.get("plan", ())))
-            await self._record.update("waiting", by=yes[-1].by, also=keep, approved=given)
+            await self._record.update(RepairTrigger.TAKEN_UP, by=yes[-1].by, also=keep, approved=given)
         else:
-            await self._record.update("waiting", also=keep)
+            await self._record.update(RepairTrigger.TAKEN_UP, also=keep)
 
     async def _fate(self, intent: Intent, why: str, patient: bool) -> tuple[int, str]:
         """Return what is known of an action whose outcome was not written.
@@ -187,11 +189,12 @@ class LeftOpen:
             tx.note(AuditEntry(LOOP, "action.result", text, intent.robot, message, after={"result": code}))
             outcomes[intent.id] = (code, message)
         for step in tx.steps(self.repair):
-            if step.state == str(StepState.RUNNING):
+            if StepState(step.state) is StepState.RUNNING:
                 # Answered already, if it has no fate: then it was its effect that was awaited.
                 seen = (step.data["result"], "nobody waited for its effect any more")
                 code, message = outcomes.get(step.data["id"], seen)
-                state = str(StepState.DONE if code == OK else StepState.FAILED)
+                what = StepTrigger.EFFECT_SEEN if code == OK else StepTrigger.WENT_WRONG
+                state = after(STEP, StepState.RUNNING, what)
                 data = {**step.data, "state": state, "result": code, "message": message}
                 data["ended_ns"] = tx.now_ns
                 tx.put_step(self.repair, step.step, state=state, data=data, fence=self.fence)

@@ -35,6 +35,7 @@ from robomend.repairs.executors.agent import AgentQueue
 from robomend.repairs.record import repair_json
 from robomend.repairs.reentry import open_question
 from robomend.repairs.robot_repairs import Dependencies, RobotRepairs
+from robomend.repairs.states import INITIAL, RepairState
 from robomend.robots.robots import Robots
 from robomend.settings import Settings
 from robomend.store.interface import Store, Transaction, View
@@ -231,7 +232,7 @@ class Repairs:
                 "reason": reason,
                 "question": open_question(tx, robot),
             }
-            repair = tx.create_repair(robot, state="waiting", data=data)
+            repair = tx.create_repair(robot, state=INITIAL, data=data)
             tx.emit(Kind.REPAIR, robot, repair_json(repair))
             tx.note(AuditEntry(by, "repair.create", repair.id, robot, reason, after={"bad": wanted}))
             return repair
@@ -265,7 +266,7 @@ class Repairs:
             repair = tx.repair(repair_id)
             if not repair.open:
                 raise StateConflict(f"repair {repair_id} has ended already ({repair.state})")
-            if what == "approve" and repair.state != "awaiting-approval":
+            if what == "approve" and repair.state != RepairState.AWAITING_APPROVAL:
                 raise StateConflict(f"repair {repair_id} awaits no approval; it is {repair.state}")
             if any(r.what == what and r.repair == repair_id for r in tx.repair_requests(repair.robot)):
                 raise StateConflict(f"repair {repair_id}: somebody said {what!r} already")

@@ -39,7 +39,8 @@ from robomend.repairs.executors.once import Once
 from robomend.repairs.live_repair import LiveRepair, NotPermitted, Overtaken, Silent
 from robomend.repairs.record import LOOP, Json, RepairRecord, repair_json
 from robomend.repairs.reentry import Reentry, open_question
-from robomend.repairs.signals import Declined, Halted, Signals
+from robomend.repairs.signals import NO_REASON, Declined, Halted, Signals
+from robomend.repairs.states import INITIAL, RepairTrigger
 from robomend.robots.robot import Robot
 from robomend.robots.robots import Robots
 from robomend.store.interface import Store, Transaction, View
@@ -216,7 +217,7 @@ class RobotRepairs:
                 "reason": "",
                 "question": open_question(tx, self._robot),
             }
-            repair = tx.create_repair(self._robot, state="waiting", data=data, fence=self.fence)
+            repair = tx.create_repair(self._robot, state=INITIAL, data=data, fence=self.fence)
             tx.emit(Kind.REPAIR, self._robot, repair_json(repair))
             tx.note(AuditEntry(LOOP, "repair.create", repair.id, self._robot, "the diagnosis is not healthy"))
             return repair
@@ -243,17 +244,17 @@ class RobotRepairs:
                 heard_since = await entry.ask_about(doubt, state)
                 last = await mend(await self._live(state, record, heard_since))
             situation = situation_of(state)
-            outcome, reason = conclusion(last, signals, record.data)
-            if outcome == "repaired":
+            end, reason = conclusion(last, signals, record.data)
+            if end is RepairTrigger.HEALTHY:
                 reason += nobodys_fault(state)
         except Halted as how:
-            outcome, reason = "cancelled", signals.reason
+            end, reason = RepairTrigger.HALTED, signals.reason
             declined = isinstance(how, Declined)
         except Overtaken as error:
-            outcome, reason = "cancelled", str(error)
+            end, reason = RepairTrigger.OVERTAKEN, str(error)
             situation = None  # the new one may begin a repair of its own
         except (Silent, NotPermitted) as error:
-            outcome, reason = "escalated", str(error)
+            end, reason = RepairTrigger.NEEDS_PERSON, str(error)
         except StoreError:
             raise  # the repair stays open and is entered again
         except RobomendError as error:
@@ -262,21 +263,21 @@ class RobotRepairs:
             log.warning(
                 "repair failed", robot=self._robot, repair=repair.id, code=error.code, detail=str(error)
             )
-            outcome, reason = "failed", f"{error.code}: {error}"
+            end, reason = RepairTrigger.BROKE, f"{error.code}: {error}"
         except Exception as error:  # a fault of ours: a person must see it, and the loop lives on
             log.exception("repair failed", robot=self._robot, repair=repair.id)
-            outcome, reason = "failed", f"an error in robomend: {type(error).__name__}: {error}"
+            end, reason = RepairTrigger.BROKE, f"an error in robomend: {type(error).__name__}: {error}"
         finally:
             listener.cancel()
             await asyncio.wait({listener})
-        await self._end(entry, state, record, outcome, reason, situation, declined)
+        await self._end(entry, state, record, end, reason, situation, declined)
 
     async def _end(
         self,
         entry: Reentry,
         state: Robot,
         record: RepairRecord,
-        outcome: str,
+        end: RepairTrigger,
         reason: str,
         situation: BadSets | None,
         declined: bool,
@@ -287,14 +288,13 @@ class RobotRepairs:
         question = None if declined else left.question(reason) or record.data.get("question")
         if left.in_doubt:
             reason += f"; {left.in_doubt} was under way: nothing else is sent before a person has looked"
-        gives_up = outcome != "repaired" and not signals.stopped
+        gives_up = end is not RepairTrigger.HEALTHY and not signals.stopped
         self._given_up = situation if gives_up else None
-        self._retry_ns = await self._next_try() if outcome == "escalated" else None
+        self._retry_ns = await self._next_try() if end is RepairTrigger.NEEDS_PERSON else None
         await record.update(
-            outcome,
+            end,
             reason=reason,
             by=signals.by or LOOP,
-            open=False,
             answers=signals.answers(),
             waiting_for=[],
             rounds=record.rounds_closed("halted", reason),
@@ -365,7 +365,7 @@ class RobotRepairs:
             elif request.what == "approve":
                 signals.approve(by=request.by, request=request.number)
             else:
-                signals.end(by=request.by, reason=request.reason or "cancelled", request=request.number)
+                signals.end(by=request.by, reason=request.reason or NO_REASON, request=request.number)
 
 
 RECONSIDERED = frozenset({"quarantine.release", "robot.put"})

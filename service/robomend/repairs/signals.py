@@ -12,6 +12,9 @@ from typing import TypeVar
 
 T = TypeVar("T")
 
+NO_REASON = "cancelled"
+"""The reason of a cancellation that gives none."""
+
 
 class Halted(Exception):  # what happened, not what went wrong
     """Ends a wait that is not the execution's own."""

@@ -18,6 +18,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from robomend.errors import RobomendError, StoreError
+from robomend.repairs.states import QueueState
 from robomend.store.interface import Store, Transaction
 from robomend.store.records import AgentAction
 from robomend_client.actions import CANCELLED, TIMED_OUT, UNREACHABLE, Action, ActionResult, Feedback
@@ -74,7 +75,7 @@ class AgentQueue:
                 parameters=action.parameters,
                 timeout_s=action.timeout_s,
             )
-            tx.emit(Kind.ACTION, robot, describe(queued, "queued"))
+            tx.emit(Kind.ACTION, robot, describe(queued))
             return queued
 
         return await self._store.write(queue, robots=(robot,))
@@ -104,7 +105,7 @@ class AgentQueue:
 
         def answer(tx: Transaction) -> AgentAction:
             action = tx.answer_action(action_id)
-            tx.emit(Kind.ACTION, action.robot, describe(action, "running"))
+            tx.emit(Kind.ACTION, action.robot, describe(action))
             return action
 
         return await self._store.write(answer)
@@ -116,7 +117,7 @@ class AgentQueue:
             first = tx.agent_action(action_id).code is None
             action = tx.finish_action(action_id, code, message)
             if first:
-                tx.emit(Kind.ACTION, action.robot, describe(action, "done"))
+                tx.emit(Kind.ACTION, action.robot, describe(action))
             return action
 
         return await self._store.write(finish)
@@ -204,14 +205,14 @@ async def _wait(change: asyncio.Event, timeout_s: float) -> None:
             await change.wait()
 
 
-def describe(action: AgentAction, state: str) -> dict[str, Any]:
+def describe(action: AgentAction) -> dict[str, Any]:
     """Return the data of an ACTION event."""
     return {
         "id": action.id,
         "name": action.name,
         "parameters": list(action.parameters),
         "host": action.host,
-        "state": state,
+        "state": str(QueueState.of(action)),
         "result": action.code,
         "message": action.message,
     }
