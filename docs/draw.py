@@ -12,6 +12,7 @@ import re
 from pathlib import Path
 
 from robomend.repairs import states
+from robomend.robots import states as held
 from robomend.transitions import diagram
 
 PAGES = Path(__file__).parent
@@ -19,6 +20,8 @@ PAGES = Path(__file__).parent
 DIAGRAMS = {
     "repair": diagram(states.REPAIR, states.INITIAL, together=("any open state", states.OPEN)),
     "step": diagram(states.STEP, states.StepState.WAITING),
+    "held": diagram(held.HELD, held.Held.UNREAD),
+    "search": diagram(held.SEARCH, held.Search.IDLE),
 }
 
 BLOCK = re.compile(r"(<!-- drawn: (?P<name>\S+) -->\n).*?(<!-- end -->)", re.DOTALL)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import AsyncIterator, Iterator
+from pathlib import Path
 
 import pytest
 from tests.postgres import postgres_server, postgres_url
@@ -26,7 +27,9 @@ async def planners() -> AsyncIterator[PlannerPool]:
 
 @pytest.fixture(autouse=True)
 def _planners_for_services(request: pytest.FixtureRequest) -> None:
-    if request.node.get_closest_marker("anyio") is not None:
+    """Only for tests that run on the session's event loop: the executors' have loops of their own."""
+    here = request.path.parent == Path(__file__).parent
+    if here and request.node.get_closest_marker("anyio") is not None:
         request.getfixturevalue("planners")
 
 

@@ -12,8 +12,6 @@ import pytest
 from tests.api.conftest import TEDUSAR, StartService, bad_sets
 from tests.api.conftest import start as start  # the fixture
 
-from robomend.repairs.hearing import LiveSight
-
 
 def test_who_waits_for_observations_hears_of_those_of_another_instance(start: StartService) -> None:
     one, two = start(), start()
@@ -24,7 +22,7 @@ def test_who_waits_for_observations_hears_of_those_of_another_instance(start: St
 
     async def wait() -> int:
         state = await robots.latest("r1")
-        return await LiveSight(robots, state).changed(1, 20.0)
+        return await state.changed(1, 20.0)
 
     waiting: Future[int] = asyncio.run_coroutine_threadsafe(wait(), two.loop)
     time.sleep(0.2)

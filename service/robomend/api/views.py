@@ -23,7 +23,7 @@ from robomend.robots.batches import Acknowledged
 from robomend.robots.boards import WiredBoard
 from robomend.robots.clock import CLOCK
 from robomend.robots.configuration import covered
-from robomend.robots.robot import Current, Robot
+from robomend.robots.robot import Robot
 from robomend.security import Principal
 from robomend.settings import Settings
 from robomend.store.interface import Store, View
@@ -95,16 +95,8 @@ def robot_out(state: Robot) -> RobotOut:
         updated_ns=state.stored.updated_ns,
         revision=state.revision,
         model_version=state.model.version,
-        healthy=_healthy(state.current),
+        healthy=None if state.current is None else state.current.healthy,
     )
-
-
-def _healthy(current: Current | None) -> bool | None:
-    if current is None:
-        return None
-    if current.result is None:
-        return False
-    return any(not diagnosis["bad"] for diagnosis in current.result["diagnoses"])
 
 
 def accepted_response(outcome: Acknowledged) -> Response:

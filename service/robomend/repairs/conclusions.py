@@ -24,17 +24,14 @@ NAMED = 5
 
 def is_healthy(state: Robot) -> bool:
     """Return whether the present diagnosis says that all is well; False where there is none."""
-    result = None if state.current is None else state.current.result
-    return result is not None and any(not diagnosis["bad"] for diagnosis in result["diagnoses"])
+    return state.current is not None and state.current.healthy
 
 
 def situation_of(state: Robot) -> BadSets | None:
     """Return the bad sets of the present diagnoses; None when healthy, or not diagnosed."""
-    result = None if state.current is None else state.current.result
-    if result is None:
+    if state.current is None or state.current.healthy:
         return None
-    bads = frozenset(tuple(diagnosis["bad"]) for diagnosis in result["diagnoses"])
-    return None if () in bads or not bads else bads
+    return frozenset(state.current.bad_sets or ()) or None
 
 
 def nobodys_fault(state: Robot) -> str:

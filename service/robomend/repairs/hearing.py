@@ -15,27 +15,6 @@ from robomend.store.records import Page, Paging, StoredBatch
 from robomend_client.literals import Atom, Literal
 
 
-class LiveSight:
-    """OBS of a robot in memory; another instance's observations are read from the store as they come."""
-
-    def __init__(self, robots: Robots, state: Robot) -> None:
-        self._robots = robots
-        self._state = state
-
-    @property
-    def revision(self) -> int:
-        return self._state.revision
-
-    def value(self, atom: Atom) -> bool | None:
-        return self._state.value(atom)
-
-    async def changed(self, revision: int, timeout_s: float) -> int:
-        await self._state.changed(revision, timeout_s)
-        if self._state.stale:
-            await self._robots.robot(self._state.id)
-        return self._state.revision
-
-
 class Hearing:
     """Which atoms of the robot's `observed` list OBS has, and after a crash, which were reported since."""
 

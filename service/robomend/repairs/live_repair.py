@@ -22,7 +22,7 @@ from robomend.planning.prediction import Prediction, theory_of
 from robomend.planning.quarantine import quarantined
 from robomend.repairs.choosing import Chooser, record_of
 from robomend.repairs.execution_values import Ending, Execution, Setting, StepReport, Timing
-from robomend.repairs.hearing import Hearing, LiveSight
+from robomend.repairs.hearing import Hearing
 from robomend.repairs.record import RepairRecord
 from robomend.repairs.signals import Signals
 from robomend.repairs.states import RepairTrigger, StepState
@@ -77,7 +77,6 @@ class LiveRepair:
         self._hearing = Hearing(store, robots, state, heard_since)
         # A crash does not give a repair new rounds, but it may always finish.
         self.rounds = max(1, self._policy.rounds - len(record.data.get("rounds", ())))
-        self._sight = LiveSight(robots, state)
         self._components = frozenset(state.system.cnf.components)
         self._settled = 0  # the revision of OBS when the last action had answered
         self._first = 0  # number of the present round's first step within the repair
@@ -124,26 +123,13 @@ class LiveRepair:
             if names != told:
                 told = names
                 await self._record.update(RepairTrigger.UNHEARD, reason="for observers", waiting_for=names)
-            await self._signals.unless_halted(self._sight.changed(self._sight.revision, LOOK_S))
+            await self._signals.unless_halted(self._state.changed(self._state.revision, LOOK_S))
         self._hearing.anew = False
         return bool(told)
 
     async def _newest(self) -> DiagnosisResult:
         """Return the diagnosis of OBS as it is now; the fault, if there is none, is raised."""
-        state = self._state
-        while True:
-            if state.stale:
-                await self._robots.robot(state.id)
-            current, revision = state.current, state.revision
-            if current is not None and current.answer is not None and current.revision >= revision:
-                if current.answer.result is not None:
-                    return current.answer.result
-                assert current.answer.fault is not None
-                raise current.answer.fault
-            count = state.diagnosed.value
-            if state.task is None:
-                self._robots.diagnosing.wake(state)
-            await self._signals.unless_halted(state.diagnosed.beyond(count, LOOK_S))
+        return await self._signals.unless_halted(self._robots.diagnosing.result(self._state))
 
     # --- choose
 
@@ -160,7 +146,7 @@ class LiveRepair:
             )
             deadline = time.monotonic() + self._state.config.observed_timeout_s
             while self._state.value(atom) is None and time.monotonic() < deadline:
-                await self._signals.unless_halted(self._sight.changed(self._sight.revision, LOOK_S))
+                await self._signals.unless_halted(self._state.changed(self._state.revision, LOOK_S))
             result = await self._newest()
             found = await self._planned(result, looks=False)
         if found.plan is not None and found.diagnosis is not None:
@@ -245,7 +231,7 @@ class LiveRepair:
         return Setting(
             repair=self._record.id,
             first_step=self._first,
-            sight=self._sight,
+            sight=self._state,
             prediction=Prediction(theory_of(system.cnf), system.cnf.components, plan.initial),
             executors=self._executors,
             journal=self,
@@ -264,7 +250,7 @@ class LiveRepair:
 
     async def settle(self, action: Action, result: ActionResult, report: StepReport) -> None:
         """Write an outcome (robomend.repairs.execution_values.Journal)."""
-        self._settled = self._sight.revision
+        self._settled = self._state.revision
         await self._record.settle(action, result, report)
 
     # --- look, remember
@@ -278,7 +264,7 @@ class LiveRepair:
         timing = Timing()
         deadline = time.monotonic() + (timing.effect_timeout_s if done else timing.hold_s)
         while True:
-            revision = self._sight.revision
+            revision = self._state.revision
             result = await self._newest()
             helped = stands_no_more(choice.diagnosis.bad, result)
             if result.healthy and await self._hearing.unheard():
@@ -287,7 +273,7 @@ class LiveRepair:
                 return await self._newest()
             if result.healthy or (done and helped) or time.monotonic() >= deadline:
                 return result
-            await self._signals.unless_halted(self._sight.changed(revision, LOOK_S))
+            await self._signals.unless_halted(self._state.changed(revision, LOOK_S))
 
     async def _hear_the_missing(self, execution: Execution) -> None:
         """An effect that nobody could tell us of says nothing of the robot: Silent, unless they speak."""
@@ -301,7 +287,7 @@ class LiveRepair:
                 )
                 await self._record.end_round(str(Ending.STALE), why, helped=False)
                 raise Silent(why)
-            await self._signals.unless_halted(self._sight.changed(self._sight.revision, LOOK_S))
+            await self._signals.unless_halted(self._state.changed(self._state.revision, LOOK_S))
 
     async def remember(self, choice: Choice, execution: Execution, *, helped: bool) -> None:
         """Keep the attempt; components whose repairs keep failing go into quarantine."""

@@ -1,7 +1,8 @@
 """The robots of the service: OBS in, diagnoses out. Begin with robots.py.
 
 robots.py         all robots: accept, keep, tell;  memory.py  which are in memory, and how fresh
-robot.py          what is held of one robot in memory;  configuration.py  what is configured of it
+robot.py          what is held of one robot in memory;  states.py  its states, as tables
+current.py        its diagnosis, as it is published;  configuration.py  what is configured of it
 configuring.py    what a configuration must hold;  following.py  what other instances did
 batches.py        sentences → literals;  boards.py  a board's channels → literals
 diagnosing.py     when a robot is diagnosed;  diagnoser.py  by which engine, within which time

@@ -38,7 +38,7 @@ from robomend.robots.boards import SOURCE, Boards, WiredBoard
 from robomend.robots.clock import CLOCK
 from robomend.robots.configuration import RobotConfig
 from robomend.robots.diagnoser import Diagnoser
-from robomend.robots.diagnosing import SETTLE_S, Diagnosing, announce, same
+from robomend.robots.diagnosing import Diagnosing
 from robomend.robots.following import Following
 from robomend.robots.memory import Memory
 from robomend.robots.robot import Changes, Robot
@@ -70,7 +70,7 @@ class Robots:
         )
         self._tasks: set[asyncio.Task[None]] = set()
         self._unsubscribe: Callable[[], None] | None = None
-        self.diagnosing = Diagnosing(store, settings, metrics, diagnoser, self.robot)
+        self.diagnosing = Diagnosing(store, settings, metrics, diagnoser)
         self.models.on_change(self._model_changed)
         metrics.on_demand("robomend_robots", "robots in memory", (), lambda: [((), len(self._memory.states))])
         metrics.on_demand(
@@ -132,11 +132,7 @@ class Robots:
     async def diagnosed(self, robot: str) -> Robot:
         """Return a robot's latest state with its diagnosis; one that is nearly there is waited for."""
         state = await self.latest(robot)
-        revision, until = state.revision, time.monotonic() + SETTLE_S
-        await self.diagnosing.settle(state, revision, until)
-        while state.stale and not state.gone and time.monotonic() < until:  # another instance was faster
-            state = await self.robot(robot)
-            await self.diagnosing.settle(state, revision, until)
+        await self.diagnosing.settle(state)
         return state
 
     async def put_robot(self, robot: str, config: Json, *, expected: str | None, by: str) -> Robot:
@@ -153,7 +149,7 @@ class Robots:
         )
         state = self._memory.states.get(robot)
         if state is not None:
-            state.stale = True
+            state.changed_elsewhere()
         return await self.robot(robot)
 
     async def delete_robot(self, robot: str, *, expected: str, by: str) -> None:
@@ -233,7 +229,7 @@ class Robots:
                     forgotten=batch.forgotten,
                 )
             except InputError:
-                state.stale = True  # part of the batch may be in memory
+                state.half_applied()
                 raise
             try:
                 kept = await self._write(state, changes, once)
@@ -247,24 +243,11 @@ class Robots:
             return Acknowledged(kept["revision"], tuple(kept["changed"]), batch.refused)
         raise Overloaded(f"robot {state.id!r} is written to by too many instances at once")
 
-    async def _write(self, state: Robot, changes: Changes, once: IdempotencyKey | None) -> dict[str, Any]:
-        """Write a batch that memory has already; if that fails, memory is read again from the store.
+    async def _write(self, state: Robot, changes: Changes, once: IdempotencyKey | None) -> Json:
+        """Write a batch that memory has already, with its event."""
+        before, accepted_ns = state.head, time.time_ns()
 
-        The diagnosis goes into the same transaction if it can be had at once; else the robot is woken after
-        it.
-        """
-        before, generation, began = state.head, state.generation, time.perf_counter()
-        accepted_ns = time.time_ns()
-        current = self.diagnosing.at_once(state, before + 1)
-        is_new = current is not None and not same(state.announced, current)
-        if current is not None and is_new:
-            state.announced = current
-        state.head = before + 1
-        ran = False
-
-        def keep(tx: Transaction) -> dict[str, Any]:
-            nonlocal ran
-            ran = True
+        def keep(tx: Transaction) -> Json:
             revision = tx.observe(
                 state.id,
                 accepted=changes.accepted,
@@ -276,36 +259,16 @@ class Robots:
             )
             said = {"revision": revision, "changed": changes.text}
             forgotten = [str(atom) for atom in changes.forgotten]
-            told = {**said, "forgotten": forgotten, "accepted_ns": accepted_ns}
-            tx.emit(Kind.OBSERVATIONS, state.id, told)
-            if current is not None and is_new:
-                announce(state.id, current, tx)
+            tx.emit(Kind.OBSERVATIONS, state.id, {**said, "forgotten": forgotten, "accepted_ns": accepted_ns})
             return said
 
-        try:
-            kept = await self._store.write(keep, robots=(state.id,), once=once)
-        except BaseException:  # a cancellation too: memory is ahead of the disk
-            state.stale, state.announced = True, None
-            state.observed.wake()  # whoever waits for this write looks, and reads it anew
-            raise
-        state.observed.advance(kept["revision"])
-        state.changed_at = began
-        if not ran or state.generation != generation:
-            # A repeated key, or a write that a reload did not see: memory is read again before a diagnosis.
-            state.stale, state.announced = True, None
-        if current is not None and not state.stale:
-            self.diagnosing.announced(state, current, time.perf_counter() - began)
-        else:
-            if state.waiting_since is None:
-                state.waiting_since = began
-            self.diagnosing.wake(state)
-        return kept
+        return await self.diagnosing.write(state, keep, once)
 
     def _model_changed(self, name: str) -> None:
         """Recompile and diagnose anew for every robot in memory that follows the model."""
         for state in self._memory.states.values():
             if state.stored.config.get("model") == name:
-                state.stale = True
+                state.changed_elsewhere()
                 self.diagnosing.wake(state)
 
     # --- boards
