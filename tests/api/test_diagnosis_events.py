@@ -15,7 +15,7 @@ def test_text_and_object_of_a_diagnosis_agree(service: Service) -> None:
     service.observe("not running(rviz)", robot="told")
     found = service.diagnosis("told", after=0, wait_s=10)
     assert bad_sets(found) == [{"rviz"}]
-    current = service.runtime.robots._memory.states["told"].current  # what the event was made from
+    current = service.runtime.robots.memory.states["told"].current  # what the event was made from
     assert current is not None
     assert current.answer is not None
     data = current.event_data()

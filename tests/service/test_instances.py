@@ -21,7 +21,7 @@ def test_who_waits_for_observations_hears_of_those_of_another_instance(start: St
     robots = two.runtime.robots
 
     async def wait() -> int:
-        state = await robots.latest("r1")
+        state = await robots.memory.latest("r1")
         return await state.changed(1, 20.0)
 
     waiting: Future[int] = asyncio.run_coroutine_threadsafe(wait(), two.loop)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from robomend.entry import Entry
 from robomend.store.interface import Store, Transaction
-from robomend.store.records import Entry
 from robomend_client.events import Kind
-from robomend_client.literals import Atom
+from robomend_client.literals import Atom, Literal
 
 
 def entry(
@@ -19,7 +19,7 @@ def entry(
     expires_ns: int | None = None,
 ) -> Entry:
     """Return `ok(name)` or its negation."""
-    return Entry(Atom("ok", (name,)), positive, source, time_ns, expires_ns)
+    return Entry(Literal(Atom("ok", (name,)), positive), source, time_ns, expires_ns)
 
 
 async def with_robots(store: Store, *robots: str) -> None:

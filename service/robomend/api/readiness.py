@@ -16,7 +16,7 @@ async def readiness(parts: Parts) -> Readiness:
     but one robot's fault makes nobody unready.
     """
     checks = {"store": await _store(parts), "workers": Check(ok=parts.one_shots.alive, detail="")}
-    boards = parts.robots.board_states()
+    boards = parts.robots.boards.states()
     away = sorted(robot for robot, state in boards.items() if state != "connected")
     checks["boards"] = Check(
         ok=not away,

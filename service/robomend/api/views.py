@@ -37,7 +37,6 @@ from robomend.store.records import (
     StoredRepair,
     StoredRobot,
 )
-from robomend_client.literals import Literal
 
 
 def model_out(model: StoredModel, system: System) -> ModelOut:
@@ -240,8 +239,7 @@ def _history_line(item: StoredBatch | StoredDiagnosis | StoredRepair) -> History
     data = {
         "revision": item.revision,
         "observations": [
-            {"literal": str(Literal(e.atom, e.positive)), "source": e.source, "time_ns": e.time_ns}
-            for e in item.entries
+            {"literal": str(e.literal), "source": e.source, "time_ns": e.time_ns} for e in item.entries
         ],
         "asserted": {assertion.name: assertion.sentence for assertion in item.asserted},
         "withdrawn": list(item.withdrawn),

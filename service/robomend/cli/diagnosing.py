@@ -19,13 +19,14 @@ from robomend.diagnosis.engines import make_engine
 from robomend.diagnosis.ranking import rank
 from robomend.diagnosis.result import DiagnosisResult, Engine, Options
 from robomend.diagnosis.snapshots import diagnose_snapshots
+from robomend.entry import Entry
 from robomend.errors import InputError, ObservationError, OptionRefused, UnknownComponent
 from robomend.model.clauses import Assertion, extend, without_running
 from robomend.model.cnf import HealthCnf
 from robomend.model.system import System
 from robomend.model.vocabulary import TRENDS
 from robomend.observations.language import Unknown, parse, read
-from robomend.observations.obs import Obs, Observed
+from robomend.observations.obs import Obs
 from robomend_client.literals import Literal
 
 REMEMBERED = 2000
@@ -90,7 +91,7 @@ class Diagnoser:
             spoken.extend(literals)
         if any(literal.atom.predicate in TRENDS for literal in spoken):
             obs = Obs()
-            obs.update(Observed(literal, "", 0) for literal in spoken)
+            obs.update(Entry(literal, "", 0) for literal in spoken)
             return Question(frozenset(obs.literals(0)), tuple(assertions))
         return Question(frozenset({literal.atom: literal for literal in spoken}.values()), tuple(assertions))
 

@@ -6,6 +6,7 @@ robot_repairs.py     one robot's: when a repair begins, and that it ends
 live_repair.py       one repair: what the loop asks for, answered by robots, store, planners and executors
 choosing.py          the situation that a choice is made in
 execution.py         a plan, step by step;  execution_values.py  what that needs and reports
+looking.py           OBS meanwhile: preconditions, effects, contradictions
 executors/           who carries out an action
 record.py            what is written down, before an action is sent and after
 hearing.py           whether the observers have spoken

@@ -8,9 +8,6 @@ Steps that the plan does not order run side by side. While they run, a watch com
 that the plan predicts; a contradiction that lasts is a mismatch. Nothing here repairs a mismatch: execution
 ends, says which literal it saw, and the loop diagnoses and plans again. A plan is never trusted beyond what
 was seen.
-
-Awaited are the literals that a step makes expected (robomend.planning.prediction) and that somebody observes:
-on/off, running/stopped, and ok(t) once all that t rests on is predicted good.
 """
 
 from __future__ import annotations
@@ -18,12 +15,10 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from dataclasses import replace
-from typing import TypeVar
 
 from robomend.planning.plan import Plan, Step
-from robomend.planning.prediction import OBSERVED_FACTS, observable
 from robomend.repairs.execution_values import (
     MAY_HAVE_ACTED,
     Ending,
@@ -34,6 +29,7 @@ from robomend.repairs.execution_values import (
     Withheld,
     failure,
 )
+from robomend.repairs.looking import Looking
 from robomend.repairs.states import STEP, STEP_ENDS, StepTrigger
 from robomend.transitions import after
 from robomend_client.actions import (
@@ -46,8 +42,6 @@ from robomend_client.actions import (
     ActionResult,
 )
 from robomend_client.literals import Literal
-
-T = TypeVar("T")
 
 
 async def execute(plan: Plan, setting: Setting) -> Execution:
@@ -76,7 +70,7 @@ class _Run:
         self._setting = setting
         self._reports = [StepReport(step) for step in plan.steps]
         self._done: set[int] = set()
-        self._agreed: set[Literal] = set()  # expected literals that OBS has shown
+        self._looking = Looking(setting)
         self._tasks: dict[asyncio.Task[None], int] = {}
 
     async def run(self) -> Execution:
@@ -144,7 +138,7 @@ class _Run:
         try:
             await self._check_permitted(step)
             await self._check_preconditions(step, timing)
-            if self._visible(step):
+            if self._looking.visible(step):
                 self._setting.prediction.begin(step)
                 self._setting.prediction.finish(step)
                 await self._note(step, StepTrigger.EFFECT_THERE, reason="its effect was already there")
@@ -163,43 +157,14 @@ class _Run:
             raise _Stop(Ending.NOT_PERMITTED, f"{step}: no executor is configured for {step.name!r}")
 
     async def _check_preconditions(self, step: Step, timing: Timing) -> None:
-        """One that OBS contradicts, or that its observer no longer reports, gets a moment to clear up."""
-        conditions = [observable(p) for p in step.preconditions]
-        conditions = [p for p in conditions if p.atom.predicate not in {"good", "bad"}]
-
-        def wrong() -> Literal | None:
-            for literal in conditions:
-                value = self._setting.sight.value(literal.atom)
-                if value is None and literal.atom in self._setting.observed:
-                    return literal
-                if value is not None and value != literal.positive:
-                    return literal
-            return None
-
-        literal = await self._until_none(
-            wrong, timing.effect_timeout_s if self._stale(conditions) else timing.hold_s
-        )
-        if literal is None or self._visible(step):
+        literal = await self._looking.wrong_before(step, timing)
+        if literal is None or self._looking.visible(step):
             return
-        if self._setting.sight.value(literal.atom) is None:
+        if not self._looking.known(literal.atom):
             raise _Stop(
                 Ending.STALE, f"{step}: {literal} is no longer reported; nothing acts on old news", literal
             )
         raise _Stop(Ending.MISMATCH, f"{step}: expected {literal} before it, but saw {-literal}", literal)
-
-    def _stale(self, conditions: list[Literal]) -> bool:
-        return any(
-            p.atom in self._setting.observed and self._setting.sight.value(p.atom) is None for p in conditions
-        )
-
-    def _visible(self, step: Step) -> bool:
-        """Whether OBS already shows each on/off and running/stopped that the step brings about."""
-        facts = {
-            observable(effect)
-            for effect in step.effects
-            if effect.positive and observable(effect).atom.predicate in OBSERVED_FACTS
-        }
-        return bool(facts) and all(self._setting.sight.value(f.atom) == f.positive for f in facts)
 
     async def _act(self, step: Step, timing: Timing) -> frozenset[Literal]:
         """Send the action, again after a failure if it may be; return the literals that it makes expected."""
@@ -210,15 +175,18 @@ class _Run:
             if attempt:
                 await asyncio.sleep(timing.backoff_s * 2 ** (attempt - 1))
                 await self._check_permitted(step)
-                if self._visible(step):
+                if self._looking.visible(step):
                     break
             result = await self._send(step, attempt, timing)
             if result.ok or result.code == REFUSED:
                 break
             if self._in_doubt(step, result):
                 raise _Stop(Ending.UNKNOWN_OUTCOME, f"{failure(step, result)}; it must not be sent twice")
-        if not result.ok and not await self._shows_anyway(step, result, timing):
-            raise _Stop(Ending.ACTION_FAILED, failure(step, result))
+        if not result.ok:
+            # An action without an answer may have acted: what counts is what OBS shows.
+            counts = result.code in {TIMED_OUT, UNREACHABLE, FAILED}
+            if not (counts and await self._looking.becomes_visible(step, timing.hold_s)):
+                raise _Stop(Ending.ACTION_FAILED, failure(step, result))
         # Across `finish` alone: what other steps brought about meanwhile is theirs to await.
         before = prediction.expected()
         prediction.finish(step)
@@ -297,79 +265,26 @@ class _Run:
         """Whether only a person can say if a step acted that must not be done twice."""
         return result.code in MAY_HAVE_ACTED and step.name in self._setting.not_idempotent
 
-    async def _shows_anyway(self, step: Step, result: ActionResult, timing: Timing) -> bool:
-        """An action without an answer may have acted: what counts is what OBS shows."""
-        if result.code not in {TIMED_OUT, UNREACHABLE, FAILED}:
-            return False
-        await self._until_none(lambda: None if self._visible(step) else step, timing.hold_s)
-        return self._visible(step)
-
     async def _await_effect(self, step: Step, wanted: frozenset[Literal], timeout_s: float) -> None:
-        sight = self._setting.sight
-        awaited = {
-            literal
-            for literal in wanted
-            if literal.atom in self._setting.observed or sight.value(literal.atom) is not None
-        }
-
-        def missing() -> frozenset[Literal] | None:
-            return frozenset(w for w in awaited if sight.value(w.atom) != w.positive) or None
-
-        left = await self._until_none(missing, timeout_s) or frozenset()
-        # Another step may have begun meanwhile and taken away what this one gave: not missing.
-        left &= self._setting.prediction.expected()
-        seen = tuple(sorted(awaited - left))
-        self._agreed.update(seen)
-        if left:
-            names, was = " and ".join(map(str, sorted(left))), "was" if len(left) == 1 else "were"
-            self._report(step, None, seen=seen, missing=tuple(sorted(left)))  # written with the reason
+        seen, missing = await self._looking.effect(wanted, timeout_s)
+        if missing:
+            names, was = " and ".join(map(str, missing)), "was" if len(missing) == 1 else "were"
+            self._report(step, None, seen=seen, missing=missing)  # written with the reason
             raise _Stop(
                 Ending.EFFECT_MISSING,
                 f"{step} answered 'done', but {names} {was} not seen within {timeout_s:g} s",
-                min(left),
+                missing[0],
             )
         await self._note(step, StepTrigger.EFFECT_SEEN, seen=seen)
 
-    async def _until_none(self, wrong: Callable[[], T | None], timeout_s: float) -> T | None:
-        """Wait until `wrong()` is None, looking at each change of OBS; return its last answer."""
-        deadline = time.monotonic() + timeout_s
-        sight = self._setting.sight
-        while True:
-            revision = sight.revision
-            answer = wrong()
-            left = deadline - time.monotonic()
-            if answer is None or left <= 0:
-                return answer
-            await sight.changed(revision, min(left, 0.25))  # observations also grow stale, which is no change
-
-    # --- the watch --------------------------------------------------------------------------------
-
     async def _watch(self) -> None:
-        """Compare OBS with the predicted state; raise on a contradiction that lasts.
-
-        Only what OBS once agreed with can break: what a step still has to bring about is that step's
-        business.
-        """
-        agreed = self._agreed
-        since: dict[Literal, float] = {}
-        sight = self._setting.sight
-        hold_s = self._setting.default_timing.hold_s
-        while True:
-            revision = sight.revision
-            expected = self._setting.prediction.expected()
-            agreed.intersection_update(expected)
-            agreed.update(e for e in expected if sight.value(e.atom) == e.positive)
-            broken = {e for e in agreed if sight.value(e.atom) == (not e.positive)}
-            now = time.monotonic()
-            since = {e: since.get(e, now) for e in broken}
-            lasting = sorted(e for e, begun in since.items() if now - begun >= hold_s)
-            if lasting:
-                raise _Stop(
-                    Ending.MISMATCH,
-                    f"in the middle of the plan, {-lasting[0]} was seen where {lasting[0]} is expected",
-                    lasting[0],
-                )
-            await sight.changed(revision, hold_s / 2 if broken else 1.0)
+        """Raise when OBS contradicts the state that the plan predicts."""
+        literal = await self._looking.contradiction()
+        raise _Stop(
+            Ending.MISMATCH,
+            f"in the middle of the plan, {-literal} was seen where {literal} is expected",
+            literal,
+        )
 
     def _report(self, step: Step, what: StepTrigger | None, **changes: object) -> StepReport:
         """Note what happened to a step, and what is known of it since."""

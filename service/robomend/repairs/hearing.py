@@ -6,13 +6,13 @@ from collections.abc import Iterable
 from functools import partial
 
 from robomend.observations.language import parse
-from robomend.observations.obs import Observed, consequences
+from robomend.observations.obs import consequences
 from robomend.robots.boards import SOURCE
 from robomend.robots.robot import Robot
 from robomend.robots.robots import Robots
 from robomend.store.interface import Store, View
 from robomend.store.records import Page, Paging, StoredBatch
-from robomend_client.literals import Atom, Literal
+from robomend_client.literals import Atom
 
 
 class Hearing:
@@ -91,8 +91,4 @@ def _history(robot: str, paging: Paging, view: View) -> Page[StoredBatch]:
 
 def _atoms(batch: StoredBatch) -> set[Atom]:
     """Return the atoms that a batch says something of; a trend denies the other trends."""
-    return {
-        said.literal.atom
-        for entry in batch.entries
-        for said in consequences(Observed(Literal(entry.atom, entry.positive), entry.source, entry.time_ns))
-    }
+    return {said.atom for entry in batch.entries for said in consequences(entry)}

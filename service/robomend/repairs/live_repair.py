@@ -129,7 +129,7 @@ class LiveRepair:
 
     async def _newest(self) -> DiagnosisResult:
         """Return the diagnosis of OBS as it is now; the fault, if there is none, is raised."""
-        return await self._signals.unless_halted(self._robots.diagnosing.result(self._state))
+        return await self._signals.unless_halted(self._robots.waiting.result(self._state))
 
     # --- choose
 

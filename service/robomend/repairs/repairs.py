@@ -90,7 +90,7 @@ class Repairs:
         ]
         # After following began, so that a stop in between is not missed.
         self._needs.stop = await self._store.read(lambda view: view.stop())
-        self._needs.robots.on_diagnosis(self._poke)
+        self._needs.robots.diagnosing.on_diagnosis(self._poke)
         self._seeker = asyncio.create_task(self._seek(), name="looking for robots without an owner")
 
     async def close(self) -> None:
@@ -197,7 +197,7 @@ class Repairs:
         Returns {"choice": {"bad", "good", "probability"}, "plan": a Plan as JSON, "alternatives": […],
         "probe": … | null}.
         """
-        state = await self._needs.robots.latest(robot)
+        state = await self._needs.robots.memory.latest(robot)
         return await self._needs.chooser.describe(
             state, bad=bad, planner=planner, timeout_s=timeout_s, pddl=pddl
         )
@@ -207,7 +207,7 @@ class Repairs:
 
         Under the policy `approve` the asker's word is no approval: it must still be approved.
         """
-        state = await self._needs.robots.latest(robot)
+        state = await self._needs.robots.memory.latest(robot)
         if state.config.policy == "observe":
             raise Refused(f"the policy of robot {robot!r} is 'observe': it is never acted on")
         if state.system.parts is None:
@@ -298,7 +298,7 @@ class Repairs:
         An action is handed out again until its first feedback or result comes in, so that an answer lost on
         the way loses no action; the agent knows an id that it has had.
         """
-        await self._needs.robots.robot(robot)
+        await self._needs.robots.memory.robot(robot)
         action = await self._needs.agents.take(robot, host, wait_s)
         if action is None:
             return None

@@ -180,7 +180,7 @@ class RobotRepairs:
 
     async def _begin(self) -> tuple[StoredRepair | None, float]:
         """Return a new repair if there is a reason for one, and how long to wait if there is none yet."""
-        state = await self._needs.robots.robot(self._robot)
+        state = await self._needs.robots.memory.robot(self._robot)
         situation = situation_of(state)
         if situation is None:
             self._unhealthy = None
@@ -227,7 +227,7 @@ class RobotRepairs:
     # --- carrying out
 
     async def _carry_out(self, repair: StoredRepair) -> None:
-        state = await self._needs.robots.robot(self._robot)
+        state = await self._needs.robots.memory.robot(self._robot)
         record = RepairRecord(self._needs.store, repair, self.fence, state.system.cnf.components)
         signals = self._signals = Signals()
         self.stopped()

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+from typing import Any
 
 from robomend.diagnosis.engines import ENGINES
-from robomend.errors import InputError
+from robomend.errors import InputError, OptionRefused
 from robomend.model.system import System
 from robomend.observations.language import parse
 from robomend.planning.domain.loading import load_domain
@@ -15,6 +16,7 @@ from robomend.store import records
 from robomend.store.interface import Transaction
 from robomend.store.records import AuditEntry, Json
 from robomend_client.events import Kind
+from robomend_client.registry import Registry
 
 
 def put(tx: Transaction, robot: str, config: Json, *, expected: str | None, by: str) -> None:
@@ -49,8 +51,14 @@ def delete(tx: Transaction, robot: str, *, expected: str, by: str) -> None:
 
 async def check(config: RobotConfig, system: System) -> None:
     """Refuse a configuration that speaks of what the model or this installation does not have."""
-    ENGINES.check(config.engine)
-    PLANNERS.check(config.planner)
+    for what, parts, name in (
+        ("diagnosis.engine", ENGINES, config.engine),
+        ("planner", PLANNERS, config.planner),
+    ):
+        try:
+            parts.check(name)
+        except OptionRefused as error:
+            raise OptionRefused(f"{what}: {error}") from error
     if config.domain is not None:
         await asyncio.to_thread(load_domain, config.domain, "domain")
     known = frozenset(system.cnf.components)
@@ -60,3 +68,10 @@ async def check(config: RobotConfig, system: System) -> None:
                 raise InputError(f"{what}: the model {config.model!r} has no component {name!r}")
     for sentence in config.observed:
         parse(sentence, system.vocabulary)
+
+
+def _check_part(what: str, parts: Registry[Any], name: str) -> None:
+    try:
+        parts.check(name)
+    except OptionRefused as error:
+        raise OptionRefused(f"{what}: {error}") from error

@@ -14,14 +14,13 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from collections.abc import Callable
 from functools import partial
 
 import structlog
 
-from robomend.diagnosis.result import DiagnosisResult, Options
-from robomend.errors import NotFound, Overloaded, RobomendError
+from robomend.diagnosis.result import Options
+from robomend.errors import NotFound, RobomendError
 from robomend.metrics import Metrics
 from robomend.robots.clock import CLOCK
 from robomend.robots.current import Current
@@ -36,14 +35,8 @@ log = structlog.get_logger("robomend.robots.diagnosing")
 FAILED_AGAIN_S = 1.0
 """Pause before a diagnosis that could not be made or written is tried again."""
 
-SETTLE_S = 0.1
-"""How long an answer waits for a diagnosis that is under way; a small model's takes a hundredth of it."""
-
 PATIENCE = 10
 """Times the debounce after which what still flaps is diagnosed nevertheless."""
-
-LOOK_S = 0.25
-"""How often a wait looks again, for a change that was lost with its database connection."""
 
 
 class Diagnosing:
@@ -56,12 +49,10 @@ class Diagnosing:
         self._diagnoser = diagnoser
         self._running: set[asyncio.Task[None]] = set()
         self._callbacks: list[Callable[[str], None]] = []
-        self.waits = 0
         self.closing = False
         metrics.on_demand(
             "robomend_diagnoses_queued", "robots being diagnosed", (), lambda: [((), len(self._running))]
         )
-        metrics.on_demand("robomend_waiting", "requests in a long poll", (), lambda: [((), self.waits)])
 
     def on_diagnosis(self, callback: Callable[[str], None]) -> None:
         """Call back with a robot's id after each diagnosis, new or confirmed; it must not block."""
@@ -86,7 +77,7 @@ class Diagnosing:
         The diagnosis goes into the same transaction if it can be had at once; else the robot is woken after
         it. If the write fails, memory is read again from the store.
         """
-        current = self._at_once(robot)
+        current = self._with_the_next_write(robot)
         news = current if current is not None and robot.announces(current) else None
         writing, ran = robot.accepted(), False
 
@@ -111,7 +102,7 @@ class Diagnosing:
             self.wake(robot, since=writing.began)
         return said
 
-    def _at_once(self, robot: Robot) -> Current | None:
+    def _with_the_next_write(self, robot: Robot) -> Current | None:
         """Return the diagnosis of OBS as the next write makes it, if it can be had without waiting.
 
         Not while the robot's writes queue up, so that a burst is still diagnosed once and not for each of its
@@ -120,7 +111,7 @@ class Diagnosing:
         busy = robot.diagnosing or robot.writing
         if self.closing or busy or robot.stale or robot.config.debounce_s > 0:
             return None
-        return self._ask(robot, robot.head + 1)
+        return self.at_once(robot, robot.head + 1)
 
     # --- what wakes a robot
 
@@ -192,7 +183,7 @@ class Diagnosing:
         answer = await self._diagnoser.diagnose(*robot.question(), *_how(robot, self._settings))
         return Current.of(revision, model_version, answer, stopped)
 
-    def _ask(self, robot: Robot, revision: int) -> Current | None:
+    def at_once(self, robot: Robot, revision: int) -> Current | None:
         """Return the diagnosis of OBS as it is here, that of `revision`, if it is to be had at once."""
         answer = self._diagnoser.at_once(*robot.question(), *_how(robot, self._settings))
         if answer is None:
@@ -216,82 +207,6 @@ class Diagnosing:
         self._set_expiry(robot)
         for callback in self._callbacks:
             callback(robot.id)
-
-    # --- those who wait
-
-    async def wait(self, robot: Robot, after: int | None, timeout_s: float) -> None:
-        """Return when there is a diagnosis of a revision newer than `after`, or than the current one.
-
-        Raises:
-            Overloaded: too many wait already.
-        """
-        deadline = time.monotonic() + timeout_s
-        count = robot.diagnosed.value
-        async with self.waiting():
-            if robot.stale:  # another instance knows more
-                self.wake(robot)
-            while not (self.closing or robot.gone):
-                if after is not None and robot.current is not None and robot.current.revision > after:
-                    return
-                left = deadline - time.monotonic()
-                now = await robot.diagnosed.beyond(count, left) if left > 0 else count
-                if left <= 0 or (after is None and now > count):
-                    return
-                count = now
-
-    async def settle(self, robot: Robot) -> None:
-        """Have the diagnosis of OBS as it is now, or a newer one, if that is to be had in a moment.
-
-        A small model's is made here and now, before it is published: whoever asks need not wait for the disk.
-        Others are waited for a little, and so are writes under way, which memory has already.
-        """
-        revision, deadline = robot.revision, time.monotonic() + SETTLE_S
-        while not (self.closing or robot.gone or _is_diagnosed(robot, revision)):
-            left = deadline - time.monotonic()
-            if robot.stale and left > 0:  # another instance was faster
-                await robot.refreshed()
-            elif not (robot.stale or robot.writing) and (current := self._ask(robot, robot.revision)):
-                robot.looked_up(current)
-            elif left <= 0 or not (robot.writing or robot.diagnosing):
-                return
-            elif robot.writing:
-                await robot.observed.beyond(robot.revision, left)
-            else:
-                await robot.diagnosed.beyond(robot.diagnosed.value, left)
-
-    async def result(self, robot: Robot) -> DiagnosisResult:
-        """Return the diagnosis of OBS as it is now, as soon as there is one; the fault, if there is none, is
-        raised.
-        """
-        while True:
-            await robot.refreshed()
-            current = robot.current
-            if current is not None and current.answer is not None and current.revision >= robot.revision:
-                return current.answer.result_or_fault()
-            count = robot.diagnosed.value
-            if not robot.diagnosing:
-                self.wake(robot)
-            await robot.diagnosed.beyond(count, LOOK_S)
-
-    @asynccontextmanager
-    async def waiting(self) -> AsyncIterator[None]:
-        """Count a request that waits. Overloaded when there are too many."""
-        if self.waits >= self._settings.max_waiters:
-            self._metrics.refused.labels("waiters").inc()
-            raise Overloaded(f"{self.waits} requests wait already; that is the limit")
-        self.waits += 1
-        try:
-            yield
-        finally:
-            self.waits -= 1
-
-
-def _is_diagnosed(robot: Robot, revision: int) -> bool:
-    """Return whether the current diagnosis is of this revision of OBS, or a newer one, and of this model."""
-    current = robot.current
-    return (
-        current is not None and current.revision >= revision and current.model_version == robot.model.version
-    )
 
 
 async def _debounce(robot: Robot) -> None:

@@ -17,10 +17,12 @@ import time
 from collections.abc import Awaitable, Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
+from robomend.entry import Entry
 from robomend.model.clauses import Assertion, extend, without_running
 from robomend.model.system import System
-from robomend.observations.obs import Obs, Observed, consequences
-from robomend.robots.clock import CLOCK
+from robomend.observations.obs import Obs, consequences
+from robomend.robots.batches import Update
+from robomend.robots.clock import AHEAD_NS, CLOCK
 from robomend.robots.configuration import RobotConfig
 from robomend.robots.current import Current
 from robomend.robots.states import HELD, SEARCH, Held, HeldTrigger, Search, SearchTrigger
@@ -28,26 +30,6 @@ from robomend.robots.turnstile import Turnstile
 from robomend.store import records
 from robomend.transitions import after
 from robomend_client.literals import Atom, Literal
-
-AHEAD_NS = 60 * 10**9
-"""How far in the future a client's clock may be: an entry from the future outlives everything older."""
-
-
-@dataclass(frozen=True, slots=True)
-class Changes:
-    """What a batch changes in OBS, as the store keeps it."""
-
-    accepted: tuple[records.Entry, ...]
-    changed: tuple[records.Entry, ...]
-    kept: tuple[records.Entry, ...]  # changed, or with a renewed lifetime
-    forgotten: tuple[Atom, ...]
-    asserted: tuple[records.StoredAssertion, ...]
-    withdrawn: tuple[str, ...]
-
-    @property
-    def text(self) -> list[str]:
-        """The changed literals as sentences."""
-        return [str(Literal(entry.atom, entry.positive)) for entry in self.changed]
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,40 +180,26 @@ class Robot:
 
     # --- OBS ⊕ o
 
-    def apply(
-        self,
-        observed: Sequence[Observed],
-        *,
-        asserted: Iterable[tuple[Assertion, records.StoredAssertion]] = (),
-        withdrawn: Sequence[str] = (),
-        forgotten: Sequence[Atom] = (),
-    ) -> Changes:
-        """Take a batch into OBS and return what the store must keep.
-        ObservationError if OBS would grow too large.
+    def apply(self, update: Update) -> tuple[Sequence[Entry], Sequence[Entry]]:
+        """Take an update into OBS. Return the entries that changed what is known, and all that the store must
+        keep: a renewed lifetime must survive a restart as well. ObservationError if OBS would grow too large.
         """
-        changed = self.obs.update(observed) if observed else ()
-        kept = {entry.literal.atom: entry for entry in changed}
-        for given in observed:
-            if given.expires_ns is not None:  # a renewed lifetime must survive a restart as well
+        changed = self.obs.update(update.entries) if update.entries else ()
+        kept = {entry.atom: entry for entry in changed}
+        for given in update.entries:
+            if given.expires_ns is not None:
                 for entry in consequences(given):
-                    if self.obs.get(entry.literal.atom) == entry:
-                        kept[entry.literal.atom] = entry
-        for assertion, record in asserted:
+                    if self.obs.get(entry.atom) == entry:
+                        kept[entry.atom] = entry
+        for assertion, record in update.asserted:
             self.obs.add(assertion)
             self.assertion_records[assertion.name] = record
-        for name in withdrawn:
+        for name in update.withdrawn:
             self.obs.withdraw(name)
             self.assertion_records.pop(name, None)
-        if forgotten:
-            self.obs.forget(forgotten)
-        return Changes(
-            accepted=tuple(map(_entry, observed)),
-            changed=tuple(map(_entry, changed)),
-            kept=tuple(map(_entry, kept.values())),
-            forgotten=tuple(forgotten),
-            asserted=tuple(record for _, record in asserted),
-            withdrawn=tuple(withdrawn),
-        )
+        if update.forgotten:
+            self.obs.forget(update.forgotten)
+        return changed, tuple(kept.values())
 
     # --- what happens to what is held
 
@@ -247,11 +215,7 @@ class Robot:
         """It was read from the store: configuration, model, OBS, and the diagnosis if it is a newer one."""
         self._held = after(HELD, self._held, HeldTrigger.READ)
         self._configure(stored, model, system)
-        entries = (
-            Observed(Literal(entry.atom, entry.positive), entry.source, entry.time_ns, entry.expires_ns)
-            for entry in obs.entries
-        )
-        self.obs = Obs(entries, assertions)
+        self.obs = Obs(obs.entries, assertions)
         newest_ns = max((entry.time_ns for entry in obs.entries), default=0)
         if newest_ns > CLOCK.now_ns() + AHEAD_NS:  # no client's clock may be so far ahead: ours went back
             CLOCK.no_earlier_than(newest_ns)
@@ -382,10 +346,3 @@ class Robot:
         """Stop whatever would wake this robot later."""
         for name in tuple(self._timers):
             self.cancel_timer(name)
-
-
-def _entry(observed: Observed) -> records.Entry:
-    literal = observed.literal
-    return records.Entry(
-        literal.atom, literal.positive, observed.source, observed.time_ns, observed.expires_ns
-    )

@@ -1,22 +1,19 @@
 """The robots of the service: OBS in, diagnoses out. Read this file to see what happens to an observation.
 
-    observe ──► OBS ⊕ o in memory ──► the store (durable) ──► acknowledged
-                                              │
-                              wake ──► one diagnosis in flight and one pending per robot
-                                              │
-                 changed? ──► the store, with its event ──► long polls, streams, the repair loop
+    observe: a batch ──read──► an update ──⊕──► OBS in memory ──► the store (durable) ──► acknowledged
+                                                                     │ in the same transaction, or after it
+                          long polls, streams, the repair loop ◄── the diagnosis, where it says something new
 
-memory.py has the robots, a cache of the store keyed by revision; configuring.py what is set of each. All
-belongs to one event loop.
+memory.py has the robots, a cache of the store keyed by revision; diagnosing.py writes and diagnoses;
+configuring.py has what is set of each. All belongs to one event loop.
 """
 
 from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable, Coroutine, Mapping, Sequence
+from collections.abc import Callable, Coroutine
 from functools import partial
-from itertools import chain
 from typing import Any
 
 import structlog
@@ -33,20 +30,20 @@ from robomend.errors import (
 )
 from robomend.metrics import Metrics
 from robomend.robots import configuring
-from robomend.robots.batches import Acknowledged, Batch, ReadBatch, board_batch, read_batch
-from robomend.robots.boards import SOURCE, Boards, WiredBoard
+from robomend.robots.batches import Acknowledged, Batch, Update, read_batches
+from robomend.robots.boards import SOURCE, Boards, WiredBoard, board_update
 from robomend.robots.clock import CLOCK
 from robomend.robots.configuration import RobotConfig
 from robomend.robots.diagnoser import Diagnoser
 from robomend.robots.diagnosing import Diagnosing
 from robomend.robots.following import Following
 from robomend.robots.memory import Memory
-from robomend.robots.robot import Changes, Robot
+from robomend.robots.robot import Robot
 from robomend.robots.systems import Systems
+from robomend.robots.waiting import Waiting
 from robomend.settings import Settings
-from robomend.store import records
 from robomend.store.interface import Store, Transaction, View
-from robomend.store.records import AuditEntry, IdempotencyKey, Json
+from robomend.store.records import IdempotencyKey, Json, Page, Paging, StoredRobot
 from robomend_client.events import Kind
 from robomend_client.literals import Literal
 
@@ -61,79 +58,125 @@ class Robots:
 
     def __init__(self, store: Store, settings: Settings, metrics: Metrics, diagnoser: Diagnoser) -> None:
         self.models = Systems(store, settings)
+        self.boards = Boards(store, self._hear_board, self._board_changed)
+        self.memory = Memory(
+            store, self.models, settings.max_robots, taken_up=self._taken_up, left=self.boards.remove
+        )
+        self.diagnosing = Diagnosing(store, settings, metrics, diagnoser)
+        self.waiting = Waiting(self.diagnosing, metrics, settings.max_waiters)
         self._store = store
         self._settings = settings
         self._metrics = metrics
-        self._boards = Boards(self._board_says, self._board_state)
-        self._memory = Memory(
-            store, self.models, settings.max_robots, taken_up=self._taken_up, left=self._boards.remove
-        )
         self._tasks: set[asyncio.Task[None]] = set()
         self._unsubscribe: Callable[[], None] | None = None
-        self.diagnosing = Diagnosing(store, settings, metrics, diagnoser)
         self.models.on_change(self._model_changed)
-        metrics.on_demand("robomend_robots", "robots in memory", (), lambda: [((), len(self._memory.states))])
+        metrics.on_demand("robomend_robots", "robots in memory", (), lambda: [((), len(self.memory.states))])
         metrics.on_demand(
             "robomend_board_link",
             "1 for the state that the link is in",
             ("robot", "state"),
-            lambda: [((robot, state), 1.0) for robot, state in self._boards.states().items()],
+            lambda: [((robot, state), 1.0) for robot, state in self.boards.states().items()],
         )
 
-    # --- life
+    # --- observations
 
-    async def start(self) -> None:
-        """Take up the robots that work without being asked: those with a board or a period."""
-        following = Following(self._memory.states, self.diagnosing, self._deleted_elsewhere)
-        self._unsubscribe = self._store.subscribe(following.follow)
-        paging: records.Paging | None = records.Paging(limit=1000)
-        while paging is not None:
-            page = await self._store.read(partial(_page, paging))
-            for stored in page.items:
-                if stored.config.get("board") or stored.config.get("period_s"):
-                    await self.robot(stored.id)
-            paging = records.Paging(page.next, 1000) if page.next is not None else None
+    async def observe(self, robot: str, *batches: Batch, once: IdempotencyKey | None = None) -> Acknowledged:
+        """Take in batches as one revision; when this returns, they are on disk.
 
-    def end_waits(self) -> None:
-        """Let every long poll go, with what there is: the service shuts down."""
-        self.diagnosing.closing = True
-        for state in self._memory.states.values():
-            state.diagnosed.wake()
-            state.observed.wake()
+        Raises:
+            ObservationError: names the sentence at fault.
+            TooLarge, Overloaded: OBS is full; too many instances write to this robot.
+        """
+        state = await self.memory.robot(robot)
+        generation = state.generation
+        try:
+            return await self._accept(state, lambda: read_batches(state.system, state.config, batches), once)
+        except ObservationError:
+            latest = await self.memory.latest(robot)
+            if latest is state and state.generation == generation:
+                raise
+        # Another instance has given it a model that may well have this word.
+        return await self._accept(latest, lambda: read_batches(latest.system, latest.config, batches), once)
 
-    async def close(self) -> None:
-        """Stop diagnosing and drop the boards; what was acknowledged is in the store already."""
-        self.end_waits()
-        if self._unsubscribe is not None:
-            self._unsubscribe()
-        await self._boards.close()
-        for state in self._memory.states.values():
-            state.cancel_timers()
-        await self.diagnosing.close()
-        for task in self._tasks:
-            task.cancel()
-        if self._tasks:
-            await asyncio.wait(self._tasks, timeout=5.0)
+    async def withdraw(self, robot: str, assertion: str) -> Acknowledged:
+        """Withdraw a named assertion."""
+        state = await self.memory.latest(robot)
+        if assertion not in state.assertion_records:
+            raise NotFound(f"robot {robot!r} has no assertion {assertion!r}")
+        return await self._accept(state, lambda: Update(withdrawn=(assertion,)))
 
-    def on_diagnosis(self, callback: Callable[[str], None]) -> None:
-        """Call back with a robot's id after each of its diagnoses, new or confirmed; it must not block."""
-        self.diagnosing.on_diagnosis(callback)
+    async def _accept(
+        self, state: Robot, read: Callable[[], Update], once: IdempotencyKey | None = None
+    ) -> Acknowledged:
+        """Take an update into OBS and onto the disk; again, on fresh OBS, if another instance was faster."""
+        for _ in range(ATTEMPTS):
+            update = read()
+            if update.empty:
+                return Acknowledged(state.revision, (), update.refused)
+            room = self._settings.max_observed
+            if len(state.obs) >= room and len(state.obs) + len(update.entries) > room:
+                raise TooLarge(f"OBS of robot {state.id!r} holds {room} literals; max_observed is reached")
+            try:
+                said = await self._keep(state, update, once)
+            except StateConflict as error:
+                if error.code != "stale-revision":
+                    raise
+                await state.refreshed()
+                continue
+            way = "board" if update.entries and update.entries[0].source == SOURCE else "http"
+            self._metrics.observations.labels(way).inc(len(update.entries))
+            return Acknowledged(said["revision"], said["changed"], update.refused)
+        raise Overloaded(f"robot {state.id!r} is written to by too many instances at once")
+
+    async def _keep(self, state: Robot, update: Update, once: IdempotencyKey | None) -> Json:
+        """Take an update into OBS in memory, and write it with its event and, if possible, its diagnosis."""
+        before, accepted_ns = state.head, time.time_ns()
+        try:
+            changed, kept = state.apply(update)
+        except InputError:
+            state.half_applied()
+            raise
+        texts = [str(entry.literal) for entry in changed]
+        forgotten = [str(atom) for atom in update.forgotten]
+
+        def keep(tx: Transaction) -> Json:
+            revision = tx.observe(
+                state.id,
+                accepted=update.entries,
+                changed=kept,
+                forgotten=update.forgotten,
+                asserted=[record for _, record in update.asserted],
+                withdrawn=update.withdrawn,
+                expected=before,
+            )
+            said = {"revision": revision, "changed": texts}
+            told = {**said, "forgotten": forgotten, "accepted_ns": accepted_ns}
+            tx.emit(Kind.OBSERVATIONS, state.id, told)
+            return said
+
+        return await self.diagnosing.write(state, keep, once)
+
+    async def _hear_board(self, robot: str, said: frozenset[Literal], time_ns: int) -> None:
+        """Take what a board says into OBS."""
+        try:
+            state = await self.memory.robot(robot)
+            update = board_update(state.obs, state.system.vocabulary, said, CLOCK.now_ns())
+            await self._accept(state, lambda: update)
+        except RobomendError as error:
+            log.warning("board observation not kept", robot=robot, code=error.code, detail=str(error))
 
     # --- robots
 
-    async def robot(self, robot: str) -> Robot:
-        """Return a robot's state, read from the store if it is not in memory. NotFound."""
-        return await self._memory.robot(robot)
-
-    async def latest(self, robot: str) -> Robot:
-        """Return a robot's state as the store has it: whatever another instance has acknowledged is in it."""
-        return await self._memory.latest(robot)
-
     async def diagnosed(self, robot: str) -> Robot:
-        """Return a robot's latest state with its diagnosis; one that is nearly there is waited for."""
-        state = await self.latest(robot)
-        await self.diagnosing.settle(state)
+        """Return a robot as the store has it, with its diagnosis; one that is nearly there is waited for."""
+        state = await self.memory.latest(robot)
+        await self.waiting.settled(state)
         return state
+
+    async def board(self, robot: str) -> WiredBoard:
+        """Return a robot's board; NotFound if it has none."""
+        await self.memory.latest(robot)
+        return self.boards.get(robot)
 
     async def put_robot(self, robot: str, config: Json, *, expected: str | None, by: str) -> Robot:
         """Create or replace a robot's configuration; OBS stays.
@@ -147,170 +190,75 @@ class Robots:
         await self._store.write(
             lambda tx: configuring.put(tx, robot, config, expected=expected, by=by), robots=(robot,)
         )
-        state = self._memory.states.get(robot)
+        state = self.memory.states.get(robot)
         if state is not None:
             state.changed_elsewhere()
-        return await self.robot(robot)
+        return await self.memory.robot(robot)
 
     async def delete_robot(self, robot: str, *, expected: str, by: str) -> None:
         """Delete a robot; StateConflict while a repair is open."""
         await self._store.write(
             lambda tx: configuring.delete(tx, robot, expected=expected, by=by), robots=(robot,)
         )
-        await self._memory.drop(robot)
+        await self.memory.drop(robot)
 
-    def _deleted_elsewhere(self, robot: str) -> None:
-        self._spawn(self._memory.drop(robot), "robot deleted elsewhere")
+    # --- life
+
+    async def start(self) -> None:
+        """Take up the robots that work without being asked: those with a board or a period."""
+        following = Following(self.memory.states, self.diagnosing, self._deleted_elsewhere)
+        self._unsubscribe = self._store.subscribe(following.follow)
+        paging: Paging | None = Paging(limit=1000)
+        while paging is not None:
+            page = await self._store.read(partial(_page, paging))
+            for stored in page.items:
+                if stored.config.get("board") or stored.config.get("period_s"):
+                    await self.memory.robot(stored.id)
+            paging = Paging(page.next, 1000) if page.next is not None else None
+
+    def end_waits(self) -> None:
+        """Let every long poll go, with what there is: the service shuts down."""
+        self.diagnosing.closing = True
+        for state in self.memory.states.values():
+            state.diagnosed.wake()
+            state.observed.wake()
+
+    async def close(self) -> None:
+        """Stop diagnosing and drop the boards; what was acknowledged is in the store already."""
+        self.end_waits()
+        if self._unsubscribe is not None:
+            self._unsubscribe()
+        await self.boards.close()
+        for state in self.memory.states.values():
+            state.cancel_timers()
+        await self.diagnosing.close()
+        for task in self._tasks:
+            task.cancel()
+        if self._tasks:
+            await asyncio.wait(self._tasks, timeout=5.0)
+
+    # --- what happens elsewhere
 
     async def _taken_up(self, state: Robot) -> None:
         """Connect the board of a robot that was read from the store, and diagnose it."""
-        await self._boards.put(state.id, state.config.board, state.system.parts)
+        await self.boards.put(state.id, state.config.board, state.system.parts)
         self.diagnosing.set_period(state)
         self.diagnosing.wake(state)
 
-    # --- observations
-
-    async def observe(self, robot: str, batch: Batch, *, once: IdempotencyKey | None = None) -> Acknowledged:
-        """Take in a batch; when this returns, it is on disk. ObservationError names the sentence at fault."""
-        return await self._observe(robot, lambda state: read_batch(state, batch), once)
-
-    async def observe_all(
-        self, robot: str, batches: Sequence[Batch], *, once: IdempotencyKey | None = None
-    ) -> Acknowledged:
-        """Take in several batches as one revision, all or none: what a stream brings."""
-
-        def read_all(state: Robot) -> ReadBatch:
-            parts = [read_batch(state, batch) for batch in batches]
-            return ReadBatch(
-                tuple(chain.from_iterable(part.observed for part in parts)),
-                tuple(chain.from_iterable(part.asserted for part in parts)),
-                refused=tuple(chain.from_iterable(part.refused for part in parts)),
-            )
-
-        return await self._observe(robot, read_all, once)
-
-    async def _observe(
-        self, robot: str, read: Callable[[Robot], ReadBatch], once: IdempotencyKey | None
-    ) -> Acknowledged:
-        state = await self.robot(robot)
-        generation = state.generation
-        try:
-            return await self._accept(state, lambda: read(state), once)
-        except ObservationError:
-            latest = await self.latest(robot)
-            if latest is state and state.generation == generation:
-                raise
-        # Another instance has given it a model that may well have this word.
-        return await self._accept(latest, lambda: read(latest), once)
-
-    async def withdraw(self, robot: str, assertion: str) -> Acknowledged:
-        """Withdraw a named assertion."""
-        state = await self.latest(robot)
-        if assertion not in state.assertion_records:
-            raise NotFound(f"robot {robot!r} has no assertion {assertion!r}")
-        return await self._accept(state, lambda: ReadBatch(withdrawn=(assertion,)), None)
-
-    async def _accept(
-        self, state: Robot, read: Callable[[], ReadBatch], once: IdempotencyKey | None
-    ) -> Acknowledged:
-        """Take a batch into OBS and onto the disk; again from fresh OBS when another instance was faster."""
-        for _ in range(ATTEMPTS):
-            batch = read()
-            if batch.empty:
-                return Acknowledged(state.revision, (), batch.refused)
-            room = self._settings.max_observed
-            if len(state.obs) + len(batch.observed) > room and len(state.obs) >= room:
-                raise TooLarge(f"OBS of robot {state.id!r} holds {room} literals; max_observed is reached")
-            try:
-                changes = state.apply(
-                    batch.observed,
-                    asserted=batch.asserted,
-                    withdrawn=batch.withdrawn,
-                    forgotten=batch.forgotten,
-                )
-            except InputError:
-                state.half_applied()
-                raise
-            try:
-                kept = await self._write(state, changes, once)
-            except StateConflict as error:
-                if error.code != "stale-revision":
-                    raise
-                state = await self.robot(state.id)
-                continue
-            way = "board" if batch.observed and batch.observed[0].source == SOURCE else "http"
-            self._metrics.observations.labels(way).inc(len(batch.observed))
-            return Acknowledged(kept["revision"], tuple(kept["changed"]), batch.refused)
-        raise Overloaded(f"robot {state.id!r} is written to by too many instances at once")
-
-    async def _write(self, state: Robot, changes: Changes, once: IdempotencyKey | None) -> Json:
-        """Write a batch that memory has already, with its event."""
-        before, accepted_ns = state.head, time.time_ns()
-
-        def keep(tx: Transaction) -> Json:
-            revision = tx.observe(
-                state.id,
-                accepted=changes.accepted,
-                changed=changes.kept,
-                forgotten=changes.forgotten,
-                asserted=changes.asserted,
-                withdrawn=changes.withdrawn,
-                expected=before,
-            )
-            said = {"revision": revision, "changed": changes.text}
-            forgotten = [str(atom) for atom in changes.forgotten]
-            tx.emit(Kind.OBSERVATIONS, state.id, {**said, "forgotten": forgotten, "accepted_ns": accepted_ns})
-            return said
-
-        return await self.diagnosing.write(state, keep, once)
-
     def _model_changed(self, name: str) -> None:
         """Recompile and diagnose anew for every robot in memory that follows the model."""
-        for state in self._memory.states.values():
-            if state.stored.config.get("model") == name:
+        for state in self.memory.states.values():
+            if state.stored.model == name:
                 state.changed_elsewhere()
                 self.diagnosing.wake(state)
 
-    # --- boards
+    def _deleted_elsewhere(self, robot: str) -> None:
+        self._spawn(self.memory.drop(robot), "robot deleted elsewhere")
 
-    async def board(self, robot: str) -> WiredBoard:
-        """Return a robot's board; NotFound if it has none."""
-        await self.latest(robot)
-        return self._boards.get(robot)
-
-    async def switch(self, robot: str, channel: int, on: bool, *, by: str, reason: str) -> None:
-        """Switch a channel of a robot's board, with an entry in the audit log before it is sent."""
-        board = await self.board(robot)
-        if board.link.channels is not None and channel >= board.link.channels:
-            raise NotFound(f"the board of {robot!r} has channels 0 to {board.link.channels - 1}")
-        entry = AuditEntry(
-            actor=by,
-            action="channel.on" if on else "channel.off",
-            subject=f"channel {channel}",
-            robot=robot,
-            reason=reason,
-        )
-        await self._store.write(lambda tx: tx.note(entry))
-        await board.switch(channel, on)
-
-    def board_states(self) -> Mapping[str, str]:
-        """Return the link state of each board in memory."""
-        return self._boards.states()
-
-    async def _board_says(self, robot: str, said: frozenset[Literal], time_ns: int) -> None:
-        """Take what a board says into OBS: what is new, and to forget what it no longer says."""
-        try:
-            state = await self.robot(robot)
-            batch = board_batch(state, said, CLOCK.now_ns())
-            await self._accept(state, lambda: batch, None)
-        except RobomendError as error:
-            log.warning("board observation not kept", robot=robot, code=error.code, detail=str(error))
-
-    def _board_state(self, robot: str, link: LinkState, reason: str) -> None:
-        if self.diagnosing.closing:
-            return
-        data = {"link": str(link), "reason": reason}
-        self._spawn(self._store.write(lambda tx: tx.emit(Kind.BOARD, robot, data)), "board event")
+    def _board_changed(self, robot: str, link: LinkState, reason: str) -> None:
+        if not self.diagnosing.closing:
+            data = {"link": str(link), "reason": reason}
+            self._spawn(self._store.write(lambda tx: tx.emit(Kind.BOARD, robot, data)), "board event")
 
     def _spawn(self, work: Coroutine[Any, Any, None], name: str) -> None:
         async def run() -> None:
@@ -324,5 +272,5 @@ class Robots:
         task.add_done_callback(self._tasks.discard)
 
 
-def _page(paging: records.Paging, view: View) -> records.Page[records.StoredRobot]:
+def _page(paging: Paging, view: View) -> Page[StoredRobot]:
     return view.robots(paging)

@@ -25,12 +25,12 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Protocol, TypeVar
 
+from robomend.entry import Entry
 from robomend.store.records import (
     ANY,
     AgentAction,
     ApiKey,
     AuditEntry,
-    Entry,
     Fence,
     IdempotencyKey,
     Intent,

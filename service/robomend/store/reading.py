@@ -6,12 +6,12 @@ import time
 
 from sqlalchemy import func, select
 
+from robomend.entry import Entry
 from robomend.store import schema
 from robomend.store.encoding import atom_from_text, batch_from_text, checked, from_json
 from robomend.store.records import (
     ApiKey,
     AuditEntry,
-    Entry,
     EventRange,
     Instance,
     Newest,
@@ -30,6 +30,7 @@ from robomend.store.records import (
 from robomend.store.repair_reading import RepairReading
 from robomend.store.snapshot import AnyRow, limit_of, page_of
 from robomend_client.events import Event, Kind
+from robomend_client.literals import Literal
 
 _NEWEST = (
     select(schema.robot_state.c.revision, schema.robots.c.etag, schema.model_versions.c.version)
@@ -105,7 +106,9 @@ class SqlView(RepairReading):
         return StoredObs(
             revision,
             tuple(
-                Entry(atom_from_text(row.atom), row.positive, row.source, row.time_ns, row.expires_ns)
+                Entry(
+                    Literal(atom_from_text(row.atom), row.positive), row.source, row.time_ns, row.expires_ns
+                )
                 for row in self.rows(select(entries).where(entries.c.robot == robot).order_by(entries.c.atom))
             ),
             tuple(

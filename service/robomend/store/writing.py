@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from sqlalchemy import select
 
+from robomend.entry import Entry
 from robomend.errors import InputError, NotFound, PreconditionFailed, PreconditionRequired, StateConflict
 from robomend.store import schema
 from robomend.store.encoding import (
@@ -24,7 +25,6 @@ from robomend.store.records import (
     ABSENT,
     ANY,
     ApiKey,
-    Entry,
     Json,
     SignIn,
     Stop,
