@@ -100,6 +100,11 @@ def test_a_robot_is_checked_against_its_model(service: Service) -> None:
         ({"expected": {"stopped": ["nobody"]}}, "nobody"),
         ({"diagnosis": {"engine": "nobody"}}, "diagnosis.engine"),
         ({"planner": "nobody"}, "planner"),
+        (
+            {"actions": {"reset": {"executor": {"kind": "agnet"}}}},
+            "actions.reset.executor.kind: no executor is named 'agnet': "
+            "choose one of board, agent, process, webhook",
+        ),
         ({"domain": "(define (domain robot-repair) (:action"}, "domain:1"),
         ({"protected": ["nobody"]}, "nobody"),
         ({"observed": ["on(nobody)"]}, "nobody"),

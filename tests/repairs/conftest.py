@@ -29,7 +29,7 @@ async def planners() -> AsyncIterator[PlannerPool]:
 def _planners_for_services(request: pytest.FixtureRequest) -> None:
     """Only for tests that run on the session's event loop: the executors' have loops of their own."""
     here = request.path.parent == Path(__file__).parent
-    if here and request.node.get_closest_marker("anyio") is not None:
+    if here and "anyio_backend" in request.fixturenames:
         request.getfixturevalue("planners")
 
 

@@ -7,7 +7,7 @@ live_repair.py       one repair: what the loop asks for, answered by robots, sto
 choosing.py          the situation that a choice is made in
 execution.py         a plan, step by step;  execution_values.py  what that needs and reports
 looking.py           OBS meanwhile: preconditions, effects, contradictions
-executors/           who carries out an action
+executors/           who carries out an action;  agent_queue.py  the actions that wait for agents
 record.py            what is written down, before an action is sent and after
 hearing.py           whether the observers have spoken
 reentry.py           what a crash left: settled, asked, taken up again; the questions to people

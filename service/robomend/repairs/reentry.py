@@ -20,9 +20,9 @@ import contextlib
 from dataclasses import dataclass
 
 from robomend.errors import NotFound
+from robomend.repairs.agent_queue import AgentQueue
 from robomend.repairs.choosing import Chooser
 from robomend.repairs.execution_values import MAY_HAVE_ACTED
-from robomend.repairs.executors.agent import AgentQueue
 from robomend.repairs.live_repair import approval
 from robomend.repairs.record import LOOP, RepairRecord
 from robomend.repairs.signals import Declined, Halted, Signals

@@ -30,8 +30,8 @@ import structlog
 from robomend.errors import NotFound, Refused, RobomendError, StateConflict
 from robomend.oneshots.oneshots import OneShots
 from robomend.planning.planner_pool import PlannerPool
+from robomend.repairs.agent_queue import AgentQueue
 from robomend.repairs.choosing import Chooser
-from robomend.repairs.executors.agent import AgentQueue
 from robomend.repairs.record import repair_json
 from robomend.repairs.reentry import open_question
 from robomend.repairs.robot_repairs import Dependencies, RobotRepairs

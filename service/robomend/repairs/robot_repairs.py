@@ -23,6 +23,7 @@ import structlog
 
 from robomend.cycle import mend
 from robomend.errors import NotFound, Refused, RobomendError, StoreError
+from robomend.repairs.agent_queue import AgentQueue
 from robomend.repairs.choosing import Chooser
 from robomend.repairs.conclusions import (
     BadSets,
@@ -32,10 +33,7 @@ from robomend.repairs.conclusions import (
     nobodys_fault,
     situation_of,
 )
-from robomend.repairs.executors.agent import AgentExecutor, AgentQueue
-from robomend.repairs.executors.board import BoardExecutor
-from robomend.repairs.executors.configured import executors
-from robomend.repairs.executors.once import Once
+from robomend.repairs.executors.registry import Surroundings, executors
 from robomend.repairs.live_repair import LiveRepair, NotPermitted, Overtaken, Silent
 from robomend.repairs.record import LOOP, Json, RepairRecord, repair_json
 from robomend.repairs.reentry import Reentry, open_question
@@ -329,19 +327,15 @@ class RobotRepairs:
         parts = state.system.parts
         if parts is None:
             raise Refused(f"a {state.system.format} model says nothing of what can be repaired")
-        board = None
-        if state.config.board is not None:
-            wired = await needs.robots.board(state.id)
-            channels = {name: channel for channel, name in wired.components.items()}
-            board = Once(BoardExecutor(wired.link, channels, wired.protected))
-        hosts = {name: node.host for name, node in parts.nodes.items()}
-        return executors(
-            needs.chooser.actions(state),
-            state.config.actions,
-            board=board,
-            agent=AgentExecutor(needs.agents, needs.store, state.id, hosts, self._signals.halt),
+        around = Surroundings(
+            robot=state.id,
+            board=None if state.config.board is None else await needs.robots.board(state.id),
+            agents=needs.agents,
+            hosts={name: node.host for name, node in parts.nodes.items()},
             programs=needs.programs,
+            halt=self._signals.halt,
         )
+        return executors(needs.chooser.actions(state), state.config.actions, around)
 
     async def _listen(self, repair: str, signals: Signals) -> None:
         """Hand requests from the store to the running case."""

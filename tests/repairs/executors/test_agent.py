@@ -10,7 +10,8 @@ import pytest
 from tests.store.examples import with_robots
 
 from robomend.errors import StateConflict
-from robomend.repairs.executors.agent import AgentExecutor, AgentQueue
+from robomend.repairs.agent_queue import AgentQueue
+from robomend.repairs.executors.agent import AgentExecutor
 from robomend.store import open_store
 from robomend.store.interface import Store
 from robomend_client.actions import CANCELLED, OK, TIMED_OUT, UNREACHABLE, Action, ActionResult
@@ -41,7 +42,7 @@ def quiet(code: int, message: str) -> None:
 
 def sent(store: Store, queue: AgentQueue, timeout_s: float, id: str = "r-1:0") -> asyncio.Task[ActionResult]:
     """Send start_node(driver) to the agent on nuc."""
-    executor = AgentExecutor(queue, store, "r1", {"driver": "nuc"})
+    executor = AgentExecutor(queue, "r1", {"driver": "nuc"})
     return asyncio.create_task(executor.execute(Action(id, "start_node", ("driver",), timeout_s), quiet))
 
 
@@ -90,7 +91,7 @@ async def test_an_agent_that_begins_and_never_reports_leaves_the_outcome_unknown
 
 async def test_halting_tells_the_agent_that_is_at_it(store: Store, queue: AgentQueue) -> None:
     halt = asyncio.Event()
-    executor = AgentExecutor(queue, store, "r1", {}, halt)
+    executor = AgentExecutor(queue, "r1", {}, halt)
     result = asyncio.create_task(executor.execute(Action("r-1:0", "start_node", ("driver",), 10.0), quiet))
     await queue.take("r1", "nuc", 5.0)
     await queue.answered("r-1:0")

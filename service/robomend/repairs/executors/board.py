@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Protocol
+from typing import Any, Protocol
 
 from robomend.errors import BoardError, BoardRefused, BoardTimeout, BoardUnreachable
+from robomend.repairs.executors.registry import Surroundings
 from robomend_client.actions import (
     FAILED,
     OK,
@@ -14,6 +15,7 @@ from robomend_client.actions import (
     UNREACHABLE,
     Action,
     ActionResult,
+    Executor,
     Feedback,
 )
 
@@ -30,6 +32,15 @@ class Switch(Protocol):
     async def wait_connected(self, timeout_s: float) -> None: ...
 
     async def switch(self, channel: int, on: bool, timeout_s: float | None = None) -> None: ...
+
+
+def make(action: str, options: Mapping[str, Any], around: Surroundings) -> Executor | None:
+    """Return the robot's power board for what that can do, if it has one (see registry.MakeExecutor)."""
+    board = around.board
+    if board is None or action not in SWITCHES:
+        return None
+    channels = {name: channel for channel, name in board.components.items()}
+    return BoardExecutor(board.link, channels, board.protected)
 
 
 class BoardExecutor:

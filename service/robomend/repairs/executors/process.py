@@ -17,7 +17,10 @@ import re
 import signal
 import subprocess
 from collections.abc import AsyncIterator, Mapping, Sequence
+from typing import Any
 
+from robomend.errors import InputError
+from robomend.repairs.executors.registry import Surroundings
 from robomend_client.actions import (
     FAILED,
     OK,
@@ -26,6 +29,7 @@ from robomend_client.actions import (
     UNREACHABLE,
     Action,
     ActionResult,
+    Executor,
     Feedback,
 )
 
@@ -36,6 +40,18 @@ GRACE_S = 0.5
 """From SIGTERM to SIGKILL, and from there to giving up; and from a program's end to that of its output."""
 
 PLACE = re.compile(r"\{(\d+)\}")
+
+
+def make(action: str, options: Mapping[str, Any], around: Surroundings) -> Executor:
+    """Return the program of the service's settings that the options name (see registry.MakeExecutor)."""
+    name = options.get("program", action)
+    if name not in around.programs:
+        known = ", ".join(sorted(around.programs)) or "none"
+        raise InputError(
+            f"actions.{action}: the service's settings name no program {name!r} (programs: {known}); "
+            "add it there, or let the robot's agent run it"
+        )
+    return ProcessExecutor({action: around.programs[name]})
 
 
 class ProcessExecutor:
