@@ -9,9 +9,10 @@ from collections import Counter
 from collections.abc import Sequence
 
 from robomend.cycle import Turn, Verdict
+from robomend.errors import InputError, RobomendError
 from robomend.repairs.execution_values import Ending
 from robomend.repairs.record import Json
-from robomend.repairs.signals import NO_REASON, Signals
+from robomend.repairs.signals import NO_REASON, Halted, Signals
 from robomend.repairs.states import RepairTrigger
 from robomend.robots.robot import Robot
 
@@ -22,9 +23,22 @@ NAMED = 5
 """Literals that a reason lists; the rest is counted."""
 
 
-def is_healthy(state: Robot) -> bool:
-    """Return whether the present diagnosis says that all is well; False where there is none."""
-    return state.current is not None and state.current.healthy
+class Silent(InputError):
+    """Observers of the robot's `observed` list are silent: an automatic repair would be blind."""
+
+    code = "not-observed"
+
+
+class Overtaken(InputError):
+    """While a plan waited for a person, the diagnosis changed."""
+
+    code = "overtaken"
+
+
+class NotPermitted(RobomendError):
+    """A step of the plan that the policy refuses: a person must change the policy, or do it."""
+
+    code = "not-permitted"
 
 
 def situation_of(state: Robot) -> BadSets | None:
@@ -75,6 +89,21 @@ def conclusion(last: Turn, signals: Signals, written: Json) -> tuple[RepairTrigg
                 f"{_tried(rounds)}that is as many plans as one repair may try (limits.rounds), and the robot "
                 f"is not healthy{': ' + why if not rounds else ''}"
             )
+
+
+def end_of(error: Exception, signals: Signals) -> tuple[RepairTrigger, str]:
+    """Return what ends a repair, and the reason, where an exception ended it."""
+    match error:
+        case Halted():
+            return RepairTrigger.HALTED, signals.reason
+        case Overtaken():
+            return RepairTrigger.OVERTAKEN, str(error)
+        case Silent() | NotPermitted():
+            return RepairTrigger.NEEDS_PERSON, str(error)
+        case RobomendError():
+            return RepairTrigger.BROKE, f"{error.code}: {error}"
+        case _:
+            return RepairTrigger.BROKE, f"an error in robomend: {type(error).__name__}: {error}"
 
 
 def _tried(rounds: Sequence[Json]) -> str:

@@ -16,7 +16,6 @@ import asyncio
 import contextlib
 import time
 from collections.abc import Collection
-from dataclasses import replace
 
 from robomend.planning.plan import Plan, Step
 from robomend.repairs.execution_values import (
@@ -24,14 +23,13 @@ from robomend.repairs.execution_values import (
     Ending,
     Execution,
     Setting,
-    StepReport,
     Timing,
     Withheld,
     failure,
 )
 from robomend.repairs.looking import Looking
-from robomend.repairs.states import STEP, STEP_ENDS, StepTrigger
-from robomend.transitions import after
+from robomend.repairs.reporting import Reporting
+from robomend.repairs.states import StepTrigger
 from robomend_client.actions import (
     CANCELLED,
     FAILED,
@@ -68,7 +66,7 @@ class _Run:
     def __init__(self, plan: Plan, setting: Setting) -> None:
         self._plan = plan
         self._setting = setting
-        self._reports = [StepReport(step) for step in plan.steps]
+        self._reporting = Reporting(plan, setting)
         self._done: set[int] = set()
         self._looking = Looking(setting)
         self._tasks: dict[asyncio.Task[None], int] = {}
@@ -89,8 +87,8 @@ class _Run:
         finally:
             await _cancel({halted, watch, *self._tasks})
         if stop is None:
-            return Execution(Ending.DONE, "every effect was seen", tuple(self._reports))
-        return Execution(stop.ending, stop.reason, tuple(self._reports), stop.mismatch)
+            return Execution(Ending.DONE, "every effect was seen", self._reporting.all)
+        return Execution(stop.ending, stop.reason, self._reporting.all, stop.mismatch)
 
     async def _halted(self) -> None:
         await self._setting.halt.wait()
@@ -141,12 +139,14 @@ class _Run:
             if self._looking.visible(step):
                 self._setting.prediction.begin(step)
                 self._setting.prediction.finish(step)
-                await self._note(step, StepTrigger.EFFECT_THERE, reason="its effect was already there")
+                await self._reporting.tell(
+                    step, StepTrigger.EFFECT_THERE, reason="its effect was already there"
+                )
                 return
             wanted = await self._act(step, timing)
             await self._await_effect(step, wanted, timing.effect_timeout_s)
         except _Stop as stop:
-            await self._note(step, StepTrigger.WENT_WRONG, reason=stop.reason)
+            await self._reporting.tell(step, StepTrigger.WENT_WRONG, reason=stop.reason)
             raise
 
     async def _check_permitted(self, step: Step) -> None:
@@ -229,7 +229,7 @@ class _Run:
 
     async def _intend(self, step: Step, action: Action) -> None:
         """Write the intent; one whose write is overtaken by a cancellation is written off, as not sent."""
-        sending = self._report(step, StepTrigger.SENT, action_id=action.id, sent_ns=time.time_ns())
+        sending = self._reporting.note(step, StepTrigger.SENT, action_id=action.id, sent_ns=time.time_ns())
         writing = asyncio.ensure_future(self._setting.journal.intend(action, sending))
         try:
             await asyncio.shield(writing)
@@ -243,7 +243,7 @@ class _Run:
 
     async def _not_sent(self, step: Step, action: Action) -> None:
         refused = ActionResult(REFUSED, "stopped before it was sent")
-        report = self._report(step, StepTrigger.WENT_WRONG, result=refused, sent_ns=None)
+        report = self._reporting.note(step, StepTrigger.WENT_WRONG, result=refused, sent_ns=None)
         await self._setting.journal.settle(action, refused, report)
 
     async def _settle(
@@ -255,11 +255,11 @@ class _Run:
         a crash, a stop or a cancellation, loses the question.
         """
         changes = {} if what is None else {"reason": result.message}
-        report = self._report(step, what, result=result, **changes)
-        if not self._in_doubt(step, result):
+        if self._in_doubt(step, result):
+            await self._reporting.tell(step, what, result=result, **changes)
+        else:
+            report = self._reporting.note(step, what, result=result, **changes)
             await self._setting.journal.settle(action, result, report)
-        elif self._setting.report is not None:
-            await self._setting.report(report)
 
     def _in_doubt(self, step: Step, result: ActionResult) -> bool:
         """Whether only a person can say if a step acted that must not be done twice."""
@@ -269,13 +269,13 @@ class _Run:
         seen, missing = await self._looking.effect(wanted, timeout_s)
         if missing:
             names, was = " and ".join(map(str, missing)), "was" if len(missing) == 1 else "were"
-            self._report(step, None, seen=seen, missing=missing)  # written with the reason
+            self._reporting.note(step, None, seen=seen, missing=missing)  # written with the reason
             raise _Stop(
                 Ending.EFFECT_MISSING,
                 f"{step} answered 'done', but {names} {was} not seen within {timeout_s:g} s",
                 missing[0],
             )
-        await self._note(step, StepTrigger.EFFECT_SEEN, seen=seen)
+        await self._reporting.tell(step, StepTrigger.EFFECT_SEEN, seen=seen)
 
     async def _watch(self) -> None:
         """Raise when OBS contradicts the state that the plan predicts."""
@@ -285,22 +285,6 @@ class _Run:
             f"in the middle of the plan, {-literal} was seen where {literal} is expected",
             literal,
         )
-
-    def _report(self, step: Step, what: StepTrigger | None, **changes: object) -> StepReport:
-        """Note what happened to a step, and what is known of it since."""
-        report = self._reports[step.index]
-        if what is not None:
-            changes["state"] = state = after(STEP, report.state, what)
-            if state in STEP_ENDS:
-                changes["ended_ns"] = time.time_ns()
-        report = replace(report, **changes)  # type: ignore[arg-type]  # fields by name
-        self._reports[step.index] = report
-        return report
-
-    async def _note(self, step: Step, what: StepTrigger, **changes: object) -> None:
-        report = self._report(step, what, **changes)
-        if self._setting.report is not None:
-            await self._setting.report(report)
 
 
 async def _cancel(tasks: Collection[asyncio.Task[None]]) -> None:

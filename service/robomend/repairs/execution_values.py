@@ -168,3 +168,25 @@ def failure(step: Step, result: ActionResult) -> str:
     """Return the sentence that tells of an action which did not succeed."""
     what = WHAT_HAPPENED.get(result.code, f"ended with result {result.code}")
     return f"{step} {what}: {result.message}" if result.message else f"{step} {what}"
+
+
+def timings(configured: Mapping[str, Mapping[str, object]], once: Collection[str]) -> dict[str, Timing]:
+    """Return action name -> its bounds, by the robot's `actions`; the others have the defaults.
+
+    What must not be repeated (`once`) is retried only if that is configured.
+    """
+    careful = {name: {"retries": 0} for name in once}
+    return {
+        name: _timing({**careful.get(name, {}), **_given(configured.get(name, {}))})
+        for name in {*configured, *once}
+    }
+
+
+def _given(value: Mapping[str, object]) -> dict[str, object]:
+    return {key: one for key, one in value.items() if one is not None}
+
+
+def _timing(value: Mapping[str, object]) -> Timing:
+    names = {"timeout_s": "action_timeout_s", "effect_timeout_s": "effect_timeout_s", "retries": "retries"}
+    given = {name: value[key] for key, name in names.items() if key in value}
+    return Timing(**given)  # type: ignore[arg-type]  # checked by the wire model

@@ -6,58 +6,36 @@ itself keeps nothing: after a crash a new one is made from the store and fresh O
 
 from __future__ import annotations
 
-import asyncio
 import time
 from collections import Counter
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from robomend.cycle import stands_no_more
 from robomend.diagnosis.result import DiagnosisResult
-from robomend.errors import InputError, Overloaded, RobomendError
-from robomend.planning.choice import Choice, attempt
+from robomend.planning.choice import Choice
 from robomend.planning.plan import Plan, Step
 from robomend.planning.policy import Mode, Policy
 from robomend.planning.prediction import Prediction, theory_of
-from robomend.planning.quarantine import quarantined
-from robomend.repairs.choosing import Chooser, record_of
-from robomend.repairs.execution_values import Ending, Execution, Setting, StepReport, Timing
-from robomend.repairs.hearing import Hearing
-from robomend.repairs.record import RepairRecord
+from robomend.repairs.choosing import Chooser
+from robomend.repairs.conclusions import NotPermitted, Overtaken, Silent
+from robomend.repairs.execution_values import Ending, Execution, Setting, StepReport, Timing, timings
+from robomend.repairs.hearing import LOOK_S, Hearing
+from robomend.repairs.record import RepairRecord, approval
+from robomend.repairs.remembering import judged
 from robomend.repairs.signals import Signals
-from robomend.repairs.states import RepairTrigger, StepState
+from robomend.repairs.states import RepairTrigger
 from robomend.robots.robot import Robot
 from robomend.robots.robots import Robots
 from robomend.store.interface import Store
-from robomend.store.records import Quarantine
 from robomend_client.actions import Action, ActionResult, Executor
-from robomend_client.literals import Atom, Literal
-
-LOOK_S = 0.25
-"""How often a wait for OBS looks at the clock as well: what grows stale wakes nobody."""
-
-BUSY_S = 60.0
-"""How long a repair waits for a planner when every one is busy."""
-
-
-class Silent(InputError):
-    """Observers of the robot's `observed` list are silent: an automatic repair would be blind."""
-
-    code = "not-observed"
-
-
-class Overtaken(InputError):
-    """While a plan waited for a person, the diagnosis changed."""
-
-    code = "overtaken"
 
 
 class LiveRepair:
-    """See the module; implements robomend.cycle.Repair."""
+    """See the module; implements robomend.cycle.Repair, and the journal of its executions."""
 
     def __init__(
         self,
-        *,
         store: Store,
         robots: Robots,
         chooser: Chooser,
@@ -67,14 +45,14 @@ class LiveRepair:
         signals: Signals,
         heard_since: int | None,
     ) -> None:
-        """`heard_since`: see Hearing."""
+        """`heard_since`: after a crash, the revision of OBS up to which observations do not count."""
         self._robots = robots
         self._chooser = chooser
         self._state = state
         self._record = record
         self._executors = executors
         self._signals = signals
-        self._hearing = Hearing(store, robots, state, heard_since)
+        self._hearing = Hearing(store, robots, state, record, signals, heard_since)
         # A crash does not give a repair new rounds, but it may always finish.
         self.rounds = max(1, self._policy.rounds - len(record.data.get("rounds", ())))
         self._components = frozenset(state.system.cnf.components)
@@ -91,41 +69,15 @@ class LiveRepair:
 
     async def diagnose(self) -> DiagnosisResult:
         """Return the diagnosis of OBS now, after every configured observer was heard."""
-        if await self._hear_all():
+        if await self._hearing.hear_all():
             await self._record.update(RepairTrigger.HEARD, waiting_for=[])
-        wanted = self._record.data.get("wanted")
         result = await self._newest()
+        wanted = self._record.data.get("wanted")
         if wanted and not result.healthy and not self._record.data.get("rounds"):
             named = tuple(d for d in result.diagnoses if set(d.bad) == set(wanted))
             if named:
-                return DiagnosisResult(
-                    result.components, named, result.complete, result.stopped_by, result.conflicts, 0.0
-                )
+                return replace(result, diagnoses=named, elapsed_s=0.0)
         return result
-
-    async def _hear_all(self) -> bool:
-        """Wait until OBS holds each literal that the observers will report; return whether we had to.
-
-        A person who asked for the repair is not kept waiting; what is unknown then is assumed, and shown.
-        """
-        asked = bool(self._record.data.get("asked")) and not self._hearing.anew
-        deadline = time.monotonic() + self._state.config.observed_timeout_s
-        told: list[str] = []
-        while missing := await self._hearing.unheard():
-            names = [str(atom) for atom in missing]
-            if asked:
-                return False
-            if time.monotonic() >= deadline:
-                raise Silent(
-                    f"nobody reported {', '.join(names)} within {self._state.config.observed_timeout_s:g} s: "
-                    "start the observers, or take them off the robot's `observed` list"
-                )
-            if names != told:
-                told = names
-                await self._record.update(RepairTrigger.UNHEARD, reason="for observers", waiting_for=names)
-            await self._signals.unless_halted(self._state.changed(self._state.revision, LOOK_S))
-        self._hearing.anew = False
-        return bool(told)
 
     async def _newest(self) -> DiagnosisResult:
         """Return the diagnosis of OBS as it is now; the fault, if there is none, is raised."""
@@ -161,24 +113,15 @@ class LiveRepair:
         return found
 
     async def _planned(self, result: DiagnosisResult, *, looks: bool) -> Choice:
-        """Choose; wait for a turn where the planners are busy with other robots."""
-        deadline, pause_s = time.monotonic() + BUSY_S, 0.2
-        while True:
-            try:
-                choosing = self._chooser.choose(self._state, result, looks=looks)
-                return await self._signals.unless_halted(choosing)
-            except Overloaded:
-                if time.monotonic() >= deadline:
-                    raise
-            await self._signals.unless_halted(asyncio.sleep(pause_s))
-            pause_s = min(2 * pause_s, 5.0)
+        return await self._signals.unless_halted(
+            self._chooser.choose_in_turn(self._state, result, looks=looks)
+        )
 
     # --- approve
 
     async def approved(self, choice: Choice) -> bool:
         """Ask the policy, and a person where it says so; a yes counts while the plan's diagnosis stands."""
         assert choice.plan is not None
-        assert choice.diagnosis is not None
         steps = choice.plan.steps
         self._attempts = Counter(await self._chooser.attempts(self._state.id))
         refusal = self._policy.plan_refusal(steps, self._attempts, self._components)
@@ -238,7 +181,7 @@ class LiveRepair:
             permit=permit,
             halt=self._signals.halt,
             observed=self._hearing.observed,
-            timing=_timings(self._state.config.actions, once),
+            timing=timings(self._state.config.actions, once),
             not_idempotent=once,
             report=report,
         )
@@ -269,7 +212,7 @@ class LiveRepair:
             helped = stands_no_more(choice.diagnosis.bad, result)
             if result.healthy and await self._hearing.unheard():
                 # Nothing is known to be wrong because nothing is known: an observer fell silent meanwhile.
-                await self._hear_all()
+                await self._hearing.hear_all()
                 return await self._newest()
             if result.healthy or (done and helped) or time.monotonic() >= deadline:
                 return result
@@ -278,106 +221,21 @@ class LiveRepair:
     async def _hear_the_missing(self, execution: Execution) -> None:
         """An effect that nobody could tell us of says nothing of the robot: Silent, unless they speak."""
         missing = [literal.atom for report in execution.steps for literal in report.missing]
-        deadline = time.monotonic() + self._state.config.observed_timeout_s
-        while silent := await self._hearing.silent_since(missing, self._settled):
-            if time.monotonic() >= deadline:
-                why = (
-                    f"{execution.reason}, and nobody reported {', '.join(map(str, silent))} "
-                    "since: look whether the observers still work"
-                )
-                await self._record.end_round(str(Ending.STALE), why, helped=False)
-                raise Silent(why)
-            await self._signals.unless_halted(self._state.changed(self._state.revision, LOOK_S))
+        silent = await self._hearing.still_silent(missing, self._settled)
+        if silent:
+            why = (
+                f"{execution.reason}, and nobody reported {', '.join(map(str, silent))} "
+                "since: look whether the observers still work"
+            )
+            await self._record.end_round(str(Ending.STALE), why, helped=False)
+            raise Silent(why)
 
     async def remember(self, choice: Choice, execution: Execution, *, helped: bool) -> None:
         """Keep the attempt; components whose repairs keep failing go into quarantine."""
-        assert choice.plan is not None
-        assert choice.diagnosis is not None
-        now = time.time_ns()
-        finished = {StepState.DONE, StepState.ALREADY}
-        tried = attempt(
-            choice.diagnosis,
-            choice.plan,
-            done=[report.step.index for report in execution.steps if report.state in finished or report.seen],
-            time_ns=now,
-            effect_seen=execution.effect_seen,
-            helped=helped,
-        )
-        record = record_of(
-            tried,
-            self._state.id,
-            self._record.id,
-            {
-                "ending": str(execution.ending),
-                "reason": execution.reason,
-                "direct": direct(execution.steps, choice.diagnosis.bad),
-            },
-        )
         memory = await self._chooser.remembered(self._state.id)
-        patience = self._chooser.patience
-        # Whoever allows many actions an hour means to mend what breaks often.
-        relapses = max(patience.attempts, self._state.config.limits.attempts_per_hour // 2)
-        left_alone = quarantined(
-            [*memory.tried, tried], now_ns=now, patience=replace(patience, relapses=relapses)
+        tried, left_alone = judged(
+            self._state, self._record.id, choice, execution, memory, self._chooser.patience, helped=helped
         )
         await self._record.end_round(
-            str(execution.ending),
-            execution.reason,
-            helped=helped,
-            tried=record,
-            quarantined=[
-                Quarantine(
-                    robot=self._state.id,
-                    component=name,
-                    reason=f"{entry.reason}; last: {execution.reason}" if execution.reason else entry.reason,
-                    failures=entry.failures,
-                    since_ns=now,
-                    until_ns=entry.until_ns,
-                )
-                for name, entry in left_alone.items()
-                if name not in memory.quarantined
-            ],
+            str(execution.ending), execution.reason, helped=helped, tried=tried, quarantined=left_alone
         )
-
-
-def approval(by: str, steps: Iterable[str]) -> dict[str, object]:
-    """Return the record of a yes: who said it, and to which actions."""
-    return {"by": by, "steps": list(steps)}
-
-
-def direct(reports: Iterable[StepReport], bad: Collection[str]) -> list[str]:
-    """Return the actions that were done and should have made a component of the diagnosis good.
-
-    Where they did not help, another way is planned before the same is done again.
-    """
-    cures = {Literal(Atom("good", (name,))) for name in bad}
-    return [
-        str(report.step)
-        for report in reports
-        if report.result is not None and report.result.ok and cures & set(report.step.effects)
-    ]
-
-
-class NotPermitted(RobomendError):
-    """A step of the plan that the policy refuses: a person must change the policy, or do it."""
-
-    code = "not-permitted"
-
-
-def _timings(configured: Mapping[str, Mapping[str, object]], once: Collection[str]) -> dict[str, Timing]:
-    """Return action name -> its bounds; what must not be repeated is retried only if that is configured."""
-    careful = {name: {"retries": 0} for name in once}
-    return {
-        name: _timing({**careful.get(name, {}), **_given(configured.get(name, {}))})
-        for name in {*configured, *once}
-    }
-
-
-def _given(value: Mapping[str, object]) -> dict[str, object]:
-    return {key: one for key, one in value.items() if one is not None}
-
-
-def _timing(value: Mapping[str, object]) -> Timing:
-    names = {"timeout_s": "action_timeout_s", "effect_timeout_s": "effect_timeout_s", "retries": "retries"}
-    given = {name: value[key] for key, name in names.items() if key in value}
-    return Timing(**given)  # type: ignore[arg-type]  # checked by the wire model

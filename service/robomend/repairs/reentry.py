@@ -17,19 +17,19 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import time
 from dataclasses import dataclass
 
 from robomend.errors import NotFound
 from robomend.repairs.agent_queue import AgentQueue
 from robomend.repairs.choosing import Chooser
 from robomend.repairs.execution_values import MAY_HAVE_ACTED
-from robomend.repairs.live_repair import approval
-from robomend.repairs.record import LOOP, RepairRecord
+from robomend.repairs.record import LOOP, RepairRecord, approval
 from robomend.repairs.signals import Declined, Halted, Signals
 from robomend.repairs.states import STEP, RepairState, RepairTrigger, StepState, StepTrigger
 from robomend.robots.robot import Robot
-from robomend.store.interface import Store, Transaction, View
-from robomend.store.records import AuditEntry, Fence, Intent, Paging
+from robomend.store.interface import Store, Transaction
+from robomend.store.records import AuditEntry, Fence, Intent
 from robomend.transitions import after
 from robomend_client.actions import OK, TIMED_OUT
 from robomend_client.events import Kind
@@ -111,6 +111,12 @@ class Reentry:
         )
         await self._record.interrupted()
         return await self._store.read(lambda view: view.revision(self._record.robot))
+
+    async def next_try(self) -> int | None:
+        """Return when the first back-off ends of the components that are in quarantine now."""
+        entries = await self._store.read(lambda view: view.quarantine(self._record.robot))
+        ends = [entry.until_ns for entry in entries if entry.until_ns and entry.until_ns > time.time_ns()]
+        return min(ends, default=None)
 
     async def left_open(self, state: Robot, why: str, *, patient: bool = False) -> LeftOpen:
         """Return the actions that the journal has without an outcome; `patient`: see `_fate`."""
@@ -199,12 +205,6 @@ class LeftOpen:
                 data["ended_ns"] = tx.now_ns
                 tx.put_step(self.repair, step.step, state=state, data=data, fence=self.fence)
                 tx.emit(Kind.ACTION, self.fence.robot, {"repair": self.repair, **data})
-
-
-def open_question(view: View, robot: str) -> str | None:
-    """Return what the robot's last repair asked a person, or left to ask, and nobody answered."""
-    last = view.repairs(robot, Paging(limit=1)).items
-    return last[0].data.get("question") if last else None
 
 
 def look_first(doubt: str) -> str:

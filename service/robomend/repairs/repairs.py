@@ -32,10 +32,10 @@ from robomend.oneshots.oneshots import OneShots
 from robomend.planning.planner_pool import PlannerPool
 from robomend.repairs.agent_queue import AgentQueue
 from robomend.repairs.choosing import Chooser
-from robomend.repairs.record import repair_json
-from robomend.repairs.reentry import open_question
+from robomend.repairs.record import new_repair
+from robomend.repairs.repair_json import repair_json
 from robomend.repairs.robot_repairs import Dependencies, RobotRepairs
-from robomend.repairs.states import INITIAL, RepairState
+from robomend.repairs.states import RepairState
 from robomend.robots.robots import Robots
 from robomend.settings import Settings
 from robomend.store.interface import Store, Transaction, View
@@ -216,7 +216,6 @@ class Repairs:
         for component in bad or ():
             if component not in known:
                 raise NotFound(f"the model has no component {component!r}")
-        wanted = None if bad is None else list(bad)
 
         def begin(tx: Transaction) -> StoredRepair:
             stop = tx.stop()  # not as we heard of it: another instance may have lifted it just now
@@ -224,18 +223,8 @@ class Repairs:
                 raise Refused(f"the global stop is active, set by {stop.by}: {stop.reason}")
             if tx.repairs(robot, Paging(limit=1), open_only=True).items:
                 raise StateConflict(f"a repair of robot {robot!r} is open already")
-            data = {
-                "policy": state.config.policy,
-                "by": by,
-                "asked": True,
-                "wanted": wanted,
-                "reason": reason,
-                "question": open_question(tx, robot),
-            }
-            repair = tx.create_repair(robot, state=INITIAL, data=data)
-            tx.emit(Kind.REPAIR, robot, repair_json(repair))
-            tx.note(AuditEntry(by, "repair.create", repair.id, robot, reason, after={"bad": wanted}))
-            return repair
+            policy = state.config.policy
+            return new_repair(tx, robot, policy, by=by, reason=reason, asked=True, wanted=bad)
 
         return repair_json(await self._store.write(begin, robots=(robot,)))
 

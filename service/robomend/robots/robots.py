@@ -10,11 +10,9 @@ configuring.py has what is set of each. All belongs to one event loop.
 
 from __future__ import annotations
 
-import asyncio
 import time
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 import structlog
 
@@ -30,6 +28,7 @@ from robomend.errors import (
 )
 from robomend.metrics import Metrics
 from robomend.robots import configuring
+from robomend.robots.background import Background
 from robomend.robots.batches import Acknowledged, Batch, Update, read_batches
 from robomend.robots.boards import SOURCE, Boards, WiredBoard, board_update
 from robomend.robots.clock import CLOCK
@@ -67,7 +66,7 @@ class Robots:
         self._store = store
         self._settings = settings
         self._metrics = metrics
-        self._tasks: set[asyncio.Task[None]] = set()
+        self._background = Background()
         self._unsubscribe: Callable[[], None] | None = None
         self.models.on_change(self._model_changed)
         metrics.on_demand("robomend_robots", "robots in memory", (), lambda: [((), len(self.memory.states))])
@@ -232,10 +231,7 @@ class Robots:
         for state in self.memory.states.values():
             state.cancel_timers()
         await self.diagnosing.close()
-        for task in self._tasks:
-            task.cancel()
-        if self._tasks:
-            await asyncio.wait(self._tasks, timeout=5.0)
+        await self._background.close()
 
     # --- what happens elsewhere
 
@@ -253,23 +249,13 @@ class Robots:
                 self.diagnosing.wake(state)
 
     def _deleted_elsewhere(self, robot: str) -> None:
-        self._spawn(self.memory.drop(robot), "robot deleted elsewhere")
+        self._background.begin(self.memory.drop(robot), "robot deleted elsewhere")
 
     def _board_changed(self, robot: str, link: LinkState, reason: str) -> None:
         if not self.diagnosing.closing:
             data = {"link": str(link), "reason": reason}
-            self._spawn(self._store.write(lambda tx: tx.emit(Kind.BOARD, robot, data)), "board event")
-
-    def _spawn(self, work: Coroutine[Any, Any, None], name: str) -> None:
-        async def run() -> None:
-            try:
-                await work
-            except RobomendError as error:
-                log.warning("not kept", what=name, code=error.code, detail=str(error))
-
-        task = asyncio.create_task(run(), name=name)
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
+            writing = self._store.write(lambda tx: tx.emit(Kind.BOARD, robot, data))
+            self._background.begin(writing, "board event")
 
 
 def _page(paging: Paging, view: View) -> Page[StoredRobot]:
