@@ -12,14 +12,25 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+from collections import OrderedDict
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
+from robomend.errors import StateConflict
+from robomend.repairs.execution_values import MOST_FEEDBACK
 from robomend.repairs.states import QueueState
+from robomend.repairs.throttle import Throttle
 from robomend.store.interface import Store, Transaction
 from robomend.store.records import AgentAction
 from robomend_client.actions import TIMED_OUT, UNREACHABLE, Action
 from robomend_client.events import Event, Kind
+
+FEEDBACK_S = 1.0
+"""Between two feedbacks of one action that are told."""
+
+REMEMBERED = 1024
+"""Actions of which the latest feedback is remembered."""
 
 LOOK_AGAIN_S = 1.0
 """Events wake us; this is for an event that was lost with its database connection."""
@@ -33,6 +44,9 @@ class AgentQueue:
         self._changed: dict[str, asyncio.Event] = {}  # robot -> something about its actions changed
         self._end: Callable[[], None] | None = None
         self._ending = False
+        self.said: OrderedDict[str, tuple[int, str]] = OrderedDict()  # action -> its latest feedback, told
+        self._coming: dict[str, tuple[int, str]] = {}  # … and one that is not told yet
+        self._telling = Throttle(FEEDBACK_S, self._tell)
 
     def start(self) -> None:
         """Follow the store's events, whichever instance wrote them."""
@@ -44,10 +58,11 @@ class AgentQueue:
         for change in self._changed.values():
             change.set()
 
-    def close(self) -> None:
-        """Stop following."""
+    async def close(self) -> None:
+        """Stop following, and telling."""
         if self._end is not None:
             self._end()
+        await self._telling.close()
 
     def _notice(self, events: tuple[Event, ...]) -> None:
         for event in events:
@@ -55,6 +70,11 @@ class AgentQueue:
                 waiting = self._changed.pop(event.robot, None)
                 if waiting is not None:
                     waiting.set()
+                said = event.data.get("feedback")
+                if said is not None and "repair" not in event.data:
+                    self.said[event.data["id"]] = (said["code"], said["message"])
+                    while len(self.said) > REMEMBERED:
+                        self.said.popitem(last=False)
 
     def watch(self, robot: str) -> asyncio.Event:
         """Return what will be set at the next change of the robot's actions: watch first, then look."""
@@ -88,9 +108,7 @@ class AgentQueue:
             change = self.watch(robot)
             queued = await self._store.read(lambda db: db.agent_actions(robot))
             if any(a.host is None or host is None or a.host == host for a in queued if not a.answered):
-                taken = await self._store.write(
-                    lambda tx: tx.take_action(robot, host=host, agent=host or "agent"), robots=(robot,)
-                )
+                taken = await self._store.write(partial(_take, robot, host), robots=(robot,))
                 if taken is not None:
                     return taken
             left = deadline - asyncio.get_running_loop().time()
@@ -98,18 +116,26 @@ class AgentQueue:
                 return None
             await wait_for(change, min(left, 5 * LOOK_AGAIN_S))
 
-    async def answered(self, action_id: str) -> AgentAction:
-        """Note that an agent has begun; Conflict after the result, also when that is a cancellation."""
-        known = await self._store.read(lambda view: view.agent_action(action_id))
-        if known.answered and known.code is None:
-            return known  # each second of a long action; nothing new to write
+    async def feedback(self, action_id: str, code: int, message: str) -> None:
+        """Note how far an action is; StateConflict after the result, also when that is a cancellation.
 
-        def answer(tx: Transaction) -> AgentAction:
-            action = tx.answer_action(action_id)
-            tx.emit(Kind.ACTION, action.robot, describe(action))
-            return action
+        The first one says that the agent has begun, and is on disk when this returns. Of the others the
+        latest is told, at most every FEEDBACK_S, and nothing where it says the same again: agents repeat it
+        to hear whether the action is withdrawn.
+        """
+        known = await self.action(action_id)
+        said = (code, message[:MOST_FEEDBACK])
+        if not known.answered or known.code is not None:
+            await self._store.write(partial(_answer, action_id, said))
+        elif self.said.get(action_id) != said:
+            self._coming[action_id] = said
+            self._telling.ask(action_id)
 
-        return await self._store.write(answer)
+    async def _tell(self, action_id: str) -> None:
+        said = self._coming.pop(action_id, None)
+        if said is not None and self.said.get(action_id) != said:
+            with contextlib.suppress(StateConflict):  # the result was faster
+                await self._store.write(partial(_answer, action_id, said))
 
     async def finish(self, action_id: str, code: int, message: str) -> AgentAction:
         """Keep the agent's result; a second one gets the first."""
@@ -136,6 +162,18 @@ class AgentQueue:
             return action if action.answered else tx.withdraw_action(action_id, code, why)
 
         return await self._store.write(take_back)
+
+
+def _take(robot: str, host: str | None, tx: Transaction) -> AgentAction | None:
+    """Hand out an action, but none while the global stop is active: its owner withdraws what waits."""
+    return None if tx.stop().active else tx.take_action(robot, host=host, agent=host or "agent")
+
+
+def _answer(action_id: str, said: tuple[int, str], tx: Transaction) -> None:
+    action = tx.answer_action(action_id)
+    code, message = said
+    feedback = {"code": code, "message": message, "time_ns": tx.now_ns}
+    tx.emit(Kind.ACTION, action.robot, {**describe(action), "feedback": feedback})
 
 
 async def wait_for(change: asyncio.Event, timeout_s: float) -> None:

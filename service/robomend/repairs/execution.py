@@ -16,6 +16,7 @@ import asyncio
 import contextlib
 import time
 from collections.abc import Collection
+from functools import partial
 
 from robomend.planning.plan import Plan, Step
 from robomend.repairs.execution_values import (
@@ -86,6 +87,7 @@ class _Run:
                 stop = await self._let_running_steps_end(halted) or stop
         finally:
             await _cancel({halted, watch, *self._tasks})
+            await self._reporting.close()
         if stop is None:
             return Execution(Ending.DONE, "every effect was seen", self._reporting.all)
         return Execution(stop.ending, stop.reason, self._reporting.all, stop.mismatch)
@@ -205,10 +207,7 @@ class _Run:
             await self._not_sent(step, action)
             raise _Stop(Ending.HALTED, "stopped before the plan was done")
 
-        def feedback(code: int, message: str) -> None:
-            if self._setting.feedback is not None:
-                self._setting.feedback(step, code, message)
-
+        feedback = partial(self._reporting.feedback, step)
         try:
             async with asyncio.timeout(timing.action_timeout_s + 1.0):  # executors keep the bound themselves
                 result = await self._setting.executors[step.name].execute(action, feedback)

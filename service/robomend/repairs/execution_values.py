@@ -92,6 +92,19 @@ class Ending(StrEnum):
     HALTED = "halted"  # cancelled, or the global stop
 
 
+MOST_FEEDBACK = 1000
+"""Characters of a feedback's message that are kept."""
+
+
+@dataclass(frozen=True, slots=True)
+class LatestFeedback:
+    """How far an action is, in the words of who carries it out; what the number means is theirs to say."""
+
+    code: int
+    message: str
+    time_ns: int
+
+
 @dataclass(frozen=True, slots=True)
 class StepReport:
     """What became of one step."""
@@ -105,6 +118,7 @@ class StepReport:
     reason: str = ""
     sent_ns: int | None = None
     ended_ns: int | None = None
+    feedback: LatestFeedback | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,7 +162,6 @@ class Setting:
     default_timing: Timing = Timing()
     not_idempotent: Collection[str] = ()  # actions that must not be sent twice when their outcome is unknown
     report: Callable[[StepReport], Awaitable[None]] | None = None  # called at each change of a step
-    feedback: Callable[[Step, int, str], None] | None = None
 
     def timing_of(self, step: Step) -> Timing:
         """Return the bounds of this step."""

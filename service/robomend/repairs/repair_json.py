@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Any
 
 from robomend.planning.plan import Step
@@ -41,6 +42,7 @@ def report_json(report: StepReport, number: int) -> dict[str, Any]:
         "message": report.reason or (report.result.message if report.result else ""),
         "seen": [str(literal) for literal in report.seen],
         "missing": [str(literal) for literal in report.missing],
+        "feedback": None if report.feedback is None else asdict(report.feedback),
         "sent_ns": report.sent_ns,
         "ended_ns": report.ended_ns,
     }
@@ -50,7 +52,7 @@ def repair_json(repair: StoredRepair, steps: Sequence[StepRecord] = ()) -> dict[
     """Return a repair as HTTP and events show it; the steps of its present plan carry how far they came."""
     data = dict(repair.data)
     reports = {record.step: record.data for record in steps}
-    waiting = {"state": StepState.WAITING, "result": None, "message": ""}
+    waiting = {"state": StepState.WAITING, "result": None, "message": "", "feedback": None}
     plan = [{**waiting, **step, **reports.get(step["index"], {})} for step in data.get("plan", ())]
     rounds = [
         {**one, "plan": [{**step, **reports.get(step["index"], {})} for step in one["plan"]]}

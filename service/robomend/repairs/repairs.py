@@ -11,7 +11,8 @@ Every mapping that comes back holds JSON values only and is served as it is, in 
     repair      {"id", "robot", "state", "policy", "round", "diagnosis": {"bad", "good"} | null,
                  "plan": [step…], "cost", "assumed": [literal…], "waiting_for": [literal…], "reason", "by",
                  "created_ns", "updated_ns", "finished_ns" | null}
-    step        {"index", "name", "parameters", "after", "cost", "state", "result" | null, "message"}
+    step        {"index", "name", "parameters", "after", "cost", "state", "result" | null, "message",
+                 "feedback": {"code", "message", "time_ns"} | null}
     action      {"id", "name", "parameters", "timeout_s", "host" | null}
 
 Errors are those of robomend.errors: NotFound (no such robot, repair or action), StateConflict (not
@@ -104,7 +105,7 @@ class Repairs:
         tasks = [*self._tasks.values(), *([self._seeker] if self._seeker else [])]
         if tasks:
             await asyncio.wait(tasks, timeout=CLOSE_S)
-        self._needs.agents.close()
+        await self._needs.agents.close()
 
     async def _seek(self) -> None:
         """Acquire what nobody owns, again and again; the database may be away for a while."""
@@ -304,8 +305,8 @@ class Repairs:
         return await self._store.read(lambda view: view.agent_action(action_id).robot)
 
     async def feedback(self, action_id: str, *, code: int, message: str, by: str) -> None:
-        """Note how far an action is; after its result this is a StateConflict."""
-        await self._needs.agents.answered(action_id)
+        """Note how far an action is, for its step and whoever watches; after its result a StateConflict."""
+        await self._needs.agents.feedback(action_id, code, message)
 
     async def result(self, action_id: str, *, code: int, message: str, by: str) -> Json:
         """Take an action's result; a repeated one is answered with the first: {"code", "message"}."""

@@ -1,6 +1,6 @@
 """Actions that an agent on the robot pulls, carries out and reports, through the queue (agent_queue.py).
 
-While an agent acts it sends feedback every second; 409 tells it that the action has been withdrawn.
+While it acts, an agent sends feedback twice a second or more; 409 tells it that the action is withdrawn.
 """
 
 from __future__ import annotations
@@ -57,16 +57,17 @@ class AgentExecutor:
         deadline = loop.time() + action.timeout_s
         change = self._queue.watch(self._robot)
         state = await self._queue.put(self._robot, host, action)
-        told = False
+        told: tuple[int, str] | None = None
         try:
             while state.code is None and (left := deadline - loop.time()) > 0:
                 await wait_for(change, min(left, LOOK_AGAIN_S))
                 change = self._queue.watch(self._robot)
                 with contextlib.suppress(StoreError):  # it may come back within our time
                     state = await self._queue.action(action.id)
-                if state.answered and not told:
-                    told = True
-                    feedback(0, f"{state.taken_by or 'an agent'} has begun")
+                said = self._queue.said.get(action.id, told)
+                if said is not None and said != told:
+                    told = said
+                    feedback(*said)
         except asyncio.CancelledError:
             with contextlib.suppress(RobomendError):  # then the agent's own time-out ends it
                 await asyncio.shield(self._cut_off(action))

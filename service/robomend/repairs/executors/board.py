@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Protocol
 
+from robomend.board.link import LinkState
 from robomend.errors import BoardError, BoardRefused, BoardTimeout, BoardUnreachable
 from robomend.repairs.executors.registry import Surroundings
 from robomend_client.actions import (
@@ -28,6 +29,8 @@ CONNECT_S = 2.0
 
 class Switch(Protocol):
     """What this executor needs of a board link."""
+
+    state: LinkState
 
     async def wait_connected(self, timeout_s: float) -> None: ...
 
@@ -61,6 +64,8 @@ class BoardExecutor:
             return ActionResult(REFUSED, f"{action.parameters[0]} has no channel on this board")
         if not on and channel in self._protected:
             return ActionResult(REFUSED, f"channel {channel} ({action.parameters[0]}) is protected")
+        if self._link.state is not LinkState.CONNECTED:
+            feedback(0, f"the board's link is {self._link.state}; waiting for it")
         try:
             await self._link.wait_connected(min(CONNECT_S, action.timeout_s))
             await self._link.switch(channel, on, action.timeout_s)

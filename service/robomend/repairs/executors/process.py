@@ -16,7 +16,8 @@ import os
 import re
 import signal
 import subprocess
-from collections.abc import AsyncIterator, Mapping, Sequence
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 from robomend.errors import InputError
@@ -84,7 +85,7 @@ class ProcessExecutor:
         kept = bytearray()
         async with _ended(process) as ended:
             feedback(process.pid, f"{arguments[0]} started")
-            reading = asyncio.create_task(_keep_tail(process, kept))
+            reading = asyncio.create_task(_keep_tail(process, kept, partial(feedback, process.pid)))
             try:
                 async with asyncio.timeout(action.timeout_s):
                     await ended.wait()
@@ -124,8 +125,8 @@ async def _ended(process: subprocess.Popen[bytes]) -> AsyncIterator[asyncio.Even
             process.poll()
 
 
-async def _keep_tail(process: subprocess.Popen[bytes], kept: bytearray) -> None:
-    """Read to the end; keep the last of what a program prints."""
+async def _keep_tail(process: subprocess.Popen[bytes], kept: bytearray, say: Callable[[str], None]) -> None:
+    """Read to the end; keep the last of what a program prints, and say its latest line."""
     reader = asyncio.StreamReader()
     transport, _ = await asyncio.get_running_loop().connect_read_pipe(
         lambda: asyncio.StreamReaderProtocol(reader), process.stdout
@@ -134,5 +135,8 @@ async def _keep_tail(process: subprocess.Popen[bytes], kept: bytearray) -> None:
         while chunk := await reader.read(OUTPUT_BYTES):
             kept += chunk
             del kept[:-OUTPUT_BYTES]
+            line = kept.decode(errors="replace").rstrip().rpartition("\n")[2]
+            if line:
+                say(line)
     finally:
         transport.close()
