@@ -8,8 +8,8 @@ from typing import NoReturn
 from robomend.errors import ModelError
 from robomend.model.components import ComponentModel
 from robomend.model.sentences import plain
-from robomend.model.yaml_tree import Mapping
 from robomend_client.near import did_you_mean
+from robomend_client.yaml_tree import Mapping
 
 SHOWN = 60
 

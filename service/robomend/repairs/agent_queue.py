@@ -21,7 +21,7 @@ from robomend.errors import StateConflict
 from robomend.repairs.execution_values import MOST_FEEDBACK
 from robomend.repairs.states import QueueState
 from robomend.repairs.throttle import Throttle
-from robomend.store.interface import Store, Transaction
+from robomend.store import Store, Transaction, agent_actions, global_stop
 from robomend.store.records import AgentAction
 from robomend_client.actions import TIMED_OUT, UNREACHABLE, Action
 from robomend_client.events import Event, Kind
@@ -84,7 +84,8 @@ class AgentQueue:
         """Queue an action for the agent on `host` (None: any of the robot's)."""
 
         def queue(tx: Transaction) -> AgentAction:
-            queued = tx.queue_action(
+            queued = agent_actions.queue(
+                tx,
                 action.id,
                 robot,
                 host=host,
@@ -99,14 +100,14 @@ class AgentQueue:
 
     async def action(self, action_id: str) -> AgentAction:
         """Return an action as it is now. NotFound."""
-        return await self._store.read(lambda view: view.agent_action(action_id))
+        return await self._store.read(agent_actions.get, action_id)
 
     async def take(self, robot: str, host: str | None, wait_s: float) -> AgentAction | None:
         """Hand out the next action for an agent, waiting up to `wait_s`."""
         deadline = asyncio.get_running_loop().time() + wait_s
         while True:
             change = self.watch(robot)
-            queued = await self._store.read(lambda db: db.agent_actions(robot))
+            queued = await self._store.read(agent_actions.waiting, robot)
             if any(a.host is None or host is None or a.host == host for a in queued if not a.answered):
                 taken = await self._store.write(partial(_take, robot, host), robots=(robot,))
                 if taken is not None:
@@ -141,8 +142,8 @@ class AgentQueue:
         """Keep the agent's result; a second one gets the first."""
 
         def finish(tx: Transaction) -> AgentAction:
-            first = tx.agent_action(action_id).code is None
-            action = tx.finish_action(action_id, code, message)
+            first = agent_actions.get(tx, action_id).code is None
+            action = agent_actions.finish(tx, action_id, code, message)
             if first:
                 tx.emit(Kind.ACTION, action.robot, describe(action))
             return action
@@ -157,20 +158,24 @@ class AgentQueue:
         """
 
         def take_back(tx: Transaction) -> AgentAction:
-            action = tx.agent_action(action_id)
+            action = agent_actions.get(tx, action_id)
             code = UNREACHABLE if action.taken_by is None else TIMED_OUT
-            return action if action.answered else tx.withdraw_action(action_id, code, why)
+            return action if action.answered else agent_actions.withdraw(tx, action_id, code, why)
 
         return await self._store.write(take_back)
 
 
 def _take(robot: str, host: str | None, tx: Transaction) -> AgentAction | None:
     """Hand out an action, but none while the global stop is active: its owner withdraws what waits."""
-    return None if tx.stop().active else tx.take_action(robot, host=host, agent=host or "agent")
+    return (
+        None
+        if global_stop.hold(tx).active
+        else agent_actions.take(tx, robot, host=host, agent=host or "agent")
+    )
 
 
 def _answer(action_id: str, said: tuple[int, str], tx: Transaction) -> None:
-    action = tx.answer_action(action_id)
+    action = agent_actions.answer(tx, action_id)
     code, message = said
     feedback = {"code": code, "message": message, "time_ns": tx.now_ns}
     tx.emit(Kind.ACTION, action.robot, {**describe(action), "feedback": feedback})

@@ -15,11 +15,13 @@ from dataclasses import replace
 from typing import Any
 
 from robomend.diagnosis.probes import ProbeResult
-from robomend.diagnosis.result import Diagnosis, DiagnosisResult
+from robomend.diagnosis.result import DiagnosisResult
 from robomend.errors import Overloaded, Refused, RobomendError, StateConflict
 from robomend.model.components import ComponentModel
 from robomend.oneshots.oneshots import OneShots
-from robomend.planning.advice import Situation, plan_answer
+from robomend.oneshots.plan_json import choice_json
+from robomend.oneshots.question import given_diagnosis
+from robomend.planning.advice import Situation
 from robomend.planning.choice import Choice, Patience
 from robomend.planning.domain.loading import load_domain
 from robomend.planning.plan import Plan
@@ -29,7 +31,7 @@ from robomend.planning.policy import HOUR_NS, NODE_ACTIONS, POWER_ACTIONS, Polic
 from robomend.repairs.remembering import Remembered, remembered
 from robomend.robots.configuration import policy_of
 from robomend.robots.robot import Robot
-from robomend.store.interface import Store
+from robomend.store import Store, attempts
 
 PLAN_TIMEOUT_S = 10.0
 """For the plans of all leading diagnoses together."""
@@ -81,7 +83,7 @@ class Chooser:
     async def attempts(self, robot: str) -> Mapping[str, int]:
         """Return component -> actions on it in the last hour."""
         since = time.time_ns() - HOUR_NS
-        return await self._store.read(lambda view: view.attempts(robot, since))
+        return await self._store.read(attempts.counted, robot, since)
 
     async def choose_in_turn(self, state: Robot, result: DiagnosisResult, *, looks: bool) -> Choice:
         """Choose; where the planners are busy with other robots, wait for a turn, but not for ever."""
@@ -170,7 +172,7 @@ class Chooser:
         if not costs:
             return None
         try:
-            found = await self._one_shots.probes(state, 10)
+            found = await self._one_shots.probes(*state.question(), state.config.engine, 10)
         except RobomendError:
             return None  # looking first is a saving, never a condition
         return replace(found, probes=tuple(probe for probe in found.probes if probe.atom in costs))
@@ -186,11 +188,7 @@ class Chooser:
     ) -> dict[str, Any]:
         """Return what would be done now, as JSON: the dry run of POST …/plans."""
         self._parts(state)
-        components = state.system.cnf.components
-        if bad is None:
-            result = _present(state)
-        else:
-            result = DiagnosisResult(components, (Diagnosis(tuple(bad)),), True, None, (), 0.0)
+        result = _present(state) if bad is None else given_diagnosis(bad, state.system)
         found = await self.choose(
             state,
             result,
@@ -200,7 +198,7 @@ class Chooser:
             pddl=pddl,
             permitted=False,
         )
-        return plan_answer(found, components)
+        return choice_json(found, state.system.cnf.components)
 
     def _parts(self, state: Robot) -> ComponentModel:
         if state.system.parts is None:

@@ -13,7 +13,7 @@ import time
 from robomend.planning.policy import Policy
 from robomend.repairs.conclusions import BadSets, situation_of
 from robomend.robots.robot import Robot
-from robomend.store.interface import View
+from robomend.store import View, audit, repairs
 from robomend.store.records import Paging, Stop, StoredRepair
 
 IDLE_S = 30.0
@@ -33,7 +33,7 @@ class Reasons:
 
     def recall(self, view: View, robot: str) -> None:
         """Learn from the store what the last repair gave up on, unless a person changed something since."""
-        page = view.repairs(robot, Paging(limit=1))
+        page = repairs.page(view, robot, Paging(limit=1))
         if not page.items or page.items[0].open or reconsidered(view, page.items[0]):
             return
         data = page.items[0].data
@@ -75,7 +75,7 @@ def reconsidered(view: View, ended: StoredRepair) -> bool:
     """Return whether a person changed something since the repair ended; by the audit log, as its order is
     that of the writes and not of clocks.
     """
-    for entry in view.audit(Paging(limit=1000), robot=ended.robot).items:  # the newest first
+    for entry in audit.page(view, Paging(limit=1000), robot=ended.robot).items:  # the newest first
         if entry.subject == ended.id:
             return False
         if entry.action in RECONSIDERED:

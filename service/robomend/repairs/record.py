@@ -15,7 +15,7 @@ from robomend.repairs.execution_values import StepReport, Withheld
 from robomend.repairs.repair_json import repair_json, report_json, step_json, step_number
 from robomend.repairs.signals import NO_REASON
 from robomend.repairs.states import ENDS, INITIAL, REPAIR, RepairState, RepairTrigger
-from robomend.store.interface import Store, Transaction
+from robomend.store import Store, Transaction, attempts, global_stop, journal, repairs
 from robomend.store.records import (
     AuditEntry,
     Fence,
@@ -51,7 +51,7 @@ def new_repair(
         asked: a person asks for it, who looks at the robot: observers that are silent are not waited for.
         wanted: the diagnosis to be repaired; None: to be chosen.
     """
-    last = tx.repairs(robot, Paging(limit=1)).items
+    last = repairs.page(tx, robot, Paging(limit=1)).items
     data = {
         "policy": policy,
         "by": by,
@@ -61,7 +61,7 @@ def new_repair(
         # What the last one asked a person, or left to ask, and nobody answered.
         "question": last[0].data.get("question") if last else None,
     }
-    repair = tx.create_repair(robot, state=INITIAL, data=data, fence=fence)
+    repair = repairs.create(tx, robot, state=INITIAL, data=data, fence=fence)
     tx.emit(Kind.REPAIR, robot, repair_json(repair))
     why = reason if asked else "the diagnosis is not healthy"
     after_ = {"bad": data["wanted"]} if asked else None
@@ -135,12 +135,12 @@ class RepairRecord:
 
         def write(tx: Transaction) -> StoredRepair:
             still_open = state not in ENDS
-            updated = tx.update_repair(self.id, state=state, data=data, open=still_open, fence=self._fence)
+            updated = repairs.update(tx, self.id, state=state, data=data, open=still_open, fence=self._fence)
             tx.emit(Kind.REPAIR, self.robot, repair_json(updated))
             if state != before or reason:
                 tx.note(entry)
             for request in answers:
-                tx.answer(request, fence=self._fence)
+                repairs.answer(tx, request, fence=self._fence)
             if also is not None:
                 also(tx)
             return updated
@@ -190,7 +190,7 @@ class RepairRecord:
 
         def remember(tx: Transaction) -> None:
             if tried is not None:
-                tx.remember(tried, fence=self._fence)
+                attempts.remember(tx, tried, fence=self._fence)
             for entry in quarantined:
                 self._set_aside(tx, entry)
 
@@ -205,7 +205,7 @@ class RepairRecord:
         )
 
     def _set_aside(self, tx: Transaction, entry: Quarantine) -> None:
-        tx.put_quarantine(entry, fence=self._fence)
+        attempts.put_quarantine(tx, entry, fence=self._fence)
         told = {"quarantine": entry.component, "reason": entry.reason, "until_ns": entry.until_ns}
         tx.emit(Kind.ROBOT, self.robot, told)
         tx.note(AuditEntry(LOOP, "component.quarantined", entry.component, self.robot, entry.reason))
@@ -244,13 +244,14 @@ class RepairRecord:
         )
 
         def write(tx: Transaction) -> str | None:
-            stop = tx.stop()
+            stop = global_stop.hold(tx)
             if stop.active:
                 return f"global stop: {stop.reason}"
-            for request in tx.repair_requests(self.robot):
+            for request in repairs.requests(tx, self.robot):
                 if request.what == "cancel" and request.repair == self.id:
                     return request.reason or NO_REASON
-            tx.intend(
+            journal.intend(
+                tx,
                 self.id,
                 number,
                 action=action.id,
@@ -260,7 +261,7 @@ class RepairRecord:
                 fence=self._fence,
             )
             for component in self._components.intersection(action.parameters):
-                tx.count_attempt(self.robot, component, self.id, fence=self._fence)
+                attempts.count(tx, self.robot, component, self.id, fence=self._fence)
             tx.note(entry)
             self._put_step(tx, report, number)
             return None
@@ -281,7 +282,7 @@ class RepairRecord:
         )
 
         def write(tx: Transaction) -> None:
-            tx.settle(action.id, result.code, result.message, fence=self._fence)
+            journal.settle(tx, action.id, result.code, result.message, fence=self._fence)
             tx.note(entry)
             self._put_step(tx, report, step_number(action.id))
 
@@ -294,7 +295,7 @@ class RepairRecord:
 
     def _put_step(self, tx: Transaction, report: StepReport, number: int) -> None:
         data = report_json(report, number)
-        tx.put_step(self.id, number, state=str(report.state), data=data, fence=self._fence)
+        repairs.put_step(tx, self.id, number, state=str(report.state), data=data, fence=self._fence)
         tx.emit(Kind.ACTION, self.robot, {"repair": self.id, "round": self._data.get("round"), **data})
 
 

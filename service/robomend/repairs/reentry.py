@@ -28,7 +28,7 @@ from robomend.repairs.record import LOOP, RepairRecord, approval
 from robomend.repairs.signals import Declined, Halted, Signals
 from robomend.repairs.states import STEP, RepairState, RepairTrigger, StepState, StepTrigger
 from robomend.robots.robot import Robot
-from robomend.store.interface import Store, Transaction
+from robomend.store import Store, Transaction, agent_actions, attempts, journal, observations, repairs
 from robomend.store.records import AuditEntry, Fence, Intent
 from robomend.transitions import after
 from robomend_client.actions import OK, TIMED_OUT
@@ -73,7 +73,7 @@ class Reentry:
             return await self.ask(question, left, new=False)
         await self._recall_approval(left)
         await self._record.interrupted()
-        return await self._store.read(lambda view: view.revision(self._record.robot))
+        return await self._store.read(observations.revision, self._record.robot)
 
     async def ask_about(self, doubt: str, state: Robot) -> int:
         """Let a person look at the robot, after an action in doubt; see `ask`."""
@@ -92,7 +92,7 @@ class Reentry:
 
         def settle(tx: Transaction) -> None:
             if new:
-                early.update(request.number for request in tx.repair_requests(self._record.robot))
+                early.update(request.number for request in repairs.requests(tx, self._record.robot))
             left.settle(tx)
 
         if new:
@@ -110,18 +110,18 @@ class Reentry:
             answers=self._signals.answers(),
         )
         await self._record.interrupted()
-        return await self._store.read(lambda view: view.revision(self._record.robot))
+        return await self._store.read(observations.revision, self._record.robot)
 
     async def next_try(self) -> int | None:
         """Return when the first back-off ends of the components that are in quarantine now."""
-        entries = await self._store.read(lambda view: view.quarantine(self._record.robot))
+        entries = await self._store.read(attempts.quarantine, self._record.robot)
         ends = [entry.until_ns for entry in entries if entry.until_ns and entry.until_ns > time.time_ns()]
         return min(ends, default=None)
 
     async def left_open(self, state: Robot, why: str, *, patient: bool = False) -> LeftOpen:
         """Return the actions that the journal has without an outcome; `patient`: see `_fate`."""
         once = self._chooser.not_idempotent(state)
-        intents = await self._store.read(lambda view: view.unsettled(self._record.robot))
+        intents = await self._store.read(journal.unsettled, self._record.robot)
         fates = [(intent, *await self._fate(intent, why, patient)) for intent in intents]
         return LeftOpen(tuple(fates), once, self._record.id, self._fence)
 
@@ -131,9 +131,9 @@ class Reentry:
         def keep(tx: Transaction) -> None:
             left.settle(tx)
             for number in numbers:
-                tx.answer(number, fence=self._fence)
+                repairs.answer(tx, number, fence=self._fence)
 
-        requests = await self._store.read(lambda view: view.repair_requests(self._record.robot))
+        requests = await self._store.read(repairs.requests, self._record.robot)
         yes = [r for r in requests if r.repair == self._record.id and r.what == "approve"]
         numbers = [request.number for request in yes]
         if yes and self._record.state is RepairState.AWAITING_APPROVAL:
@@ -148,14 +148,14 @@ class Reentry:
         `patient`: an agent that is at it gets the action's time to report, unless somebody halts us (Halted).
         """
         with contextlib.suppress(NotFound):
-            action = await self._store.read(lambda view: view.agent_action(intent.id))
+            action = await self._store.read(agent_actions.get, intent.id)
             loop = asyncio.get_running_loop()
             deadline = loop.time() + (intent.timeout_s if patient else 0.0)
             while action.answered and action.code is None and loop.time() < deadline:
                 change = self._agents.watch(self._record.robot)
                 with contextlib.suppress(TimeoutError):
                     await self._signals.unless_halted(asyncio.wait_for(change.wait(), RETRY_S))
-                action = await self._store.read(lambda view: view.agent_action(intent.id))
+                action = await self._store.read(agent_actions.get, intent.id)
             if action.code is None:
                 action = await self._agents.withdraw(intent.id, why)
             if action.code is not None:
@@ -190,11 +190,11 @@ class LeftOpen:
         """Write the outcomes, also into the repair's steps, which nobody reports on any more."""
         outcomes = {}
         for intent, code, message in self.fates:
-            tx.settle(intent.id, code, message, fence=self.fence)
+            journal.settle(tx, intent.id, code, message, fence=self.fence)
             text = intent_text(intent)
             tx.note(AuditEntry(LOOP, "action.result", text, intent.robot, message, after={"result": code}))
             outcomes[intent.id] = (code, message)
-        for step in tx.steps(self.repair):
+        for step in repairs.steps(tx, self.repair):
             if StepState(step.state) is StepState.RUNNING:
                 # Answered already, if it has no fate: then it was its effect that was awaited.
                 seen = (step.data["result"], "nobody waited for its effect any more")
@@ -203,7 +203,7 @@ class LeftOpen:
                 state = after(STEP, StepState.RUNNING, what)
                 data = {**step.data, "state": state, "result": code, "message": message}
                 data["ended_ns"] = tx.now_ns
-                tx.put_step(self.repair, step.step, state=state, data=data, fence=self.fence)
+                repairs.put_step(tx, self.repair, step.step, state=state, data=data, fence=self.fence)
                 tx.emit(Kind.ACTION, self.fence.robot, {"repair": self.repair, **data})
 
 

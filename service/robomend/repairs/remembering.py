@@ -13,7 +13,7 @@ from robomend.planning.quarantine import quarantined
 from robomend.repairs.execution_values import Execution, StepReport
 from robomend.repairs.states import StepState
 from robomend.robots.robot import Robot
-from robomend.store.interface import View
+from robomend.store import View, attempts
 from robomend.store.records import Quarantine, StoredAttempt
 from robomend_client.literals import Atom, Literal
 
@@ -33,16 +33,16 @@ class Remembered:
 def remembered(view: View, robot: str, patience: Patience) -> Remembered:
     """Return what was tried lately and what is left alone now."""
     now = time.time_ns()
-    records = view.tried(robot)
+    records = attempts.tried(view, robot)
     return Remembered(
         tuple(map(_attempt_of, records)),
         tuple(
             entry.component
-            for entry in view.quarantine(robot)
+            for entry in attempts.quarantine(view, robot)
             if entry.until_ns is None or entry.until_ns > now
         ),
         useless_of(records, since_ns=now - int(patience.memory_s * 1e9)),
-        view.attempts(robot, now - HOUR_NS),
+        attempts.counted(view, robot, now - HOUR_NS),
     )
 
 

@@ -31,7 +31,7 @@ from robomend.repairs.signals import Declined, Requests, Signals
 from robomend.repairs.states import RepairTrigger
 from robomend.robots.robot import Robot
 from robomend.robots.robots import Robots
-from robomend.store.interface import Store, Transaction
+from robomend.store import Store, Transaction, repairs, robots
 from robomend.store.records import Fence, Paging, Stop, StoredRepair
 from robomend_client.actions import Executor
 
@@ -125,7 +125,7 @@ class RobotRepairs:
         if not isinstance(error, NotFound):
             return isinstance(error, RobomendError) and error.code == "fenced"
         try:
-            await self._needs.store.read(lambda view: view.robot(self._robot))
+            await self._needs.store.read(robots.get, self._robot)
         except NotFound:
             return True
         except RobomendError:
@@ -140,9 +140,7 @@ class RobotRepairs:
             return None
         self._look_up = False
         try:
-            page = await self._needs.store.read(
-                lambda view: view.repairs(self._robot, Paging(limit=1), open_only=True)
-            )
+            page = await self._needs.store.read(repairs.page, self._robot, Paging(limit=1), open_only=True)
         except BaseException:
             self._look_up = True
             raise
@@ -156,7 +154,7 @@ class RobotRepairs:
             return None, wait_s
 
         def begin(tx: Transaction) -> StoredRepair:
-            open_ones = tx.repairs(self._robot, Paging(limit=1), open_only=True).items
+            open_ones = repairs.page(tx, self._robot, Paging(limit=1), open_only=True).items
             if open_ones:
                 return open_ones[0]  # a person was faster
             return new_repair(tx, self._robot, state.config.policy, fence=self.fence)

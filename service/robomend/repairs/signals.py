@@ -15,7 +15,7 @@ from typing import TypeVar
 import structlog
 
 from robomend.errors import RobomendError
-from robomend.store.interface import Store, Transaction
+from robomend.store import Store, Transaction, repairs
 from robomend.store.records import Fence
 
 log = structlog.get_logger("robomend.repairs.signals")
@@ -131,7 +131,7 @@ class Requests:
                     await self.arrived.wait()
 
     async def _hand_over(self, repair: str, signals: Signals) -> None:
-        for request in await self._store.read(lambda view: view.repair_requests(self._fence.robot)):
+        for request in await self._store.read(repairs.requests, self._fence.robot):
             if request.repair != repair:  # that one has ended
                 await self._store.write(partial(_answer, request.number, self._fence))
             elif request.what == "approve":
@@ -141,4 +141,4 @@ class Requests:
 
 
 def _answer(request: int, fence: Fence, tx: Transaction) -> None:
-    tx.answer(request, fence=fence)
+    repairs.answer(tx, request, fence=fence)

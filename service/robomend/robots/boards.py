@@ -22,7 +22,7 @@ from robomend.model.vocabulary import Vocabulary
 from robomend.observations.obs import Obs
 from robomend.robots.batches import Update
 from robomend.robots.configuration import BoardConfig
-from robomend.store.interface import Store
+from robomend.store import Store
 from robomend.store.records import AuditEntry
 from robomend_client.literals import Literal
 

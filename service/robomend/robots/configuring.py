@@ -12,8 +12,7 @@ from robomend.observations.language import parse
 from robomend.planning.domain.loading import load_domain
 from robomend.planning.planners import PLANNERS
 from robomend.robots.configuration import RobotConfig, covered, uncovered
-from robomend.store import records
-from robomend.store.interface import Transaction
+from robomend.store import Transaction, records, robots
 from robomend.store.records import AuditEntry, Json
 from robomend_client.events import Kind
 from robomend_client.registry import Registry
@@ -22,9 +21,9 @@ from robomend_client.registry import Registry
 def put(tx: Transaction, robot: str, config: Json, *, expected: str | None, by: str) -> None:
     """Create or replace a robot."""
     created = expected in (None, records.ABSENT)
-    before = None if created else tx.robot(robot).config
+    before = None if created else robots.get(tx, robot).config
     kept = config if before is None else uncovered(config, before)
-    stored = tx.put_robot(robot, kept, expected=expected)
+    stored = robots.put(tx, robot, kept, expected=expected)
     if before is None:
         uncovered(config, {})  # refuses a covered secret, after it is known that the robot is new
     what = "created" if created else "updated"
@@ -43,8 +42,8 @@ def put(tx: Transaction, robot: str, config: Json, *, expected: str | None, by: 
 
 def delete(tx: Transaction, robot: str, *, expected: str, by: str) -> None:
     """Delete a robot; Conflict while a repair is open."""
-    before = covered(tx.robot(robot).config)
-    tx.delete_robot(robot, expected=expected)
+    before = covered(robots.get(tx, robot).config)
+    robots.delete(tx, robot, expected=expected)
     tx.emit(Kind.ROBOT, robot, {"what": "deleted", "by": by})
     tx.note(AuditEntry(actor=by, action="robot.delete", subject=robot, robot=robot, before=before))
 

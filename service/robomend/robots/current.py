@@ -9,8 +9,8 @@ from typing import Any
 
 from robomend.diagnosis.result import healthy
 from robomend.robots.diagnoser import Diagnosed
+from robomend.store import Transaction, diagnoses
 from robomend.store.encoding import Encoded, to_json
-from robomend.store.interface import Transaction
 from robomend.store.records import StoredDiagnosis
 from robomend_client.events import Kind
 
@@ -74,7 +74,7 @@ class Current:
     def announce(self, robot: str, tx: Transaction) -> None:
         """Write it, with its event."""
         data = self.event_data()
-        tx.record_diagnosis(robot, self.revision, data, model_version=self.model_version)
+        diagnoses.record(tx, robot, self.revision, data, model_version=self.model_version)
         tx.emit(Kind.DIAGNOSIS, robot, data)
 
     def event_data(self) -> Encoded:

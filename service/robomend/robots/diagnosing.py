@@ -27,7 +27,7 @@ from robomend.robots.current import Current
 from robomend.robots.diagnoser import Diagnoser
 from robomend.robots.robot import Robot
 from robomend.settings import Settings
-from robomend.store.interface import Store, Transaction
+from robomend.store import Store, Transaction
 from robomend.store.records import IdempotencyKey, Json
 
 log = structlog.get_logger("robomend.robots.diagnosing")

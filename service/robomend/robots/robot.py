@@ -11,15 +11,13 @@ and nobody assigns a state from outside.
 from __future__ import annotations
 
 import asyncio
-import hashlib
-import json
 import time
 from collections.abc import Awaitable, Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from robomend.entry import Entry
-from robomend.model.clauses import Assertion, extend, without_running
-from robomend.model.system import System
+from robomend.model.clauses import Assertion
+from robomend.model.system import System, variant
 from robomend.observations.obs import Obs, consequences
 from robomend.robots.batches import Update
 from robomend.robots.clock import AHEAD_NS, CLOCK
@@ -91,7 +89,7 @@ class Robot:
         self._waiting_since: float | None = None  # perf_counter of the oldest change not diagnosed
         self._changed_at = 0.0  # perf_counter of the latest change
         self._timers: dict[str, asyncio.TimerHandle] = {}
-        self._own: tuple[tuple[str, tuple[str, ...], tuple[Assertion, ...]], str, System] | None = None
+        self._own: tuple[tuple[str, tuple[Assertion, ...], tuple[str, ...]], str, System] | None = None
 
     @property
     def id(self) -> str:
@@ -169,12 +167,9 @@ class Robot:
         stopped = self.config.expected_stopped
         if not assertions and not stopped:
             return self.model.version, self.system, literals
-        wanted = (self.model.version, stopped, assertions)
+        wanted = (self.model.version, assertions, stopped)
         if self._own is None or self._own[0] != wanted:
-            said = [[assertion.name, assertion.text] for assertion in assertions]
-            digest = hashlib.sha256(json.dumps([sorted(stopped), said]).encode()).hexdigest()[:16]
-            cnf = extend(without_running(self.system.cnf, stopped), assertions)
-            self._own = (wanted, f"{self.model.version}+{digest}", replace(self.system, cnf=cnf))
+            self._own = (wanted, variant(*wanted), self.system.extended(assertions, stopped))
         _, version, system = self._own
         return version, system, literals
 

@@ -41,7 +41,7 @@ from robomend.robots.robot import Robot
 from robomend.robots.systems import Systems
 from robomend.robots.waiting import Waiting
 from robomend.settings import Settings
-from robomend.store.interface import Store, Transaction, View
+from robomend.store import Store, Transaction, View, observations, robots
 from robomend.store.records import IdempotencyKey, Json, Page, Paging, StoredRobot
 from robomend_client.events import Kind
 from robomend_client.literals import Literal
@@ -139,7 +139,8 @@ class Robots:
         forgotten = [str(atom) for atom in update.forgotten]
 
         def keep(tx: Transaction) -> Json:
-            revision = tx.observe(
+            revision = observations.observe(
+                tx,
                 state.id,
                 accepted=update.entries,
                 changed=kept,
@@ -181,7 +182,7 @@ class Robots:
         """Create or replace a robot's configuration; OBS stays.
 
         Raises:
-            PreconditionRequired, PreconditionFailed: see store.interface.
+            PreconditionRequired, PreconditionFailed: see store.preconditions.
             InputError: what is configured does not fit the model.
         """
         _, system = await self.models.current(config["model"])
@@ -259,4 +260,4 @@ class Robots:
 
 
 def _page(paging: Paging, view: View) -> Page[StoredRobot]:
-    return view.robots(paging)
+    return robots.page(view, paging)
