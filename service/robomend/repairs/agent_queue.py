@@ -167,11 +167,9 @@ class AgentQueue:
 
 def _take(robot: str, host: str | None, tx: Transaction) -> AgentAction | None:
     """Hand out an action, but none while the global stop is active: its owner withdraws what waits."""
-    return (
-        None
-        if global_stop.hold(tx).active
-        else agent_actions.take(tx, robot, host=host, agent=host or "agent")
-    )
+    if global_stop.hold(tx).active:
+        return None
+    return agent_actions.take(tx, robot, host=host, agent=host or "agent")
 
 
 def _answer(action_id: str, said: tuple[int, str], tx: Transaction) -> None:
