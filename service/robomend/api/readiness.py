@@ -59,7 +59,7 @@ def _loop(watch: LoopWatch) -> Check:
 
 
 def _boards(parts: Parts) -> Check:
-    boards = parts.robots.board_states()
+    boards = parts.robots.boards.states()
     away = sorted(robot for robot, state in boards.items() if state != "connected")
     named = f": {', '.join(away[:10])}" if away else ""
     return Check(ok=not away, detail=f"{len(away)} of {len(boards)} not connected{named}")

@@ -25,6 +25,7 @@ from robomend.oneshots.oneshots import OneShots
 from robomend.oneshots.solvers import SolverWorkers
 from robomend.planning.planner_pool import PlannerPool
 from robomend.repairs.repairs import Repairs
+from robomend.repairs.states import StepState
 from robomend.robots.diagnoser import Diagnoser
 from robomend.robots.readers import Readers
 from robomend.robots.robots import Robots
@@ -35,8 +36,8 @@ from robomend_client.events import Event, Kind
 
 log = structlog.get_logger("robomend")
 
-ENDED = frozenset({"done", "failed"})
-"""States of a step after which it changes no more."""
+ACTED = frozenset({StepState.DONE, StepState.FAILED})
+"""States in which a step ends whose action was counted: one that was already there sent none."""
 
 PRUNE_S = 3600.0
 """Between two prunings."""
@@ -120,7 +121,7 @@ class Runtime:
         for event in events:
             if event.kind is Kind.REPAIR:
                 self.metrics.repairs.labels(str(event.data.get("state"))).inc()
-            elif event.kind is Kind.ACTION and "repair" in event.data and event.data.get("state") in ENDED:
+            elif event.kind is Kind.ACTION and "repair" in event.data and event.data.get("state") in ACTED:
                 self.metrics.actions.labels(str(event.data.get("name")), str(event.data.get("result"))).inc()
 
     async def _tell_figures(self) -> None:

@@ -6,7 +6,7 @@ cannot honour an option raises OptionRefused; running out of size, count or time
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal as OneOf
 from typing import Protocol
@@ -83,12 +83,20 @@ class DiagnosisResult:
     @property
     def healthy(self) -> bool:
         """OBS is what a healthy system would show."""
-        return any(not diagnosis.bad for diagnosis in self.diagnoses)
+        return healthy(diagnosis.bad for diagnosis in self.diagnoses)
 
     def good(self, diagnosis: Diagnosis) -> tuple[str, ...]:
         """Return COMPS without the diagnosis, in the order of COMPS."""
         bad = frozenset(diagnosis.bad)
         return tuple(component for component in self.components if component not in bad)
+
+
+def healthy(bad_sets: Iterable[Collection[str]]) -> bool:
+    """Return whether diagnoses that blame these say that all is well: whether one of them blames nothing.
+
+    Decided here only, for results and for their JSON.
+    """
+    return any(not bad for bad in bad_sets)
 
 
 class Engine(Protocol):

@@ -11,7 +11,8 @@ Every mapping that comes back holds JSON values only and is served as it is, in 
     repair      {"id", "robot", "state", "policy", "round", "diagnosis": {"bad", "good"} | null,
                  "plan": [step…], "cost", "assumed": [literal…], "waiting_for": [literal…], "reason", "by",
                  "created_ns", "updated_ns", "finished_ns" | null}
-    step        {"index", "name", "parameters", "after", "cost", "state", "result" | null, "message"}
+    step        {"index", "name", "parameters", "after", "cost", "state", "result" | null, "message",
+                 "feedback": {"code", "message", "time_ns"} | null}
     action      {"id", "name", "parameters", "timeout_s", "host" | null}
 
 Errors are those of robomend.errors: NotFound (no such robot, repair or action), StateConflict (not
@@ -30,11 +31,12 @@ import structlog
 from robomend.errors import NotFound, Refused, RobomendError, StateConflict
 from robomend.oneshots.oneshots import OneShots
 from robomend.planning.planner_pool import PlannerPool
+from robomend.repairs.agent_queue import AgentQueue
 from robomend.repairs.choosing import Chooser
-from robomend.repairs.executors.agent import AgentQueue
-from robomend.repairs.record import repair_json
-from robomend.repairs.reentry import open_question
+from robomend.repairs.record import new_repair
+from robomend.repairs.repair_json import repair_json
 from robomend.repairs.robot_repairs import Dependencies, RobotRepairs
+from robomend.repairs.states import RepairState
 from robomend.repairs.stop_switch import StopSwitch, written
 from robomend.robots.robots import Robots
 from robomend.settings import Settings
@@ -92,7 +94,7 @@ class Repairs:
         # After following began, so that a stop in between is not missed.
         await self.switch.start()
         self.switch.on_change(self._stop_changed)
-        self._needs.robots.on_diagnosis(self._poke)
+        self._needs.robots.diagnosing.on_diagnosis(self._poke)
         self._seeker = asyncio.create_task(self._seek(), name="looking for robots without an owner")
 
     async def close(self) -> None:
@@ -107,7 +109,7 @@ class Repairs:
         if tasks:
             await asyncio.wait(tasks, timeout=CLOSE_S)
         await self.switch.close()
-        self._needs.agents.close()
+        await self._needs.agents.close()
 
     async def _seek(self) -> None:
         """Acquire what nobody owns, again and again; the database may be away for a while."""
@@ -190,7 +192,7 @@ class Repairs:
         Returns {"choice": {"bad", "good", "probability"}, "plan": a Plan as JSON, "alternatives": […],
         "probe": … | null}.
         """
-        state = await self._needs.robots.latest(robot)
+        state = await self._needs.robots.memory.latest(robot)
         return await self._needs.chooser.describe(
             state, bad=bad, planner=planner, timeout_s=timeout_s, pddl=pddl
         )
@@ -200,7 +202,7 @@ class Repairs:
 
         Under the policy `approve` the asker's word is no approval: it must still be approved.
         """
-        state = await self._needs.robots.latest(robot)
+        state = await self._needs.robots.memory.latest(robot)
         if state.config.policy == "observe":
             raise Refused(f"the policy of robot {robot!r} is 'observe': it is never acted on")
         if state.system.parts is None:
@@ -209,7 +211,6 @@ class Repairs:
         for component in bad or ():
             if component not in known:
                 raise NotFound(f"the model has no component {component!r}")
-        wanted = None if bad is None else list(bad)
 
         def begin(tx: Transaction) -> StoredRepair:
             # As it is on disk, where another instance may have lifted it just now; or ours, on its way there.
@@ -218,18 +219,8 @@ class Repairs:
                 raise Refused(f"the global stop is active, set by {stop.by}: {stop.reason}")
             if repairs.page(tx, robot, Paging(limit=1), open_only=True).items:
                 raise StateConflict(f"a repair of robot {robot!r} is open already")
-            data = {
-                "policy": state.config.policy,
-                "by": by,
-                "asked": True,
-                "wanted": wanted,
-                "reason": reason,
-                "question": open_question(tx, robot),
-            }
-            repair = repairs.create(tx, robot, state="waiting", data=data)
-            tx.emit(Kind.REPAIR, robot, repair_json(repair))
-            tx.note(AuditEntry(by, "repair.create", repair.id, robot, reason, after={"bad": wanted}))
-            return repair
+            policy = state.config.policy
+            return new_repair(tx, robot, policy, by=by, reason=reason, asked=True, wanted=bad)
 
         return repair_json(await self._store.write(begin, robots=(robot,)))
 
@@ -262,7 +253,7 @@ class Repairs:
             repair = repairs.get(tx, repair_id)
             if not repair.open:
                 raise StateConflict(f"repair {repair_id} has ended already ({repair.state})")
-            if what == "approve" and repair.state != "awaiting-approval":
+            if what == "approve" and repair.state != RepairState.AWAITING_APPROVAL:
                 raise StateConflict(f"repair {repair_id} awaits no approval; it is {repair.state}")
             if any(r.what == what and r.repair == repair_id for r in repairs.requests(tx, repair.robot)):
                 raise StateConflict(f"repair {repair_id}: somebody said {what!r} already")
@@ -294,7 +285,7 @@ class Repairs:
         An action is handed out again until its first feedback or result comes in, so that an answer lost on
         the way loses no action; the agent knows an id that it has had.
         """
-        await self._needs.robots.robot(robot)
+        await self._needs.robots.memory.robot(robot)
         action = await self._needs.agents.take(robot, host, wait_s)
         if action is None:
             return None
@@ -311,8 +302,8 @@ class Repairs:
         return await self._store.read(lambda view: agent_actions.get(view, action_id).robot)
 
     async def feedback(self, action_id: str, *, code: int, message: str, by: str) -> None:
-        """Note how far an action is; after its result this is a StateConflict."""
-        await self._needs.agents.answered(action_id)
+        """Note how far an action is, for its step and whoever watches; after its result a StateConflict."""
+        await self._needs.agents.feedback(action_id, code, message)
 
     async def result(self, action_id: str, *, code: int, message: str, by: str) -> Json:
         """Take an action's result; a repeated one is answered with the first: {"code", "message"}."""

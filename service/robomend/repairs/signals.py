@@ -7,10 +7,26 @@ written (`RepairRecord.update(answers=…)`), so that a crash in between loses n
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from collections.abc import Awaitable, Callable
+from functools import partial
 from typing import TypeVar
 
+import structlog
+
+from robomend.errors import RobomendError
+from robomend.store import Store, Transaction, repairs
+from robomend.store.records import Fence
+
+log = structlog.get_logger("robomend.repairs.signals")
+
 T = TypeVar("T")
+
+LOOK_AGAIN_S = 1.0
+"""An event tells of a request; this is for one that was lost."""
+
+NO_REASON = "cancelled"
+"""The reason of a cancellation that gives none."""
 
 
 class Halted(Exception):  # what happened, not what went wrong
@@ -108,3 +124,39 @@ class Signals:
         numbers = tuple(sorted(self._unanswered))
         self._unanswered.clear()
         return numbers
+
+
+class Requests:
+    """Hands what somebody asked for, through whichever instance, to the repair that runs; one per robot."""
+
+    def __init__(self, store: Store, fence: Fence) -> None:
+        self.arrived = asyncio.Event()  # there may be one
+        self._store = store
+        self._fence = fence
+
+    async def listen(self, repair: str, signals: Signals) -> None:
+        """Hand requests from the store to a running repair, for ever."""
+        while True:
+            self.arrived.clear()
+            try:
+                await self._hand_over(repair, signals)
+            except RobomendError as error:
+                log.warning("requests", robot=self._fence.robot, code=error.code, detail=str(error))
+            except Exception:  # else nobody could cancel any more
+                log.exception("requests", robot=self._fence.robot)
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(LOOK_AGAIN_S):
+                    await self.arrived.wait()
+
+    async def _hand_over(self, repair: str, signals: Signals) -> None:
+        for request in await self._store.read(repairs.requests, self._fence.robot):
+            if request.repair != repair:  # that one has ended
+                await self._store.write(partial(_answer, request.number, self._fence))
+            elif request.what == "approve":
+                signals.approve(by=request.by, request=request.number)
+            else:
+                signals.end(by=request.by, reason=request.reason or NO_REASON, request=request.number)
+
+
+def _answer(request: int, fence: Fence, tx: Transaction) -> None:
+    repairs.answer(tx, request, fence=fence)

@@ -47,13 +47,14 @@ def delete(tx: Transaction, robot: str, *, expected: str, by: str) -> None:
 
 async def check(config: RobotConfig, system: System, readers: Readers) -> None:
     """Refuse a configuration that speaks of what the model or this installation does not have."""
-    try:
-        what = "diagnosis.engine"
-        ENGINES.check(config.engine)
-        what = "planner"
-        PLANNERS.check(config.planner)
-    except OptionRefused as error:
-        raise OptionRefused(f"{what}: {error}") from error
+    for what, parts, name in (
+        ("diagnosis.engine", ENGINES, config.engine),
+        ("planner", PLANNERS, config.planner),
+    ):
+        try:
+            parts.check(name)
+        except OptionRefused as error:
+            raise OptionRefused(f"{what}: {error}") from error
     if config.domain is not None:
         await readers.actions(config.domain)
     known = frozenset(system.cnf.components)

@@ -74,6 +74,13 @@ class Diagnosed:
         """Return the answer for an error."""
         return cls(None, fault, None, f"{fault.code}: {fault}")
 
+    def result_or_fault(self) -> DiagnosisResult:
+        """Return the result; raise the error if that is the answer."""
+        if self.result is None:
+            assert self.fault is not None
+            raise self.fault
+        return self.result
+
 
 class SlowDiagnoses(Protocol):
     """Where long calls go: worker processes with deadlines."""

@@ -30,7 +30,7 @@ async def next_action(
 ) -> Any:
     """Return the agent's next action; the same again until its first feedback or result came in."""
     request.scope["robomend.waits"] = wait_s > 0
-    async with parts.robots.diagnosing.waiting():
+    async with parts.robots.waiting.counted():
         action = await parts.repairs.next_action(
             robot, host=host, wait_s=min(wait_s, parts.settings.max_wait_s)
         )
