@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, cast
 
 from robomend.errors import NotFound, StateConflict
+from robomend.repairs.agent_queue import AgentQueue
+from robomend.repairs.executors.registry import Surroundings, check
 from robomend.repairs.repairs import Json
 from robomend.repairs.stop_switch import StopSwitch
 from robomend.store import Store
@@ -34,6 +36,10 @@ class RepairsDouble:
 
     def end_waits(self) -> None:
         self.calls.append(("end_waits",))
+
+    def check_actions(self, robot: str, configured: Mapping[str, Mapping[str, Any]]) -> None:
+        around = Surroundings(robot, None, cast(AgentQueue, None), {}, {}, (), asyncio.Event())
+        check(configured, around)
 
     async def plan(
         self, robot: str, *, bad: Sequence[str] | None, planner: str | None, timeout_s: float, pddl: bool

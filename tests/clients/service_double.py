@@ -130,22 +130,20 @@ class _Handler(BaseHTTPRequestHandler):
     wbufsize = 65536  # one packet an answer: two would wait for each other (Nagle, delayed ACK), 40 ms
 
     def do_GET(self) -> None:
-        url = urlsplit(self.path)
-        path = unquote(url.path)
+        path = unquote(urlsplit(self.path).path)
         if self._answered("GET", path):
             return
-        if path.endswith("/actions/next"):
-            query = parse_qs(url.query)
-            self.service.agents.add(query["agent"][0])
-            deadline = time.monotonic() + min(float(query["wait_s"][0]), 1.0)
-            while self.service.is_up and time.monotonic() < deadline:
-                if actions := tuple(self.service.actions):
-                    self._send(200, actions[0])
-                    return
-                time.sleep(0.01)
-            self._send(204, None)
-        else:
-            self._send(404, {"code": "not-found", "detail": f"the double has no {path}"})
+        self._send(404, {"code": "not-found", "detail": f"the double has no {path}"})
+
+    def _next_action(self, query: dict[str, list[str]]) -> None:
+        self.service.agents.add(query["agent"][0])
+        deadline = time.monotonic() + min(float(query["wait_s"][0]), 1.0)
+        while self.service.is_up and time.monotonic() < deadline:
+            if actions := tuple(self.service.actions):
+                self._send(200, actions[0])
+                return
+            time.sleep(0.01)
+        self._send(204, None)
 
     def do_POST(self) -> None:
         path = unquote(urlsplit(self.path).path)
@@ -159,6 +157,9 @@ class _Handler(BaseHTTPRequestHandler):
             return
         if not self.service.is_up:
             self.close_connection = True
+            return
+        if path.endswith("/actions/next"):
+            self._next_action(parse_qs(urlsplit(self.path).query))
             return
         if path.endswith("/feedback") and path.split("/")[-2] in self.service.withdrawn:
             self._send(409, {"code": "conflict", "detail": "it has its result already"})

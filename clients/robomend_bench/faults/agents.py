@@ -1,7 +1,7 @@
 """The agents of a simulated robot: the real protocol, reports and actions; only the processes are simulated.
 
 HostObservers ──► Reporter ──► AsyncOutbox ──► POST …/observations      (robomend_client's own)
-GET …/actions/next ──► Actions ──► the simulated robot ──► POST …/result (the same)
+POST …/actions/next ─► Actions ──► the simulated robot ──► POST …/result (the same)
 """
 
 from __future__ import annotations

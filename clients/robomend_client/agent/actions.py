@@ -1,6 +1,6 @@
 """The agent's side of executors: pull an action, carry it out once, tell how it went.
 
-    GET …/actions/next ──► known id? ── finished ──► its first result, again
+    POST …/actions/next ─► known id? ── finished ──► its first result, again
          (long poll)           │    └── under way ─► nothing: its result will come
                                └─ new ──► handler ──► remembered ──► POST …/result, until it arrives
 

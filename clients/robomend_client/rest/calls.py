@@ -175,7 +175,7 @@ def diagnosis(robot: str, wait_s: float | None, after: int | None) -> Call[Curre
 def next_action(robot: str, agent: str, host: str | None, wait_s: float) -> Call[Action | None]:
     """`host` asks for the actions of that host only; without it the agent is the robot's only one."""
     return Call(
-        "GET",
+        "POST",
         path("robots", robot, "actions", "next"),
         read_action,
         params=given(agent=agent, host=host, wait_s=wait_s),

@@ -1,6 +1,6 @@
 """The actions that wait for robots' agents, in the store, and who waits for what.
 
-    put ──► GET …/actions/next hands it out ──► POST …/feedback, now and then ──► POST …/result
+    put ──► POST …/actions/next hands it out ──► POST …/feedback, now and then ──► POST …/result
      │ event                                            │ event                       │ event
      └──── wakes the agent's long poll                  └─────────────────────────────┴──► wakes who put it
 

@@ -33,6 +33,7 @@ from robomend.oneshots.oneshots import OneShots
 from robomend.planning.planner_pool import PlannerPool
 from robomend.repairs.agent_queue import AgentQueue
 from robomend.repairs.choosing import Chooser
+from robomend.repairs.executors.registry import Surroundings, check
 from robomend.repairs.record import new_repair
 from robomend.repairs.repair_json import repair_json
 from robomend.repairs.robot_repairs import Dependencies, RobotRepairs
@@ -65,7 +66,7 @@ def make_repairs(
     switch = StopSwitch(store)
     agents = AgentQueue(store, lambda: switch.active)
     chooser = Chooser(store, planners, one_shots, robots.readers)
-    return Repairs(Dependencies(store, robots, agents, chooser, switch, settings.programs))
+    return Repairs(Dependencies(store, robots, agents, chooser, switch, settings))
 
 
 class Repairs:
@@ -183,6 +184,20 @@ class Repairs:
             loop.stopped()
 
     # --- repairs
+
+    def check_actions(self, robot: str, configured: Mapping[str, Mapping[str, Any]]) -> None:
+        """Refuse (InputError) the `actions` of a robot's configuration that cannot work."""
+        settings = self._needs.settings
+        around = Surroundings(
+            robot=robot,
+            board=None,
+            agents=self._needs.agents,
+            hosts={},
+            programs=settings.programs,
+            webhook_hosts=settings.webhook_hosts,
+            halt=asyncio.Event(),
+        )
+        check(configured, around)
 
     async def plan(
         self, robot: str, *, bad: Sequence[str] | None, planner: str | None, timeout_s: float, pddl: bool

@@ -12,8 +12,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import structlog
 
@@ -32,6 +31,7 @@ from robomend.repairs.states import RepairTrigger
 from robomend.repairs.stop_switch import StopSwitch
 from robomend.robots.robot import Robot
 from robomend.robots.robots import Robots
+from robomend.settings import Settings
 from robomend.store import Store, Transaction, repairs, robots
 from robomend.store.records import Fence, Paging, StoredRepair
 from robomend_client.actions import Executor
@@ -51,7 +51,7 @@ class Dependencies:
     agents: AgentQueue
     chooser: Chooser
     switch: StopSwitch
-    programs: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    settings: Settings
 
 
 class RobotRepairs:
@@ -258,7 +258,8 @@ class RobotRepairs:
             board=None if state.config.board is None else await needs.robots.board(state.id),
             agents=needs.agents,
             hosts={name: node.host for name, node in parts.nodes.items()},
-            programs=needs.programs,
+            programs=needs.settings.programs,
+            webhook_hosts=needs.settings.webhook_hosts,
             halt=self._signals.halt,
         )
         return executors(await needs.chooser.actions(state), state.config.actions, around)
