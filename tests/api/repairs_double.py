@@ -11,6 +11,7 @@ from robomend.repairs.agent_queue import AgentQueue
 from robomend.repairs.executors.registry import Surroundings, check
 from robomend.repairs.repairs import Json
 from robomend.repairs.stop_switch import StopSwitch
+from robomend.robots.reporters import Reporter
 from robomend.store import Store
 
 REPAIR = {"id": "r-1", "robot": "r1", "state": "awaiting-approval", "plan": [], "by": "local"}
@@ -70,7 +71,7 @@ class RepairsDouble:
         self.calls.append(("cancel", repair_id, by, reason))
         return {**await self.repair(repair_id), "state": "cancelled"}
 
-    async def next_action(self, robot: str, *, host: str | None, wait_s: float) -> Json | None:
+    async def next_action(self, robot: str, *, host: str | None, wait_s: float, by: Reporter) -> Json | None:
         self.calls.append(("next_action", robot, host, wait_s))
         if robot not in self.queue and wait_s:
             await asyncio.sleep(min(wait_s, 0.05))  # a long poll of an empty queue
@@ -81,13 +82,13 @@ class RepairsDouble:
             raise NotFound(f"there is no action {action_id!r}")
         return self.owners[action_id]
 
-    async def feedback(self, action_id: str, *, code: int, message: str, by: str) -> None:
+    async def feedback(self, action_id: str, *, code: int, message: str) -> None:
         await self.action_robot(action_id)
-        self.calls.append(("feedback", action_id, code, message, by))
+        self.calls.append(("feedback", action_id, code, message))
 
-    async def result(self, action_id: str, *, code: int, message: str, by: str) -> Json:
+    async def result(self, action_id: str, *, code: int, message: str, by: Reporter) -> Json:
         await self.action_robot(action_id)
-        self.calls.append(("result", action_id, code, message, by))
+        self.calls.append(("result", action_id, code, message, by.name))
         return self.first.setdefault(action_id, {"code": code, "message": message})
 
     async def quarantined(self, robot: str) -> Mapping[str, str]:

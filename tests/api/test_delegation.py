@@ -49,7 +49,7 @@ def test_an_agent_pulls_its_action_and_reports(service: Service) -> None:
     assert calls[-1] == ("next_action", "r1", "pc", 5.0)
     told = service.api("POST", "/actions/r-1:2/feedback", json={"code": 50, "message": "half"})
     assert told.status_code == 204
-    assert calls[-1] == ("feedback", "r-1:2", 50, "half", "local")
+    assert calls[-1] == ("feedback", "r-1:2", 50, "half")
     first = service.api("POST", "/actions/r-1:2/result", json={"code": 0}).json()
     again = service.api("POST", "/actions/r-1:2/result", json={"code": 1, "message": "late"}).json()
     assert first == again == {"code": 0, "message": ""}

@@ -39,6 +39,7 @@ from robomend.repairs.repair_json import repair_json
 from robomend.repairs.robot_repairs import Dependencies, RobotRepairs
 from robomend.repairs.states import RepairState
 from robomend.repairs.stop_switch import StopSwitch, written
+from robomend.robots.reporters import OURSELVES, Reporter
 from robomend.robots.robots import Robots
 from robomend.settings import Settings
 from robomend.store import Store, Transaction, View, agent_actions, attempts, global_stop, repairs, robots
@@ -294,14 +295,16 @@ class Repairs:
         """Let every waiting agent go with nothing to do: the service shuts down."""
         self._needs.agents.end_waits()
 
-    async def next_action(self, robot: str, *, host: str | None, wait_s: float) -> Json | None:
+    async def next_action(
+        self, robot: str, *, host: str | None, wait_s: float, by: Reporter = OURSELVES
+    ) -> Json | None:
         """Hand the agent on `host` its next action, waiting up to `wait_s`; None: nothing to do.
 
         An action is handed out again until its first feedback or result comes in, so that an answer lost on
         the way loses no action; the agent knows an id that it has had.
         """
         await self._needs.robots.memory.robot(robot)
-        action = await self._needs.agents.take(robot, host, wait_s)
+        action = await self._needs.agents.take(robot, host, wait_s, by)
         if action is None:
             return None
         return {
@@ -316,13 +319,13 @@ class Repairs:
         """Return the robot that an action belongs to, so that a robot's key opens its own actions only."""
         return await self._store.read(lambda view: agent_actions.get(view, action_id).robot)
 
-    async def feedback(self, action_id: str, *, code: int, message: str, by: str) -> None:
+    async def feedback(self, action_id: str, *, code: int, message: str) -> None:
         """Note how far an action is, for its step and whoever watches; after its result a StateConflict."""
         await self._needs.agents.feedback(action_id, code, message)
 
-    async def result(self, action_id: str, *, code: int, message: str, by: str) -> Json:
+    async def result(self, action_id: str, *, code: int, message: str, by: Reporter) -> Json:
         """Take an action's result; a repeated one is answered with the first: {"code", "message"}."""
-        action = await self._needs.agents.finish(action_id, code, message)
+        action = await self._needs.agents.finish(action_id, code, message, by)
         return {"code": action.code, "message": action.message}
 
     # --- the global stop, quarantine

@@ -38,7 +38,7 @@ class Batch:
     observations: Sequence[str] = ()
     assertions: Mapping[str, str] = field(default_factory=dict)
     time_ns: int | None = None  # None: now
-    source: str = "http"
+    source: str | None = None  # None: the name of whoever reports it
     lifetime_s: float | None = None
     together: bool = True  # one bad sentence refuses the batch
 
@@ -83,7 +83,7 @@ class Words:
         return cls(f"{model.name}@{model.version}", system.vocabulary, unknown)
 
 
-async def read_batches(words: Words, batches: Iterable[Batch], readers: Readers) -> Update:
+async def read_batches(words: Words, batches: Iterable[Batch], readers: Readers, by: str) -> Update:
     """Read the sentences of batches, as one update; in turns, and long ones in a worker.
 
     Raises:
@@ -97,15 +97,16 @@ async def read_batches(words: Words, batches: Iterable[Batch], readers: Readers)
     refused: list[ObservationError] = []
     for batch in batches:
         at_ns, expires_ns = _times(batch, now_ns)
+        source = batch.source or by
         for sentence in batch.observations:
             try:
                 for literal in parse(sentence, vocabulary, unknown=unknown):
-                    entries.append(Entry(literal, batch.source, at_ns, expires_ns))
+                    entries.append(Entry(literal, source, at_ns, expires_ns))
             except ObservationError as error:
                 _refuse(batch, refused, error)
             await turns.rest()
         for name, sentence in batch.assertions.items():
-            record = StoredAssertion(name, sentence, batch.source, at_ns, expires_ns)
+            record = StoredAssertion(name, sentence, source, at_ns, expires_ns)
             try:
                 said = await readers.assertion(words.version, vocabulary, name, sentence, unknown=unknown)
                 asserted.append((said, record))

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request, Response
 
-from robomend.api.deps import ActionPath, PartsDep, PrincipalDep, RobotPath
+from robomend.api.deps import ActionPath, PartsDep, PrincipalDep, RobotPath, reporter_of
 from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
 from robomend.api.ownership import check_own_action
@@ -25,13 +25,21 @@ Host = Annotated[str | None, Query(max_length=253, description="which of the rob
 
 @router.post("/robots/{robot}/actions/next", response_model=ActionOut, responses={**problems(404), **NOTHING})
 async def next_action(
-    request: Request, robot: RobotPath, parts: PartsDep, wait_s: WaitFor = 0.0, host: Host = None
+    request: Request,
+    robot: RobotPath,
+    parts: PartsDep,
+    principal: PrincipalDep,
+    wait_s: WaitFor = 0.0,
+    host: Host = None,
 ) -> Any:
     """Take the agent's next action; the same again until its first feedback or result came in."""
     request.scope["robomend.waits"] = wait_s > 0
     async with parts.robots.waiting.counted():
         action = await parts.repairs.next_action(
-            robot, host=host, wait_s=min(wait_s, parts.settings.max_wait_s)
+            robot,
+            host=host,
+            wait_s=min(wait_s, parts.settings.max_wait_s),
+            by=reporter_of(principal),
         )
     return Response(status_code=204) if action is None else ActionOut.model_validate(action)
 
@@ -47,6 +55,7 @@ async def next_action_by_get(
     response: Response,
     robot: RobotPath,
     parts: PartsDep,
+    principal: PrincipalDep,
     wait_s: WaitFor = 0.0,
     host: Host = None,
 ) -> Any:
@@ -59,7 +68,7 @@ async def next_action_by_get(
             405, "actions are taken by POST, so that no page can take one", headers={"Allow": "POST"}
         )
     response.headers["Deprecation"] = "true"
-    return await next_action(request, robot, parts, wait_s, host)
+    return await next_action(request, robot, parts, principal, wait_s, host)
 
 
 @router.post("/actions/{action}/feedback", status_code=204, responses=problems(404, 409, body=True))
@@ -68,7 +77,7 @@ async def post_feedback(
 ) -> None:
     """Say how far an action is; after its result this is a conflict."""
     await check_own_action(parts.repairs, principal, action)
-    await parts.repairs.feedback(action, code=body.code, message=body.message, by=principal.name)
+    await parts.repairs.feedback(action, code=body.code, message=body.message)
 
 
 @router.post("/actions/{action}/result", responses=problems(404, body=True))
@@ -77,5 +86,6 @@ async def post_result(
 ) -> FirstResult:
     """Report an action's end; a repeat is answered with the first report, which counts."""
     await check_own_action(parts.repairs, principal, action)
-    first = await parts.repairs.result(action, code=body.code, message=body.message, by=principal.name)
+    by = reporter_of(principal)
+    first = await parts.repairs.result(action, code=body.code, message=body.message, by=by)
     return FirstResult(code=first["code"], message=first["message"])
