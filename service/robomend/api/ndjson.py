@@ -21,6 +21,7 @@ from robomend.api.problems import Problem, of_error
 from robomend.errors import RobomendError
 from robomend.robots.batches import Batch
 from robomend.security import Principal
+from robomend.turns import Turns
 
 GROUP = 1000
 """Sentences that are kept at once: large enough for the disk, small enough that others get their turn."""
@@ -37,6 +38,7 @@ async def ingest(
     raw = hashlib.sha256()
     number = sentences = 0
     unread = False  # line `number`, that is
+    turns = Turns()
 
     async def keep() -> None:
         nonlocal revision, lines, accepted, groups, sentences, raw
@@ -53,6 +55,7 @@ async def ingest(
     try:
         async for line in _lines(request, parts):
             number += 1
+            await turns.rest()
             if line.isspace() or not line:
                 continue
             unread = True

@@ -39,8 +39,10 @@ LOOK_AGAIN_S = 1.0
 class AgentQueue:
     """The agents' side of one store: what waits for whom, and who waits for what. One per instance."""
 
-    def __init__(self, store: Store) -> None:
+    def __init__(self, store: Store, stopped: Callable[[], bool] = lambda: False) -> None:
+        """`stopped` tells whether the global stop is in force here, also before it is on disk."""
         self._store = store
+        self._stopped = stopped
         self._changed: dict[str, asyncio.Event] = {}  # robot -> something about its actions changed
         self._end: Callable[[], None] | None = None
         self._ending = False
@@ -109,13 +111,19 @@ class AgentQueue:
             change = self.watch(robot)
             queued = await self._store.read(agent_actions.waiting, robot)
             if any(a.host is None or host is None or a.host == host for a in queued if not a.answered):
-                taken = await self._store.write(partial(_take, robot, host), robots=(robot,))
+                taken = await self._store.write(partial(self._take, robot, host), robots=(robot,))
                 if taken is not None:
                     return taken
             left = deadline - asyncio.get_running_loop().time()
             if left <= 0 or self._ending:
                 return None
             await wait_for(change, min(left, 5 * LOOK_AGAIN_S))
+
+    def _take(self, robot: str, host: str | None, tx: Transaction) -> AgentAction | None:
+        """Hand out an action, but none while the global stop is active: its owner withdraws what waits."""
+        if self._stopped() or global_stop.hold(tx).active:
+            return None
+        return agent_actions.take(tx, robot, host=host, agent=host or "agent")
 
     async def feedback(self, action_id: str, code: int, message: str) -> None:
         """Note how far an action is; StateConflict after the result, also when that is a cancellation.
@@ -163,13 +171,6 @@ class AgentQueue:
             return action if action.answered else agent_actions.withdraw(tx, action_id, code, why)
 
         return await self._store.write(take_back)
-
-
-def _take(robot: str, host: str | None, tx: Transaction) -> AgentAction | None:
-    """Hand out an action, but none while the global stop is active: its owner withdraws what waits."""
-    if global_stop.hold(tx).active:
-        return None
-    return agent_actions.take(tx, robot, host=host, agent=host or "agent")
 
 
 def _answer(action_id: str, said: tuple[int, str], tx: Transaction) -> None:

@@ -37,6 +37,7 @@ from robomend.repairs.record import new_repair
 from robomend.repairs.repair_json import repair_json
 from robomend.repairs.robot_repairs import Dependencies, RobotRepairs
 from robomend.repairs.states import RepairState
+from robomend.repairs.stop_switch import StopSwitch, written
 from robomend.robots.robots import Robots
 from robomend.settings import Settings
 from robomend.store import Store, Transaction, View, agent_actions, attempts, global_stop, repairs, robots
@@ -61,9 +62,10 @@ def make_repairs(
     store: Store, robots: Robots, planners: PlannerPool, one_shots: OneShots, settings: Settings
 ) -> Repairs:
     """Return the repair loops of one instance, over the parts that it has."""
-    agents = AgentQueue(store)
-    chooser = Chooser(store, planners, one_shots)
-    return Repairs(Dependencies(store, robots, agents, chooser, settings.programs))
+    switch = StopSwitch(store)
+    agents = AgentQueue(store, lambda: switch.active)
+    chooser = Chooser(store, planners, one_shots, robots.readers)
+    return Repairs(Dependencies(store, robots, agents, chooser, switch, settings.programs))
 
 
 class Repairs:
@@ -72,9 +74,9 @@ class Repairs:
     def __init__(self, needs: Dependencies) -> None:
         self._needs = needs
         self._store = needs.store
+        self.switch = needs.switch
         self._loops: dict[str, RobotRepairs] = {}
         self._tasks: dict[str, asyncio.Task[None]] = {}
-        self._stop_changes = 0  # so that what was read before a change does not undo it
         self._look = asyncio.Event()
         self._let_go: set[str] = set()  # robots whose loop ended: released before they are kept again
         self._seeker: asyncio.Task[None] | None = None
@@ -90,7 +92,8 @@ class Repairs:
             self._store.ownership.on_lost(self._lost),
         ]
         # After following began, so that a stop in between is not missed.
-        self._needs.stop = await self._store.read(global_stop.get)
+        await self.switch.start()
+        self.switch.on_change(self._stop_changed)
         self._needs.robots.diagnosing.on_diagnosis(self._poke)
         self._seeker = asyncio.create_task(self._seek(), name="looking for robots without an owner")
 
@@ -105,6 +108,7 @@ class Repairs:
         tasks = [*self._tasks.values(), *([self._seeker] if self._seeker else [])]
         if tasks:
             await asyncio.wait(tasks, timeout=CLOSE_S)
+        await self.switch.close()
         await self._needs.agents.close()
 
     async def _seek(self) -> None:
@@ -112,7 +116,7 @@ class Repairs:
         while True:
             self._look.clear()
             try:
-                await self._read_stop()
+                await self.switch.look()
                 await self._acquire()
             except RobomendError as error:
                 log.warning("looking for robots", code=error.code, detail=str(error))
@@ -121,13 +125,6 @@ class Repairs:
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(ORPHANS_S):
                     await self._look.wait()
-
-    async def _read_stop(self) -> None:
-        """Read the global stop, for an event that was lost with its database connection."""
-        changes = self._stop_changes
-        stop = await self._store.read(global_stop.get)
-        if stop.active != self._needs.stop.active and changes == self._stop_changes:
-            self._set(stop)
 
     async def _acquire(self) -> None:
         """Make a loop for each robot that nobody owns, and for each of ours that has none."""
@@ -166,8 +163,7 @@ class Repairs:
     def _follow(self, events: Sequence[Event]) -> None:
         for event in events:
             if event.kind is Kind.STOP:
-                data = event.data
-                self._set(Stop(bool(data.get("active")), data.get("by"), data.get("reason", "")))
+                self.switch.heard(_stop_of(event.data))
             elif event.robot is not None and event.kind in {Kind.REPAIR, Kind.ROBOT, Kind.DIAGNOSIS}:
                 if event.kind is Kind.ROBOT and event.data.get("what") == "deleted":
                     task = self._tasks.get(event.robot)
@@ -182,9 +178,7 @@ class Repairs:
                 else:
                     self._loops[event.robot].poke()
 
-    def _set(self, stop: Stop) -> None:
-        self._stop_changes += 1
-        self._needs.stop = stop
+    def _stop_changed(self) -> None:
         for loop in self._loops.values():
             loop.stopped()
 
@@ -219,7 +213,8 @@ class Repairs:
                 raise NotFound(f"the model has no component {component!r}")
 
         def begin(tx: Transaction) -> StoredRepair:
-            stop = global_stop.hold(tx)  # not as we heard of it: another instance may have lifted it just now
+            # As it is on disk, where another instance may have lifted it just now; or ours, on its way there.
+            stop = global_stop.hold(tx) if self.switch.settled else self.switch.stop
             if stop.active:
                 raise Refused(f"the global stop is active, set by {stop.by}: {stop.reason}")
             if repairs.page(tx, robot, Paging(limit=1), open_only=True).items:
@@ -318,33 +313,21 @@ class Repairs:
     # --- the global stop, quarantine
 
     async def stopped(self) -> Json:
-        """Return {"active": bool, "by": str | null, "reason": str, "since_ns": int | null}."""
-        return _stop_json(await self._store.read(global_stop.get))
+        """Return {"active", "by", "reason", "since_ns", "written", "detail"}."""
+        await self.switch.look()
+        return self.switch.json(written=self.switch.settled)
 
     async def stop(self, *, by: str, reason: str) -> Json:
         """The global stop: no action starts anywhere and running ones are cancelled. Survives a restart."""
-        return await self._set_stop(True, by, reason)
+        return await self._change_stop(True, by, reason)
 
     async def resume(self, *, by: str, reason: str) -> Json:
         """Lift the global stop."""
-        return await self._set_stop(False, by, reason)
+        return await self._change_stop(False, by, reason)
 
-    async def _set_stop(self, active: bool, by: str, reason: str) -> Json:
-        if active:  # here at once, before it is on disk; other instances hear of it by the event
-            self._set(Stop(True, by, reason))
-
-        def change(tx: Transaction) -> Stop:
-            stop = global_stop.put(tx, active, by=by, reason=reason)
-            tx.emit(Kind.STOP, None, _stop_json(stop))
-            tx.note(AuditEntry(by, "stop.set" if active else "stop.lifted", "all robots", None, reason))
-            return stop
-
-        try:
-            stop = await self._store.write(change)
-        finally:
-            self._stop_changes += 1
-        self._set(stop)
-        return _stop_json(stop)
+    async def _change_stop(self, active: bool, by: str, reason: str) -> Json:
+        change = self.switch.ask(active, by=by, reason=reason)
+        return self.switch.json(written=await written(change, None))
 
     async def quarantined(self, robot: str) -> Mapping[str, str]:
         """Return component -> why it is not tried again."""
@@ -363,5 +346,5 @@ class Repairs:
         await self._store.write(let_go, robots=(robot,))
 
 
-def _stop_json(stop: Stop) -> dict[str, object]:
-    return {"active": stop.active, "by": stop.by, "reason": stop.reason, "since_ns": stop.since_ns}
+def _stop_of(data: Json) -> Stop:
+    return Stop(bool(data.get("active")), data.get("by"), data.get("reason", ""), data.get("since_ns"))

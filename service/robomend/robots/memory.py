@@ -13,7 +13,7 @@ from collections.abc import Awaitable, Callable
 from weakref import WeakValueDictionary
 
 from robomend.errors import NotFound
-from robomend.robots.batches import stored_assertion
+from robomend.robots.batches import Words, stored_assertion
 from robomend.robots.configuration import RobotConfig
 from robomend.robots.robot import Robot
 from robomend.robots.systems import Systems
@@ -126,10 +126,11 @@ class Memory:
             raise
         system = await self._models.compiled(model)
         config = RobotConfig.from_json(robot, stored.config)
+        words = Words.of(model, system, config)
         assertions = [
             assertion
             for record in obs.assertions
-            if (assertion := stored_assertion(record, system, config)) is not None
+            if (assertion := await stored_assertion(robot, record, words, self._models.readers)) is not None
         ]
         state = self.states.get(robot)
         if state is None:

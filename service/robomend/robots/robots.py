@@ -11,7 +11,7 @@ configuring.py has what is set of each. All belongs to one event loop.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from functools import partial
 
 import structlog
@@ -27,6 +27,7 @@ from robomend.errors import (
     TooLarge,
 )
 from robomend.metrics import Metrics
+from robomend.model.budget import check_steps
 from robomend.robots import configuring
 from robomend.robots.background import Background
 from robomend.robots.batches import Acknowledged, Batch, Update, read_batches
@@ -37,6 +38,7 @@ from robomend.robots.diagnoser import Diagnoser
 from robomend.robots.diagnosing import Diagnosing
 from robomend.robots.following import Following
 from robomend.robots.memory import Memory
+from robomend.robots.readers import Readers
 from robomend.robots.robot import Robot
 from robomend.robots.systems import Systems
 from robomend.robots.waiting import Waiting
@@ -55,8 +57,11 @@ ATTEMPTS = 8
 class Robots:
     """See the module."""
 
-    def __init__(self, store: Store, settings: Settings, metrics: Metrics, diagnoser: Diagnoser) -> None:
-        self.models = Systems(store, settings)
+    def __init__(
+        self, store: Store, settings: Settings, metrics: Metrics, diagnoser: Diagnoser, readers: Readers
+    ) -> None:
+        self.models = Systems(store, settings, readers)
+        self.readers = readers
         self.boards = Boards(store, self._hear_board, self._board_changed)
         self.memory = Memory(
             store, self.models, settings.max_robots, taken_up=self._taken_up, left=self.boards.remove
@@ -86,35 +91,45 @@ class Robots:
             ObservationError: names the sentence at fault.
             TooLarge, Overloaded: OBS is full; too many instances write to this robot.
         """
+
+        async def read(state: Robot) -> Update:
+            return await read_batches(state.words, batches, self.readers)
+
         state = await self.memory.robot(robot)
         generation = state.generation
         try:
-            return await self._accept(state, lambda: read_batches(state.system, state.config, batches), once)
+            return await self._accept(state, read, once)
         except ObservationError:
             latest = await self.memory.latest(robot)
             if latest is state and state.generation == generation:
                 raise
         # Another instance has given it a model that may well have this word.
-        return await self._accept(latest, lambda: read_batches(latest.system, latest.config, batches), once)
+        return await self._accept(latest, read, once)
 
     async def withdraw(self, robot: str, assertion: str) -> Acknowledged:
         """Withdraw a named assertion."""
         state = await self.memory.latest(robot)
         if assertion not in state.assertion_records:
             raise NotFound(f"robot {robot!r} has no assertion {assertion!r}")
-        return await self._accept(state, lambda: Update(withdrawn=(assertion,)))
+        return await self._accept(state, _ready(Update(withdrawn=(assertion,))))
 
     async def _accept(
-        self, state: Robot, read: Callable[[], Update], once: IdempotencyKey | None = None
+        self, state: Robot, read: Callable[[Robot], Awaitable[Update]], once: IdempotencyKey | None = None
     ) -> Acknowledged:
         """Take an update into OBS and onto the disk; again, on fresh OBS, if another instance was faster."""
         for _ in range(ATTEMPTS):
-            update = read()
+            system = state.system
+            update = await read(state)
+            if state.stale or state.system is not system:  # reading it took a while
+                await state.refreshed()
+                if state.system is not system:
+                    continue
             if update.empty:
                 return Acknowledged(state.revision, (), update.refused)
             room = self._settings.max_observed
             if len(state.obs) >= room and len(state.obs) + len(update.entries) > room:
                 raise TooLarge(f"OBS of robot {state.id!r} holds {room} literals; max_observed is reached")
+            _check_steps(state, update, self._settings.max_assertion_steps)
             try:
                 said = await self._keep(state, update, once)
             except StateConflict as error:
@@ -161,7 +176,7 @@ class Robots:
         try:
             state = await self.memory.robot(robot)
             update = board_update(state.obs, state.system.vocabulary, said, CLOCK.now_ns())
-            await self._accept(state, lambda: update)
+            await self._accept(state, _ready(update))
         except RobomendError as error:
             log.warning("board observation not kept", robot=robot, code=error.code, detail=str(error))
 
@@ -186,7 +201,7 @@ class Robots:
             InputError: what is configured does not fit the model.
         """
         _, system = await self.models.current(config["model"])
-        await configuring.check(RobotConfig.from_json(robot, config), system)
+        await configuring.check(RobotConfig.from_json(robot, config), system, self.readers)
         await self._store.write(
             lambda tx: configuring.put(tx, robot, config, expected=expected, by=by), robots=(robot,)
         )
@@ -257,6 +272,24 @@ class Robots:
             data = {"link": str(link), "reason": reason}
             writing = self._store.write(lambda tx: tx.emit(Kind.BOARD, robot, data))
             self._background.begin(writing, "board event")
+
+
+def _check_steps(state: Robot, update: Update, most: int) -> None:
+    """Refuse an update with which the robot's assertions take too many steps together."""
+    if update.asserted:
+        steps = {name: assertion.steps for name, assertion in state.obs.assertions.items()}
+        for assertion, _ in update.asserted:
+            steps[assertion.name] = assertion.steps
+            check_steps(sum(steps.values()), most, assertion.text)
+
+
+def _ready(update: Update) -> Callable[[Robot], Awaitable[Update]]:
+    """Return how to read what is read already."""
+
+    async def read(_: Robot) -> Update:
+        return update
+
+    return read
 
 
 def _page(paging: Paging, view: View) -> Page[StoredRobot]:
