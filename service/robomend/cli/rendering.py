@@ -6,7 +6,7 @@ import json
 from collections.abc import Sequence
 
 from robomend.diagnosis.explanations import what_was_learned
-from robomend.diagnosis.result import DiagnosisResult
+from robomend.diagnosis.result import DiagnosisResult, Factor
 
 HEALTHY = '{"diagnoses":[{"bad":[],'
 """How the object of a healthy set begins."""
@@ -41,13 +41,20 @@ class Renderer:
                 "rules": conflict.rules,
                 "text": conflict.text,
             }
+            | ({} if conflict.minimal else {"minimal": False})
             for conflict in result.conflicts
         ]
         learned = what_was_learned(result.conflicts, result.learned)
         extra = f',"learned":{_compact(learned)},"cleared":{_compact(dict(result.cleared))}'
-        if self._factored:
+        if not result.conflicts_complete:
+            extra += ',"conflicts_complete":false'
+        if self._factored or result.factored:
             factored = [
-                [{"component": f.component, "alternatives": f.alternatives} for f in product]
+                [
+                    {"component": f.component, "alternatives": f.alternatives}
+                    | ({"sets": f.sets} if f.sets else {})
+                    for f in product
+                ]
                 for product in result.factored
             ]
             extra += f',"factored":{_compact(factored)},"count":{_compact(result.count)}'
@@ -85,10 +92,13 @@ def show(result: DiagnosisResult) -> None:
             cells = [str(number), escape(", ".join(parts)), *([probability] if ranked else [])]
             table.add_row(*cells, " ".join(hit) + more)
         console.print(table)
-    for product in result.factored:
-        console.print(" × ".join("{" + escape(", ".join(f.alternatives)) + "}" for f in product))
+    for product in result.factored[:SHOWN]:
+        console.print(escape(" × ".join(map(_braces, product))))
+    if len(result.factored) > SHOWN:
+        console.print(f"[dim]and {len(result.factored) - SHOWN} more products: see --format json[/]")
     if result.count is not None:
-        console.print(f"{result.count} in all")
+        listed = f", {len(result.diagnoses)} of them listed" if result.stopped_by == "limit" else ""
+        console.print(f"{result.count} in all{listed}")
     sentences = [f"conflict {number}: {c.text}" for number, c in enumerate(result.conflicts, 1)]
     lessons = what_was_learned(result.conflicts, result.learned)
     sentences_of = {
@@ -101,5 +111,17 @@ def show(result: DiagnosisResult) -> None:
             console.print(escape(line))
         if len(lines) > SHOWN:
             console.print(f"[dim]and {len(lines) - SHOWN} more {what}: see --format json[/]")
+    if not result.conflicts_complete:
+        console.print("[dim]there was no time, or no room, for all conflicts that the diagnoses rest on[/]")
     ending = "complete" if result.complete else f"incomplete: stopped by {result.stopped_by}"
+    if result.stopped_by == "limit" and result.factored and result.count is not None:
+        ending = "the list is stopped by limit, the products are complete"
     console.print(f"[dim]{ending}; {result.elapsed_s * 1000:.1f} ms[/]")
+
+
+def _braces(factor: Factor) -> str:
+    """Return the choices of a factor, e.g. `{a, b + c}`."""
+    choices = [" + ".join(choice) for choice in factor.choices[:SHOWN]]
+    if len(factor.choices) > SHOWN:
+        choices.append(f"{len(factor.choices) - SHOWN} more")
+    return "{" + ", ".join(choices) + "}"

@@ -29,12 +29,25 @@ def result_json(result: DiagnosisResult) -> dict[str, Any]:
                 "observations": [str(literal) for literal in conflict.observations],
                 "rules": list(conflict.rules),
                 "text": conflict.text,
+                "minimal": conflict.minimal,
             }
             for conflict in result.conflicts
         ],
         "elapsed_s": result.elapsed_s,
         "unused": [str(literal) for literal in result.unused],
         "count": result.count,
+        "factored": [
+            [
+                {
+                    "component": factor.component,
+                    "alternatives": list(factor.alternatives),
+                    "sets": [list(together) for together in factor.sets],
+                }
+                for factor in row
+            ]
+            for row in result.factored
+        ],
+        "conflicts_complete": result.conflicts_complete,
         "cleared": dict(result.cleared),
         "learned": what_was_learned(result.conflicts, result.learned),
     }

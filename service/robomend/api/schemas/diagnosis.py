@@ -27,6 +27,15 @@ class ConflictOut(Out):
     observations: list[str]
     rules: list[str]
     text: str
+    minimal: bool = Field(default=True, description="false: not each component was made sure to be needed")
+
+
+class FactorOut(Out):
+    """A diagnosis takes one of the alternatives, or all components of one of the sets."""
+
+    component: str = Field(description="the first of them")
+    alternatives: list[str]
+    sets: list[list[str]] = Field(default=[])
 
 
 class ResultOut(Out):
@@ -38,7 +47,15 @@ class ResultOut(Out):
     conflicts: list[ConflictOut]
     elapsed_s: float
     unused: list[str] = Field(default=[], description="observations that no rule mentions")
-    count: int | None = None
+    count: int | None = Field(default=None, description="exact; there may be more than are listed")
+    factored: list[list[FactorOut]] = Field(
+        default=[],
+        description="given where more diagnoses than the limit are products: a row is a product of factors, "
+        "and the rows hold every diagnosis",
+    )
+    conflicts_complete: bool = Field(
+        default=True, description="false: no time, or no room, for all that the diagnoses rest on"
+    )
     cleared: dict[str, str] = Field(default={}, description="healthy suspect -> why it is cleared")
     learned: dict[str, str] = Field(default={}, description="observation -> whom it raises suspicion of")
 
