@@ -78,7 +78,7 @@ def test_what_did_not_change_is_left_to_the_heartbeat(tmp_path: Path) -> None:
     async def test(reporter: Reporter, task: asyncio.Task[None], got: list[Any]) -> None:
         for _ in range(30):
             reporter.update([SCAN], [holds("ok", "scan")])
-            await asyncio.sleep(0.01)
+            await asyncio.sleep(0.01)  # less than a heartbeat
 
     assert len(reporting(tmp_path, test)) <= 4
 
@@ -86,7 +86,7 @@ def test_what_did_not_change_is_left_to_the_heartbeat(tmp_path: Path) -> None:
 @pytest.mark.parametrize("turns", range(6))
 def test_a_cancellation_that_comes_with_a_change_is_not_swallowed(tmp_path: Path, turns: int) -> None:
     async def test(reporter: Reporter, task: asyncio.Task[None], got: list[Any]) -> None:
-        await asyncio.sleep(0.05)
+        await asyncio.sleep(0.05)  # it waits for a change
         reporter.update([SCAN], [holds("ok", "scan")])
         for _ in range(turns):
             await asyncio.sleep(0)

@@ -8,11 +8,11 @@ from robomend.diagnosis.engines import make_engine
 from robomend.diagnosis.explanations import (
     clear_suspects,
     explain_conflict,
-    explain_diagnosis,
+    explain_diagnoses,
     resolves,
     what_was_learned,
 )
-from robomend.diagnosis.result import Conflict, Diagnosis, DiagnosisResult
+from robomend.diagnosis.result import Conflict, Diagnosis
 from robomend.model.cnf import HealthCnf, Rule
 from robomend_client.literals import Atom, Literal, fails, holds
 
@@ -151,13 +151,23 @@ def test_a_diagnosis_resolves_the_conflicts_that_it_hits() -> None:
     assert resolves(("b",), conflicts) == (0, 1)
     assert resolves(("a", "c"), conflicts) == (0, 1)
     assert resolves(("c",), conflicts) == (1,)
-    assert explain_diagnosis(Diagnosis(("b",)), conflicts) == "b explains not ok(x) and not ok(y)"
-    assert explain_diagnosis(Diagnosis(("a", "c")), conflicts) == (
-        "a explains not ok(x); c explains not ok(y)"
-    )
-    assert explain_diagnosis(Diagnosis(()), []).startswith("nothing is wrong")
-    stuck = Diagnosis(("b",), modes={"b": "stuck"})
-    assert explain_diagnosis(stuck, conflicts).startswith("b (in mode stuck) explains")
+    diagnoses = [
+        Diagnosis(("b",)),
+        Diagnosis(("a", "c")),
+        Diagnosis(("b",), modes={"b": "stuck"}),
+        Diagnosis(("d",)),
+    ]
+    assert explain_diagnoses(diagnoses, conflicts) == [
+        "b explains not ok(x) and not ok(y)",
+        "a explains not ok(x); c explains not ok(y)",
+        "b (in mode stuck) explains not ok(x) and not ok(y)",
+        "d is needed by a conflict that was not listed",
+    ]
+    assert explain_diagnoses([Diagnosis(("b",))], [conflict("b")]) == [
+        "b resolves a conflict between the rules"
+    ]
+    (healthy,) = explain_diagnoses([Diagnosis(())], [])
+    assert healthy.startswith("nothing is wrong")
 
 
 def test_a_component_explains_what_was_not_expected_and_nothing_else() -> None:
@@ -174,10 +184,10 @@ def test_a_component_explains_what_was_not_expected_and_nothing_else() -> None:
     seen = [holds("ok", "ta"), fails("ok", "tb")]
     result = make_engine("sat", cnf).diagnose(seen)
     assert [conflict.unmet for conflict in result.conflicts] == [fails("ok", "tb")]
-    assert explain_diagnosis(result.diagnoses[0], result.conflicts) == "b explains not ok(tb)"
+    assert explain_diagnoses(result.diagnoses, result.conflicts) == ["b explains not ok(tb)"]
 
 
-def test_an_observation_that_another_makes_superfluous_is_not_said_to_clash_with_nothing() -> None:
+def test_what_another_observation_makes_superfluous_taught_nothing() -> None:
     rules = ("not ab(jaguar) -> on(jaguar)", "not ab(jaguar_node) and not ab(jaguar) -> ok(odom)")
     cnf = HealthCnf(
         name="drive",
@@ -190,10 +200,7 @@ def test_an_observation_that_another_makes_superfluous_is_not_said_to_clash_with
     )
     seen = [fails("on", "jaguar"), fails("ok", "odom")]
     result = make_engine("sat", cnf).diagnose(seen)
-    assert what_was_learned(result.conflicts, seen) == {
-        "not on(jaguar)": "jaguar is abnormal",
-        "not ok(odom)": "no conflict that is told rests on it",
-    }
+    assert what_was_learned(result.conflicts) == {"not on(jaguar)": "jaguar is abnormal"}
 
 
 def test_a_healthy_suspect_is_cleared_by_what_the_leading_diagnosis_explains() -> None:
@@ -208,12 +215,12 @@ def test_a_healthy_suspect_is_cleared_by_what_the_leading_diagnosis_explains() -
 
 
 def test_each_observation_says_what_it_taught() -> None:
-    conflicts = [conflict("a b", fails("ok", "x")), conflict("c", fails("ok", "x"), holds("ok", "y"))]
-    seen = [fails("ok", "x"), holds("ok", "y"), holds("on", "z")]
-    result = DiagnosisResult(("a", "b", "c"), (), True, None, tuple(conflicts), 0.0)
-    assert result.learned == {seen[0]: (0, 1), seen[1]: (1,)}
-    assert what_was_learned(conflicts, seen) == {
+    conflicts = [
+        conflict("a b", fails("ok", "x")),
+        conflict("c", fails("ok", "x"), holds("ok", "y")),
+        conflict("", holds("on", "z")),  # between suppositions: it raises no suspicion
+    ]
+    assert what_was_learned(conflicts) == {
         "not ok(x)": "one of a and b is abnormal and c is abnormal",
         "ok(y)": "c is abnormal",
-        "on(z)": "no conflict that is told rests on it",
     }

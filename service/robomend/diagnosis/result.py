@@ -93,12 +93,11 @@ class DiagnosisResult:
     # asked for is whole: every diagnosis, whatever the limit left out of the list.
     factored: tuple[tuple[Factor, ...], ...] = ()
     count: int | None = None  # exact number of diagnoses asked for, where known; the list may be shorter
-    conflicts_complete: bool = (
-        True  # False: there was no time, or no room, for all that the diagnoses rest on
-    )
     # Upper bound on the prior mass that was not enumerated; None without priors.
     unexplored: float | None = None
     cleared: Mapping[str, str] = field(default_factory=dict)  # healthy suspect -> why it is cleared
+    # False: there was no time, or no room, for all that the diagnoses rest on.
+    conflicts_complete: bool = True
 
     @property
     def healthy(self) -> bool:
@@ -106,21 +105,8 @@ class DiagnosisResult:
         return any(not diagnosis.bad for diagnosis in self.diagnoses)
 
     @property
-    def learned(self) -> dict[Literal, tuple[int, ...]]:
-        """Observation -> the conflicts that rest on it, as indices into `conflicts`: what it taught.
-
-        An observation that is not here is what was expected, or follows from what the others say of the
-        components. what_was_learned puts it in words.
-        """
-        found: dict[Literal, tuple[int, ...]] = {}
-        for index, conflict in enumerate(self.conflicts):
-            for literal in conflict.observations:
-                found[literal] = (*found.get(literal, ()), index)
-        return found
-
-    @property
     def certain(self) -> frozenset[str]:
-        """Components that every diagnosis blames, those behind the factored form included."""
+        """Components that every diagnosis blames which is listed or in the factored form."""
         blamed = [frozenset(diagnosis.bad) for diagnosis in self.diagnoses]
         blamed += [frozenset(name for factor in row for name in factor.always) for row in self.factored]
         return frozenset.intersection(*blamed) if blamed else frozenset()

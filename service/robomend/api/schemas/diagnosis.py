@@ -16,8 +16,9 @@ class DiagnosisOut(Out):
     bad: list[str] = Field(examples=[["hokuyo"]])
     good: list[str] = Field(examples=[["jaguar", "imu"]])
     probability: float | None = None
-    modes: dict[str, str] = Field({})
-    text: str = Field(examples=["hokuyo is abnormal"])
+    modes: dict[str, str] = Field(default={}, description="component -> fault mode that fits")
+    resolves: list[int] = Field(default=[], description="the conflicts that it hits, by their index")
+    text: str = Field(examples=["hokuyo explains not ok(scan)"])
 
 
 class ConflictOut(Out):
@@ -27,6 +28,7 @@ class ConflictOut(Out):
     observations: list[str]
     rules: list[str]
     text: str
+    unmet: str | None = Field(default=None, description="the one of the observations that was not expected")
     minimal: bool = Field(default=True, description="false: not each component was made sure to be needed")
 
 
@@ -45,19 +47,24 @@ class ResultOut(Out):
     complete: bool
     stopped_by: Literal["limit", "size", "time"] | None
     conflicts: list[ConflictOut]
-    elapsed_s: float
-    unused: list[str] = Field(default=[], description="observations that no rule mentions")
-    count: int | None = Field(default=None, description="exact; there may be more than are listed")
-    factored: list[list[FactorOut]] = Field(
-        default=[],
-        description="given where more diagnoses than the limit are products: a row is a product of factors, "
-        "and the rows hold every diagnosis",
-    )
     conflicts_complete: bool = Field(
         default=True, description="false: no time, or no room, for all that the diagnoses rest on"
     )
-    cleared: dict[str, str] = Field(default={}, description="healthy suspect -> why it is cleared")
     learned: dict[str, str] = Field(default={}, description="observation -> whom it raises suspicion of")
+    cleared: dict[str, str] = Field(default={}, description="healthy suspect -> why it is cleared")
+    unused: list[str] = Field(default=[], description="observations that no rule mentions")
+    unexplored: float | None = Field(
+        default=None, description="at most so much prior probability was not looked at; null without priors"
+    )
+    factored: list[list[FactorOut]] = Field(
+        default=[],
+        description="every diagnosis, as products: where asked for, and where there are more than the limit; "
+        "a row is a product of factors, and no two rows share a diagnosis",
+    )
+    count: int | None = Field(
+        default=None, description="how many diagnoses there are, listed or not; null: not known"
+    )
+    elapsed_s: float = Field(description="the diagnosis alone, without compilation")
 
 
 class FaultOut(Out):
