@@ -29,8 +29,16 @@ from robomend.diagnosis.oll import MinimumTooLarge
 from robomend.diagnosis.oracle import Deadline, Oracle, OutOfTime, solver_name
 from robomend.diagnosis.ranking import rank
 from robomend.diagnosis.reasons import Reasons
-from robomend.diagnosis.result import Conflict, Diagnosis, DiagnosisResult, Factor, Options, StoppedBy
-from robomend.diagnosis.search import MAX_DIAGNOSES, Bad, LimitReached, NoDiagnosis, Row, SearchState
+from robomend.diagnosis.result import Conflict, Diagnosis, DiagnosisResult, Options, StoppedBy
+from robomend.diagnosis.search import (
+    MAX_DIAGNOSES,
+    LimitReached,
+    NoDiagnosis,
+    SearchState,
+    by_size,
+    factors,
+    listed_as_rows,
+)
 from robomend.errors import ContradictoryModel, OptionRefused, SolverError
 from robomend.model.cnf import HealthCnf
 from robomend_client.literals import Literal
@@ -184,7 +192,7 @@ class BaseEngine(ABC):
             ]
         rows = answer.rows
         if options.factored and not rows:
-            rows = [tuple(((variable,),) for variable in bad) for bad in found]
+            rows = listed_as_rows(found)
         return DiagnosisResult(
             components=names,
             diagnoses=tuple(diagnoses),
@@ -193,20 +201,11 @@ class BaseEngine(ABC):
             conflicts=conflicts,
             elapsed_s=perf_counter() - started,
             unused=observed.unused,
-            factored=tuple([self._factors(row) for row in rows]) if rows else (),
+            factored=tuple([factors(row, names) for row in rows]) if rows else (),
             count=answer.count if answer.count is not None else len(blamed) if stopped is None else None,
             conflicts_complete=whole,
             cleared=Cleared(blamed, conflicts) if conflicts else {},
         )
-
-    def _factors(self, row: Row) -> tuple[Factor, ...]:
-        names = self.cnf.components
-        factors = []
-        for alternatives in row:
-            single = tuple([names[bad[0] - 1] for bad in alternatives if len(bad) == 1])
-            sets = tuple([tuple([names[v - 1] for v in bad]) for bad in alternatives if len(bad) != 1])
-            factors.append(Factor(names[alternatives[0][0] - 1], single, sets))
-        return tuple(factors)
 
     def _explain_contradiction(self, observed: SignedObs, what_if: Supposed) -> StoppedBy | None:
         """Raise ContradictoryModel with a small core, unless it is the supposition alone that cannot be.
@@ -250,8 +249,3 @@ def refuse_order_of_probability(cnf: HealthCnf, options: Options) -> None:
         raise OptionRefused("order 'probability' is of subset-minimal diagnoses: say minimal='subset'")
     if not cnf.priors:
         raise OptionRefused("order 'probability' needs priors, and the model has none")
-
-
-def by_size(bad: Bad) -> tuple[int, Bad]:
-    """Return what diagnoses are sorted by; those of one size by their components, as in COMPS."""
-    return len(bad), bad

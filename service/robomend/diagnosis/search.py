@@ -11,12 +11,13 @@ What a search found before the event stays true, because it was found in order o
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from robomend.diagnosis.conflicts import Known
 from robomend.diagnosis.derivations import Derived
 from robomend.diagnosis.oracle import Deadline
+from robomend.diagnosis.result import Factor
 
 Bad = tuple[int, ...]
 """A diagnosis in numbers: the health variables of the abnormal components, ascending."""
@@ -86,3 +87,23 @@ class SearchState:
         found.append(bad)
         if self.limit == 1 and bad:
             raise LimitReached
+
+
+def by_size(bad: Bad) -> tuple[int, Bad]:
+    """Return what diagnoses are sorted by; those of one size by their components, as in COMPS."""
+    return len(bad), bad
+
+
+def listed_as_rows(found: Sequence[Bad]) -> list[Row]:
+    """Return diagnoses that are no products as rows: each by itself."""
+    return [tuple(((variable,),) for variable in bad) for bad in found]
+
+
+def factors(row: Row, names: Sequence[str]) -> tuple[Factor, ...]:
+    """Return a row in the names of the components."""
+    told = []
+    for alternatives in row:
+        single = tuple([names[bad[0] - 1] for bad in alternatives if len(bad) == 1])
+        sets = tuple([tuple([names[v - 1] for v in bad]) for bad in alternatives if len(bad) != 1])
+        told.append(Factor(names[alternatives[0][0] - 1], single, sets))
+    return tuple(told)
