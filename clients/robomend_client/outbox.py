@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from robomend_client.buffer import DiskBuffer
@@ -64,6 +64,7 @@ class _Queue:
         time_ns: int | None,
         source: str | None,
         lifetime_s: float | None,
+        evidence: Mapping[str, Any] | None = None,
     ) -> dict[str, Any]:
         return {
             "observations": [str(sentence) for sentence in observations],
@@ -71,6 +72,7 @@ class _Queue:
             "source": source,
             "lifetime_s": lifetime_s,
             "key": calls.new_key(),
+            **(evidence or {}),
         }
 
     def put(
@@ -80,9 +82,10 @@ class _Queue:
         time_ns: int | None = None,
         source: str | None = None,
         lifetime_s: float | None = None,
+        evidence: Mapping[str, Any] | None = None,
     ) -> None:
         """Put observations at the end of what waits, without trying the service."""
-        self.keep(self.batch(observations, time_ns, source, lifetime_s))
+        self.keep(self.batch(observations, time_ns, source, lifetime_s, evidence))
 
     def call(self, batch: dict[str, Any]) -> Call[Accepted]:
         # The good sentences of a batch count, even if a name in it is one that the model does not declare.
@@ -126,13 +129,15 @@ class Outbox(_Queue):
         time_ns: int | None = None,
         source: str | None = None,
         lifetime_s: float | None = None,
+        evidence: Mapping[str, Any] | None = None,
         buffered: bool = True,
     ) -> bool:
         """Report observations; True if the service has them, False if they wait on the disk.
 
-        What is soon said again (a heartbeat) need not wait there: `buffered=False`.
+        `evidence` is what `calls.observe` takes beside them: since, onset, unknown, settled. What is soon
+        said again (a heartbeat) need not wait on the disk: `buffered=False`.
         """
-        batch = self.batch(observations, time_ns, source, lifetime_s)
+        batch = self.batch(observations, time_ns, source, lifetime_s, evidence)
         if not self.flush():
             if buffered:
                 self.keep(batch)
@@ -179,13 +184,15 @@ class AsyncOutbox(_Queue):
         time_ns: int | None = None,
         source: str | None = None,
         lifetime_s: float | None = None,
+        evidence: Mapping[str, Any] | None = None,
         buffered: bool = True,
     ) -> bool:
         """Report observations; True if the service has them, False if they wait on the disk.
 
-        What is soon said again (a heartbeat) need not wait there: `buffered=False`.
+        `evidence` is what `calls.observe` takes beside them: since, onset, unknown, settled. What is soon
+        said again (a heartbeat) need not wait on the disk: `buffered=False`.
         """
-        batch = self.batch(observations, time_ns, source, lifetime_s)
+        batch = self.batch(observations, time_ns, source, lifetime_s, evidence)
         if not await self.flush():
             if buffered:
                 self.keep(batch)

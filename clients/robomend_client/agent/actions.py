@@ -1,6 +1,6 @@
 """The agent's side of executors: pull an action, carry it out once, tell how it went.
 
-    GET …/actions/next ──► known id? ── finished ──► its first result, again
+    POST …/actions/next ─► known id? ── finished ──► its first result, again
          (long poll)           │    └── under way ─► nothing: its result will come
                                └─ new ──► handler ──► remembered ──► POST …/result, until it arrives
 
@@ -18,9 +18,20 @@ import logging
 import time
 from collections.abc import Awaitable, Callable
 
-from robomend_client.actions import CANCELLED, FAILED, REFUSED, TIMED_OUT, Action, ActionResult, Feedback
+from robomend_client.actions import (
+    CANCELLED,
+    FAILED,
+    REFUSED,
+    TIMED_OUT,
+    Action,
+    ActionResult,
+    Feedback,
+    Orders,
+    Settle,
+)
 from robomend_client.agent.memory import FirstResults
 from robomend_client.agent.processes import SupervisedProcess
+from robomend_client.agent.watch import Watch
 from robomend_client.outbox import LATER
 from robomend_client.rest import calls
 from robomend_client.rest.asynchronous import AsyncClient
@@ -66,13 +77,19 @@ class Actions:
         processes: dict[str, SupervisedProcess],
         memory: FirstResults,
         host: str | None = None,
+        watch: Watch | None = None,
     ) -> None:
+        """`watch` has the observers that the service may ask to judge anew."""
         self._client = client
         self._robot = robot
         self._agent = agent
         self._host = host
         self._processes = processes
         self._memory = memory
+        self._watch = watch
+        self._can = [f"{name}:{process}" for name in HANDLERS for process in processes]
+        self._atoms = {} if watch is None else {str(atom): atom for atom in watch.driver.atoms}
+        self._settled: int | None = None  # the newest `n` that was asked for
         self._under_way: dict[str, asyncio.Task[None]] = {}
         self._room = asyncio.Semaphore(MOST_AT_ONCE)
 
@@ -83,7 +100,7 @@ class Actions:
             async with self._room:  # with as many as this under way, the rest stays with the service
                 pass
             try:
-                action = await self._client.send(self._next(), NEVER)
+                orders = await self._client.send(self._poll(), NEVER)
             except ClientError as error:
                 failures += 1
                 level = logging.WARNING if failures in (1, 10) else logging.DEBUG
@@ -91,6 +108,9 @@ class Actions:
                 await asyncio.sleep(PATIENCE.wait_s(failures, 0.5))
                 continue
             failures = 0
+            action = orders.action
+            if orders.settle is not None and not self._settle(orders.settle) and action is None:
+                await asyncio.sleep(0.2)  # it would come back at once, and round and round
             if action is not None:
                 again = action.id in self._under_way
                 self.take(action)
@@ -149,8 +169,22 @@ class Actions:
 
     # --- inside ----------------------------------------------------------------------------------------
 
-    def _next(self) -> calls.Call[Action | None]:
-        return calls.next_action(self._robot, self._agent, self._host, WAIT_S)
+    def _poll(self) -> calls.Call[Orders]:
+        observes = []
+        for name, atom in self._atoms.items():
+            assert self._watch is not None
+            detection_s, settling_s = self._watch.driver.delays_s(atom)
+            observes.append({"atom": name, "detection_s": detection_s, "settling_s": settling_s})
+        return calls.poll(self._robot, self._agent, self._host, self._can, observes, WAIT_S, self._settled)
+
+    def _settle(self, settle: Settle) -> bool:
+        """Have observers judge anew; False for an `n` that came before: the service may repeat it."""
+        if settle.n == self._settled or self._watch is None:
+            return False
+        self._settled = settle.n
+        log.debug("settle %d: %s", settle.n, ", ".join(settle.atoms))
+        self._watch.settle(settle.n, [self._atoms[name] for name in settle.atoms if name in self._atoms])
+        return True
 
     async def _carry_out(self, action: Action) -> None:
         result = self._memory.get(action.id)

@@ -29,13 +29,18 @@ from __future__ import annotations
 import os
 import re
 import socket
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 from urllib.parse import urlsplit
 
 from robomend_client.agent.yaml_reader import Section, read
 from robomend_client.bus import parse_address
+from robomend_client.literals import Atom
 from robomend_client.observers.general import Rate
+from robomend_client.observers.kinds import ObserverSpec, read_lenient, read_observers
+from robomend_client.observers.parameters import read_dataclass
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,6 +98,8 @@ class AgentConfig:
     buffer_bytes: int
     keep_processes: bool
     topics: tuple[tuple[str, Rate], ...]
+    observers: tuple[ObserverSpec, ...]
+    lenient: frozenset[Atom]
     processes: tuple[ProcessSpec, ...]
 
 
@@ -119,12 +126,14 @@ def load(file: Path) -> AgentConfig:
 
     keep = top.choice("when_agent_ends", ("stop", "keep"), "stop") == "keep"
     shared = top.section("rate")
-    common = _rate(shared, Rate())
+    common = _rate(shared, {})
     shared.finish()
     topics = []
     for name, section in top.sections("topics"):
-        topics.append((name.removeprefix("/"), _rate(section, common)))
+        topics.append((name.removeprefix("/"), _rate(section, asdict(common))))
         section.finish()
+    observers = read_observers(top, base)
+    lenient = read_lenient(top)
     processes = tuple(_process(name, section, base) for name, section in top.sections("processes"))
     top.finish()
     return AgentConfig(
@@ -140,6 +149,8 @@ def load(file: Path) -> AgentConfig:
         buffer_bytes=buffer_bytes,
         keep_processes=keep,
         topics=tuple(topics),
+        observers=observers,
+        lenient=lenient,
         processes=processes,
     )
 
@@ -184,19 +195,12 @@ def _bus(section: Section, state_dir: Path) -> tuple[str, bool]:
     return address, joins
 
 
-def _rate(section: Section, common: Rate) -> Rate:
-    window = section.whole("window", common.window, least=2, most=10_000)
-    settle = section.whole("settle", common.settle or 1) if "settle" in section or common.settle else None
-    numbers = {
-        field.name: section.number(field.name, getattr(common, field.name), least=1e-6, most=1e6)
-        for field in fields(Rate)
-        if field.name not in ("window", "settle")
-    }
-    try:
-        return Rate(window=window, settle=settle, **numbers)
-    except ValueError as error:
-        wrong = next((name for name in ("settle", "silence_s") if name in str(error)), "window")
-        raise section.error(wrong, str(error)) from error
+def _rate(section: Section, common: Mapping[str, Any]) -> Rate:
+    """Return what is expected of a topic; what its section does not say is as for all of them."""
+    preset = section.choice("preset", ("none", *Rate.PRESETS), "none")
+    rate = read_dataclass(section, Rate, {**common, **Rate.PRESETS.get(preset, {})})
+    assert isinstance(rate, Rate)
+    return rate
 
 
 def _process(name: str, section: Section, base: Path) -> ProcessSpec:

@@ -43,6 +43,7 @@ class Supervisor:
             spec.name: SupervisedProcess(spec, environment, self._changed, dies_with_agent=not keep)
             for spec in specs
         }
+        self._booting = {name for name, process in self.processes.items() if process.spec.start}
         self._keep = keep
         self._table = state_dir / "processes.json"
         self._boot = boot_id()
@@ -51,9 +52,12 @@ class Supervisor:
         self._guard: subprocess.Popen[bytes] | None = None
         self._leftovers: list[asyncio.Task[ActionResult]] = []
 
-    def running(self) -> frozenset[str]:
-        """Return the names of the processes that run."""
-        return frozenset(name for name, process in self.processes.items() if process.running)
+    def table(self) -> dict[str, bool | None]:
+        """Return which processes run; None of those that are about to be started with the agent."""
+        return {
+            name: True if process.running else None if name in self._booting else False
+            for name, process in self.processes.items()
+        }
 
     def open(self) -> None:
         """Adopt what an earlier agent left, and put up the guard."""
@@ -76,17 +80,18 @@ class Supervisor:
 
     async def start_initial(self) -> None:
         """Start those that are to be started with the agent, side by side."""
-        wanted = [process for process in self.processes.values() if process.spec.start]
-        results = await asyncio.gather(
-            *(
-                # The end of a leftover may have to be awaited first.
-                process.start(_log_only, process.spec.start_timeout_s + process.spec.stop_grace_s + 4.0)
-                for process in wanted
-            ),
-            return_exceptions=True,
-        )
-        for process, result in zip(wanted, results, strict=True):
-            log.info("%s: %s", process.spec.name, result)
+        await asyncio.gather(*(self._start_initial(self.processes[name]) for name in tuple(self._booting)))
+
+    async def _start_initial(self, process: SupervisedProcess) -> None:
+        try:
+            # The end of a leftover may have to be awaited first.
+            most_s = process.spec.start_timeout_s + process.spec.stop_grace_s + 4.0
+            log.info("%s: %s", process.spec.name, await process.start(_log_only, most_s))
+        except TimeoutError:
+            log.error("%s was not started in time", process.spec.name)
+        finally:
+            self._booting.discard(process.spec.name)
+            self._on_change()
 
     async def close(self) -> None:
         """End what runs, all at once, unless it is to be kept; then the guard."""

@@ -186,7 +186,7 @@ class Section:
         return str(node.value)
 
     def _name(self, key: str) -> str:
-        return f"{self._place}.{key}" if self._place else key
+        return ".".join(name for name in (self._place, key) if name)
 
 
 def _unreadable(data: bytes, error: ReaderError) -> tuple[int, str]:

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from robomend.api.schemas.base import In, Nanoseconds, Out, Sentence
+from robomend.api.schemas.base import MAX_INT, In, Nanoseconds, Out, Sentence
 
 
 class ObservationsBody(In):
@@ -25,6 +25,19 @@ class ObservationsBody(In):
     )
     together: bool = Field(
         default=True, description="false: keep the good sentences of the batch, report the rest"
+    )
+    # What an agent's observers say beside their verdicts: taken, and not used yet. docs/observers.md.
+    since: list[Nanoseconds | None] = Field(
+        default=[], max_length=10_000, description="for each observation the beginning of what it rests on"
+    )
+    onset: list[Nanoseconds | None] = Field(
+        default=[], max_length=10_000, description="for each observation the last good sample before it"
+    )
+    unknown: list[Sentence] = Field(
+        default=[], max_length=10_000, description="atoms that are unknown from now on"
+    )
+    settled: int | None = Field(
+        default=None, ge=0, le=MAX_INT, description="the `n` of the `settle` that this answers"
     )
 
 

@@ -1,0 +1,92 @@
+"""Parts by name: those that come with robomend, and those that other distributions add by entry point.
+
+    ENGINES = Registry[EngineClass](
+        "engine", "robomend.engines", {"sat": "robomend.diagnosis.sat:SatEngine"},
+        unknown=OptionRefused, broken=SolverError,
+    )
+    ENGINES.names()       # ("sat", "mine"): ours in the order of the table, then the others'
+    ENGINES.load("mine")  # imports the module that is asked for, no other
+
+Another distribution adds one by a line in its pyproject.toml; our own names cannot be taken over:
+
+    [project.entry-points."robomend.engines"]
+    mine = "my_package:MyEngine"
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from importlib.metadata import EntryPoint, entry_points
+from typing import Generic, TypeVar, cast
+
+from robomend_client.near import did_you_mean
+
+T = TypeVar("T")
+
+
+class Registry(Generic[T]):
+    """The parts of one kind. Nothing is imported before it is asked for by its name."""
+
+    def __init__(
+        self,
+        what: str,
+        group: str,
+        built_in: Mapping[str, str],
+        *,
+        unknown: Callable[[str], Exception] = LookupError,
+        broken: Callable[[str], Exception] = ImportError,
+    ) -> None:
+        """Register what comes with us.
+
+        Args:
+            what: one part of this kind, in the words of an error: `engine`.
+            group: the entry points of this group are parts, too.
+            built_in: name -> `module:attribute`.
+            unknown: makes the error for a name that no part has.
+            broken: makes the error for a part that cannot be imported.
+        """
+        self.what = what
+        self.group = group
+        self.built_in = dict(built_in)
+        self._unknown = unknown
+        self._broken = broken
+        self._loaded: dict[str, T] = {}
+
+    def names(self) -> tuple[str, ...]:
+        """Return the names that `load` knows: ours, then those of others in alphabetical order."""
+        return (*self.built_in, *sorted(self._others()))
+
+    def check(self, name: str) -> None:
+        """Raise `unknown`, with all names there are, unless a part has this name; nothing is imported."""
+        self._entry(name)
+
+    def load(self, name: str) -> T:
+        """Return what the name stands for; its module is imported the first time.
+
+        Raises:
+            unknown: no part has this name.
+            broken: its module cannot be imported, or has nothing of that name.
+        """
+        if name not in self._loaded:
+            entry = self._entry(name)
+            try:
+                self._loaded[name] = cast(T, entry.load())
+            except Exception as error:  # the module of a third party may raise anything
+                what = f"{self.what} {name!r} ({entry.value})"
+                raise self._broken(f"{what} could not be loaded: {error}") from error
+        return self._loaded[name]
+
+    def _entry(self, name: str) -> EntryPoint:
+        if name in self.built_in:
+            return EntryPoint(name, self.built_in[name], self.group)
+        others = self._others()
+        if name not in others:
+            names = self.names()
+            choice = f"choose one of {', '.join(names)}{did_you_mean(name, names)}"
+            raise self._unknown(f"no {self.what} is named {name!r}: {choice}")
+        return others[name]
+
+    def _others(self) -> dict[str, EntryPoint]:
+        """Return the parts of other distributions; of two with one name, that of the first on the path."""
+        points = reversed(tuple(entry_points(group=self.group)))
+        return {point.name: point for point in points if point.name not in self.built_in}
