@@ -2,12 +2,12 @@
 
     POST …/actions/next ─► known id? ── finished ──► its first result, again
          (long poll)           │    └── under way ─► nothing: its result will come
-                               └─ new ──► handler ──► remembered ──► POST …/result, until it arrives
+                               └─ new ─► executor ──► remembered ──► POST …/result, until it arrives
 
-Several actions may be under way at once; those on one process take turns (processes.py). A handler has
-`action.timeout_s` and not a moment more. While it works, feedback goes out every second; when the service
-answers 409 the action has been withdrawn, and is given up if it can be. To add an action, write a handler,
-name it in HANDLERS, and in GIVEN_UP if cancelling it half-way leaves things as they were.
+Several actions may be under way at once; those on one process take turns (processes.py). An executor
+has `action.timeout_s` and not a moment more. While it works, feedback goes out every second; when the service
+answers 409 the action has been withdrawn, and is given up if it can be: before it has begun to act, and later
+if its executor leaves things as they were. What can be done is in executors/.
 """
 
 from __future__ import annotations
@@ -16,12 +16,10 @@ import asyncio
 import contextlib
 import logging
 import time
-from collections.abc import Awaitable, Callable
 
 from robomend_client.actions import (
     CANCELLED,
     FAILED,
-    REFUSED,
     TIMED_OUT,
     Action,
     ActionResult,
@@ -29,10 +27,11 @@ from robomend_client.actions import (
     Orders,
     Settle,
 )
+from robomend_client.agent.executors.base import Executors
 from robomend_client.agent.memory import FirstResults
-from robomend_client.agent.processes import SupervisedProcess
 from robomend_client.agent.watch import Watch
 from robomend_client.outbox import LATER
+from robomend_client.python310 import timeout
 from robomend_client.rest import calls
 from robomend_client.rest.asynchronous import AsyncClient
 from robomend_client.rest.errors import ClientError, NotFound, StateConflict
@@ -49,18 +48,6 @@ PATIENCE = Retry(longest_s=2.0)
 TELL_S = 600.0
 """How long a result is offered to a service that is away."""
 
-Handler = Callable[[SupervisedProcess, Feedback, float], Awaitable[ActionResult]]
-
-HANDLERS: dict[str, Handler] = {
-    "start_node": SupervisedProcess.start,
-    "stop_node": SupervisedProcess.stop,
-}
-"""What this agent can do; each takes the name of one process that its configuration lists."""
-
-
-GIVEN_UP = frozenset({"start_node"})
-"""Withdrawn, these leave nothing behind half-way. Others are finished once they have said that they act."""
-
 BEAT_S = 0.5
 """How often the service hears that an action is under way, and may answer that it is withdrawn: twice in the
 second after which what was stopped must be cut off."""
@@ -74,7 +61,7 @@ class Actions:
         client: AsyncClient,
         robot: str,
         agent: str,
-        processes: dict[str, SupervisedProcess],
+        executors: Executors,
         memory: FirstResults,
         host: str | None = None,
         watch: Watch | None = None,
@@ -84,10 +71,9 @@ class Actions:
         self._robot = robot
         self._agent = agent
         self._host = host
-        self._processes = processes
+        self._executors = executors
         self._memory = memory
         self._watch = watch
-        self._can = [f"{name}:{process}" for name in HANDLERS for process in processes]
         self._atoms = {} if watch is None else {str(atom): atom for atom in watch.driver.atoms}
         self._settled: int | None = None  # the newest `n` that was asked for
         self._under_way: dict[str, asyncio.Task[None]] = {}
@@ -133,27 +119,17 @@ class Actions:
 
     async def run(self, action: Action, feedback: Feedback) -> ActionResult:
         """Carry out `action` if this agent may; never later than its time-out."""
-        handler = HANDLERS.get(action.name)
-        if handler is None:
-            return ActionResult(
-                REFUSED, f"agent {self._agent} knows no {action.name}; it knows {', '.join(HANDLERS)}"
-            )
-        if len(action.parameters) != 1:
-            return ActionResult(REFUSED, f"{action.name} takes the name of one node, not {action.parameters}")
-        process = self._processes.get(action.parameters[0])
-        if process is None:
-            listed = ", ".join(self._processes) or "none"
-            return ActionResult(
-                REFUSED,
-                f"agent {self._agent} has no process {action.parameters[0]}; configured are: {listed}",
-            )
+        executor = self._executors.find(action)
+        if isinstance(executor, ActionResult):
+            return executor
         try:
-            async with asyncio.timeout(action.timeout_s):
-                return await handler(process, feedback, action.timeout_s)
+            async with timeout(action.timeout_s):
+                return await executor.execute(action, feedback)
         except TimeoutError:
             return ActionResult(TIMED_OUT, f"{action} was not done within {action.timeout_s:g} s")
-        except OSError as error:
-            return ActionResult(FAILED, f"{action}: {error}")
+        except Exception as error:  # anybody's executor may raise anything
+            log.warning("%s failed", action, exc_info=not isinstance(error, OSError))
+            return ActionResult(FAILED, f"{action}: {type(error).__name__}: {error}")
 
     async def _accept(self, action: Action, again: bool) -> None:
         """Say that the action has arrived: until then the service gives it to every poll."""
@@ -174,8 +150,12 @@ class Actions:
         for name, atom in self._atoms.items():
             assert self._watch is not None
             detection_s, settling_s = self._watch.driver.delays_s(atom)
-            observes.append({"atom": name, "detection_s": detection_s, "settling_s": settling_s})
-        return calls.poll(self._robot, self._agent, self._host, self._can, observes, WAIT_S, self._settled)
+            observes.append(
+                {"atom": name, "detection_s": round(detection_s, 3), "settling_s": round(settling_s, 3)}
+            )
+        return calls.poll(
+            self._robot, self._agent, self._host, self._executors.can, observes, WAIT_S, self._settled
+        )
 
     def _settle(self, settle: Settle) -> bool:
         """Have observers judge anew; False for an `n` that came before: the service may repeat it."""
@@ -205,7 +185,9 @@ class Actions:
         withdrawn = asyncio.create_task(telling.withdrawn.wait())
         try:
             await asyncio.wait({work, withdrawn}, return_when=asyncio.FIRST_COMPLETED)
-            if work.done() or (telling.acts and action.name not in GIVEN_UP):
+            executor = self._executors.find(action)
+            gives_up = not isinstance(executor, ActionResult) and executor.gives_up
+            if work.done() or (telling.acts and not gives_up):
                 return await work
             work.cancel()
             await asyncio.wait({work})
@@ -266,7 +248,7 @@ class _Telling:
         while True:
             number, message = 0, "under way"
             with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(BEAT_S):
+                async with timeout(BEAT_S):
                     number, message = await self._queue.get()
             try:
                 await self._client.send(calls.feedback(self._action_id, number, message), NEVER)

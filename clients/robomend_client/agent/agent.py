@@ -11,19 +11,27 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+import time
 from contextlib import AsyncExitStack
+from typing import Any
 
 from robomend_client.agent.actions import Actions
 from robomend_client.agent.broker import Broker, Tap
 from robomend_client.agent.config import AgentConfig
+from robomend_client.agent.executors.base import Executors
+from robomend_client.agent.executors.supervised import supervised
+from robomend_client.agent.feeds import Feed, Samples
 from robomend_client.agent.memory import FirstResults
 from robomend_client.agent.reporter import Reporter
 from robomend_client.agent.supervisor import Supervisor
+from robomend_client.agent.usage import PERIOD_S, Usage
 from robomend_client.agent.watch import Watch
 from robomend_client.buffer import DiskBuffer
+from robomend_client.bus import Message
 from robomend_client.clock import Clock
-from robomend_client.observers import PROCESSES, GeneralObserver, NodeObserver, Observer
+from robomend_client.observers import PROCESSES
 from robomend_client.outbox import AsyncOutbox
+from robomend_client.python310 import timeout
 from robomend_client.rest.asynchronous import AsyncClient
 
 log = logging.getLogger(__name__)
@@ -44,6 +52,7 @@ class Agent:
         self.ready = asyncio.Event()
         self._stop = asyncio.Event()
         self._nodes_changed = asyncio.Event()
+        self._told: set[str] = set()  # sources that a message did not have
 
     def stop(self) -> None:
         """End, in order."""
@@ -62,7 +71,13 @@ class Agent:
             )
             orders = await stack.enter_async_context(AsyncClient(service.url, key, timeout_s=10.0))
             clock = Clock()
-            watch = Watch(self._observers(), clock, lambda changes: reporter.report(changes), config.lenient)
+            watch = Watch(
+                [spec.make() for spec in config.observers],
+                clock,
+                lambda changes: reporter.report(changes),
+                config.lenient,
+                config.recording,
+            )
             stack.callback(watch.close)
             reporter = Reporter(
                 AsyncOutbox(reports, config.robot, buffer),
@@ -79,63 +94,99 @@ class Agent:
             supervisor.open()
             stack.push_async_callback(supervisor.close)
             memory = FirstResults(config.state_dir / "results.jsonl")
-            actions = Actions(
-                orders, config.robot, config.agent, supervisor.processes, memory, config.host, watch
+            executors = Executors(
+                config.agent,
+                [*supervised(supervisor.processes), *(spec.make() for spec in config.actions)],
             )
+            actions = Actions(orders, config.robot, config.agent, executors, memory, config.host, watch)
             stack.push_async_callback(actions.close)
             await self._work(supervisor, watch, reporter, actions)
             await reporter.flush()
 
     async def _work(self, supervisor: Supervisor, watch: Watch, reporter: Reporter, actions: Actions) -> None:
-        async with asyncio.TaskGroup() as group:
-            tasks = [
-                group.create_task(watch.run(), name="observers"),
-                group.create_task(self._tables(supervisor, watch), name="processes"),
-                group.create_task(reporter.run(), name="reporter"),
-                group.create_task(actions.pull(), name="actions"),
-                group.create_task(supervisor.start_initial(), name="initial processes"),
-            ]
-            self.ready.set()
-            log.info("agent %s of %s is up; bus %s", self.config.agent, self.config.robot, self.bus)
-            await self._stop.wait()
-            while not all(task.done() for task in tasks):
-                for task in tasks:
-                    task.cancel()  # again, should a library in between have swallowed it
-                await asyncio.wait(tasks, timeout=1.0)
+        work = {
+            "observers": watch.run(),
+            "processes": self._tables(supervisor, watch),
+            "reporter": reporter.run(),
+            "actions": actions.pull(),
+            "initial processes": supervisor.start_initial(),
+        }
+        tasks = [asyncio.create_task(work, name=name) for name, work in work.items()]
+        tasks += [asyncio.create_task(_fed(feed, watch)) for feed in self.config.feeds]
+        self.ready.set()
+        log.info("agent %s of %s is up; bus %s", self.config.agent, self.config.robot, self.bus)
+        await _until(self._stop, tasks)
 
-    # --- observers -----------------------------------------------------------------------------------
-
-    def _observers(self) -> list[Observer]:
-        nodes = tuple(spec.name for spec in self.config.processes)
-        observers: list[Observer] = [GeneralObserver(topic, rate) for topic, rate in self.config.topics]
-        observers += [spec.make() for spec in self.config.observers]
-        return [*observers, NodeObserver(nodes)] if nodes else observers
+    # --- what the agent knows itself ---------------------------------------------------------------------
 
     async def _tables(self, supervisor: Supervisor, watch: Watch) -> None:
         """Say which processes run: at once when one begins or ends, and now and then."""
+        wanted = PROCESSES in self.config.sources(own=True)
+        usage = Usage(self.config.sources(own=True) - {PROCESSES}, supervisor.processes)
+        measure_at = 0.0
         while True:
-            watch.sample(PROCESSES, supervisor.table())
+            if wanted:
+                watch.sample(PROCESSES, supervisor.table())
+            if time.monotonic() >= measure_at:
+                measure_at = time.monotonic() + PERIOD_S
+                supervisor.trim_outputs()
+                if usage.wanted:
+                    for source, value in usage.measure(supervisor.leaders()).items():
+                        watch.sample(source, value)
             with contextlib.suppress(TimeoutError):
                 # Not wait_for: up to Python 3.11 it swallows a cancellation that comes with the event.
-                async with asyncio.timeout(TABLE_S):
+                async with timeout(TABLE_S):
                     await self._nodes_changed.wait()
             self._nodes_changed.clear()
 
-    # --- the bus ---------------------------------------------------------------------------------------
+    # --- feeds -----------------------------------------------------------------------------------------
 
     async def _open_bus(self, stack: AsyncExitStack, watch: Watch) -> None:
-        def message(topic: str, time_ns: int, data: object) -> None:
-            watch.sample(topic, data)
+        samples = Samples(self.config.sources(own=False), watch.sample, self._missing_field)
+
+        def on_message(message: Message) -> None:
+            samples.message(message.topic, message.data, message.time_ns, message.fields)
 
         if self.config.joins_bus:
-            tap = Tap(self.config.bus, [topic for topic, _ in self.config.topics], message)
+            tap = Tap(self.config.bus, list(samples.topics), on_message)
             task = asyncio.create_task(tap.run(), name="bus")
             stack.push_async_callback(_cancelled, task)
             return
-        broker = Broker(self.config.bus, message)
+        broker = Broker(self.config.bus, on_message)
         await broker.open()
         stack.push_async_callback(broker.close)
         self.bus = broker.address
+
+    def _missing_field(self, source: str, why: str) -> None:
+        if source not in self._told:
+            self._told.add(source)
+            log.warning("%s: a message of this topic has %s", source, why)
+
+
+async def _fed(feed: Feed, watch: Watch) -> None:
+    """Run a feed; one that fails leaves the agent as it is, and what it fed turns unknown."""
+    try:
+        await feed.run(watch.sample)
+    except Exception:  # a feed may be anybody's
+        log.exception("the feed %s failed", type(feed).__name__)
+
+
+async def _until(stop: asyncio.Event, tasks: list[asyncio.Task[None]]) -> None:
+    """Let all work until `stop`, or until one of them fails; then end them all."""
+    stopped: asyncio.Task[Any] = asyncio.create_task(stop.wait())
+    try:
+        while not stopped.done():
+            waited_for = [stopped, *(task for task in tasks if not task.done())]
+            await asyncio.wait(waited_for, return_when=asyncio.FIRST_COMPLETED)
+            for task in tasks:
+                if task.done():
+                    task.result()
+    finally:
+        everything = [stopped, *tasks]
+        while not all(task.done() for task in everything):
+            for task in everything:
+                task.cancel()  # again, should a library in between have swallowed it
+            await asyncio.wait(everything, timeout=1.0)
 
 
 async def _cancelled(task: asyncio.Task[None]) -> None:

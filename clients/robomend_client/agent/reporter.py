@@ -23,6 +23,7 @@ from robomend_client.clock import Clock
 from robomend_client.literals import Literal
 from robomend_client.observers import Change, Verdict
 from robomend_client.outbox import AsyncOutbox
+from robomend_client.python310 import timeout
 from robomend_client.rest.retry import Retry
 
 log = logging.getLogger(__name__)
@@ -74,7 +75,7 @@ class Reporter:
         while True:
             wait_s = retry.wait_s(failures, 0.5) if failures else max(0.0, due - time.monotonic())
             with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(wait_s):
+                async with timeout(wait_s):
                     await self._wake.wait()
             self._wake.clear()
             arrived = await self._send_pending()

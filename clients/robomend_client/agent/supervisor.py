@@ -20,6 +20,7 @@ from pathlib import Path
 from robomend_client.actions import ActionResult
 from robomend_client.agent import guard
 from robomend_client.agent.config import ProcessSpec
+from robomend_client.agent.output import OutputFile
 from robomend_client.agent.processes import SupervisedProcess
 from robomend_client.agent.spawn import adopt, boot_id
 from robomend_client.bus import ENVIRONMENT as BUS
@@ -40,7 +41,7 @@ class Supervisor:
     ) -> None:
         environment = dict(os.environ) | {BUS: bus}
         self.processes = {
-            spec.name: SupervisedProcess(spec, environment, self._changed, dies_with_agent=not keep)
+            spec.name: SupervisedProcess(spec, environment, self._changed, not keep, _output(spec, state_dir))
             for spec in specs
         }
         self._booting = {name for name, process in self.processes.items() if process.spec.start}
@@ -77,6 +78,19 @@ class Supervisor:
                 log.info("%s still runs as process %d, whose agent was killed: ended", name, pid)
                 # Begins now, so before any start of it: starts and stops of one process take turns.
                 self._leftovers.append(asyncio.create_task(self._stop(process), name=f"leftover {name}"))
+
+    def leaders(self) -> dict[str, int]:
+        """Return the process of each node that runs."""
+        return {
+            name: process.handle.pid
+            for name, process in self.processes.items()
+            if process.running and process.handle is not None
+        }
+
+    def trim_outputs(self) -> None:
+        """Keep the files within their bounds that processes write by themselves."""
+        for process in self.processes.values():
+            process.trim_output()
 
     async def start_initial(self) -> None:
         """Start those that are to be started with the agent, side by side."""
@@ -170,6 +184,11 @@ class Supervisor:
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
             log.warning("%s cannot be read (%s): nothing is adopted", self._table, error)
             return {}
+
+
+def _output(spec: ProcessSpec, state_dir: Path) -> OutputFile | None:
+    most_bytes = round(spec.log_mb * 1024 * 1024)
+    return OutputFile(state_dir / "logs", spec.name, most_bytes) if most_bytes else None
 
 
 def _log_only(number: int, message: str) -> None:

@@ -156,6 +156,10 @@ class Section:
         for name in entries._values:
             yield name, entries.section(name)
 
+    def names(self) -> tuple[str, ...]:
+        """Return the keys that are there."""
+        return tuple(self._values)
+
     def words(self) -> dict[str, str]:
         """Return all of this mapping as texts (environment variables)."""
         return {key: self.text(key) for key in self._values}

@@ -8,7 +8,7 @@ Only the times of messages count, so any topic can be watched without touching t
 
 The rate f of the newest messages is (intervals) / (their span); ok(t) iff |f − rate| < tolerance. Silence of
 `silence_s` is not ok at once, and what came before it no longer counts. Until the first verdict the topic is
-unknown: missing data is no literal.
+unknown: missing data is no literal. A topic that was never heard of may take `first_s` until it comes up.
 
 After `settle` intervals the rate is ok if it is right. That it is wrong is only said of a window that is
 not full yet if it would be wrong even had LOST messages been lost: a lost message right after the start is
@@ -55,6 +55,7 @@ class Rate:
     tolerance_hz: float = 1.0
     window: int | None = None  # messages; None: three lost ones stay within the tolerance, 10 at least
     silence_s: float | None = None  # None: 3.5 intervals, LEAST_SILENCE_S at least
+    first_s: float | None = None  # until its very first message, silence counts after this; None: silence_s
     check_s: float = 0.05  # how often a verdict on the rate is given
     settle: int | None = 5  # intervals that a verdict needs; None: a full window
     test: str = "tolerance"  # or student_t
@@ -80,6 +81,8 @@ class Rate:
                     f"silence_s of {self.silence_s:g} is no longer than one interval at {self.rate_hz:g} Hz: "
                     "every message would come too late"
                 )
+        if self.first_s is not None and not 0 <= self.first_s <= 86400:
+            raise ValueError(f"first_s must be from 0 to 86400, not {self.first_s:g}")
         if self.test not in TESTS:
             raise ValueError(f"test must be one of {', '.join(TESTS)}, not {self.test!r}")
         if not 0 < self.significance < 1:
@@ -130,33 +133,47 @@ class GeneralObserver:
         self._intervals = expected.intervals
         # Two windows of them: when the rate turns wrong, the message at which it was right is in there.
         self._times: deque[int] = deque(maxlen=2 * self._size)
+        self._first_ns = max(0, ns(expected.first_s or 0.0) - self._silence_ns)
         self._back_ns = max(self._silence_ns, ns(self._size / expected.rate_hz))
-        self.reset(0)
+        self._start_ns: int | None = None  # the first reset; None: there was none
+        self._usual_ns = 0  # gaps below it are regular; 0 until the very first message
+        self._forget(0)
 
     def reset(self, time_ns: int) -> None:
-        """Silence counts from here on."""
+        """Silence counts from here on; of a topic that was never heard of, from its `first_s` on."""
+        if self._start_ns is None or time_ns < self._start_ns:
+            self._start_ns = time_ns
+        self._forget(time_ns)
+
+    def _forget(self, time_ns: int) -> None:
         self._times.clear()
         self._newest_ns = time_ns
+        if not self._usual_ns:
+            self._newest_ns = max(time_ns, (self._start_ns or 0) + self._first_ns)
         self._silence_end_ns: int | None = None  # of the newest silence; None: there was none
         self._onset_ns: int | None = None  # the newest message at which the rate was right
 
     def feed(self, source: str, time_ns: int, value: object = None) -> None:
         """A message of the topic arrived at `time_ns`; its value does not matter."""
         gap_ns = time_ns - self._newest_ns
-        if not 0 <= gap_ns < self._silence_ns:
+        if not 0 <= gap_ns < self._usual_ns:
             time_ns = self._irregular(time_ns, gap_ns)
         self._times.append(time_ns)
         self._newest_ns = time_ns
 
     def _irregular(self, time_ns: int, gap_ns: int) -> int:
-        """A message after a silence, or from before the newest one: return the time that counts."""
+        """The first message, one after a silence, or one from before the newest: return the time that
+        counts.
+        """
+        first = not self._usual_ns
+        self._usual_ns = self._silence_ns
         if gap_ns >= self._silence_ns:
             self._onset_ns = self._last_good_ns()
             self._silence_end_ns = time_ns
             self._times.clear()
-        elif -gap_ns > self._back_ns:
+        elif gap_ns < -self._back_ns and not first:
             self.reset(time_ns)
-        else:
+        elif gap_ns < 0 and not first:
             time_ns = self._newest_ns
         return time_ns
 

@@ -97,7 +97,7 @@ def made(section: Section, make: Callable[..., Any], **arguments: Any) -> Any:
 def read_value(section: Section, key: str, kind: Any, default: Any) -> Any:
     """Return the value of one key, in the type that is asked for."""
     kinds = _alternatives(kind)
-    if type(None) in kinds and key not in section:
+    if key not in section and type(None) in kinds:
         section.optional(key)
         return None if default is inspect.Parameter.empty else default
     kind = next(k for k in kinds if k is not type(None))
@@ -126,6 +126,9 @@ def _read_mapping(section: Section, key: str, kind: Any) -> dict[str, Any]:
     _, value = get_args(kind)
     if value is str:
         return section.section(key).words()
+    if _is_list(value):
+        entries = section.section(key)
+        return {name: entries.texts(name) for name in entries.names()}
     if not is_dataclass(value):
         raise Unreadable(f"{key} has the type {kind!r}, which no file can hold")
     found = {}

@@ -25,6 +25,7 @@ from robomend_client.observers.base import NOTHING, Evidence, ns, number, positi
 from robomend_client.observers.slope import Slope
 
 DEC, CONST, INC = -1, 0, 1
+FAR = 1 << 62
 WORDS = {INC: "inc", DEC: "dec", CONST: "const"}
 
 
@@ -77,7 +78,7 @@ class TrendOf:
         self._line.reset()
         self.now: int | None = None  # the trend
         self.ends_ns: int | None = None  # when it is unknown by itself
-        self._newest_ns = 0
+        self._newest_ns = -FAR
         self._raw: float | None = None
         self._unwrapped = 0.0
         self._next: int | None = None  # the trend that must last, and since when it does

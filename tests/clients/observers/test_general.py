@@ -130,6 +130,26 @@ def test_after_one_stamp_from_the_future_it_judges_again_as_soon_as_from_the_sta
     assert verdict(observer, 2.5) is True
 
 
+def test_a_topic_that_was_never_heard_of_may_take_longer_to_come_up_but_only_the_first_time() -> None:
+    rate = Rate(settle=5, silence_s=0.5, first_s=2)
+    observer = GeneralObserver("scan", rate)
+    observer.reset(ns(100))
+    assert (verdict(observer, 101.9), verdict(observer, 102)) == (None, False)
+    observer.reset(ns(101.8))  # judged anew: the robot boots no slower for that
+    assert (verdict(observer, 102.2), verdict(observer, 102.3)) == (None, False)
+    in_time = GeneralObserver("scan", rate)
+    in_time.reset(ns(100))
+    for time_s in beats(101.5, 6):
+        in_time.feed("scan", ns(time_s))
+    assert (verdict(in_time, 102.1), verdict(in_time, 102.5)) == (True, False)
+    in_time.reset(ns(110))
+    assert verdict(in_time, 110.5) is False
+    late = GeneralObserver("scan", rate)
+    late.reset(ns(100))
+    late.feed("scan", ns(103))
+    assert verdict(late, 103.1) is False
+
+
 def test_the_literal_names_the_topic() -> None:
     assert fed(DEMO).check(ns(1)) == (fails("ok", "scan"),)
     assert fed(DEMO, *beats(0, 6)).check(ns(0.5)) == (holds("ok", "scan"),)
