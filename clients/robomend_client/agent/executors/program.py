@@ -18,6 +18,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from robomend_client.actions import FAILED, OK, Action, ActionResult, Feedback
+from robomend_client.python310 import timeout
 
 TAIL = 8 * 1024
 """Bytes of a program's newest output that are kept, to be quoted."""
@@ -119,6 +120,11 @@ async def _end(process: asyncio.subprocess.Process) -> None:
         await asyncio.wait([asyncio.ensure_future(process.wait())], timeout=END_S)
     _signal(process.pid, signal.SIGKILL)
     await process.wait()
+    if process.stdout is not None:  # to its end, or the loop holds on to the pipe
+        with contextlib.suppress(TimeoutError):  # a process that left the group may keep it open
+            async with timeout(END_S):
+                while await process.stdout.read(65536):
+                    pass
 
 
 def _signal(group: int, number: int) -> None:
