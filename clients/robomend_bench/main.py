@@ -15,7 +15,7 @@ import click
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from robomend.diagnosis.engines import engine_names
+from robomend.diagnosis.engines import ENGINES
 from robomend.errors import BackendError, InputError
 from robomend_bench.baselines import BASELINES
 from robomend_bench.charts import cactus, scaling
@@ -197,7 +197,7 @@ def _list() -> None:
         click.echo(f"{name}: {suite.summary}")
         for mode, meaning in suite.modes.items():
             click.echo(f"    {mode:<10} {meaning} [{','.join(suite.contenders(mode))}]")
-    click.echo(f"engines: {', '.join(engine_names())}; each also as ENGINE:SOLVER")
+    click.echo(f"engines: {', '.join(ENGINES.names())}; each also as ENGINE:SOLVER")
     click.echo(f"baselines: {', '.join(BASELINES)}")
 
 

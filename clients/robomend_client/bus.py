@@ -23,8 +23,6 @@ from __future__ import annotations
 import json
 import socket
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from typing import Any
 
 LONGEST_LINE = 64 * 1024
 
@@ -51,32 +49,6 @@ def parse_address(address: str) -> str | tuple[str, int]:
     if kind == "tcp" and host and port.isascii() and port.isdigit() and int(port) < 65536:
         return host.strip("[]"), int(port)
     raise ValueError(f"{address!r} is no bus address; write unix:PATH or tcp:HOST:PORT")
-
-
-@dataclass(frozen=True)
-class Message:
-    """What was published."""
-
-    topic: str
-    data: object = None
-    time_ns: int | None = None  # None: when it arrives
-    fields: Mapping[str, Any] | None = None
-
-
-def read_message(line: object) -> Message | None:
-    """Return the message of a line that was read as JSON; None if it is none.
-
-    Raises:
-        ValueError: it is one, and not as it should be.
-    """
-    if not isinstance(line, dict) or not isinstance(line.get("topic"), str):
-        return None
-    time_ns, fields = line.get("time"), line.get("fields")
-    if time_ns is not None and (isinstance(time_ns, bool) or not isinstance(time_ns, int)):
-        raise ValueError(f"time must be nanoseconds, a whole number, not {time_ns!r}")
-    if fields is not None and not isinstance(fields, dict):
-        raise ValueError(f"fields must be a mapping, not {fields!r}")
-    return Message(line["topic"], line.get("data"), time_ns, fields)
 
 
 class Bus:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from functools import lru_cache
 
 PLAIN_NAME = re.compile(r"[A-Za-z0-9_.\-][A-Za-z0-9_./\-]*\Z")
 """A name that needs no quotes. A leading `/`, as ROS writes it, is dropped before a name gets here."""
@@ -16,6 +17,7 @@ RESERVED = frozenset({"not", "and", "or", "forall", "exists", "true", "false"})
 """Words of the sentence language; as names they need quotes."""
 
 
+@lru_cache(maxsize=4096)
 def quote(name: str) -> str:
     """Return `name` as sentences write it: bare where the language allows, else in double quotes."""
     if PLAIN_NAME.match(name) and "->" not in name and name not in RESERVED:

@@ -11,6 +11,14 @@ LONGEST = 200
 """Characters of a name that are compared: comparing takes their square."""
 
 
+def nearest(name: str, known: Iterable[str]) -> str | None:
+    """Return the known name that is spelt most alike; None if none is near."""
+    from difflib import get_close_matches  # not before somebody has mistyped something
+
+    near = get_close_matches(name[:LONGEST], sorted(known)[:LOOKED_AT], n=1)
+    return near[0] if near else None
+
+
 def did_you_mean(name: str, known: Iterable[str], shown: Callable[[str], str] = repr) -> str:
     """Return `; did you mean 'scan'?`, to be put behind an error; nothing where no known name is near.
 
@@ -19,7 +27,5 @@ def did_you_mean(name: str, known: Iterable[str], shown: Callable[[str], str] = 
         known: what could have been meant.
         shown: how to write the name in the answer.
     """
-    from difflib import get_close_matches  # not before somebody has mistyped something
-
-    near = get_close_matches(name[:LONGEST], sorted(known)[:LOOKED_AT], n=1)
-    return f"; did you mean {shown(near[0])}?" if near else ""
+    near = nearest(name, known)
+    return "" if near is None else f"; did you mean {shown(near)}?"

@@ -1,5 +1,5 @@
-"""What Python 3.10, that of Ubuntu 22.04 and ROS 2 Humble, does not have yet: StrEnum, and a time-out for a
-block.
+"""What Python 3.10, that of Ubuntu 22.04 and ROS 2 Humble, does not have yet: StrEnum, a time-out for a
+block, and cancellations that cannot be lost.
 
 From 3.11 on they are the standard library's. The client uses no other novelty of 3.11; the tests run it on
 3.10.
@@ -10,7 +10,9 @@ from __future__ import annotations
 import asyncio
 import enum
 import sys
+from collections.abc import Iterable
 from types import TracebackType
+from typing import Any
 
 if sys.version_info >= (3, 11):
     from asyncio import timeout
@@ -61,4 +63,21 @@ else:
                 raise TimeoutError from error
 
 
-__all__ = ["StrEnum", "timeout"]
+AGAIN_S = 2.0
+"""Long enough for what a cancelled task has to put away."""
+
+
+async def end(tasks: Iterable[asyncio.Future[Any]]) -> None:
+    """Cancel tasks, and wait until all have ended; what they raise is theirs.
+
+    On 3.10 a task cannot tell its own cancellation from that of a part of its work that comes in the same
+    turn, so anyio swallows it (while it connects, for one). It is said again, until it is heard.
+    """
+    pending = set(tasks)
+    while pending:
+        for task in pending:
+            task.cancel()
+        _, pending = await asyncio.wait(pending, timeout=AGAIN_S)
+
+
+__all__ = ["StrEnum", "end", "timeout"]

@@ -30,7 +30,7 @@ class Registry(Generic[T]):
     def __init__(
         self,
         what: str,
-        group: str,
+        group: str | None,
         built_in: Mapping[str, str],
         *,
         unknown: Callable[[str], Exception] = LookupError,
@@ -40,7 +40,7 @@ class Registry(Generic[T]):
 
         Args:
             what: one part of this kind, in the words of an error: `engine`.
-            group: the entry points of this group are parts, too.
+            group: the entry points of this group are parts, too; None: others cannot add any.
             built_in: name -> `module:attribute`.
             unknown: makes the error for a name that no part has.
             broken: makes the error for a part that cannot be imported.
@@ -78,7 +78,7 @@ class Registry(Generic[T]):
 
     def _entry(self, name: str) -> EntryPoint:
         if name in self.built_in:
-            return EntryPoint(name, self.built_in[name], self.group)
+            return EntryPoint(name, self.built_in[name], self.group or "")
         others = self._others()
         if name not in others:
             names = self.names()
@@ -88,5 +88,7 @@ class Registry(Generic[T]):
 
     def _others(self) -> dict[str, EntryPoint]:
         """Return the parts of other distributions; of two with one name, that of the first on the path."""
+        if self.group is None:
+            return {}
         points = reversed(tuple(entry_points(group=self.group)))
         return {point.name: point for point in points if point.name not in self.built_in}

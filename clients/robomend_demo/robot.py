@@ -92,9 +92,3 @@ def agent_config(
             for name in model.nodes
         },
     }
-
-
-def observed_by_agent(model: ComponentModel) -> list[str]:
-    """Return what the agent will report, as the robot's `observed` list wants it."""
-    topics = sorted({topic for node in model.nodes.values() for topic in node.publishes})
-    return [*(f"ok({topic})" for topic in topics), *(f"running({node})" for node in model.nodes)]

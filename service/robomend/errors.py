@@ -36,6 +36,8 @@ RobomendError
 
 from __future__ import annotations
 
+from robomend_client.near import did_you_mean
+
 
 class RobomendError(Exception):
     """The root of all of them."""
@@ -76,11 +78,7 @@ class UnknownComponent(ModelError):
     def __init__(
         self, name: str, known: frozenset[str], file: str | None = None, line: int | None = None
     ) -> None:
-        from difflib import get_close_matches
-
-        near = get_close_matches(name, sorted(known), n=1)
-        hint = f"; did you mean {near[0]!r}?" if near else ""
-        super().__init__(f"no component is named {name!r}{hint}", file, line)
+        super().__init__(f"no component is named {name!r}{did_you_mean(name, known)}", file, line)
         self.args = (name, known, file, line)
 
 

@@ -2,7 +2,7 @@
 
 Every limit of the service is here, with its unit in its name. `robomend config` prints each value with
 where it came from. A setting that nobody knows is refused, so that a misspelt one is not silently without
-effect.
+effect. To add a setting: a field here, with its bounds and what it means, and its row in docs/settings.md.
 """
 
 from __future__ import annotations
@@ -105,6 +105,13 @@ class Settings(BaseModel):
     repairs_days: float = Field(365.0, gt=0, description="repairs that ended are kept this long")
     log_level: Literal["debug", "info", "warning", "error"] = "info"
     log_format: Literal["json", "text"] = "json"
+
+    @property
+    def database_url(self) -> str:
+        """The URL of the database, password included: as set, or SQLite in the data folder."""
+        if self.database is not None:
+            return self.database.get_secret_value()
+        return f"sqlite:///{self.data.expanduser().resolve() / 'robomend.db'}"
 
 
 def load(

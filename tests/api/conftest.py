@@ -20,7 +20,7 @@ from robomend.api.server import Server, make_server
 from robomend.resources import resource
 from robomend.security import digest, new_key
 from robomend.settings import Settings
-from robomend.store.interface import Transaction
+from robomend.store import Transaction, api_keys
 
 TEDUSAR = resource("examples", "tedusar.yaml").read_text(encoding="utf-8")
 
@@ -66,7 +66,7 @@ class Service:
         text = new_key()
 
         def add(tx: Transaction) -> None:
-            tx.add_key(name=f"{role}-{text[-8:]}", hash=digest(text), role=role, robot=robot, by="test")
+            api_keys.add(tx, name=f"{role}-{text[-8:]}", hash=digest(text), role=role, robot=robot, by="test")
 
         self.run(self.runtime.store.write(add))
         self.runtime.app.state.gate.ring.forget()

@@ -62,7 +62,7 @@ class RepairsDouble:
     async def next_action(self, robot: str, *, host: str | None, wait_s: float) -> Json | None:
         self.calls.append(("next_action", robot, host, wait_s))
         if robot not in self.queue and wait_s:
-            await asyncio.sleep(min(wait_s, 0.05))
+            await asyncio.sleep(min(wait_s, 0.05))  # a long poll of an empty queue
         return self.queue.get(robot)
 
     async def action_robot(self, action_id: str) -> str:

@@ -81,7 +81,8 @@ def test_contradictory_observations_are_an_answer_of_their_own(service: Service)
 
 def test_what_flaps_is_debounced_but_not_for_ever(service: Service) -> None:
     service.with_robot("flapping", debounce_s=0.1)
-    service.diagnosis("flapping", wait_s=10, after=-0)
+    service.observe("ok(scan)", robot="flapping")
+    service.diagnosis("flapping", wait_s=10, after=0)
     began = time.monotonic()
     count = 0
     while time.monotonic() - began < 2.5:

@@ -12,6 +12,7 @@ from tests.api.conftest import Service, StartService, running, sign_in
 from robomend.api.app import routes
 from robomend.security import OWN, RULES, Role, digest, host_name, loopback, new_key
 from robomend.settings import Settings
+from robomend.store import api_keys
 
 PLACES = {
     "name": "tedusar",
@@ -108,8 +109,8 @@ def test_revoking_the_last_key_does_not_open_the_door(start: StartService) -> No
     key = service.key("admin")
     head = {"Authorization": f"Bearer {key}"}
     assert service.api("GET", "/robots", headers=head).status_code == 200
-    found = service.run(service.runtime.store.read(lambda view: view.keys()))
-    service.run(service.runtime.store.write(lambda tx: tx.revoke_key(found[0].id) and None))
+    found = service.run(service.runtime.store.read(api_keys.every))
+    service.run(service.runtime.store.write(lambda tx: api_keys.revoke(tx, found[0].id) and None))
     service.runtime.app.state.gate.ring.forget()
     assert service.api("GET", "/robots", headers=head).status_code == 401
     assert service.api("GET", "/robots").status_code == 401
@@ -118,7 +119,7 @@ def test_revoking_the_last_key_does_not_open_the_door(start: StartService) -> No
 def test_only_the_hash_of_a_key_is_stored(start: StartService, tmp_path: Path) -> None:
     service = start()
     key = service.key("viewer")
-    stored = service.run(service.runtime.store.read(lambda view: view.keys()))
+    stored = service.run(service.runtime.store.read(api_keys.every))
     assert stored[0].hash == digest(key)
     assert not any(key.encode() in file.read_bytes() for file in tmp_path.iterdir() if file.is_file())
 

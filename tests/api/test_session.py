@@ -13,7 +13,7 @@ from tests.api.conftest import Service, StartService, sign_in
 
 from robomend.api.sign_in import PLAIN, SECURE
 from robomend.security import digest, new_key
-from robomend.store.interface import Transaction
+from robomend.store import Transaction, api_keys
 
 
 def cookie_of(answer: httpx.Response) -> Morsel[str]:
@@ -131,7 +131,7 @@ def test_a_revoked_key_ends_its_cookies_at_once(start: StartService) -> None:
     browser = Browser(one, one.key("operator"))
 
     def revoke(tx: Transaction) -> None:
-        tx.revoke_key(tx.keys()[0].id)
+        api_keys.revoke(tx, api_keys.every(tx)[0].id)
 
     other.run(other.runtime.store.write(revoke))
     for service in (one, other):
@@ -144,8 +144,8 @@ def test_a_cookie_ends_when_its_time_is_over(keyed: tuple[Service, str]) -> None
     hash = digest(browser.cookie.partition("=")[2])
 
     def past(tx: Transaction) -> None:
-        tx.end_sign_in(hash)
-        tx.add_sign_in(hash, tx.keys()[0].id, expires_ns=tx.now_ns - 1, most=10)
+        api_keys.end_sign_in(tx, hash)
+        api_keys.add_sign_in(tx, hash, api_keys.every(tx)[0].id, expires_ns=tx.now_ns - 1, most=10)
 
     service.run(service.runtime.store.write(past))
     assert browser.ask("GET", "/robots").status_code == 401
@@ -168,7 +168,7 @@ def test_a_stream_ends_with_its_key(start: StartService) -> None:
         assert answer.status_code == 200
 
         def revoke(tx: Transaction) -> None:
-            tx.revoke_key(tx.keys()[0].id)
+            api_keys.revoke(tx, api_keys.every(tx)[0].id)
 
         service.run(service.runtime.store.write(revoke))
         assert b"".join(answer.iter_bytes()).startswith(b"retry:")
@@ -214,10 +214,10 @@ def test_the_oldest_of_too_many_sign_ins_ends(keyed: tuple[Service, str]) -> Non
     service, _ = keyed
 
     def fill(tx: Transaction) -> list[bool]:
-        key = tx.keys()[0].id
+        key = api_keys.every(tx)[0].id
         for number in range(5):
-            tx.add_sign_in(f"h{number}", key, expires_ns=tx.now_ns + 10**12, most=3)
-        return [tx.sign_in(f"h{number}") is not None for number in range(5)]
+            api_keys.add_sign_in(tx, f"h{number}", key, expires_ns=tx.now_ns + 10**12, most=3)
+        return [api_keys.sign_in(tx, f"h{number}") is not None for number in range(5)]
 
     assert sum(service.run(service.runtime.store.write(fill))) == 3
 

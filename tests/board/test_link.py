@@ -90,7 +90,7 @@ async def badly_behaved(handler: Handler) -> AsyncIterator[int]:
         yield server.sockets[0].getsockname()[1]
     finally:
         server.close()
-        await asyncio.sleep(0.01)
+        await asyncio.sleep(0.01)  # connections that are being closed end
 
 
 SPECIFICATION = encode(Specification((ChannelLimits(10.0, 24.0),) * 8))

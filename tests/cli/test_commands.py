@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
+from robomend.cli import diagnose
 from robomend.cli.commands import run
-from robomend.cli.diagnosing import sentences_of
 from robomend.model.loading import load_model, load_text
 from robomend.resources import resource
 
@@ -228,8 +229,25 @@ def test_a_file_of_sets_is_answered_line_by_line(tmp_path: Path, capsys: Capture
         [["jaguar"], ["jaguar_node"]],
         [["hokuyo"], ["hokuyo_node"]],
     ]
-    assert all(isinstance(one["elapsed_s"], float) for one in found)
+    assert {**found[3], "elapsed_s": 0} == {**found[0], "elapsed_s": 0}
     assert run(["diagnose", TEDUSAR, "--observations", str(sets), "--fail-on-fault"]) == 1
+    sets.write_text('["not ok(scan)"]\n["ok(scan)"]\n')
+    assert run(["diagnose", TEDUSAR, "--observations", str(sets), "--fail-on-fault"]) == 1
+    sets.write_text('["ok(scan)"]\n')
+    assert run(["diagnose", TEDUSAR, "--observations", str(sets), "--fail-on-fault"]) == 0
+
+
+def test_an_answer_that_was_known_tells_its_own_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    sets = tmp_path / "sets"
+    sets.write_text('["not ok(scan)"]\n' * 2)
+    ticks = iter([0.0, 100.0, 200.0, 200.0])  # the first line takes long, the second no time
+    monkeypatch.setattr(diagnose, "time", SimpleNamespace(perf_counter=lambda: next(ticks)))
+    assert run(["diagnose", TEDUSAR, "--observations", str(sets)]) == 0
+    first, second = (json.loads(line)["elapsed_s"] for line in capsys.readouterr().out.splitlines())
+    assert 0 < first < 100  # the diagnosis alone
+    assert second == 0
 
 
 def test_a_line_that_is_refused_keeps_its_place(tmp_path: Path, capsys: Capture) -> None:
@@ -255,19 +273,3 @@ def test_a_circuit_is_diagnosed(tmp_path: Path, capsys: Capture) -> None:
     bench.write_text("INPUT(a)\nOUTPUT(z)\ny = NOT(a)\nz = NOT(y)\n")
     found = answer(capsys, str(bench), "-o", "v(a) and not v(z)")
     assert [d["bad"] for d in found["diagnoses"]] == [["y"], ["z"]]
-
-
-@pytest.mark.parametrize(
-    ("line", "sentences"),
-    [
-        ('["a", "b"]', ["a", "b"]),
-        ("v(1) not v(2), ~v(3)", ["v(1)", "not v(2)", "~v(3)"]),
-        ("v(1), v(2),", ["v(1)", "v(2)"]),
-        ("not not v(1) p q(a,b)", ["not not v(1)", "p", "q(a,b)"]),
-        ("v(1) and not v(2)", ["v(1) and not v(2)"]),
-        ('ok("a b") ok(c)', ['ok("a b")', "ok(c)"]),
-        ("", []),
-    ],
-)
-def test_lines_are_cut_into_sentences(line: str, sentences: list[str]) -> None:
-    assert sentences_of(line) == sentences

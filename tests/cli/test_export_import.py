@@ -9,7 +9,7 @@ import pytest
 from tests.store.examples import entry, observe, with_robots
 
 from robomend.cli.commands import run
-from robomend.store import database_in, open_store
+from robomend.store import Store
 
 Capture = pytest.CaptureFixture[str]
 
@@ -20,7 +20,7 @@ def data(tmp_path: Path) -> Path:
     folder = tmp_path / "data"
 
     async def fill() -> None:
-        store = open_store(database_in(folder))
+        store = Store(f"sqlite:///{folder}/robomend.db")
         await store.start()
         await with_robots(store, "r1")
         await observe(store, "r1", entry("scan"))

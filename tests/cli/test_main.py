@@ -5,12 +5,14 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import click
 import pytest
+from tests.distributions import install
 
 from robomend.cli import commands
-from robomend.cli.commands import COMMANDS, cli, run
+from robomend.cli.commands import OTHERS, cli, run
 from robomend.errors import BoardTimeout
 
 
@@ -39,10 +41,27 @@ def test_every_command_of_this_installation_is_a_command() -> None:
 def test_a_command_that_is_not_installed_says_so(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(cli, "table", {**COMMANDS, "ghost": ("robomend.cli.ghost:command", "")})
+    monkeypatch.setitem(cli.registry.built_in, "ghost", "robomend.cli.ghost:command")
     assert "ghost" not in cli.list_commands(click.Context(cli))
     assert run(["ghost"]) == 2
     assert "error: `ghost` is not part of this installation" in capsys.readouterr().err
+
+
+def test_other_packages_add_commands_and_a_broken_one_spoils_no_help(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code = "import click\n@click.command()\ndef wave():\n    'Wave.'\n    click.echo('hello')\n"
+    points = {OTHERS: {"wave": "wave", "broken": "nothing", "serve": "wave"}}
+    monkeypatch.syspath_prepend(str(install(tmp_path, "waving", code, points)))
+    assert run(["wave"]) == 0
+    assert capsys.readouterr().out == "hello\n"
+    assert run(["--help"]) == 0
+    shown = capsys.readouterr().out
+    assert "wave      Wave." in shown
+    assert "broken    command 'broken' (waving:nothing) could not be loaded" in shown
+    assert "serve     Run the service." in shown
+    assert run(["broken"]) == 2
+    assert "could not be loaded" in capsys.readouterr().err
 
 
 def test_bad_input_exits_with_2_and_one_line(capsys: pytest.CaptureFixture[str]) -> None:

@@ -18,7 +18,7 @@ from robomend_client.agent.executors.kinds import ActionSpec, read_actions
 from robomend_client.agent.executors.program import Program
 from robomend_client.agent.executors.systemd import Units
 from robomend_client.agent.executors.usb import ResetUsb
-from robomend_client.agent.yaml_reader import ConfigError, read
+from robomend_client.yaml_reader import ConfigError, read
 
 SAY = [sys.executable, "-c", "import sys; print(*sys.argv[1:], sep='|')"]
 

@@ -99,7 +99,8 @@ def test_a_topic_that_falls_silent_is_told_with_its_evidence(service: ServiceDou
         quiet_ns = time.time_ns()
         talker.hush("scan")
         eventually(lambda: service.holds().get("ok(scan)") is False, "not ok(scan)")
-        first = said(service, "not ok(scan)")[0]
+        # On a busy machine the talker may have been silent before it was told to.
+        first = next(batch for batch in said(service, "not ok(scan)") if batch["time"] > quiet_ns)
         (since_ns,), (onset_ns,) = first["since"], first["onset"]
         assert first["time"] - since_ns == 350_000_000
         assert abs(onset_ns - quiet_ns) < 500_000_000
@@ -240,7 +241,7 @@ def test_a_live_run_and_the_replay_of_its_recording_say_the_same_at_the_same_tim
         service.settle = {"n": 3, "atoms": ["ok(odom)"]}
         eventually(lambda: any(batch.get("settled") == 3 for batch in service.batches()), "settled")
         process.send_signal(signal.SIGSTOP)
-        time.sleep(0.5)
+        time.sleep(0.5)  # so long nobody looks: a lapse in the recording
         process.send_signal(signal.SIGCONT)
         service.do("r:1", "stop_node", "laser")
         eventually(lambda: service.holds()["running(laser)"] is False, "not running(laser)")

@@ -270,7 +270,7 @@ def test_processes_that_are_kept_are_adopted_by_the_next_agent(
         process.send_signal(signal.SIGKILL)
         process.wait(20)
     first = pid_file(tmp_path, "pid")
-    time.sleep(0.2)
+    time.sleep(0.2)  # whatever was to end with the agent has ended
     assert alive(first)
     with agent(file):
         eventually(lambda: runs(service, "laser") is True, "running(laser), adopted")
@@ -315,7 +315,7 @@ def test_what_happens_while_the_service_is_away_is_told_in_order_when_it_is_back
         told = len(service.batches())
         for name in ("laser", "map"):
             os.kill(pid_file(tmp_path, name), signal.SIGKILL)
-            time.sleep(0.5)
+            time.sleep(0.5)  # two changes, not one
         service.up()
         eventually(lambda: runs(service, "map") is False, "not running(map)")
         eventually(lambda: len(service.batches()) >= told + 3, "the replay and a heartbeat")

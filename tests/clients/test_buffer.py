@@ -172,7 +172,7 @@ def test_what_was_appended_survives_kill_9_of_the_writer(tmp_path: Path) -> None
     writer = subprocess.Popen([sys.executable, "-c", WRITER, str(tmp_path)], stdout=subprocess.PIPE)
     assert writer.stdout is not None
     writer.stdout.readline()
-    time.sleep(0.1)
+    time.sleep(0.1)  # it is in the middle of its work
     writer.send_signal(signal.SIGKILL)
     said = [int(line) for line in writer.stdout.read().split(b"\n") if line]
     writer.wait()

@@ -48,7 +48,7 @@ def test_messages_reach_the_observers_and_those_who_asked(kind: str, tmp_path: P
     async def test(broker: Broker, heard: Heard) -> None:
         talker, listener = await connect(broker), await connect(broker)
         listener.subscribe("scan")
-        await asyncio.sleep(0.05)
+        await asyncio.sleep(0.05)  # nobody answers a subscription
         talker.publish("odom", 1)
         talker.publish("scan", {"ranges": [1, 2]})
         assert list(await asyncio.to_thread(lambda: list(listener.receive()))) == [
@@ -107,7 +107,7 @@ def test_a_subscriber_that_does_not_read_loses_messages_and_holds_up_nobody() ->
     async def test(broker: Broker, heard: Heard) -> None:
         sleeper, talker = await connect(broker), await connect(broker)
         sleeper.subscribe("scan")
-        await asyncio.sleep(0.05)
+        await asyncio.sleep(0.05)  # nobody answers a subscription
         for _ in range(200):
             await asyncio.to_thread(talker.publish, "scan", "x" * 60_000)
         await until(lambda: len(heard) == 200)
@@ -124,7 +124,7 @@ def test_one_client_too_many_is_turned_away(monkeypatch: pytest.MonkeyPatch) -> 
 
     async def test(broker: Broker, heard: Heard) -> None:
         buses = [await connect(broker) for _ in range(3)]
-        await asyncio.sleep(0.05)
+        await asyncio.sleep(0.05)  # nobody answers a connection
         with pytest.raises(BusGone):
             await asyncio.to_thread(lambda: list(buses[2].receive()))
         for bus in buses:

@@ -17,7 +17,7 @@ from robomend_client.agent.config import load
 from robomend_client.agent.feeds import FEEDS, MissingExtra, Samples, field_of
 from robomend_client.agent.main import main
 from robomend_client.agent.usage import Usage
-from robomend_client.agent.yaml_reader import ConfigError
+from robomend_client.yaml_reader import ConfigError
 
 TWIST = {"twist": {"angular": {"z": 0.5}}, "ranges": [1.0, 2.0]}
 

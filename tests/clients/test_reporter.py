@@ -18,6 +18,7 @@ from robomend_client.clock import Clock
 from robomend_client.literals import Atom, Literal
 from robomend_client.observers import Change, Verdict
 from robomend_client.outbox import AsyncOutbox
+from robomend_client.python310 import timeout
 from robomend_client.rest import AsyncClient
 
 SCAN, ODOM = Atom("ok", ("scan",)), Atom("ok", ("odom",))
@@ -143,7 +144,7 @@ def test_of_two_changes_at_one_time_the_last_counts(tmp_path: Path) -> None:
 @pytest.mark.parametrize("turns", range(6))
 def test_a_cancellation_that_comes_with_a_change_is_not_swallowed(tmp_path: Path, turns: int) -> None:
     async def test(seen: Seen, task: asyncio.Task[None], got: list[dict[str, Any]]) -> None:
-        await asyncio.sleep(0.05)
+        await asyncio.sleep(0.05)  # it waits for a change
         seen.say(good(SCAN, 50))
         for _ in range(turns):
             await asyncio.sleep(0)
@@ -200,7 +201,7 @@ def test_stamps_that_the_service_refuses_follow_the_computers_clock(
             reporter.report([good(SCAN, clock.ns)])
             task = asyncio.create_task(reporter.run())
             try:
-                async with asyncio.timeout(20):
+                async with timeout(20):
                     await until(lambda: outbox.refused)
                     clock.ns -= HOUR_NS
                     await until(lambda: right_ns <= stamped[-1] < right_ns + HOUR_NS // 60)

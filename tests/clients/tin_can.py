@@ -6,7 +6,7 @@ import asyncio
 from pathlib import Path
 
 from robomend_client.agent.feeds import Deliver
-from robomend_client.agent.yaml_reader import Section
+from robomend_client.yaml_reader import Section
 
 
 class TinCan:

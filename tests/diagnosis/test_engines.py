@@ -12,17 +12,17 @@ from hypothesis import strategies as st
 from tests.diagnosis.netlists import Circuit, circuit, fresh_solver_diagnoses, observed_circuits
 from tests.diagnosis.systems import brute_force, model, satisfiable, systems
 
-from robomend.diagnosis.engines import BUILT_IN, engine_names, make_engine
+from robomend.diagnosis.engines import ENGINES, make_engine
 from robomend.diagnosis.result import Minimal, Options
 from robomend.errors import ContradictoryModel, OptionRefused, UnknownComponent
 from robomend.model.cnf import HealthCnf
 from robomend_client.literals import Atom, Literal
 
-ENGINES = tuple(BUILT_IN)
+OURS = tuple(ENGINES.built_in)
 ALL = Options(limit=None, timeout_s=None)
 System = tuple[HealthCnf, frozenset[Literal]]
 
-engines = pytest.mark.parametrize("name", ENGINES)
+engines = pytest.mark.parametrize("name", OURS)
 
 
 @engines
@@ -286,7 +286,7 @@ def test_other_solvers_give_the_same(solver: str) -> None:
 
 
 def test_an_unknown_engine_is_refused_with_the_names_that_exist() -> None:
-    assert engine_names()[:4] == ("sat", "asp", "maxsat", "hs_dag")
+    assert ENGINES.names()[:4] == ("sat", "asp", "maxsat", "hs_dag")
     with pytest.raises(OptionRefused, match="sat, asp, maxsat, hs_dag"):
         make_engine("nosuch", circuit("c17").cnf)
 

@@ -7,11 +7,11 @@ from dataclasses import replace
 from robomend.diagnosis.explanations import (
     clear_suspects,
     explain_conflict,
-    explain_diagnosis,
+    explain_diagnoses,
     resolves,
     what_was_learned,
 )
-from robomend.diagnosis.result import Conflict, Diagnosis, DiagnosisResult
+from robomend.diagnosis.result import Conflict, Diagnosis
 from robomend.model.cnf import HealthCnf, Rule
 from robomend_client.literals import Atom, Literal, fails, holds
 
@@ -148,13 +148,23 @@ def test_a_diagnosis_resolves_the_conflicts_that_it_hits() -> None:
     assert resolves(("b",), conflicts) == (0, 1)
     assert resolves(("a", "c"), conflicts) == (0, 1)
     assert resolves(("c",), conflicts) == (1,)
-    assert explain_diagnosis(Diagnosis(("b",)), conflicts) == "b explains not ok(x) and not ok(y)"
-    assert explain_diagnosis(Diagnosis(("a", "c")), conflicts) == (
-        "a explains not ok(x); c explains not ok(y)"
-    )
-    assert explain_diagnosis(Diagnosis(()), []).startswith("nothing is wrong")
-    stuck = Diagnosis(("b",), modes={"b": "stuck"})
-    assert explain_diagnosis(stuck, conflicts).startswith("b (in mode stuck) explains")
+    diagnoses = [
+        Diagnosis(("b",)),
+        Diagnosis(("a", "c")),
+        Diagnosis(("b",), modes={"b": "stuck"}),
+        Diagnosis(("d",)),
+    ]
+    assert explain_diagnoses(diagnoses, conflicts) == [
+        "b explains not ok(x) and not ok(y)",
+        "a explains not ok(x); c explains not ok(y)",
+        "b (in mode stuck) explains not ok(x) and not ok(y)",
+        "d is needed by a conflict that was not listed",
+    ]
+    assert explain_diagnoses([Diagnosis(("b",))], [conflict("b")]) == [
+        "b resolves a conflict between the rules"
+    ]
+    (healthy,) = explain_diagnoses([Diagnosis(())], [])
+    assert healthy.startswith("nothing is wrong")
 
 
 def test_a_healthy_suspect_is_cleared_by_what_the_leading_diagnosis_explains() -> None:
@@ -169,12 +179,12 @@ def test_a_healthy_suspect_is_cleared_by_what_the_leading_diagnosis_explains() -
 
 
 def test_each_observation_says_what_it_taught() -> None:
-    conflicts = [conflict("a b", fails("ok", "x")), conflict("c", fails("ok", "x"), holds("ok", "y"))]
-    seen = [fails("ok", "x"), holds("ok", "y"), holds("on", "z")]
-    result = DiagnosisResult(("a", "b", "c"), (), True, None, tuple(conflicts), 0.0)
-    assert result.learned == {seen[0]: (0, 1), seen[1]: (1,)}
-    assert what_was_learned(conflicts, seen) == {
+    conflicts = [
+        conflict("a b", fails("ok", "x")),
+        conflict("c", fails("ok", "x"), holds("ok", "y")),
+        conflict("", holds("on", "z")),  # between suppositions: it raises no suspicion
+    ]
+    assert what_was_learned(conflicts) == {
         "not ok(x)": "one of a and b is abnormal and c is abnormal",
         "ok(y)": "c is abnormal",
-        "on(z)": "clashes with nothing that is taken to be healthy",
     }

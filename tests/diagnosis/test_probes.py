@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from itertools import product
 from math import log2
 
@@ -10,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.diagnosis.systems import brute_force, model, satisfiable, systems
 
-from robomend.diagnosis.probes import Prober, ProbeResult, Value, expected_gain, next_probes
+from robomend.diagnosis.probes import Prober, ProbeResult, Value, information
 from robomend.diagnosis.result import Diagnosis, DiagnosisResult, StoppedBy
 from robomend.errors import OptionRefused
 from robomend.model.cnf import HealthCnf
@@ -32,19 +33,18 @@ def answer(
 BOTH = answer(LASER, ("c1",), ("c2",))
 
 
+def next_probes(cnf: HealthCnf, seen: Iterable[Literal], result: DiagnosisResult) -> ProbeResult:
+    prober = Prober(cnf)
+    try:
+        return prober.probes(seen, result)
+    finally:
+        prober.close()
+
+
 def test_a_point_where_all_agree_tells_nothing_and_an_even_split_one_bit() -> None:
-    rows: list[list[Value]] = [[1, 1, 1], [1, 0, -1]]
-    assert expected_gain([0.5, 0.5], rows, [1.0, 1.0, 1.0]) == pytest.approx([0, 1, 0.311278])
-    assert expected_gain([0.5, 0.5], rows, [1.0, 4.0, 1.0])[1] == pytest.approx(0.25)
-
-
-def test_shapes_that_disagree_are_errors() -> None:
-    with pytest.raises(ValueError, match="one column"):
-        expected_gain([1.0], [[1]], [1.0, 1.0])
-    with pytest.raises(ValueError, match="sums to"):
-        expected_gain([0.5], [[1]], [1.0])
-    with pytest.raises(ValueError, match="no time"):
-        expected_gain([1.0], [[1]], [0.0])
+    assert information([0.5, 0.5], [1, 1]) == 0
+    assert information([0.5, 0.5], [1, 0]) == pytest.approx(1)
+    assert information([0.5, 0.5], [1, -1]) == pytest.approx(0.311278)
 
 
 def test_the_two_parts_of_a_sensor_are_told_apart_by_what_needs_only_one() -> None:
@@ -175,7 +175,7 @@ def entailed(cnf: HealthCnf, facts: list[tuple[int]], bad: tuple[str, ...], vari
 def test_the_gain_is_the_fall_of_entropy(rows: list[list[Value]], data: st.DataObject) -> None:
     raw = data.draw(st.lists(st.integers(1, 9), min_size=len(rows), max_size=len(rows)))
     weights = [value / sum(raw) for value in raw]
-    for point, gain in enumerate(expected_gain(weights, rows, [1.0] * 3)):
+    for point, column in enumerate(zip(*rows, strict=True)):
         after = 0.0
         for outcome in (0, 1):
             joint = [
@@ -184,7 +184,7 @@ def test_the_gain_is_the_fall_of_entropy(rows: list[list[Value]], data: st.DataO
             ]
             mass = sum(joint)
             after += mass * entropy([share / mass for share in joint]) if mass else 0.0
-        assert gain == pytest.approx(entropy(weights) - after, abs=1e-9)
+        assert information(weights, column) == pytest.approx(entropy(weights) - after, abs=1e-9)
 
 
 def entropy(shares: list[float]) -> float:

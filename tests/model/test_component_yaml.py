@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 
 from robomend.errors import ModelError
 from robomend.model.loading import load_model, load_text
-from robomend.model.yaml_tree import MAX_NESTING
 from robomend.resources import resource
 from robomend_client.literals import Atom
+from robomend_client.yaml_tree import MAX_NESTING
 
 FULL = """\
 robomend: 1
@@ -176,9 +176,14 @@ def test_files_that_cannot_be_read_are_refused(tmp_path_factory: pytest.TempPath
 
 @pytest.mark.parametrize("character", ["\0", "\x07", "\x7f", "\ufffe"])
 def test_a_character_that_yaml_never_takes_is_refused_with_its_line(character: str) -> None:
-    with pytest.raises(ModelError, match="not YAML: control characters are not allowed") as caught:
+    with pytest.raises(ModelError, match=r"not YAML: character #x[0-9a-f]+ is not allowed") as caught:
         load_text(f"robomend: 1\nname: a\u00e9\U0001f916\nnodes: [a{character}]\n")
     assert caught.value.line == 3
+
+
+def test_an_entry_with_nothing_behind_it_has_every_default() -> None:
+    text = "robomend: 1\nhardware:\n  imu: {}\nnodes:\n  driver: {drives: [imu]}\n  planner: {}\n"
+    assert load_text(text.replace(" {}", "")).parts == load_text(text).parts
 
 
 def test_json_is_read_as_well() -> None:

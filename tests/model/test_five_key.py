@@ -12,10 +12,10 @@ from robomend.model.cnf import HealthCnf, Rule
 from robomend.model.five_key import FiveKey, five_key_of, read_five_key, system_of, write_five_key
 from robomend.model.formulas import Leaf, Or
 from robomend.model.loading import load_model, load_text
-from robomend.model.yaml_tree import read_tree
 from robomend.observations.language import parse
 from robomend.resources import resource
 from robomend_client.literals import Atom, Literal, fails, holds
+from robomend_client.yaml_tree import read_tree
 
 RELEASED = """\
 ab: "AB"

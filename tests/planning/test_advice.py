@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from tests.planning.robots import ALL_OFF, POWER_UP, TEDUSAR
+from tests.planning.robots import TEDUSAR
 
 from robomend.diagnosis.probes import Probe, ProbeResult
 from robomend.diagnosis.result import Diagnosis, DiagnosisResult
-from robomend.planning.advice import Situation, layers, looks, plan_answer
+from robomend.planning.advice import Situation, looks
 from robomend.planning.choice import Attempt, Candidate
 from robomend.planning.domain.loading import shipped
 from robomend.planning.planning import PlanOptions, plan_for, plans_for
@@ -64,22 +64,3 @@ def test_probes_become_looks_in_the_order_of_the_candidates() -> None:
     (look,) = looks(found, candidates)
     assert look.predicted == (True, False, None)
     assert look.cost == 2.0
-
-
-def test_layers_are_what_can_start_together() -> None:
-    plan = plan_for(TEDUSAR, ALL_OFF, POWER_UP)
-    names = [{str(plan.steps[index]) for index in layer} for layer in layers(plan)]
-    assert {"power_up(jaguar)", "start_node(joy_node)"} <= names[0]
-    assert {"start_node(jaguar_node)", "start_node(jaguar_teleop_node)"} <= names[1]
-    assert names[2] == {"start_node(hector_mapping)"}
-
-
-def test_the_answer_is_json_and_says_what_else_could_be_done() -> None:
-    import json
-
-    situation = Situation(TEDUSAR, MUTE, result(*TIED))
-    plans = plans_for(TEDUSAR, MUTE, [one.bad for one in situation.wanted])
-    answer = json.loads(json.dumps(plan_answer(situation.decide(plans), TEDUSAR.components)))
-    assert [one["bad"] for one in answer["alternatives"]] == [["jaguar_node"], ["jaguar"]]
-    assert answer["alternatives"][1]["helps"] == 1.0
-    assert answer["plan"]["outcome"] == "solved"

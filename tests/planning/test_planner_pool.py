@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import asyncio
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from tests.distributions import install
 from tests.planning.robots import ALL_OFF, POWER_UP, TEDUSAR, texts
 
 from robomend.errors import DomainError, SolverError, WorkerDied
@@ -16,7 +16,9 @@ from robomend.planning.planner_pool import PlannerPool
 from robomend.planning.planning import PlanOptions
 from robomend_client.literals import fails
 
-PLANNERS = '''
+pytestmark = pytest.mark.slow
+
+CODE = '''
 import os, signal, time
 from robomend.errors import SolverError
 from robomend.planning.plan import Outcome
@@ -60,13 +62,8 @@ NAMES = ("Hangs", "Crashes", "Hogs", "Lies", "Refuses", "Backwards")
 @pytest.fixture(scope="module")
 def pool(tmp_path_factory: pytest.TempPathFactory) -> Iterator[PlannerPool]:
     """Worker processes that see a distribution with planners of a third party."""
-    folder = tmp_path_factory.mktemp("third_party")
-    (folder / "odd_planners.py").write_text(PLANNERS)
-    metadata = folder / "odd_planners-1.0.dist-info"
-    metadata.mkdir()
-    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: odd-planners\nVersion: 1.0\n")
-    lines = "\n".join(f"{name.lower()} = odd_planners:{name}" for name in NAMES)
-    (metadata / "entry_points.txt").write_text(f"[robomend.planners]\n{lines}\n")
+    points = {"robomend.planners": {name.lower(): name for name in NAMES}}
+    folder = install(tmp_path_factory.mktemp("third_party"), "odd_planners", CODE, points)
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(folder))
         planners = PlannerPool(size=1, spare=1)
@@ -79,7 +76,7 @@ def pool(tmp_path_factory: pytest.TempPathFactory) -> Iterator[PlannerPool]:
 
 def plan(pool: PlannerPool, planner: str, timeout_s: float = 20.0) -> list[str]:
     options = PlanOptions(planner=planner, timeout_s=timeout_s)
-    found = asyncio.run(pool.plan(TEDUSAR, [fails("on", "jaguar")], ["jaguar"], options))
+    found = pool.plans_now(TEDUSAR, [fails("on", "jaguar")], [["jaguar"]], options)[0]
     assert found.outcome is Outcome.SOLVED
     return texts(found)
 
@@ -102,10 +99,10 @@ def test_a_planner_that_hangs_is_killed_and_stood_in_for(pool: PlannerPool) -> N
 
 
 def test_without_time_left_the_answer_is_that_it_gave_up(pool: PlannerPool) -> None:
-    asyncio.run(pool.plan(TEDUSAR, ALL_OFF, POWER_UP, PlanOptions()))
+    pool.plans_now(TEDUSAR, ALL_OFF, [POWER_UP], PlanOptions())
     started = time.monotonic()
     options = PlanOptions(planner="hangs", timeout_s=0.05)
-    found = asyncio.run(pool.plan(TEDUSAR, ALL_OFF, POWER_UP, options))
+    found = pool.plans_now(TEDUSAR, ALL_OFF, [POWER_UP], options)[0]
     assert found.outcome is Outcome.GAVE_UP
     assert found.steps == ()
     assert time.monotonic() - started < 30

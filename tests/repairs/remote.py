@@ -91,6 +91,13 @@ class RemoteRobot(Robot):
             await client.observe("r1", self.sentences(), source="robot")
             self.acknowledged += 1
 
+    async def settled(self) -> None:
+        """Wait until the service has diagnosed the robot as it is now."""
+        await self.report()
+        client = self._next()
+        assert client is not None
+        await client.diagnosis("r1")
+
     async def report_for_ever(self) -> None:
         while True:
             await _whatever(self.report())
@@ -126,7 +133,7 @@ class RemoteRobot(Robot):
         if self.is_there(name, parameter):
             self.complaints.append(f"{action_id} {name}({parameter}) was there already")
         self._busy.add(parameter)
-        await asyncio.sleep(random.uniform(*self.acts_s))
+        await asyncio.sleep(random.uniform(*self.acts_s))  # an action takes time
         code = await self.spoil(self, name, parameter) if self.spoil else None
         if code is None:
             self.do(name, parameter)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import time
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
@@ -21,7 +22,7 @@ from robomend.repairs.repairs import Repairs, make_repairs
 from robomend.robots.batches import Batch
 from robomend.robots.robots import Robots
 from robomend.settings import Settings
-from robomend.store.interface import Store
+from robomend.store import Store
 
 MODEL = """
 robomend: 1
@@ -125,6 +126,11 @@ class Robot:
         if not self.silent:
             await self.robots.observe("r1", Batch(tuple(self.sentences()), source="test robot"))
 
+    async def settled(self) -> None:
+        """Wait until the service has diagnosed the robot as it is now."""
+        await self.report()
+        await self.robots.diagnosed("r1")
+
     async def report_for_ever(self) -> None:
         while True:
             await self.report()
@@ -181,6 +187,14 @@ async def running(robot: Robot) -> AsyncIterator[Robot]:
         for task in tasks:
             task.cancel()
         await asyncio.wait(tasks)
+
+
+async def nothing_begins(runtime: Runtime, for_s: float = 0.5) -> None:
+    """Look for a while that no repair begins. One begins within milliseconds of its diagnosis."""
+    end = time.monotonic() + for_s
+    while time.monotonic() < end:
+        assert list(await runtime.repairs.repairs("r1", before=None, limit=1)) == []
+        await asyncio.sleep(0.05)
 
 
 async def the_repair(runtime: Runtime, *, ended: bool = True, timeout_s: float = 60.0) -> dict[str, Any]:

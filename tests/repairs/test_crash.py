@@ -16,6 +16,7 @@ from typing import Any
 import pytest
 from tests.repairs.remote import RemoteRobot, ServiceProcess, awaits, ended, latest, remote_robot, services
 from tests.repairs.robot import Robot, with_recalibrate
+from tests.waiting import for_ever
 
 pytestmark = pytest.mark.anyio
 
@@ -44,7 +45,7 @@ async def test_a_power_up_survives_kill_9_at_random_moments(tmp_path: Path, long
         services(("--data", str(tmp_path))) as running,
         remote_robot(running, limits=limits) as robot,
     ):
-        await asyncio.sleep(0.3)
+        await robot.settled()
         everything_off(robot)
         last = (await power_up(robot, running, None))["id"]
         await robot.rest()
@@ -56,7 +57,7 @@ async def test_a_power_up_survives_kill_9_at_random_moments(tmp_path: Path, long
             await robot.rest()
             everything_off(robot)
             moment_s = draw.uniform(0, min(1.1 * takes_s, 3.0))
-            await asyncio.sleep(moment_s)
+            await asyncio.sleep(moment_s)  # a random moment
             await running[0].kill()
             await running[0].start()
             repair = await power_up(robot, running, last)
@@ -80,13 +81,13 @@ async def recalibrating(folder: Path) -> AsyncIterator[tuple[list[ServiceProcess
 
     async def slow(robot: Robot, name: str, parameter: str) -> int | None:
         begun.set()
-        await asyncio.sleep(60)
+        await for_ever()
         return None
 
     settings = ("--data", str(folder))
     async with services(settings) as running, remote_robot(running, **with_recalibrate()) as robot:
         robot.spoil = slow
-        await asyncio.sleep(0.3)
+        await robot.settled()
         robot.broken_topics.add("odom")
         async with asyncio.timeout(60):
             await begun.wait()
@@ -134,7 +135,7 @@ async def test_a_yes_that_was_given_before_the_crash_holds_after_it(tmp_path: Pa
         remote_robot(running, policy="approve") as robot,
     ):
         robot.acts_s = (0.4, 0.5)
-        await asyncio.sleep(0.3)
+        await robot.settled()
         everything_off(robot)
         asked = await latest(running, awaits)
         client = running[0].client
@@ -154,12 +155,12 @@ async def test_the_global_stop_holds_across_a_crash_and_what_it_ended_begins_ane
 
     async def slow(robot: Robot, name: str, parameter: str) -> int | None:
         begun.set()
-        await asyncio.sleep(0.5)
+        await asyncio.sleep(0.5)  # an action takes time
         return None
 
     async with services(("--data", str(tmp_path))) as running, remote_robot(running) as robot:
         robot.spoil = slow
-        await asyncio.sleep(0.3)
+        await robot.settled()
         everything_off(robot)
         async with asyncio.timeout(60):
             await begun.wait()
@@ -170,7 +171,7 @@ async def test_the_global_stop_holds_across_a_crash_and_what_it_ended_begins_ane
         await running[0].kill()
         await running[0].start()
         stopped = await latest(running, ended)
-        await asyncio.sleep(1.0)
+        await asyncio.sleep(1.0)  # time in which it could act
         assert len(robot.ids) == begun_before
         assert (stopped["state"], stopped["reason"]) == ("cancelled", "global stop: people on the floor")
         client = running[0].client

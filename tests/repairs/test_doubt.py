@@ -15,7 +15,9 @@ from typing import Any
 import pytest
 from tests.repairs.remote import awaits, ended, latest, remote_robot, services
 from tests.repairs.robot import CONFIG, Robot, robot_on, service, the_repair, with_recalibrate
+from tests.waiting import for_ever
 
+from robomend.store import agent_actions, audit
 from robomend_client.actions import UNREACHABLE
 
 pytestmark = pytest.mark.anyio
@@ -46,7 +48,7 @@ async def test_cancelled_under_way_it_is_asked_about_before_anything_is_planned_
     settings = ("--data", str(tmp_path))
     async with services(settings) as running, remote_robot(running, **with_recalibrate(30.0)) as robot:
         robot.spoil = habit
-        await asyncio.sleep(0.3)
+        await robot.settled()
         robot.broken_topics.add("odom")
         await habit.begun.wait()
         client = running[0].client
@@ -79,7 +81,7 @@ async def test_a_person_who_asks_for_a_repair_is_asked_back_and_cancelling_answe
     habit = AtIt()
     async with service(tmp_path) as runtime, robot_on(runtime, **with_recalibrate(30.0)) as robot:
         robot.spoil = habit
-        await asyncio.sleep(0.2)
+        await robot.settled()
         robot.broken_topics.add("odom")
         await habit.begun.wait()
         [under_way] = await runtime.repairs.repairs("r1", before=None, limit=1)
@@ -119,7 +121,7 @@ async def test_a_stop_that_cuts_off_a_webhook_leaves_the_question(tmp_path: Path
     config["actions"]["recalibrate"]["executor"] = hook
     try:
         async with service(tmp_path) as runtime, robot_on(runtime, **config) as robot:
-            await asyncio.sleep(0.2)
+            await robot.settled()
             robot.broken_topics.add("odom")
             await asyncio.to_thread(called.wait, 20)
             await runtime.repairs.stop(by="ann", reason="people on the floor")
@@ -140,17 +142,17 @@ async def test_what_no_agent_had_taken_is_no_question(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async def away(robot: Robot) -> None:
-        await asyncio.sleep(60)
+        await for_ever()
 
     monkeypatch.setattr(Robot, "act_for_ever", away)
     async with service(tmp_path) as runtime, robot_on(runtime, **with_recalibrate(30.0)) as robot:
-        await asyncio.sleep(0.2)
+        await robot.settled()
         robot.broken_topics.add("odom")
-        while not await runtime.store.read(lambda view: view.agent_actions("r1")):
+        while not await runtime.store.read(agent_actions.waiting, "r1"):
             await asyncio.sleep(0.01)
         await runtime.repairs.stop(by="ann", reason="careful")
         stopped = await the_repair(runtime)
-        page = await runtime.store.read(lambda view: view.audit(robot="r1"))
+        page = await runtime.store.read(audit.page, robot="r1")
     [outcome] = [entry for entry in page.items if entry.action == "action.result"]
     assert (outcome.subject, outcome.after) == ("recalibrate(base_node)", {"result": UNREACHABLE})
     assert stopped["reason"] == "global stop: careful"
@@ -160,11 +162,11 @@ async def test_no_answer_is_asked_about_although_the_service_is_killed_while_oth
     tmp_path: Path,
 ) -> None:
     async def hangs(robot: Robot, name: str, parameter: str) -> int | None:
-        await asyncio.sleep(60)
+        await for_ever()
         return None
 
     config = with_recalibrate(0.5)
-    config["actions"]["start_node"] = {**CONFIG["actions"]["start_node"], "timeout_s": 30.0}
+    config["actions"]["start_node"] = {**CONFIG["actions"]["start_node"], "timeout_s": 10.0}
     settings = ("--data", str(tmp_path))
 
     def gave_up(repair: dict[str, Any]) -> bool:
@@ -172,7 +174,7 @@ async def test_no_answer_is_asked_about_although_the_service_is_killed_while_oth
 
     async with services(settings) as running, remote_robot(running, **config) as robot:
         robot.spoil = hangs
-        await asyncio.sleep(0.3)
+        await robot.settled()
         robot.silent = True  # both faults in one report
         robot.broken_topics.add("odom")
         robot.running["mapping"] = False
@@ -191,12 +193,12 @@ async def test_what_must_not_be_repeated_stays_a_question_whatever_the_diagnosis
     tmp_path: Path,
 ) -> None:
     async def without_an_answer(robot: Robot, name: str, parameter: str) -> int | None:
-        await asyncio.sleep(1.0)
+        await asyncio.sleep(1.0)  # longer than its timeout
         return None
 
     async with service(tmp_path) as runtime, robot_on(runtime, **with_recalibrate(0.5)) as robot:
         robot.spoil = without_an_answer
-        await asyncio.sleep(0.2)
+        await robot.settled()
         robot.broken_topics.add("odom")
         asked = await the_repair(runtime, ended=False)
         assert asked["reason"] == (
@@ -205,7 +207,7 @@ async def test_what_must_not_be_repeated_stays_a_question_whatever_the_diagnosis
             "look at the robot, then approve to go on or cancel"
         )
         robot.cut("lidar")  # another diagnosis: no reason to begin anew
-        await asyncio.sleep(0.7)
+        await asyncio.sleep(0.7)  # time in which another could begin
         assert (await the_repair(runtime, ended=False))["id"] == asked["id"]
         await runtime.repairs.stop(by="ann", reason="careful")
         stopped = await the_repair(runtime)

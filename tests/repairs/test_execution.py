@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import pytest
 from tests.repairs.lidar_robot import CNF, POWER_LOST, Robot, run, setting, step
+from tests.waiting import for_ever
 
 from robomend.planning.plan import Step
 from robomend.planning.prediction import Prediction, Theory
@@ -25,7 +26,7 @@ async def test_stopping_sends_nothing_more_and_cuts_off_what_runs() -> None:
     async def stop_in_the_middle(robot: Robot, action: Action) -> ActionResult | None:
         if action.name == "stop_node":
             here.halt.set()
-            await asyncio.sleep(60)
+            await for_ever()
         return None
 
     robot.behave = stop_in_the_middle
@@ -102,7 +103,7 @@ async def test_an_action_cut_off_by_the_end_of_the_service_keeps_its_intent_open
 
     async def hangs(robot: Robot, action: Action) -> ActionResult | None:
         begun.set()
-        await asyncio.sleep(60)
+        await for_ever()
         return None
 
     robot.behave = hangs

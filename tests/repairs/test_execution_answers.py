@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import pytest
 from tests.repairs.lidar_robot import POWER_LOST, QUICK, Robot, run, setting, step
+from tests.waiting import for_ever
 
 from robomend.repairs.execution import execute
 from robomend.repairs.execution_values import Ending
@@ -71,7 +72,7 @@ async def test_an_unknown_outcome_is_told_even_if_another_step_failed_before_it(
 
     async def one_fails_one_is_silent(robot: Robot, action: Action) -> ActionResult | None:
         if action.name == "power_up":
-            await asyncio.sleep(0.1)
+            await asyncio.sleep(0.1)  # the other has failed by then
             return ActionResult(TIMED_OUT)
         return ActionResult(REFUSED, "not now")
 
@@ -84,7 +85,7 @@ async def test_a_hanging_executor_is_cut_off() -> None:
     robot = Robot()
 
     async def hangs(robot: Robot, action: Action) -> ActionResult | None:
-        await asyncio.sleep(60)
+        await for_ever()
         return None
 
     robot.behave = hangs

@@ -90,7 +90,7 @@ async def test_an_effect_that_flips_back_ends_the_plan() -> None:
     async def flips(robot: Robot, action: Action) -> ActionResult | None:
         if action.name == "stop_node":
             robot.see(ON, False)
-            await asyncio.sleep(0.3)
+            await asyncio.sleep(0.3)  # longer than hold_s
         return None
 
     robot.behave = flips
@@ -106,9 +106,9 @@ async def test_a_flutter_shorter_than_the_hold_time_is_no_mismatch() -> None:
     async def flutter(robot: Robot, action: Action) -> ActionResult | None:
         if action.name == "stop_node":
             robot.see(ON, False)
-            await asyncio.sleep(0.01)
+            await asyncio.sleep(0.01)  # shorter than hold_s
             robot.see(ON, True)
-            await asyncio.sleep(0.15)
+            await asyncio.sleep(0.15)  # longer than hold_s
         return None
 
     robot.behave = flutter

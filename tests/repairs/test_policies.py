@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
-from tests.repairs.robot import CONFIG, SHUT_DOWN, Robot, robot_on, service, the_repair
+from tests.repairs.robot import CONFIG, SHUT_DOWN, Robot, nothing_begins, robot_on, service, the_repair
 
 from robomend.errors import Refused, StateConflict
 
@@ -16,7 +16,7 @@ pytestmark = pytest.mark.anyio
 
 async def test_an_approval_counts_once_and_not_after_the_end(tmp_path: Path) -> None:
     async with service(tmp_path) as runtime, robot_on(runtime, policy="approve") as robot:
-        await asyncio.sleep(0.2)
+        await robot.settled()
         robot.cut("base")
         proposed = await the_repair(runtime, ended=False)
         await runtime.repairs.approve(proposed["id"], by="ann", reason="")
@@ -30,7 +30,7 @@ async def test_an_approval_counts_once_and_not_after_the_end(tmp_path: Path) -> 
 
 async def test_a_plan_that_waits_is_withdrawn_when_the_diagnosis_changes(tmp_path: Path) -> None:
     async with service(tmp_path) as runtime, robot_on(runtime, policy="approve") as robot:
-        await asyncio.sleep(0.2)
+        await robot.settled()
         robot.cut("base")
         proposed = await the_repair(runtime, ended=False)
         robot.do("power_up", "base")
@@ -46,7 +46,7 @@ async def test_a_plan_that_waits_is_withdrawn_when_the_diagnosis_changes(tmp_pat
 
 async def test_a_protected_component_is_not_shut_down(tmp_path: Path) -> None:
     async with service(tmp_path) as runtime, robot_on(runtime, protected=["base", "base_node"]) as robot:
-        await asyncio.sleep(0.2)
+        await robot.settled()
         robot.broken_topics.add("odom")
         repair = await the_repair(runtime)
     assert repair["state"] == "escalated"
@@ -55,10 +55,9 @@ async def test_a_protected_component_is_not_shut_down(tmp_path: Path) -> None:
 
 async def test_under_observe_nothing_is_ever_done(tmp_path: Path) -> None:
     async with service(tmp_path) as runtime, robot_on(runtime, policy="observe") as robot:
-        await asyncio.sleep(0.2)
+        await robot.settled()
         robot.cut("base")
-        await asyncio.sleep(0.7)
-        assert list(await runtime.repairs.repairs("r1", before=None, limit=1)) == []
+        await nothing_begins(runtime, 0.7)
         with pytest.raises(Refused, match="observe"):
             await runtime.repairs.create("r1", bad=None, by="bob", reason="")
         would = await runtime.repairs.plan("r1", bad=None, planner=None, timeout_s=5.0, pddl=True)
@@ -71,7 +70,7 @@ async def test_under_observe_nothing_is_ever_done(tmp_path: Path) -> None:
 async def test_a_plan_that_the_limit_would_cut_short_is_not_begun(tmp_path: Path) -> None:
     limits = {"attempts_per_hour": 1, "rounds": 6}
     async with service(tmp_path) as runtime, robot_on(runtime, limits=limits) as robot:
-        await asyncio.sleep(0.2)
+        await robot.settled()
         robot.cut("base")  # the driver must be stopped and started: two actions on it
         repair = await the_repair(runtime)
     assert repair["state"] == "escalated"
@@ -81,7 +80,7 @@ async def test_a_plan_that_the_limit_would_cut_short_is_not_begun(tmp_path: Path
 
 async def test_an_action_off_the_allow_list_is_not_done_and_said_so(tmp_path: Path) -> None:
     async with service(tmp_path) as runtime, robot_on(runtime, allow=["start_node", "stop_node"]) as robot:
-        await asyncio.sleep(0.2)
+        await robot.settled()
         robot.cut("base")
         repair = await the_repair(runtime)
     assert repair["state"] == "escalated"
@@ -95,7 +94,7 @@ async def test_an_action_off_the_allow_list_is_not_done_and_said_so(tmp_path: Pa
 async def test_one_action_that_needs_a_yes_makes_the_whole_plan_wait(tmp_path: Path) -> None:
     actions = {**CONFIG["actions"], "power_up": {**CONFIG["actions"]["power_up"], "policy": "approve"}}
     async with service(tmp_path) as runtime, robot_on(runtime, actions=actions) as robot:
-        await asyncio.sleep(0.2)
+        await robot.settled()
         robot.running["mapping"] = False
         assert (await the_repair(runtime))["state"] == "repaired"
         robot.cut("base")
@@ -108,10 +107,9 @@ async def test_outside_the_maintenance_windows_nothing_begins_by_itself(tmp_path
     now = datetime.now(UTC)
     closed = {"weekdays": [(now.weekday() + 3) % 7], "start": "00:00", "end": "23:59"}
     async with service(tmp_path) as runtime, robot_on(runtime, windows=[closed]) as robot:
-        await asyncio.sleep(0.2)
+        await robot.settled()
         robot.cut("base")
-        await asyncio.sleep(0.7)
-        assert list(await runtime.repairs.repairs("r1", before=None, limit=1)) == []
+        await nothing_begins(runtime, 0.7)
         await runtime.repairs.create("r1", bad=None, by="ann", reason="I am here")
         repair = await the_repair(runtime)
     assert repair["state"] == "repaired"
@@ -119,12 +117,11 @@ async def test_outside_the_maintenance_windows_nothing_begins_by_itself(tmp_path
 
 async def test_a_diagnosis_that_does_not_hold_begins_no_repair(tmp_path: Path) -> None:
     async with service(tmp_path) as runtime, robot_on(runtime, hold_s=1.0) as robot:
-        await asyncio.sleep(0.2)
+        await robot.settled()
         robot.running["mapping"] = False
-        await asyncio.sleep(0.3)
+        await robot.settled()
         robot.running["mapping"] = True
-        await asyncio.sleep(1.2)
-        assert list(await runtime.repairs.repairs("r1", before=None, limit=1)) == []
+        await nothing_begins(runtime, 1.2)
         robot.running["mapping"] = False
         repair = await the_repair(runtime)
     assert repair["state"] == "repaired"
@@ -132,31 +129,31 @@ async def test_a_diagnosis_that_does_not_hold_begins_no_repair(tmp_path: Path) -
 
 async def test_what_flaps_faster_than_the_debounce_is_not_repaired(tmp_path: Path) -> None:
     async with service(tmp_path) as runtime, robot_on(runtime, debounce_s=0.4) as robot:
-        await asyncio.sleep(0.6)
+        await asyncio.sleep(0.6)  # longer than the debounce
         robot.running["mapping"] = False
-        await asyncio.sleep(0.1)
+        await asyncio.sleep(0.1)  # shorter than the debounce
         robot.running["mapping"] = True
-        await asyncio.sleep(0.8)
-        assert list(await runtime.repairs.repairs("r1", before=None, limit=1)) == []
+        await nothing_begins(runtime, 0.8)
     assert robot.done == []
 
 
 async def test_after_the_policy_became_observe_the_running_repair_does_nothing_more(tmp_path: Path) -> None:
-    begun = asyncio.Event()
+    begun, forbidden = asyncio.Event(), asyncio.Event()
 
     async def slow(robot: Robot, name: str, parameter: str) -> int | None:
         begun.set()
-        await asyncio.sleep(0.5)
+        await forbidden.wait()
         return None
 
     async with service(tmp_path) as runtime, robot_on(runtime) as robot:
         robot.spoil = slow
-        await asyncio.sleep(0.2)
+        await robot.settled()
         robot.cut("base")
         await begun.wait()
         etag = (await runtime.robots.robot("r1")).stored.etag
         watched = {**CONFIG, "policy": "observe"}
         await runtime.robots.put_robot("r1", watched, expected=etag, by="ann")
+        forbidden.set()
         repair = await the_repair(runtime)
     assert repair["state"] == "escalated"
     assert "the policy for 'stop_node' is 'observe'" in repair["reason"]

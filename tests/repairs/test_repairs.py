@@ -7,13 +7,16 @@ from pathlib import Path
 
 import pytest
 from tests.repairs.robot import CONFIG, SHUT_DOWN, Robot, robot_on, running, service, the_repair
+from tests.waiting import for_ever
+
+from robomend.store import attempts, audit
 
 pytestmark = pytest.mark.anyio
 
 
 async def test_a_device_that_lost_power_is_repaired_in_one_plan(tmp_path: Path) -> None:
     async with service(tmp_path) as runtime, robot_on(runtime) as robot:
-        await asyncio.sleep(0.2)
+        await robot.settled()
         robot.cut("base")
         repair = await the_repair(runtime)
     assert repair["state"] == "repaired"
@@ -81,7 +84,7 @@ async def test_everything_off_is_powered_up_in_one_plan(tmp_path: Path) -> None:
 async def test_the_paper_s_domain_needs_two_rounds_and_never_cycles_power(tmp_path: Path) -> None:
     paper = (Path(__file__).parents[2] / "pddl" / "paper-repair.pddl").read_text()
     async with service(tmp_path) as runtime, robot_on(runtime, domain=paper) as robot:
-        await asyncio.sleep(0.2)
+        await robot.settled()
         robot.cut("base")
         repair = await the_repair(runtime)
     assert repair["state"] == "repaired"
@@ -95,7 +98,7 @@ async def test_a_stuck_relay_ends_with_a_person_told_the_cause(tmp_path: Path) -
 
     async with service(tmp_path) as runtime, robot_on(runtime) as robot:
         robot.spoil = stuck
-        await asyncio.sleep(0.2)
+        await robot.settled()
         robot.cut("base")
         repair = await the_repair(runtime)
         quarantined = await runtime.repairs.quarantined("r1")
@@ -117,7 +120,7 @@ async def test_a_released_component_is_tried_again(tmp_path: Path) -> None:
 
     async with service(tmp_path) as runtime, robot_on(runtime) as robot:
         robot.spoil = relay
-        await asyncio.sleep(0.2)
+        await robot.settled()
         robot.cut("base")
         first = await the_repair(runtime)
         stuck = False
@@ -134,7 +137,7 @@ async def test_a_release_counts_although_the_service_ended_before_the_next_try(t
 
     async with service(tmp_path) as runtime, robot_on(runtime) as robot:
         robot.spoil = stuck
-        await asyncio.sleep(0.2)
+        await robot.settled()
         robot.cut("base")
         first = await the_repair(runtime)
         assert first["state"] == "escalated"
@@ -143,9 +146,9 @@ async def test_a_release_counts_although_the_service_ended_before_the_next_try(t
         await asyncio.sleep(0.2)  # the release has reached the loop
     async with (
         service(tmp_path) as runtime,
-        running(Robot(runtime.repairs, runtime.robots, on=robot.on, connected=robot.connected)),
+        running(Robot(runtime.repairs, runtime.robots, on=robot.on, connected=robot.connected)) as robot,
     ):
-        await asyncio.sleep(0.5)
+        await robot.settled()
         await runtime.repairs.resume(by="ann", reason="done")
         while (second := await the_repair(runtime))["id"] == first["id"]:
             await asyncio.sleep(0.02)
@@ -158,7 +161,7 @@ async def test_a_node_that_dies_at_its_start_is_escalated_by_name(tmp_path: Path
 
     async with service(tmp_path) as runtime, robot_on(runtime) as robot:
         robot.spoil = dies
-        await asyncio.sleep(0.2)
+        await robot.settled()
         robot.running["mapping"] = False
         repair = await the_repair(runtime)
     assert repair["state"] == "escalated"
@@ -177,7 +180,7 @@ async def test_a_node_that_runs_and_soon_dies_again_is_not_restarted_for_ever(tm
     limits = {"attempts_per_hour": 6, "rounds": 6}
     async with service(tmp_path) as runtime, robot_on(runtime, limits=limits) as robot:
         robot.spoil = dies_soon
-        await asyncio.sleep(0.2)
+        await robot.settled()
         robot.running["mapping"] = False
         async with asyncio.timeout(100):
             while (repair := await the_repair(runtime))["state"] != "escalated":
@@ -202,7 +205,7 @@ async def test_a_late_effect_is_waited_for(tmp_path: Path) -> None:
 
     async with service(tmp_path) as runtime, robot_on(runtime) as robot:
         robot.spoil = late
-        await asyncio.sleep(0.2)
+        await robot.settled()
         robot.cut("base")
         repair = await the_repair(runtime)
     assert repair["state"] == "repaired"
@@ -219,13 +222,13 @@ async def test_an_effect_that_flips_back_once_is_repaired_by_another_round(tmp_p
             robot.do(name, parameter)
             robot.cut("base")
             await robot.report()
-            await asyncio.sleep(1.5)
+            await asyncio.sleep(1.5)  # longer than an effect is waited for
             return 0
         return None
 
     async with service(tmp_path) as runtime, robot_on(runtime) as robot:
         robot.spoil = flipping
-        await asyncio.sleep(0.2)
+        await robot.settled()
         robot.cut("base")
         repair = await the_repair(runtime)
     assert repair["state"] == "repaired"
@@ -235,13 +238,13 @@ async def test_an_effect_that_flips_back_once_is_repaired_by_another_round(tmp_p
 
 async def test_an_agent_that_is_gone_is_escalated_as_the_cause(tmp_path: Path) -> None:
     async def hangs(robot: Robot, name: str, parameter: str) -> int | None:
-        await asyncio.sleep(60)
+        await for_ever()
         return None
 
     actions = {name: {**CONFIG["actions"][name], "timeout_s": 0.6} for name in CONFIG["actions"]}
     async with service(tmp_path) as runtime, robot_on(runtime, actions=actions) as robot:
         robot.spoil = hangs
-        await asyncio.sleep(0.2)
+        await robot.settled()
         robot.running["mapping"] = False
         repair = await the_repair(runtime, timeout_s=60)
     assert repair["state"] == "escalated"
@@ -279,11 +282,11 @@ async def test_observers_that_fall_silent_under_way_are_named_and_not_the_compon
 
     async with service(tmp_path) as runtime, robot_on(runtime, observed_timeout_s=2.0) as robot:
         robot.spoil = silences
-        await asyncio.sleep(0.2)
+        await robot.settled()
         robot.cut("base")
         repair = await the_repair(runtime)
         quarantined = await runtime.repairs.quarantined("r1")
-        attempts = await runtime.store.read(lambda view: view.tried("r1"))
+        tried = await runtime.store.read(attempts.tried, "r1")
     assert repair["state"] == "escalated"
     assert repair["reason"] == (
         "power_up(base) answered 'done', but on(base) was not seen within 1 s, and nobody reported on(base) "
@@ -291,12 +294,12 @@ async def test_observers_that_fall_silent_under_way_are_named_and_not_the_compon
     )
     assert [one["ending"] for one in repair["rounds"]] == ["stale"]
     assert robot.done == ["power_up(base)"]
-    assert (quarantined, attempts) == ({}, ())
+    assert (quarantined, tried) == ({}, ())
 
 
 async def test_the_wrong_component_repaired_first_is_followed_by_the_right_one(tmp_path: Path) -> None:
     async with service(tmp_path) as runtime, robot_on(runtime) as robot:
-        await asyncio.sleep(0.2)
+        await robot.settled()
         robot.broken_topics.add("odom")  # until the device is power-cycled
 
         async def device_fault(robot: Robot, name: str, parameter: str) -> int | None:
@@ -313,10 +316,10 @@ async def test_the_wrong_component_repaired_first_is_followed_by_the_right_one(t
 
 async def test_every_action_is_in_the_audit_log_with_its_cause(tmp_path: Path) -> None:
     async with service(tmp_path) as runtime, robot_on(runtime) as robot:
-        await asyncio.sleep(0.2)
+        await robot.settled()
         robot.cut("base")
         await the_repair(runtime)
-        page = await runtime.store.read(lambda view: view.audit(robot="r1"))
+        page = await runtime.store.read(audit.page, robot="r1")
     sent = [entry for entry in page.items if entry.action == "action.sent"]
     assert [entry.subject for entry in reversed(sent)] == SHUT_DOWN
     assert all("base should be on" in entry.reason for entry in sent)
@@ -326,7 +329,7 @@ async def test_a_fault_of_our_own_ends_the_repair_and_not_the_loop(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async with service(tmp_path) as runtime, robot_on(runtime) as robot:
-        await asyncio.sleep(0.2)
+        await robot.settled()
         with monkeypatch.context() as broken:
             broken.setattr("robomend.repairs.live_repair.Prediction", lambda *_: 1 / 0)
             robot.cut("base")
@@ -341,11 +344,11 @@ async def test_a_fault_of_our_own_ends_the_repair_and_not_the_loop(
 
 async def test_a_robot_that_is_deleted_and_created_again_is_kept_again(tmp_path: Path) -> None:
     async with service(tmp_path) as runtime:
-        async with robot_on(runtime):
-            await asyncio.sleep(0.3)
+        async with robot_on(runtime) as robot:
+            await robot.settled()
         etag = (await runtime.robots.robot("r1")).stored.etag
         await runtime.robots.delete_robot("r1", expected=etag, by="ann")
-        await asyncio.sleep(0.3)
+        await asyncio.sleep(0.3)  # whatever kept it has ended
         async with robot_on(runtime) as robot:
             robot.cut("base")
             repair = await the_repair(runtime)

@@ -8,10 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.repairs.robot import CONFIG, Robot, robot_on, service, the_repair
+from tests.repairs.robot import CONFIG, Robot, nothing_begins, robot_on, service, the_repair
+from tests.waiting import for_ever
 
 from robomend.api.runtime import Runtime
 from robomend.errors import Refused
+from robomend.store import audit
 
 pytestmark = pytest.mark.anyio
 
@@ -35,12 +37,12 @@ async def test_cancelling_cuts_off_a_running_action_within_a_second(tmp_path: Pa
 
     async def hangs(robot: Robot, name: str, parameter: str) -> int | None:
         begun.set()
-        await asyncio.sleep(60)
+        await for_ever()
         return None
 
     async with service(tmp_path) as runtime, robot_on(runtime) as robot:
         robot.spoil = hangs
-        await asyncio.sleep(0.2)
+        await robot.settled()
         robot.cut("base")
         await begun.wait()
         [running] = await runtime.repairs.repairs("r1", before=None, limit=1)
@@ -52,11 +54,10 @@ async def test_cancelling_cuts_off_a_running_action_within_a_second(tmp_path: Pa
 
 async def test_the_global_stop_ends_repairs_and_keeps_new_ones_from_beginning(tmp_path: Path) -> None:
     async with service(tmp_path) as runtime, robot_on(runtime) as robot:
-        await asyncio.sleep(0.2)
+        await robot.settled()
         await runtime.repairs.stop(by="ann", reason="people on the floor")
         robot.cut("base")
-        await asyncio.sleep(0.7)
-        assert list(await runtime.repairs.repairs("r1", before=None, limit=1)) == []
+        await nothing_begins(runtime, 0.7)
         with pytest.raises(Refused, match="people on the floor"):
             await runtime.repairs.create("r1", bad=None, by="bob", reason="")
         await runtime.repairs.resume(by="ann", reason="all clear")
@@ -69,14 +70,14 @@ async def test_the_stop_survives_a_restart(tmp_path: Path) -> None:
         await runtime.repairs.stop(by="ann", reason="people on the floor")
     async with service(tmp_path) as runtime, robot_on(runtime) as robot:
         robot.cut("base")
-        await asyncio.sleep(1.0)
+        await nothing_begins(runtime)
         assert (await runtime.repairs.stopped())["active"]
     assert robot.done == []
 
 
 async def audit_of(runtime: Runtime) -> list[str]:
     """Return what was done to whom, oldest first: the order is that of the writes."""
-    page = await runtime.store.read(lambda view: view.audit())
+    page = await runtime.store.read(audit.page)
     return [entry.action for entry in reversed(page.items)]
 
 
@@ -96,13 +97,12 @@ async def test_no_action_follows_a_request_to_end_the_repair(tmp_path: Path, hal
     async def takes_time(robot: Robot, name: str, parameter: str) -> int | None:
         if len(robot.ids) >= action:
             reached.set()
-        # Long enough that the repair is still open when the request comes.
-        await asyncio.sleep(3.0 if reached.is_set() else 0.05)
+        await asyncio.sleep(3.0 if reached.is_set() else 0.05)  # it is still open when the request comes
         return None
 
     async with service(tmp_path) as runtime, robot_on(runtime) as robot:
         robot.spoil = takes_time
-        await asyncio.sleep(0.2)
+        await robot.settled()
         robot.on = dict.fromkeys(robot.on, False)
         robot.running = dict.fromkeys(robot.running, False)
         robot.connected = dict.fromkeys(robot.connected, False)
@@ -127,7 +127,7 @@ async def test_a_repair_that_waits_for_an_effect_ends_at_once(tmp_path: Path, ha
     actions = {name: {**one, "effect_timeout_s": 600.0} for name, one in CONFIG["actions"].items()}
     async with service(tmp_path) as runtime, robot_on(runtime, actions=actions) as robot:
         robot.spoil = without_effect
-        await asyncio.sleep(0.2)
+        await robot.settled()
         robot.running["mapping"] = False
         while "action.result" not in await audit_of(runtime):
             await asyncio.sleep(0.02)
@@ -154,7 +154,7 @@ async def test_a_repair_whose_planner_never_ends_ends_at_once(
 
     monkeypatch.setattr("robomend.repairs.choosing.Chooser.choose", hangs)
     async with service(tmp_path) as runtime, robot_on(runtime) as robot:
-        await asyncio.sleep(0.2)
+        await robot.settled()
         robot.cut("base")
         await planning.wait()
         [open_one] = await runtime.repairs.repairs("r1", before=None, limit=1)

@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 from tests.repairs.remote import ServiceProcess, ended, latest, remote_robot, services
 from tests.repairs.robot import Robot
+from tests.store.examples import owner
+from tests.waiting import for_ever
 
 from robomend_client.rest.errors import Forbidden
 
@@ -25,19 +27,17 @@ def database(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[str, ...]:
     return ("--data", str(tmp_path), "--database", str(request.getfixturevalue("postgres_url")))
 
 
-async def owner_of(running: list[ServiceProcess], database: tuple[str, ...]) -> ServiceProcess:
-    """Return the service that carries out the robot's repairs."""
+async def owner_of(running: list[ServiceProcess], database: tuple[str, ...]) -> ServiceProcess | None:
+    """Return the service that carries out the robot's repairs; None while nobody living does."""
     from robomend.api.runtime import opened_store
     from robomend.settings import Settings
 
     values = dict(zip(("data", "database"), database[1::2], strict=False))
     async with opened_store(Settings.model_validate(values)) as store:
-        owner = await store.read(lambda view: view.owner("r1"))
-        instances = await store.read(lambda view: view.instances())
-    assert owner is not None
-    [pid] = [instance.pid for instance in instances if instance.id == owner.instance]
-    [found] = [one for one in running if one.process is not None and one.process.pid == pid]
-    return found
+        instance, _ = await store.read(owner, "r1")
+        instances = await store.ownership.instances()
+    pids = {one.pid for one in instances if one.id == instance}
+    return next((one for one in running if one.process is not None and one.process.pid in pids), None)
 
 
 async def test_the_other_instance_takes_over_a_repair_and_finishes_it(database: tuple[str, ...]) -> None:
@@ -45,18 +45,19 @@ async def test_the_other_instance_takes_over_a_repair_and_finishes_it(database: 
 
     async def slow(robot: Robot, name: str, parameter: str) -> int | None:
         begun.set()
-        await asyncio.sleep(0.3)
+        await asyncio.sleep(0.3)  # an action takes time
         return None
 
     async with services(database, database) as running, remote_robot(running) as robot:
         robot.spoil = slow
-        await asyncio.sleep(0.5)
+        await robot.settled()
         robot.on = dict.fromkeys(robot.on, False)
         robot.running = dict.fromkeys(robot.running, False)
         robot.connected = dict.fromkeys(robot.connected, False)
         async with asyncio.timeout(20):
             await begun.wait()
         victim = await owner_of(running, database)
+        assert victim is not None
         [other] = [service for service in running if service is not victim]
         client = other.client
         assert client is not None
@@ -85,12 +86,12 @@ async def test_a_cancellation_reaches_the_owner_through_the_other_instance(datab
 
     async def hangs(robot: Robot, name: str, parameter: str) -> int | None:
         begun.set()
-        await asyncio.sleep(60)
+        await for_ever()
         return None
 
     async with services(database, database) as running, remote_robot(running) as robot:
         robot.spoil = hangs
-        await asyncio.sleep(0.5)
+        await robot.settled()
         robot.cut("base")
         async with asyncio.timeout(20):
             await begun.wait()
@@ -109,16 +110,17 @@ async def test_the_owner_sends_nothing_after_the_other_instance_was_asked_to_end
     database: tuple[str, ...], way: str
 ) -> None:
     """The audit log is in the order of the writes: no intent comes after the request."""
-    second = asyncio.Event()
+    second, asked = asyncio.Event(), asyncio.Event()
 
     async def takes_time(robot: Robot, name: str, parameter: str) -> int | None:
         if len(robot.ids) > 1:
             second.set()
+            await asked.wait()
         return None
 
     async with services(database, database) as running, remote_robot(running) as robot:
         robot.spoil = takes_time
-        await asyncio.sleep(0.5)
+        await robot.settled()
         robot.on = dict.fromkeys(robot.on, False)
         robot.running = dict.fromkeys(robot.running, False)
         robot.connected = dict.fromkeys(robot.connected, False)
@@ -133,6 +135,7 @@ async def test_the_owner_sends_nothing_after_the_other_instance_was_asked_to_end
             await client.stop("I see smoke")
         else:
             await client.cancel(open_one["id"], "I see smoke")
+        asked.set()
         repair = await latest([other], ended)
         await robot.rest()
         audit = await client.audit(limit=500)

@@ -17,8 +17,10 @@ from typing import Any
 import pytest
 from tests.repairs.robot import CONFIG, Robot, running, service, the_repair
 from tests.robomend_board.processes import running as emulator
+from tests.waiting import eventually
 
 from robomend.api.runtime import Runtime
+from robomend.store import attempts
 
 pytestmark = pytest.mark.anyio
 
@@ -71,6 +73,10 @@ class ScannerRobot(Robot):
         facts = {f"running({node})": runs for node, runs in self.running.items()}
         facts |= {"ok(scan)": scan, "ok(map)": scan and self.running["mapping"]}
         return [fact if value else f"not {fact}" for fact, value in facts.items()]
+
+    async def settled(self) -> None:
+        await eventually(lambda: self.powered, "the power of its devices")
+        await super().settled()
 
     async def report_for_ever(self) -> None:
         """Follow the power as a device does, and report."""
@@ -139,7 +145,7 @@ async def test_a_scanner_that_a_power_cycle_does_not_bring_back_is_replaced_by_i
             service(tmp_path, programs=programs) as runtime,
             scanners(runtime, board, chosen) as robot,
         ):
-            await asyncio.sleep(0.5)
+            await robot.settled()
             await fault(board.control_port, "open")
             repair = await the_repair(runtime, timeout_s=60)
     done = [
@@ -190,19 +196,19 @@ async def test_a_bus_is_reset_by_a_program_of_the_service_s_own_settings(tmp_pat
         robot = Inertial(runtime.repairs, runtime.robots, running={"imu_node": True})
         async with running(robot):
             repair = await the_repair(runtime)
-            attempts = await runtime.store.read(lambda view: view.attempts("r1", 0))
+            counted = await runtime.store.read(attempts.counted, "r1", 0)
     assert repair["state"] == "repaired", repair["reason"]
     assert log.read_text() == "usb1\n"
-    assert set(attempts) == {"imu_node"}  # the bus is no component of the model
+    assert set(counted) == {"imu_node"}  # the bus is no component of the model
 
 
 async def test_a_program_that_the_settings_do_not_name_is_refused_by_name(tmp_path: Path) -> None:
     with emulator("--on", "3,4") as board:
         async with (
             service(tmp_path) as runtime,
-            scanners(runtime, board, tmp_path / "chosen"),
+            scanners(runtime, board, tmp_path / "chosen") as robot,
         ):
-            await asyncio.sleep(0.5)
+            await robot.settled()
             await fault(board.control_port, "open")
             repair = await the_repair(runtime)
     assert repair["state"] == "failed"

@@ -149,7 +149,7 @@ def test_ctrl_c_at_any_moment_leaves_nothing_behind(tmp_path: Path, request: pyt
     for number in range(moments):
         after_s = draw.uniform(0.3, 9.0)
         with playing(tmp_path / str(number)) as demo:
-            time.sleep(after_s)
+            time.sleep(after_s)  # a random moment
             demo.process.send_signal(signal.SIGINT)
             assert demo.process.wait(END_S) in {130, 0}, (after_s, demo.said())
             assert "Traceback" not in demo.said(), (after_s, demo.said())

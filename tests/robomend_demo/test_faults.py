@@ -163,7 +163,7 @@ def test_planners_that_hang_are_killed_and_fresh_ones_plan(service: Service) -> 
 def _idle(pids: list[int]) -> bool:
     """Whether these are at least two processes that did nothing for half a second."""
     before = list(map(_ticks, pids))
-    time.sleep(0.5)
+    time.sleep(0.5)  # processor time is counted over it
     return len(pids) >= 2 and list(map(_ticks, pids)) == before
 
 

@@ -20,10 +20,16 @@ from tests.robomend_demo.test_devices import devices
 from robomend.model.components import ComponentModel
 from robomend.model.loading import load_model
 from robomend_client.agent.config import load
-from robomend_demo.robot import agent_config, devices_config, nodes_config, observed_by_agent
+from robomend_demo.robot import agent_config, devices_config, nodes_config
 
 TEDUSAR = Path(__file__).parents[2] / "examples" / "tedusar.yaml"
 SWITCHED = {"laser_alignment": 1, "hokuyo": 3, "jaguar": 7}
+
+
+def observed_by_agent(model: ComponentModel) -> list[str]:
+    """Return what the agent will report."""
+    topics = sorted({topic for node in model.nodes.values() for topic in node.publishes})
+    return [*(f"ok({topic})" for topic in topics), *(f"running({node})" for node in model.nodes)]
 
 
 @dataclass

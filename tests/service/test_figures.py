@@ -9,7 +9,7 @@ from pathlib import Path
 import httpx
 import pytest
 from tests.api.test_process import served
-from tests.service.test_workers import until
+from tests.waiting import until
 
 from robomend.figures import HEADER, PLACE_BYTES, SharedFigures, added, shared_file
 from robomend.metrics import Metrics

@@ -27,7 +27,7 @@ def test_who_waits_for_observations_hears_of_those_of_another_instance(start: St
         return await LiveSight(robots, state).changed(1, 20.0)
 
     waiting: Future[int] = asyncio.run_coroutine_threadsafe(wait(), two.loop)
-    time.sleep(0.2)
+    time.sleep(0.2)  # it waits by then
     began = time.monotonic()
     one.observe("not ok(scan)")
     assert waiting.result(20) == 2

@@ -13,8 +13,7 @@ from tests.postgres import postgres_server as postgres_server  # fixtures
 from tests.postgres import postgres_url as postgres_url
 from tests.store.test_kill import whole_history
 
-from robomend.store import open_store
-from robomend.store.interface import View
+from robomend.store import Store, View, events, observations
 from robomend_bench.service.process import Served, model_text, start
 from robomend_bench.service.wire import ServiceGone, connect, request
 
@@ -56,7 +55,7 @@ async def load(service: Served, round_: int, after_s: float) -> list[tuple[str, 
             acknowledged.append((robot, marker))
 
     writers = asyncio.gather(*map(write, range(WRITERS)))
-    await asyncio.sleep(after_s)
+    await asyncio.sleep(after_s)  # a random moment
     service.process.kill()
     async with asyncio.timeout(30):
         await writers
@@ -68,19 +67,19 @@ def check(db: View, acknowledged: list[tuple[str, str]]) -> int:
     found: list[tuple[str, str]] = []
     for robot in ROBOTS:
         batches = whole_history(db, robot)
-        assert [batch.revision for batch in batches] == list(range(1, db.revision(robot) + 1))
+        assert [batch.revision for batch in batches] == list(range(1, observations.revision(db, robot) + 1))
         found += [(robot, batch.entries[0].source) for batch in batches]
     assert len(set(found)) == len(found)
     assert set(acknowledged) <= set(found)
-    kept = db.event_range()
-    events = sum(1 for event in range(kept.oldest, kept.newest + 1, 500) for _ in db.events(event - 1))
-    assert events == kept.newest - kept.oldest + 1  # without gaps
+    kept = events.kept(db)
+    count = sum(1 for first in range(kept.oldest, kept.newest + 1, 500) for _ in events.after(db, first - 1))
+    assert count == kept.newest - kept.oldest + 1  # without gaps
     return len(found)
 
 
 async def look(url: str, acknowledged: list[tuple[str, str]]) -> int:
     """Look into the database as the next process would."""
-    store = open_store(url)
+    store = Store(url)
     await store.start()
     try:
         return await store.read(lambda db: check(db, acknowledged))

@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 from tests.postgres import postgres_server, postgres_url
 
-from robomend.store import open_store
-from robomend.store.interface import Store
+from robomend.store import Store
 
 __all__ = ["postgres_server", "postgres_url"]  # fixtures
 
@@ -25,7 +24,7 @@ def url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
 @pytest.fixture
 async def store(url: str) -> AsyncIterator[Store]:
     """A started store in an empty database."""
-    store = open_store(url)
+    store = Store(url)
     await store.start()
     yield store
     await store.close()
@@ -34,7 +33,7 @@ async def store(url: str) -> AsyncIterator[Store]:
 @pytest.fixture
 async def second(url: str, store: Store) -> AsyncIterator[Store]:
     """Another instance on the same database."""
-    second = open_store(url)
+    second = Store(url)
     await second.start()
     yield second
     await second.close()

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from robomend.store.interface import Store, Transaction
-from robomend.store.records import Entry
+from sqlalchemy import select
+
+from robomend.store import Store, Transaction, View, journal, models, observations, robots, schema
+from robomend.store.records import Entry, Intent
 from robomend_client.events import Kind
 from robomend_client.literals import Atom
 
@@ -22,14 +24,28 @@ def entry(
     return Entry(Atom("ok", (name,)), positive, source, time_ns, expires_ns)
 
 
-async def with_robots(store: Store, *robots: str) -> None:
+def intents(view: View, repair: str) -> tuple[Intent, ...]:
+    """Return the journal of a repair."""
+    table = schema.journal
+    rows = view.rows(select(table.c.id).where(table.c.repair == repair).order_by(table.c.number))
+    return tuple(journal.get(view, row.id) for row in rows)
+
+
+def owner(view: View, robot: str) -> tuple[str | None, int]:
+    """Return the instance that owned the robot last, None if it let it go, and its fencing number."""
+    table = schema.robot_state
+    row = view.one(select(table).where(table.c.robot == robot), "state")
+    return row.owner, row.fence
+
+
+async def with_robots(store: Store, *names: str) -> None:
     """Add a model and robots that follow it."""
 
     def add(tx: Transaction) -> None:
-        if not tx.models().items:
-            tx.put_model("tedusar", "robomend: 1", format="component", by="test", expected=None)
-        for robot in robots:
-            tx.put_robot(robot, {"model": "tedusar"}, expected=None)
+        if not models.page(tx).items:
+            models.put(tx, "tedusar", "robomend: 1", format="component", by="test", expected=None)
+        for robot in names:
+            robots.put(tx, robot, {"model": "tedusar"}, expected=None)
 
     await store.write(add)
 
@@ -38,7 +54,7 @@ async def observe(store: Store, robot: str, *entries: Entry, expected: int | Non
     """Accept a batch, with its event, and return the revision."""
 
     def accept(tx: Transaction) -> int:
-        revision = tx.observe(robot, accepted=entries, changed=entries, expected=expected)
+        revision = observations.observe(tx, robot, accepted=entries, changed=entries, expected=expected)
         tx.emit(Kind.OBSERVATIONS, robot, {"revision": revision, "changed": texts(entries)})
         return revision
 

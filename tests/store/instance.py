@@ -13,8 +13,7 @@ from collections.abc import Callable
 
 from tests.store.examples import entry, with_robots
 
-from robomend.store import open_store
-from robomend.store.interface import Store, Transaction
+from robomend.store import Store, Transaction, journal, observations, repairs, robots
 from robomend.store.records import IdempotencyKey
 from robomend_client.events import Kind
 
@@ -29,7 +28,7 @@ def say(line: str) -> None:
 
 async def write(store: Store) -> None:
     """Write for ever, and tell of each write that was acknowledged."""
-    if not (await store.read(lambda db: db.robots())).items:
+    if not (await store.read(robots.page)).items:
         await with_robots(store, *ROBOTS)
     say("ready")
 
@@ -51,7 +50,7 @@ def accept(robot: str, marker: str) -> Callable[[Transaction], int]:
 
     def change(tx: Transaction) -> int:
         entries = [entry(marker)]
-        revision = tx.observe(robot, accepted=entries, changed=[entry("last", source=marker)])
+        revision = observations.observe(tx, robot, accepted=entries, changed=[entry("last", source=marker)])
         tx.emit(Kind.OBSERVATIONS, robot, {"marker": marker})
         return revision
 
@@ -62,9 +61,10 @@ async def own(store: Store) -> None:
     """Own r1 in the middle of a repair."""
     fence = await store.ownership.acquire("r1")
     assert fence is not None
-    repair = await store.write(lambda tx: tx.create_repair("r1", state="running", data={}, fence=fence))
+    repair = await store.write(lambda tx: repairs.create(tx, "r1", state="running", data={}, fence=fence))
     await store.write(
-        lambda tx: tx.intend(
+        lambda tx: journal.intend(
+            tx,
             repair.id,
             0,
             action=f"{repair.id}:0",
@@ -75,12 +75,12 @@ async def own(store: Store) -> None:
         )
     )
     say(f"{fence.number} {repair.id}")
-    await asyncio.sleep(600)
+    await asyncio.sleep(600)  # until it is killed
 
 
 async def main(url: str, job: str) -> None:
     """Run the job on the store."""
-    store = open_store(url)
+    store = Store(url)
     await store.start()
     await {"write": write, "own": own}[job](store)
 

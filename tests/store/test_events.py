@@ -6,8 +6,9 @@ import asyncio
 from functools import partial
 
 import pytest
+from tests.waiting import eventually
 
-from robomend.store.interface import Store, Transaction, View
+from robomend.store import Store, Transaction, View, events
 from robomend.store.records import EventRange
 from robomend.store.tail import Tail
 from robomend_client.events import Event, Kind
@@ -24,13 +25,13 @@ async def emit(store: Store, *robots: str | None) -> None:
 
 
 async def test_events_are_replayed_after_an_id_and_by_robot(store: Store) -> None:
-    assert await store.read(lambda db: db.event_range()) == EventRange(1, 0)
+    assert await store.read(events.kept) == EventRange(1, 0)
     await emit(store, "a", "b", None, "a")
-    assert [e.robot for e in await store.read(lambda db: db.events(1))] == ["b", None, "a"]
-    assert [e.id for e in await store.read(lambda db: db.events(0, robot="a"))] == [1, 4]
-    assert [e.id for e in await store.read(lambda db: db.events(0, limit=2))] == [1, 2]
-    assert await store.read(lambda db: db.event_range()) == EventRange(1, 4)
-    event = (await store.read(lambda db: db.events(3)))[0]
+    assert [e.robot for e in await store.read(events.after, 1)] == ["b", None, "a"]
+    assert [e.id for e in await store.read(events.after, 0, robot="a")] == [1, 4]
+    assert [e.id for e in await store.read(events.after, 0, limit=2)] == [1, 2]
+    assert await store.read(events.kept) == EventRange(1, 4)
+    event = (await store.read(events.after, 3))[0]
     assert (event.kind, event.data) == (Kind.ROBOT, {"by": "a"})
 
 
@@ -46,12 +47,12 @@ async def test_subscribers_hear_the_events_of_all_instances_in_order(store: Stor
     assert heard["first"] == heard["second"] == list(range(1, 401))
     end()
     await emit(store, "c")
-    await asyncio.sleep(0.2)
-    assert (len(heard["first"]), len(heard["second"])) == (401, 400)
+    await eventually(lambda: len(heard["first"]) == 401, "the event in the one that still listens")
+    assert len(heard["second"]) == 400
 
 
 def events_after(last: int, db: View) -> tuple[Event, ...]:
-    return db.events(last)
+    return events.after(db, last)
 
 
 async def test_readers_never_see_an_id_before_a_smaller_one(store: Store, second: Store) -> None:

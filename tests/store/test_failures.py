@@ -17,9 +17,9 @@ import pytest
 from tests.postgres import PostgresServer
 from tests.store.examples import entry, observe, with_robots
 
-from robomend.errors import RobomendError, StoreError, StoreFull, StoreOverloaded
-from robomend.store import open_store, sql, writer
-from robomend.store.interface import Store, Transaction
+from robomend.errors import OptionRefused, RobomendError, StoreError, StoreFull, StoreOverloaded
+from robomend.store import Store, Transaction, database, events, global_stop, observations, robots, writer
+from robomend.store import store as store_module
 
 pytestmark = pytest.mark.anyio
 
@@ -37,7 +37,7 @@ async def eventually(store: Store, robot: str) -> int:
 async def test_a_server_that_went_away_is_an_error_until_it_is_back(
     postgres_server: PostgresServer, postgres_url: str
 ) -> None:
-    store = open_store(postgres_url)
+    store = Store(postgres_url)
     await store.start()
     try:
         await with_robots(store, "r1")
@@ -49,11 +49,11 @@ async def test_a_server_that_went_away_is_an_error_until_it_is_back(
             with pytest.raises(StoreError):
                 await observe(store, "r1", entry("lost"))
             with pytest.raises(StoreError):
-                await store.read(lambda db: db.obs("r1"))
+                await store.read(observations.obs, "r1")
         finally:
             postgres_server.start()
         revision = await eventually(store, "r1")
-        obs = await store.read(lambda db: db.obs("r1"))
+        obs = await store.read(observations.obs, "r1")
         assert obs.revision == revision
         assert {"scan", "back"} <= {e.atom.args[0] for e in obs.entries}
         async with asyncio.timeout(10):
@@ -67,7 +67,7 @@ async def test_a_server_that_went_away_is_an_error_until_it_is_back(
 async def test_a_connection_that_was_cut_while_idle_is_replaced_without_an_error(
     postgres_url: str,
 ) -> None:
-    store = open_store(postgres_url)
+    store = Store(postgres_url)
     await store.start()
     try:
         await with_robots(store, "r1")
@@ -77,7 +77,7 @@ async def test_a_connection_that_was_cut_while_idle_is_replaced_without_an_error
                 " WHERE datname = current_database() AND pid <> pg_backend_pid()"
             )
         assert await observe(store, "r1", entry("scan")) == 1
-        assert (await store.read(lambda db: db.obs("r1"))).revision == 1
+        assert (await store.read(observations.obs, "r1")).revision == 1
     finally:
         await store.close()
 
@@ -85,20 +85,20 @@ async def test_a_connection_that_was_cut_while_idle_is_replaced_without_an_error
 async def test_a_connection_that_is_cut_in_the_middle_of_a_change_repeats_its_group(
     postgres_url: str,
 ) -> None:
-    store = open_store(postgres_url)
+    store = Store(postgres_url)
     await store.start()
     cuts = 0
 
     def cut(tx: Transaction) -> int:
         nonlocal cuts
         cuts += 1
-        connection = tx.connection  # type: ignore[attr-defined]  # of the implementation
-        tx.robots()  # behind this change's savepoint, which is lost with the connection
+        connection = tx.connection
+        robots.page(tx)  # behind this change's savepoint, which is lost with the connection
         if cuts == 1:
             pid = connection.exec_driver_sql("SELECT pg_backend_pid()").scalar()
             with psycopg.connect(postgres_url, autocommit=True) as admin:
                 admin.execute("SELECT pg_terminate_backend(%s, 5000)", [pid])
-        tx.robots()
+        robots.page(tx)
         return cuts
 
     try:
@@ -114,7 +114,7 @@ async def fill(store: Store, url: str) -> None:
     if url.startswith("sqlite"):
 
         def no_more_pages(tx: Transaction) -> None:
-            connection = tx.connection  # type: ignore[attr-defined]  # of the implementation
+            connection = tx.connection
             pages = connection.exec_driver_sql("PRAGMA page_count").scalar()
             connection.exec_driver_sql(f"PRAGMA max_page_count = {pages}")
 
@@ -133,7 +133,7 @@ async def make_room(store: Store, url: str) -> None:
     if url.startswith("sqlite"):
 
         def more_pages(tx: Transaction) -> None:
-            connection = tx.connection  # type: ignore[attr-defined]  # of the implementation
+            connection = tx.connection
             connection.exec_driver_sql("PRAGMA max_page_count = 1000000")
 
         await store.write(more_pages)
@@ -149,7 +149,7 @@ async def test_a_full_disk_refuses_writes_and_reading_goes_on(store: Store, url:
     large = [entry(f"t{number}", source="x" * 500) for number in range(200)]
     with pytest.raises(StoreFull):
         await observe(store, "r1", *large)
-    obs = await store.read(lambda db: db.obs("r1"))
+    obs = await store.read(observations.obs, "r1")
     assert (obs.revision, len(obs.entries)) == (1, 1)
     await make_room(store, url)
     assert await observe(store, "r1", *large) == 2
@@ -177,26 +177,26 @@ async def test_too_many_writes_are_refused_at_once(store: Store, monkeypatch: py
 
 
 async def test_too_many_reads_are_refused_at_once(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sql, "MAX_READS", 1)
+    monkeypatch.setattr(store_module, "MAX_READS", 1)
     go_on = threading.Event()
     first = asyncio.create_task(store.read(lambda db: go_on.wait(10)))
     await asyncio.sleep(0)
     with pytest.raises(StoreOverloaded):
-        await store.read(lambda db: db.stop())
+        await store.read(global_stop.get)
     go_on.set()
     assert await first
 
 
 async def test_a_process_that_keeps_sqlite_locked_is_waited_for(tmp_path: Path) -> None:
     path = tmp_path / "robomend.db"
-    store = open_store(f"sqlite:///{path}")
+    store = Store(f"sqlite:///{path}")
     await store.start()
     await with_robots(store, "r1")
     other = sqlite3.connect(path, isolation_level=None, check_same_thread=False)
     other.execute("BEGIN IMMEDIATE")
     waiting = asyncio.create_task(observe(store, "r1", entry("scan")))
-    assert (await store.read(lambda db: db.obs("r1"))).revision == 0  # reading goes on
-    await asyncio.sleep(0.1)
+    assert (await store.read(observations.obs, "r1")).revision == 0  # reading goes on
+    await asyncio.sleep(0.1)  # it waits for its turn by then
     other.execute("COMMIT")
     other.close()
     assert await waiting == 1
@@ -204,7 +204,7 @@ async def test_a_process_that_keeps_sqlite_locked_is_waited_for(tmp_path: Path) 
 
 
 async def test_what_is_queued_at_the_end_is_still_written(url: str) -> None:
-    store = open_store(url)
+    store = Store(url)
     await store.start()
     await with_robots(store, "r1")
     tasks = [asyncio.create_task(observe(store, "r1", entry("scan"))) for _ in range(50)]
@@ -214,11 +214,11 @@ async def test_what_is_queued_at_the_end_is_still_written(url: str) -> None:
     with pytest.raises(StoreError):
         await observe(store, "r1", entry("late"))
     with pytest.raises(StoreError):
-        await store.read(lambda db: db.stop())
+        await store.read(global_stop.get)
     await store.close()
-    again = open_store(url)
+    again = Store(url)
     await again.start()
-    assert await again.read(lambda db: db.revision("r1")) == 50
+    assert await again.read(observations.revision, "r1") == 50
     await again.close()
 
 
@@ -226,37 +226,43 @@ async def test_a_database_that_cannot_be_reached_is_an_error_that_says_so(tmp_pa
     blocked = tmp_path / "file"
     blocked.write_text("not a directory")
     for url in (f"sqlite:///{blocked}/x.db", f"postgresql://nobody@/none?host={tmp_path}"):
-        store = open_store(url)
+        store = Store(url)
         with pytest.raises(StoreError) as raised:
             await store.start()
         assert pickle.loads(pickle.dumps(raised.value)).args == raised.value.args
         await store.close()
 
 
+def test_postgresql_without_its_driver_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(database, "find_spec", lambda name: None)
+    with pytest.raises(OptionRefused, match=r"pip install 'robomend\[postgres\]'"):
+        Store("postgresql://ada@host/name")
+
+
 async def test_a_file_that_is_no_database_is_an_error(tmp_path: Path) -> None:
     path = tmp_path / "robomend.db"
     path.write_bytes(os.urandom(8192))
-    store = open_store(f"sqlite:///{path}")
+    store = Store(f"sqlite:///{path}")
     with pytest.raises(StoreError):
         await store.start()
     await store.close()
 
 
 async def test_a_password_is_in_no_message(tmp_path: Path) -> None:
-    store = open_store(f"postgresql://ada:secret@/none?host={tmp_path}")
+    store = Store(f"postgresql://ada:secret@/none?host={tmp_path}")
     assert "secret" not in store.url
     with pytest.raises(StoreError) as raised:
         await store.start()
     assert "secret" not in str(raised.value)
     with pytest.raises(RobomendError) as refused:
-        open_store("mysql://ada:secret@host/x")
+        Store("mysql://ada:secret@host/x")
     assert "secret" not in str(refused.value)
     await store.close()
 
 
 async def test_a_sqlite_database_can_be_read_by_its_owner_only(tmp_path: Path) -> None:
     path = tmp_path / "data" / "robomend.db"
-    store = open_store(f"sqlite:///{path}")
+    store = Store(f"sqlite:///{path}")
     await store.start()
     await with_robots(store, "r1")
     modes = {p.name: p.stat().st_mode & 0o077 for p in [path.parent, *path.parent.glob("*.db*")]}
@@ -266,8 +272,8 @@ async def test_a_sqlite_database_can_be_read_by_its_owner_only(tmp_path: Path) -
 
 async def test_starting_on_a_current_schema_loads_no_migration_library(tmp_path: Path) -> None:
     code = (
-        "import asyncio, sys\nfrom robomend.store import open_store\n"
-        "async def main():\n store = open_store(sys.argv[1])\n await store.start()\n await store.close()\n"
+        "import asyncio, sys\nfrom robomend.store import Store\n"
+        "async def main():\n store = Store(sys.argv[1])\n await store.start()\n await store.close()\n"
         "asyncio.run(main())\nasyncio.run(main())\nprint('alembic' in sys.modules)"
     )
     arguments = [sys.executable, "-c", code, f"sqlite:///{tmp_path}/robomend.db"]
@@ -283,5 +289,5 @@ async def test_a_clock_that_jumps_back_changes_no_order(
     past = time.time_ns() - 3_600_000_000_000
     monkeypatch.setattr("time.time_ns", lambda: past)
     assert await observe(store, "r1", entry("scan", False)) == 2
-    assert (await store.read(lambda db: db.obs("r1"))).entries[0].positive is False
-    assert [e.id for e in await store.read(lambda db: db.events(0))] == [1, 2]
+    assert (await store.read(observations.obs, "r1")).entries[0].positive is False
+    assert [e.id for e in await store.read(events.after, 0)] == [1, 2]

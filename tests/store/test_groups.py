@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from tests.store.examples import entry, with_robots
 
-from robomend.store.interface import Store, Transaction, View
+from robomend.store import Store, Transaction, View, diagnoses, events, observations
 from robomend.store.records import Entry, IdempotencyKey, StoredAssertion
 from robomend_client.events import Kind
 
@@ -92,19 +92,19 @@ def run(tx: Transaction, robot: str, change: Change) -> int:
         atom = entry(step.name).atom
         if step.what == "observe":
             entries = [Entry(atom, step.positive, "test", 1)]
-            tx.observe(robot, accepted=entries, changed=entries)
+            observations.observe(tx, robot, accepted=entries, changed=entries)
             tx.emit(Kind.OBSERVATIONS, robot, {})
         elif step.what == "forget":
-            tx.observe(robot, forgotten=[atom])
+            observations.observe(tx, robot, forgotten=[atom])
         elif step.what == "assert":
-            tx.observe(robot, asserted=[StoredAssertion(step.name, "true", "test", 1)])
+            observations.observe(tx, robot, asserted=[StoredAssertion(step.name, "true", "test", 1)])
         elif step.what == "read":
-            tx.obs(robot)
+            observations.obs(tx, robot)
         elif step.what == "diagnose":
-            tx.record_diagnosis(robot, tx.revision(robot), {})
+            diagnoses.record(tx, robot, observations.revision(tx, robot), {})
     if change.fails:
         raise Failed
-    return tx.revision(robot)
+    return observations.revision(tx, robot)
 
 
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -113,7 +113,7 @@ async def test_a_group_is_as_good_as_one_after_the_other(store: Store, changes: 
     number = next(EXAMPLE)
     robots = [f"r{number}-{index}" for index in range(2)]
     await with_robots(store, *robots)
-    first = (await store.read(lambda db: db.event_range())).newest + 1
+    first = (await store.read(events.kept)).newest + 1
 
     oracles = [Oracle(), Oracle()]
     answers: dict[int, int] = {}
@@ -139,16 +139,16 @@ async def test_a_group_is_as_good_as_one_after_the_other(store: Store, changes: 
     assert await asyncio.gather(*map(write, changes)) == expected
     for robot, oracle in zip(robots, oracles, strict=True):
         await store.read(partial(check, robot, oracle))
-    events = await store.read(lambda db: db.events(first - 1, limit=1000))
+    log = await store.read(events.after, first - 1, limit=1000)
     total = sum(oracle.emitted for oracle in oracles)
-    assert [event.id for event in events] == list(range(first, first + total))
+    assert [event.id for event in log] == list(range(first, first + total))
 
 
 def check(robot: str, oracle: Oracle, db: View) -> None:
-    obs = db.obs(robot)
+    obs = observations.obs(db, robot)
     assert obs.revision == oracle.revision
     assert {e.atom.args[0]: e.positive for e in obs.entries} == oracle.obs
     assert {a.name for a in obs.assertions} == oracle.assertions
-    history, diagnoses = db.history(robot).items, db.diagnoses(robot).items
+    history, kept = observations.history(db, robot).items, diagnoses.page(db, robot).items
     assert [batch.revision for batch in history] == list(range(oracle.revision, 0, -1))
-    assert [diagnosis.revision for diagnosis in diagnoses] == oracle.diagnoses[::-1]
+    assert [diagnosis.revision for diagnosis in kept] == oracle.diagnoses[::-1]

@@ -9,9 +9,9 @@ from sqlalchemy import exc
 from tests.store.examples import entry, observe, with_robots
 
 from robomend.errors import StateConflict
-from robomend.store.interface import Store, Transaction
+from robomend.store import Store, Transaction, observations, robots
 from robomend.store.records import IdempotencyKey
-from robomend.store.transaction import SharedTransaction
+from robomend.store.transaction import Group
 
 pytestmark = pytest.mark.anyio
 
@@ -20,7 +20,7 @@ async def test_a_request_sent_to_two_instances_at_once_acts_once(store: Store, s
     await with_robots(store, "r1")
 
     def accept(tx: Transaction) -> int:
-        return tx.observe("r1", accepted=[entry("scan")])
+        return observations.observe(tx, "r1", accepted=[entry("scan")])
 
     async def send(who: Store, key: int) -> int:
         return await who.write(accept, robots=("r1",), once=IdempotencyKey("ada", str(key), "digest"))
@@ -28,7 +28,7 @@ async def test_a_request_sent_to_two_instances_at_once_acts_once(store: Store, s
     answers = await asyncio.gather(*(send(who, key) for key in range(50) for who in (store, second)))
     assert answers[::2] == answers[1::2]
     assert sorted(answers[::2]) == list(range(1, 51))
-    assert await store.read(lambda db: db.revision("r1")) == 50
+    assert await store.read(observations.revision, "r1") == 50
 
 
 async def test_instances_that_write_many_robots_in_any_order_do_not_block_each_other(
@@ -39,26 +39,26 @@ async def test_instances_that_write_many_robots_in_any_order_do_not_block_each_o
 
     def all_of_them(order: list[str]) -> asyncio.Future[int]:
         def change(tx: Transaction) -> int:
-            return sum(tx.observe(robot, changed=[entry("scan")]) for robot in order)
+            return sum(observations.observe(tx, robot, changed=[entry("scan")]) for robot in order)
 
         who = store if order is robots else second
         return asyncio.ensure_future(who.write(change, robots=order))
 
     backwards = robots[::-1]
     await asyncio.gather(*(all_of_them(order) for _ in range(40) for order in (robots, backwards)))
-    assert await store.read(lambda db: [db.revision(robot) for robot in robots]) == [80] * 10
+    assert await store.read(lambda db: [observations.revision(db, robot) for robot in robots]) == [80] * 10
 
 
 async def test_of_two_instances_that_create_the_same_one_is_told(store: Store, second: Store) -> None:
     results = await asyncio.gather(
         *(
-            who.write(lambda tx: tx.put_robot("r1", {"policy": "auto"}, expected=None).etag)
+            who.write(lambda tx: robots.put(tx, "r1", {"policy": "auto"}, expected=None).etag)
             for who in (store, second)
         ),
         return_exceptions=True,
     )
     assert [type(result) for result in results].count(str) == 1
-    assert (await second.read(lambda db: db.robot("r1"))).config == {"policy": "auto"}
+    assert (await second.read(robots.get, "r1")).config == {"policy": "auto"}
 
 
 async def test_an_instance_that_works_on_an_older_obs_is_told(store: Store, second: Store) -> None:
@@ -72,25 +72,25 @@ async def test_an_instance_that_works_on_an_older_obs_is_told(store: Store, seco
 async def test_a_group_that_met_a_deadlock_is_repeated(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
     """Results are those of the repetition, also where the first try ended otherwise."""
     await with_robots(store, "r1")
-    finish = SharedTransaction.finish
+    finish = Group.finish
     tries = 0
 
     class Deadlock(Exception):
         sqlstate = "40P01"
 
-    def finish_at_second(group: SharedTransaction) -> object:
+    def finish_at_second(group: Group) -> object:
         nonlocal tries
         tries += 1
         if tries == 1:
             raise exc.OperationalError("COMMIT", {}, Deadlock("deadlock detected"))
         return finish(group)
 
-    monkeypatch.setattr(SharedTransaction, "finish", finish_at_second)
+    monkeypatch.setattr(Group, "finish", finish_at_second)
 
     def fails_first(tx: Transaction) -> int:
         if tries == 0:
             raise ZeroDivisionError
-        return tx.observe("r1")
+        return observations.observe(tx, "r1")
 
     assert await store.write(fails_first) == 1
     assert tries == 2

@@ -11,8 +11,7 @@ import pytest
 from tests.store.instance import ROBOTS, WRITERS
 from tests.store.processes import instance, next_line
 
-from robomend.store import open_store
-from robomend.store.interface import View
+from robomend.store import Store, View, events, observations
 from robomend.store.records import Paging, StoredBatch
 
 
@@ -37,7 +36,7 @@ def whole_history(db: View, robot: str) -> list[StoredBatch]:
     batches: list[StoredBatch] = []
     cursor: str | None = None
     while True:
-        page = db.history(robot, Paging(cursor, 1000))
+        page = observations.history(db, robot, Paging(cursor, 1000))
         batches += page.items
         cursor = page.next
         if cursor is None:
@@ -49,20 +48,20 @@ def check_all(db: View, acknowledged: list[tuple[str, str]]) -> int:
     markers: list[str] = []
     for robot in ROBOTS:
         batches = whole_history(db, robot)
-        obs = db.obs(robot)
+        obs = observations.obs(db, robot)
         assert [batch.revision for batch in batches] == list(range(1, obs.revision + 1))
         mine = [batch.entries[0].atom.args[0] for batch in batches]
         assert [kept.source for kept in obs.entries] == mine[-1:]
         markers += mine
     assert len(set(markers)) == len(markers)
     assert {marker for _, marker in acknowledged} <= set(markers)
-    assert db.event_range().newest == len(markers)
+    assert events.kept(db).newest == len(markers)
     return len(markers)
 
 
 async def check(url: str, acknowledged: list[tuple[str, str]]) -> int:
     """Look into the store as the next process would."""
-    store = open_store(url)
+    store = Store(url)
     await store.start()
     try:
         return await store.read(lambda db: check_all(db, acknowledged))

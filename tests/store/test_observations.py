@@ -10,7 +10,7 @@ import pytest
 from tests.store.examples import entry, observe, with_robots
 
 from robomend.errors import InputError, NotFound, RobomendError, StateConflict
-from robomend.store.interface import Store, Transaction
+from robomend.store import Store, Transaction, audit, diagnoses, events, observations, robots
 from robomend.store.records import AuditEntry, IdempotencyKey, Paging, StoredAssertion, StoredBatch
 from robomend_client.events import Kind
 from robomend_client.literals import Atom
@@ -20,16 +20,16 @@ pytestmark = pytest.mark.anyio
 
 async def test_obs_holds_the_latest_of_each_atom(store: Store) -> None:
     await with_robots(store, "r1", "r2")
-    assert (await store.read(lambda db: db.obs("r1"))).revision == 0
+    assert (await store.read(observations.obs, "r1")).revision == 0
     assert await observe(store, "r1", entry("scan"), entry("odom", False, time_ns=2)) == 1
     assert await observe(store, "r1", entry("scan", False, time_ns=3, source="board", expires_ns=9)) == 2
-    obs = await store.read(lambda db: db.obs("r1"))
+    obs = await store.read(observations.obs, "r1")
     assert obs.revision == 2
     assert obs.entries == (
         entry("odom", False, time_ns=2),
         entry("scan", False, time_ns=3, source="board", expires_ns=9),
     )
-    assert (await store.read(lambda db: db.obs("r2"))).entries == ()
+    assert (await store.read(observations.obs, "r2")).entries == ()
 
 
 async def test_an_atom_comes_back_whatever_its_names_hold(store: Store) -> None:
@@ -37,30 +37,32 @@ async def test_an_atom_comes_back_whatever_its_names_hold(store: Store) -> None:
     odd = [Atom("ok", ('a "quoted", name', "b\\c")), Atom("p"), Atom("ok", ("",)), Atom("ok", ("NUL \x00",))]
     entries = [replace(entry("x"), atom=atom) for atom in odd]
     await observe(store, "r1", *entries)
-    obs = await store.read(lambda db: db.obs("r1"))
+    obs = await store.read(observations.obs, "r1")
     assert {e.atom for e in obs.entries} == set(odd)
-    history = await store.read(lambda db: db.history("r1"))
+    history = await store.read(observations.history, "r1")
     assert history.items[0].entries == tuple(entries)
 
 
 async def test_what_is_forgotten_is_no_literal(store: Store) -> None:
     await with_robots(store, "r1")
     await observe(store, "r1", entry("scan"), entry("odom"))
-    await store.write(lambda tx: tx.observe("r1", forgotten=[Atom("ok", ("scan",))]), robots=("r1",))
-    obs = await store.read(lambda db: db.obs("r1"))
+    await store.write(
+        lambda tx: observations.observe(tx, "r1", forgotten=[Atom("ok", ("scan",))]), robots=("r1",)
+    )
+    obs = await store.read(observations.obs, "r1")
     assert [e.atom.args for e in obs.entries] == [("odom",)]
 
 
 async def test_named_assertions_stay_until_they_are_withdrawn(store: Store) -> None:
     await with_robots(store, "r1")
     night = StoredAssertion("night", "forall t: topic. not ok(t)", "ada", 5)
-    await store.write(lambda tx: tx.observe("r1", asserted=[night]))
-    assert (await store.read(lambda db: db.obs("r1"))).assertions == (night,)
+    await store.write(lambda tx: observations.observe(tx, "r1", asserted=[night]))
+    assert (await store.read(observations.obs, "r1")).assertions == (night,)
     with pytest.raises(NotFound):
-        await store.write(lambda tx: tx.observe("r1", withdrawn=["day"]))
-    assert await store.write(lambda tx: tx.observe("r1", withdrawn=["night"])) == 2
-    assert (await store.read(lambda db: db.obs("r1"))).assertions == ()
-    page = await store.read(lambda db: db.history("r1"))
+        await store.write(lambda tx: observations.observe(tx, "r1", withdrawn=["day"]))
+    assert await store.write(lambda tx: observations.observe(tx, "r1", withdrawn=["night"])) == 2
+    assert (await store.read(observations.obs, "r1")).assertions == ()
+    page = await store.read(observations.history, "r1")
     assert [(a.asserted, a.withdrawn) for a in page.items] == [((), ("night",)), ((night,), ())]
 
 
@@ -71,12 +73,12 @@ async def test_history_is_newest_first_and_in_order_of_revision_when_the_clock_j
     for now_ns in (3_000, 1_000, 2_000):
         monkeypatch.setattr("time.time_ns", lambda now_ns=now_ns: now_ns)
         await observe(store, "r1", entry("scan", time_ns=now_ns))
-    first = await store.read(lambda db: db.history("r1", Paging(limit=2)))
-    rest = await store.read(lambda db: db.history("r1", Paging(first.next)))
+    first = await store.read(observations.history, "r1", Paging(limit=2))
+    rest = await store.read(observations.history, "r1", Paging(first.next))
     batches: list[StoredBatch] = [*first.items, *rest.items]
     assert [(b.revision, b.time_ns) for b in batches] == [(3, 2_000), (2, 1_000), (1, 3_000)]
-    events = await store.read(lambda db: db.events(0))
-    assert [event.time_ns for event in events] == [3_000, 1_000, 2_000]
+    log = await store.read(events.after, 0)
+    assert [event.time_ns for event in log] == [3_000, 1_000, 2_000]
 
 
 async def test_a_change_of_an_older_obs_is_refused(store: Store) -> None:
@@ -91,7 +93,7 @@ async def test_a_change_of_an_older_obs_is_refused(store: Store) -> None:
 async def test_nothing_is_accepted_for_a_robot_that_is_not_there(store: Store) -> None:
     with pytest.raises(NotFound):
         await observe(store, "nobody", entry("scan"))
-    assert await store.read(lambda db: db.events(0)) == ()
+    assert await store.read(events.after, 0) == ()
 
 
 async def test_concurrent_batches_get_each_their_revision(store: Store) -> None:
@@ -100,8 +102,8 @@ async def test_concurrent_batches_get_each_their_revision(store: Store) -> None:
     calls = [observe(store, robots[n % 5], entry(f"t{n % 7}", time_ns=n)) for n in range(400)]
     revisions = await asyncio.gather(*calls)
     assert sorted(revisions) == sorted(n // 5 + 1 for n in range(400))
-    events = await store.read(lambda db: db.events(0, limit=1000))
-    assert [event.id for event in events] == list(range(1, 401))
+    log = await store.read(events.after, 0, limit=1000)
+    assert [event.id for event in log] == list(range(1, 401))
     assert (store.figures().commits) < 200  # many share one transaction
 
 
@@ -110,28 +112,28 @@ async def test_a_change_that_fails_takes_nobody_with_it_and_leaves_nothing(store
     await with_robots(store, "r1")
 
     def raises_late(tx: Transaction) -> None:
-        tx.observe("r1", accepted=[entry("bad")], changed=[entry("bad")])
-        tx.put_robot("half", {}, expected=None)
+        observations.observe(tx, "r1", accepted=[entry("bad")], changed=[entry("bad")])
+        robots.put(tx, "half", {}, expected=None)
         tx.emit(Kind.ROBOT, "half", {"change": "created"})
         tx.note(AuditEntry("ada", "robot.put", "half"))
         raise ZeroDivisionError
 
     def no_such_robot(tx: Transaction) -> None:
-        tx.observe("nobody")
+        observations.observe(tx, "nobody")
 
     def too_large(tx: Transaction) -> None:
-        tx.observe("r1", changed=[entry("bad", time_ns=2**63)])
+        observations.observe(tx, "r1", changed=[entry("bad", time_ns=2**63)])
 
     def bad_text(tx: Transaction) -> None:
-        tx.observe("r1", changed=[entry("bad", source="\x00")])
+        observations.observe(tx, "r1", changed=[entry("bad", source="\x00")])
 
     def good(tx: Transaction) -> int:
-        return tx.observe("r1", changed=[entry("good")])
+        return observations.observe(tx, "r1", changed=[entry("good")])
 
     def created_and_used(tx: Transaction) -> int:
-        tx.put_robot("r9", {}, expected=None)
-        tx.observe("r9", changed=[entry("good")])
-        return len(tx.obs("r9").entries)
+        robots.put(tx, "r9", {}, expected=None)
+        observations.observe(tx, "r9", changed=[entry("good")])
+        return len(observations.obs(tx, "r9").entries)
 
     changes = [good, raises_late, no_such_robot, good, too_large, bad_text, created_and_used, good]
     results = await asyncio.gather(*(store.write(c) for c in changes), return_exceptions=True)
@@ -145,12 +147,12 @@ async def test_a_change_that_fails_takes_nobody_with_it_and_leaves_nothing(store
         1,
         3,
     ]
-    obs = await store.read(lambda db: db.obs("r1"))
+    obs = await store.read(observations.obs, "r1")
     assert [e.atom.args for e in obs.entries] == [("good",)]
-    assert await store.read(lambda db: db.events(0)) == ()
-    assert (await store.read(lambda db: db.audit())).items == ()
+    assert await store.read(events.after, 0) == ()
+    assert (await store.read(audit.page)).items == ()
     with pytest.raises(NotFound):
-        await store.read(lambda db: db.robot("half"))
+        await store.read(robots.get, "half")
 
 
 async def test_a_row_that_the_database_refuses_fails_alone(store: Store) -> None:
@@ -158,10 +160,10 @@ async def test_a_row_that_the_database_refuses_fails_alone(store: Store) -> None
     await with_robots(store, "r1", "r2")
 
     def culprit(tx: Transaction) -> None:
-        tx.observe("r2", changed=[entry("x", source=object())])  # type: ignore[arg-type]  # on purpose
+        observations.observe(tx, "r2", changed=[entry("x", source=object())])  # type: ignore[arg-type]  # on purpose
 
     def sneaky(tx: Transaction) -> None:
-        tx.record_diagnosis("r2", 1, {}, model_version="v")
+        diagnoses.record(tx, "r2", 1, {}, model_version="v")
         tx._own.diagnoses[-1]["revision"] = object()  # type: ignore[attr-defined]  # no method lets this pass
 
     good = [observe(store, "r1", entry("a")), observe(store, "r1")]
@@ -177,7 +179,7 @@ async def test_a_repeated_request_acts_once_and_gets_the_first_answer(store: Sto
     once = IdempotencyKey("ada POST /robots/r1/observations", "key-1", "digest")
 
     def accept(tx: Transaction) -> Mapping[str, int]:
-        return {"revision": tx.observe("r1", changed=[entry("scan")])}
+        return {"revision": observations.observe(tx, "r1", changed=[entry("scan")])}
 
     calls = [store.write(accept, robots=("r1",), once=once) for _ in range(5)]
     assert await asyncio.gather(*calls) == [{"revision": 1}] * 5
@@ -192,42 +194,45 @@ async def test_a_repeated_request_acts_once_and_gets_the_first_answer(store: Sto
 async def test_a_key_is_free_again_after_its_time_and_after_a_failure(store: Store) -> None:
     await with_robots(store, "r1")
     short = IdempotencyKey("ada", "k", "one", ttl_s=0)
-    assert await store.write(lambda tx: tx.observe("r1"), once=short) == 1
-    assert await store.write(lambda tx: tx.observe("r1"), once=IdempotencyKey("ada", "k", "two")) == 2
+    assert await store.write(lambda tx: observations.observe(tx, "r1"), once=short) == 1
+    assert (
+        await store.write(lambda tx: observations.observe(tx, "r1"), once=IdempotencyKey("ada", "k", "two"))
+        == 2
+    )
     failing = IdempotencyKey("ada", "f", "one")
     with pytest.raises(NotFound):
-        await store.write(lambda tx: tx.observe("nobody"), once=failing)
-    assert await store.write(lambda tx: tx.observe("r1"), once=failing) == 3
+        await store.write(lambda tx: observations.observe(tx, "nobody"), once=failing)
+    assert await store.write(lambda tx: observations.observe(tx, "r1"), once=failing) == 3
 
 
 async def test_an_answer_that_is_no_json_is_refused_whole(store: Store) -> None:
     await with_robots(store, "r1")
 
     def accept(tx: Transaction) -> object:
-        tx.observe("r1")
+        observations.observe(tx, "r1")
         return object()
 
     with pytest.raises(InputError):
         await store.write(accept, once=IdempotencyKey("ada", "k", "one"))
-    assert await store.read(lambda db: db.revision("r1")) == 0
+    assert await store.read(observations.revision, "r1") == 0
 
 
 async def test_diagnoses_are_kept_with_the_revision_they_explain(store: Store) -> None:
     await with_robots(store, "r1")
-    assert await store.read(lambda db: db.diagnosis("r1")) is None
+    assert await store.read(diagnoses.latest, "r1") is None
 
     async def diagnose(revision: int, *bad: str) -> None:
         result = {"diagnoses": [{"bad": list(bad)}]}
-        await store.write(lambda tx: tx.record_diagnosis("r1", revision, result, model_version="v1"))
+        await store.write(lambda tx: diagnoses.record(tx, "r1", revision, result, model_version="v1"))
 
     await diagnose(1, "jaguar")
     await diagnose(4)
     await diagnose(5, "jaguar", "imu")
-    latest = await store.read(lambda db: db.diagnosis("r1"))
+    latest = await store.read(diagnoses.latest, "r1")
     assert latest is not None
     assert (latest.revision, latest.result) == (5, {"diagnoses": [{"bad": ["jaguar", "imu"]}]})
-    page = await store.read(lambda db: db.diagnoses("r1", Paging(limit=2)))
-    rest = await store.read(lambda db: db.diagnoses("r1", Paging(page.next, 2)))
+    page = await store.read(diagnoses.page, "r1", Paging(limit=2))
+    rest = await store.read(diagnoses.page, "r1", Paging(page.next, 2))
     assert [d.revision for d in (*page.items, *rest.items)] == [5, 4, 1]
 
 
@@ -235,8 +240,8 @@ async def test_a_change_sees_its_own_writes_and_those_before_it_in_the_group(sto
     await with_robots(store, "r1")
 
     def write_then_read(tx: Transaction) -> tuple[int, int, int]:
-        revision = tx.observe("r1", accepted=[entry("a")], changed=[entry("a")])
-        return revision, tx.revision("r1"), len(tx.history("r1").items)
+        revision = observations.observe(tx, "r1", accepted=[entry("a")], changed=[entry("a")])
+        return revision, observations.revision(tx, "r1"), len(observations.history(tx, "r1").items)
 
     calls = [observe(store, "r1", entry("b")), store.write(write_then_read), observe(store, "r1", entry("c"))]
     assert await asyncio.gather(*calls) == [1, (2, 2, 2), 3]
@@ -253,8 +258,8 @@ async def test_a_cancelled_caller_takes_nothing_back(store: Store) -> None:
 
 
 async def test_errors_of_the_store_are_ours() -> None:
-    from robomend.store import open_store
+    from robomend.store import Store
 
     for url in ("mysql://x/y", "sqlite://", "nonsense", "sqlite:///:memory:"):
         with pytest.raises(RobomendError):
-            open_store(url)
+            Store(url)

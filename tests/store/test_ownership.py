@@ -8,13 +8,12 @@ import time
 import psycopg
 import pytest
 from tests.postgres import PostgresServer
-from tests.store.examples import with_robots
+from tests.store.examples import owner, with_robots
 from tests.store.processes import instance, next_line
 
 from robomend.errors import Fenced, NotFound
-from robomend.store import open_store
-from robomend.store.interface import Store
-from robomend.store.records import Fence, Owner
+from robomend.store import Store, journal, repairs
+from robomend.store.records import Fence
 
 pytestmark = pytest.mark.anyio
 
@@ -28,7 +27,7 @@ async def test_a_robot_has_one_owner(store: Store, second: Store) -> None:
     assert await second.ownership.acquire("r1") is None
     assert await second.ownership.orphans() == ("r2",)
     assert store.ownership.held == {"r1": fence}
-    assert await store.read(lambda db: db.owner("r1")) == Owner("r1", store.ownership.instance, 1)
+    assert await store.read(owner, "r1") == (store.ownership.instance, 1)
     with pytest.raises(NotFound):
         await store.ownership.acquire("nobody")
 
@@ -58,12 +57,12 @@ async def test_closing_a_store_frees_its_robots(store: Store, second: Store) -> 
 
 async def test_instances_are_listed_while_they_run(store: Store, second: Store) -> None:
     async with asyncio.timeout(5):
-        while len(await store.read(lambda db: db.instances())) < 2:
+        while len(await store.ownership.instances()) < 2:
             await asyncio.sleep(0.01)
-    found = {i.id for i in await store.read(lambda db: db.instances())}
+    found = {i.id for i in await store.ownership.instances()}
     assert found == {store.ownership.instance, second.ownership.instance}
     await second.close()
-    assert [i.id for i in await store.read(lambda db: db.instances())] == [store.ownership.instance]
+    assert [i.id for i in await store.ownership.instances()] == [store.ownership.instance]
 
 
 async def test_the_robots_of_a_killed_process_are_taken_over_with_its_repairs(store: Store, url: str) -> None:
@@ -80,16 +79,16 @@ async def test_the_robots_of_a_killed_process_are_taken_over_with_its_repairs(st
         fence = await store.ownership.acquire("r1")
     assert time.monotonic() - killed < 5  # the promise of the design; it takes some milliseconds
     assert fence == Fence("r1", int(number) + 1)
-    assert [r.id for r in (await store.read(lambda db: db.repairs("r1", open_only=True))).items] == [repair]
-    assert [intent.id for intent in await store.read(lambda db: db.unsettled("r1"))] == [f"{repair}:0"]
-    settled = await store.write(lambda tx: tx.settle(f"{repair}:0", 3, "nobody knows", fence=fence))
+    assert [r.id for r in (await store.read(repairs.page, "r1", open_only=True)).items] == [repair]
+    assert [intent.id for intent in await store.read(journal.unsettled, "r1")] == [f"{repair}:0"]
+    settled = await store.write(lambda tx: journal.settle(tx, f"{repair}:0", 3, "nobody knows", fence=fence))
     assert settled.fence == int(number)
 
 
 async def test_an_owner_whose_connection_breaks_hears_of_it_and_can_write_no_more(
     postgres_server: PostgresServer, postgres_url: str
 ) -> None:
-    store, second = open_store(postgres_url), open_store(postgres_url)
+    store, second = Store(postgres_url), Store(postgres_url)
     await store.start()
     await second.start()
     try:
@@ -110,7 +109,7 @@ async def test_an_owner_whose_connection_breaks_hears_of_it_and_can_write_no_mor
         new = await second.ownership.acquire("r1")
         assert new == Fence("r1", old.number + 1)
         with pytest.raises(Fenced):
-            await store.write(lambda tx: tx.create_repair("r1", state="running", data={}, fence=old))
+            await store.write(lambda tx: repairs.create(tx, "r1", state="running", data={}, fence=old))
         async with asyncio.timeout(5):
             while store.ownership.instance in ("", before):
                 await asyncio.sleep(0.01)

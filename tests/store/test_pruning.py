@@ -6,9 +6,10 @@ import asyncio
 import time
 
 import pytest
-from tests.store.examples import entry, observe, with_robots
+from tests.store.examples import entry, intents, observe, with_robots
 
-from robomend.store.interface import Store, Transaction
+from robomend.store import Store, Transaction, diagnoses, events, journal, observations, repairs
+from robomend.store.pruning import prune
 from robomend.store.records import AuditEntry, EventRange, IdempotencyKey, Pruned, Retention
 
 pytestmark = pytest.mark.anyio
@@ -34,16 +35,16 @@ async def test_what_is_old_goes_and_what_is_young_stays(
         revision = await observe(store, "r1", entry("scan"))
 
         def rest(tx: Transaction, revision: int = revision) -> None:
-            tx.record_diagnosis("r1", revision, {})
+            diagnoses.record(tx, "r1", revision, {})
             tx.note(AuditEntry("ada", "x", "r1"))
 
         await store.write(rest)
-    pruned = await store.prune(EVERYTHING, slice=2)
+    pruned = await prune(store, EVERYTHING, slice=2)
     assert (pruned.observations, pruned.events, pruned.diagnoses, pruned.audit) == (3, 3, 3, 3)
-    assert [b.revision for b in (await store.read(lambda db: db.history("r1"))).items] == [4]
-    assert await store.read(lambda db: db.event_range()) == EventRange(4, 4)
-    assert len((await store.read(lambda db: db.obs("r1"))).entries) == 1
-    assert await store.prune(EVERYTHING) == Pruned()
+    assert [b.revision for b in (await store.read(observations.history, "r1")).items] == [4]
+    assert await store.read(events.kept) == EventRange(4, 4)
+    assert len((await store.read(observations.obs, "r1")).entries) == 1
+    assert await prune(store, EVERYTHING) == Pruned()
 
 
 async def test_the_latest_diagnosis_and_open_repairs_stay_however_old(
@@ -55,21 +56,23 @@ async def test_the_latest_diagnosis_and_open_repairs_stay_however_old(
     assert fence is not None
 
     def old(tx: Transaction) -> tuple[str, str]:
-        tx.record_diagnosis("r1", 1, {})
-        tx.record_diagnosis("r1", 2, {})
-        running = tx.create_repair("r1", state="running", data={}, fence=fence).id
-        ended = tx.create_repair("r1", state="failed", data={}, open=False, fence=fence).id
+        diagnoses.record(tx, "r1", 1, {})
+        diagnoses.record(tx, "r1", 2, {})
+        running = repairs.create(tx, "r1", state="running", data={}, fence=fence).id
+        ended = repairs.create(tx, "r1", state="failed", data={}, open=False, fence=fence).id
         for repair in (running, ended):
-            tx.intend(repair, 0, action=f"{repair}:0", name="n", parameters=[], timeout_s=1, fence=fence)
+            journal.intend(
+                tx, repair, 0, action=f"{repair}:0", name="n", parameters=[], timeout_s=1, fence=fence
+            )
         return running, ended
 
     running, ended = await store.write(old)
     at(monkeypatch, 0)
-    pruned = await store.prune(EVERYTHING)
+    pruned = await prune(store, EVERYTHING)
     assert (pruned.diagnoses, pruned.repairs) == (1, 1)
-    assert [r.id for r in (await store.read(lambda db: db.repairs())).items] == [running]
-    assert len(await store.read(lambda db: db.intents(running))) == 1
-    assert await store.read(lambda db: db.intents(ended)) == ()
+    assert [r.id for r in (await store.read(repairs.page)).items] == [running]
+    assert len(await store.read(intents, running)) == 1
+    assert await store.read(intents, ended) == ()
 
 
 async def test_a_log_is_cut_from_its_beginning_only(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -78,8 +81,8 @@ async def test_a_log_is_cut_from_its_beginning_only(store: Store, monkeypatch: p
     for days_ago in (5, 0, 3, 0):
         at(monkeypatch, days_ago)
         await observe(store, "r1", entry("scan"))
-    assert (await store.prune(EVERYTHING)).events == 1
-    assert await store.read(lambda db: db.event_range()) == EventRange(2, 4)
+    assert (await prune(store, EVERYTHING)).events == 1
+    assert await store.read(events.kept) == EventRange(2, 4)
 
 
 async def test_nothing_goes_that_is_kept_for_ever(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -88,15 +91,14 @@ async def test_nothing_goes_that_is_kept_for_ever(store: Store, monkeypatch: pyt
     await observe(store, "r1", entry("scan"))
     at(monkeypatch, 0)
     forever = Retention(None, None, None, None, None, None)
-    assert await store.prune(forever) == Pruned()
+    assert await prune(store, forever) == Pruned()
 
 
 async def test_expired_idempotency_keys_go(store: Store) -> None:
     for number in range(5):
         await store.write(lambda tx: 1, once=IdempotencyKey("ada", f"k{number}", "x", ttl_s=0))
     await store.write(lambda tx: 1, once=IdempotencyKey("ada", "kept", "x"))
-    await asyncio.sleep(0.01)
-    assert (await store.prune(Retention(), slice=2)).idempotency == 5
+    assert (await prune(store, Retention(), slice=2)).idempotency == 5
 
 
 async def test_others_write_between_the_slices(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -104,7 +106,7 @@ async def test_others_write_between_the_slices(store: Store, monkeypatch: pytest
     at(monkeypatch, 5)
     await asyncio.gather(*(observe(store, "r1", entry("scan")) for _ in range(60)))
     at(monkeypatch, 0)
-    pruning = asyncio.create_task(store.prune(EVERYTHING, slice=1))
+    pruning = asyncio.create_task(prune(store, EVERYTHING, slice=1))
     revisions = [await observe(store, "r1", entry("scan")) for _ in range(3)]
     assert not pruning.done()
     assert revisions == [61, 62, 63]

@@ -8,10 +8,21 @@ from collections.abc import Callable
 from functools import partial
 
 import pytest
-from tests.store.examples import with_robots
+from tests.store.examples import intents, with_robots
 
 from robomend.errors import Fenced, NotFound, StateConflict
-from robomend.store.interface import Store, Transaction
+from robomend.store import (
+    Store,
+    Transaction,
+    agent_actions,
+    api_keys,
+    attempts,
+    audit,
+    global_stop,
+    journal,
+    repairs,
+    robots,
+)
 from robomend.store.records import (
     AgentAction,
     AuditEntry,
@@ -36,13 +47,14 @@ async def own(store: Store, robot: str = "r1") -> Fence:
 
 async def begin(store: Store, fence: Fence) -> StoredRepair:
     return await store.write(
-        lambda tx: tx.create_repair(fence.robot, state="running", data={"plan": [1, 2]}, fence=fence)
+        lambda tx: repairs.create(tx, fence.robot, state="running", data={"plan": [1, 2]}, fence=fence)
     )
 
 
 async def intend(store: Store, repair: StoredRepair, step: int, fence: Fence) -> Intent:
     return await store.write(
-        lambda tx: tx.intend(
+        lambda tx: journal.intend(
+            tx,
             repair.id,
             step,
             action=f"{repair.id}:{step}",
@@ -58,52 +70,52 @@ async def intend(store: Store, repair: StoredRepair, step: int, fence: Fence) ->
 async def test_a_repair_is_found_again_while_it_is_open(store: Store) -> None:
     fence = await own(store)
     repair = await begin(store, fence)
-    assert await store.read(lambda db: db.repair(repair.id)) == repair
-    assert (await store.read(lambda db: db.repairs(open_only=True))).items == (repair,)
+    assert await store.read(repairs.get, repair.id) == repair
+    assert (await store.read(repairs.page, open_only=True)).items == (repair,)
     ended = await store.write(
-        lambda tx: tx.update_repair(repair.id, state="repaired", data={}, open=False, fence=fence)
+        lambda tx: repairs.update(tx, repair.id, state="repaired", data={}, open=False, fence=fence)
     )
     assert (ended.state, ended.open, ended.created_ns) == ("repaired", False, repair.created_ns)
-    assert (await store.read(lambda db: db.repairs("r1", open_only=True))).items == ()
-    assert (await store.read(lambda db: db.repairs("r1"))).items == (ended,)
+    assert (await store.read(repairs.page, "r1", open_only=True)).items == ()
+    assert (await store.read(repairs.page, "r1")).items == (ended,)
 
 
 async def test_repairs_are_listed_newest_first_from_a_repair_on(store: Store) -> None:
     fence = await own(store)
     ids = [(await begin(store, fence)).id for _ in range(4)]
-    page = await store.read(lambda db: db.repairs("r1", Paging(ids[3], 2)))
+    page = await store.read(repairs.page, "r1", Paging(ids[3], 2))
     assert [repair.id for repair in page.items] == [ids[2], ids[1]]
-    rest = await store.read(lambda db: db.repairs("r1", Paging(page.next, 2)))
+    rest = await store.read(repairs.page, "r1", Paging(page.next, 2))
     assert [repair.id for repair in rest.items] == [ids[0]]
     with pytest.raises(NotFound):
-        await store.read(lambda db: db.repairs("r1", Paging("r-none")))
+        await store.read(repairs.page, "r1", Paging("r-none"))
 
 
 async def test_every_write_about_a_repair_is_refused_with_an_old_fence(store: Store) -> None:
     old = await own(store)
     repair = await begin(store, old)
     await intend(store, repair, 0, old)
-    request = await store.write(lambda tx: tx.ask(repair.id, "cancel", by="ada", reason="smoke"))
+    request = await store.write(lambda tx: repairs.ask(tx, repair.id, "cancel", by="ada", reason="smoke"))
     await store.ownership.release("r1")
     assert await store.ownership.acquire("r1") == Fence("r1", old.number + 1)
     tried = StoredAttempt("r1", ("jaguar",), ("power_up(jaguar)",), False, True, repair.id, 1)
     quarantine = Quarantine("r1", "jaguar", "failed 3 times", 3, 1, None)
     writes: list[Callable[[Transaction], object]] = [
-        lambda tx: tx.create_repair("r1", state="running", data={}, fence=old),
-        lambda tx: tx.update_repair(repair.id, state="failed", data={}, open=False, fence=old),
-        lambda tx: tx.put_step(repair.id, 0, state="done", data={}, fence=old),
-        lambda tx: tx.settle(f"{repair.id}:0", 0, fence=old),
-        lambda tx: tx.remember(tried, fence=old),
-        lambda tx: tx.put_quarantine(quarantine, fence=old),
-        lambda tx: tx.count_attempt("r1", "jaguar", repair.id, fence=old),
-        lambda tx: tx.answer(request.number, fence=old),
+        lambda tx: repairs.create(tx, "r1", state="running", data={}, fence=old),
+        lambda tx: repairs.update(tx, repair.id, state="failed", data={}, open=False, fence=old),
+        lambda tx: repairs.put_step(tx, repair.id, 0, state="done", data={}, fence=old),
+        lambda tx: journal.settle(tx, f"{repair.id}:0", 0, fence=old),
+        lambda tx: attempts.remember(tx, tried, fence=old),
+        lambda tx: attempts.put_quarantine(tx, quarantine, fence=old),
+        lambda tx: attempts.count(tx, "r1", "jaguar", repair.id, fence=old),
+        lambda tx: repairs.answer(tx, request.number, fence=old),
     ]
     for write in writes:
         with pytest.raises(Fenced):
             await store.write(write)
     with pytest.raises(Fenced):
         await intend(store, repair, 1, old)
-    assert (await store.read(lambda db: db.repair(repair.id))) == repair
+    assert (await store.read(repairs.get, repair.id)) == repair
 
 
 async def test_a_fence_gives_no_right_to_another_robot(store: Store) -> None:
@@ -118,11 +130,11 @@ async def test_the_journal_tells_what_a_crash_left_open(store: Store) -> None:
     fence = await own(store)
     repair = await begin(store, fence)
     first, second = await intend(store, repair, 0, fence), await intend(store, repair, 1, fence)
-    settled = await store.write(lambda tx: tx.settle(first.id, 0, "on", fence=fence))
+    settled = await store.write(lambda tx: journal.settle(tx, first.id, 0, "on", fence=fence))
     assert (settled.code, settled.message) == (0, "on")
-    assert await store.read(lambda db: db.unsettled("r1")) == (second,)
-    assert await store.read(lambda db: db.intents(repair.id)) == (settled, second)
-    again = await store.write(lambda tx: tx.settle(first.id, 1, "late", fence=fence))
+    assert await store.read(journal.unsettled, "r1") == (second,)
+    assert await store.read(intents, repair.id) == (settled, second)
+    again = await store.write(lambda tx: journal.settle(tx, first.id, 1, "late", fence=fence))
     assert again == settled
     with pytest.raises(StateConflict):
         await intend(store, repair, 0, fence)
@@ -134,12 +146,14 @@ async def test_steps_are_replaced_as_they_come_along(store: Store) -> None:
 
     async def put(step: int, state: str) -> None:
         data = {"by": state}
-        await store.write(lambda tx: tx.put_step(repair.id, step, state=state, data=data, fence=fence))
+        await store.write(
+            lambda tx: repairs.put_step(tx, repair.id, step, state=state, data=data, fence=fence)
+        )
 
     await put(1, "running")
     await put(0, "done")
     await put(1, "done")
-    steps = await store.read(lambda db: db.steps(repair.id))
+    steps = await store.read(repairs.steps, repair.id)
     assert [(step.step, step.state, step.data) for step in steps] == [
         (0, "done", {"by": "done"}),
         (1, "done", {"by": "done"}),
@@ -149,69 +163,71 @@ async def test_steps_are_replaced_as_they_come_along(store: Store) -> None:
 async def test_requests_wait_for_the_owner_and_are_refused_when_it_is_over(store: Store) -> None:
     fence = await own(store)
     repair = await begin(store, fence)
-    request = await store.write(lambda tx: tx.ask(repair.id, "approve", by="ada", reason="looks right"))
-    assert await store.read(lambda db: db.repair_requests("r1")) == (request,)
-    await store.write(lambda tx: tx.answer(request.number, fence=fence))
-    assert await store.read(lambda db: db.repair_requests("r1")) == ()
+    request = await store.write(
+        lambda tx: repairs.ask(tx, repair.id, "approve", by="ada", reason="looks right")
+    )
+    assert await store.read(repairs.requests, "r1") == (request,)
+    await store.write(lambda tx: repairs.answer(tx, request.number, fence=fence))
+    assert await store.read(repairs.requests, "r1") == ()
     await store.write(
-        lambda tx: tx.update_repair(repair.id, state="repaired", data={}, open=False, fence=fence)
+        lambda tx: repairs.update(tx, repair.id, state="repaired", data={}, open=False, fence=fence)
     )
     with pytest.raises(StateConflict):
-        await store.write(lambda tx: tx.ask(repair.id, "cancel", by="ada", reason=""))
+        await store.write(lambda tx: repairs.ask(tx, repair.id, "cancel", by="ada", reason=""))
 
 
 async def test_a_robot_with_an_open_repair_is_not_deleted(store: Store) -> None:
     repair = await begin(store, await own(store))
     with pytest.raises(StateConflict, match=repair.id):
-        await store.write(lambda tx: tx.delete_robot("r1"))
+        await store.write(lambda tx: robots.delete(tx, "r1"))
 
 
-def remember(tried: StoredAttempt, fence: Fence, tx: Transaction) -> None:
-    tx.remember(tried, fence=fence)
+def remember(attempt: StoredAttempt, fence: Fence, tx: Transaction) -> None:
+    attempts.remember(tx, attempt, fence=fence)
 
 
 def count(component: str, fence: Fence, tx: Transaction) -> None:
-    tx.count_attempt("r1", component, "r-1", fence=fence)
+    attempts.count(tx, "r1", component, "r-1", fence=fence)
 
 
 async def test_memory_quarantine_and_attempts(store: Store) -> None:
     fence = await own(store)
-    attempts = [
+    tried = [
         StoredAttempt("r1", ("jaguar",), ("power_up(jaguar)",), False, True, "r-1", 5, {"round": 1}),
         StoredAttempt("r1", ("jaguar_node",), (), True, True, None, 4),
     ]
-    for tried in attempts:
-        await store.write(partial(remember, tried, fence))
-    assert await store.read(lambda db: db.tried("r1")) == tuple(reversed(attempts))
-    assert await store.read(lambda db: db.tried("r1", limit=1)) == (attempts[1],)
-    assert await store.write(lambda tx: tx.forget_tried("r1", "router")) == 0
-    assert await store.write(lambda tx: tx.forget_tried("r1", "jaguar")) == 1
-    assert await store.read(lambda db: db.tried("r1")) == (attempts[1],)
-    assert await store.write(lambda tx: tx.forget_tried("r1")) == 1
+    for attempt in tried:
+        await store.write(partial(remember, attempt, fence))
+    assert await store.read(attempts.tried, "r1") == tuple(reversed(tried))
+    assert await store.read(attempts.tried, "r1", limit=1) == (tried[1],)
+    assert await store.write(lambda tx: attempts.forget(tx, "r1", "router")) == 0
+    assert await store.write(lambda tx: attempts.forget(tx, "r1", "jaguar")) == 1
+    assert await store.read(attempts.tried, "r1") == (tried[1],)
+    assert await store.write(lambda tx: attempts.forget(tx, "r1", "jaguar_node")) == 1
 
     entry = Quarantine("r1", "jaguar", "failed 3 times", 3, since_ns=1, until_ns=2)
-    await store.write(lambda tx: tx.put_quarantine(entry, fence=fence))
-    assert await store.read(lambda db: db.quarantine("r1")) == (entry,)
-    assert await store.write(lambda tx: tx.release_quarantine("r1", "jaguar")) == entry
+    await store.write(lambda tx: attempts.put_quarantine(tx, entry, fence=fence))
+    assert await store.read(attempts.quarantine, "r1") == (entry,)
+    assert await store.write(lambda tx: attempts.release_quarantine(tx, "r1", "jaguar")) == entry
     with pytest.raises(NotFound):
-        await store.write(lambda tx: tx.release_quarantine("r1", "jaguar"))
+        await store.write(lambda tx: attempts.release_quarantine(tx, "r1", "jaguar"))
 
     for component in ("jaguar", "hokuyo", "jaguar"):
         await store.write(partial(count, component, fence))
-    assert await store.read(lambda db: db.attempts("r1", 0)) == {"jaguar": 2, "hokuyo": 1}
-    assert await store.read(lambda db: db.attempts("r1", 2**62)) == {}
+    assert await store.read(attempts.counted, "r1", 0) == {"jaguar": 2, "hokuyo": 1}
+    assert await store.read(attempts.counted, "r1", 2**62) == {}
 
 
 async def queue(store: Store, action: str, host: str | None = None, timeout_s: float = 60.0) -> AgentAction:
     return await store.write(
-        lambda tx: tx.queue_action(
-            action, "r1", host=host, name="start_node", parameters=["imu_node"], timeout_s=timeout_s
+        lambda tx: agent_actions.queue(
+            tx, action, "r1", host=host, name="start_node", parameters=["imu_node"], timeout_s=timeout_s
         )
     )
 
 
 async def take(store: Store, agent: str, host: str | None = None) -> str | None:
-    action = await store.write(lambda tx: tx.take_action("r1", host=host, agent=agent))
+    action = await store.write(lambda tx: agent_actions.take(tx, "r1", host=host, agent=agent))
     return None if action is None else action.id
 
 
@@ -223,15 +239,15 @@ async def test_an_action_is_handed_out_until_its_first_answer(store: Store) -> N
     await queue(store, "r-1:1")
     assert [await take(store, "a"), await take(store, "a")] == ["r-1:0", "r-1:0"]
     assert await take(store, "b") == "r-1:1"
-    await store.write(lambda tx: tx.answer_action("r-1:0"))
+    await store.write(lambda tx: agent_actions.answer(tx, "r-1:0"))
     assert await take(store, "a") is None
-    assert {a.id for a in await store.read(lambda db: db.agent_actions("r1"))} == {"r-1:0", "r-1:1"}
-    done = await store.write(lambda tx: tx.finish_action("r-1:0", 0, "started"))
-    assert await store.write(lambda tx: tx.finish_action("r-1:0", 1, "again")) == done
+    assert {a.id for a in await store.read(agent_actions.waiting, "r1")} == {"r-1:0", "r-1:1"}
+    done = await store.write(lambda tx: agent_actions.finish(tx, "r-1:0", 0, "started"))
+    assert await store.write(lambda tx: agent_actions.finish(tx, "r-1:0", 1, "again")) == done
     with pytest.raises(StateConflict):
-        await store.write(lambda tx: tx.answer_action("r-1:0"))
+        await store.write(lambda tx: agent_actions.answer(tx, "r-1:0"))
     with pytest.raises(NotFound):
-        await store.write(lambda tx: tx.finish_action("r-9:9", 0, ""))
+        await store.write(lambda tx: agent_actions.finish(tx, "r-9:9", 0, ""))
     assert await queue(store, "r-1:0") == done
 
 
@@ -242,12 +258,12 @@ async def test_an_action_goes_to_its_host_and_not_after_its_time(store: Store) -
     await queue(store, "any")
     assert await take(store, "agent-base", "base") == "any"
     assert await take(store, "agent-arm", "arm") == "arm"
-    withdrawn = await store.write(lambda tx: tx.withdraw_action("arm", 5, "cancelled"))
+    withdrawn = await store.write(lambda tx: agent_actions.withdraw(tx, "arm", 5, "cancelled"))
     assert (withdrawn.code, withdrawn.answered) == (5, False)
     assert await take(store, "agent-arm", "arm") is None
-    await store.write(lambda tx: tx.answer_action("any"))
+    await store.write(lambda tx: agent_actions.answer(tx, "any"))
     with pytest.raises(StateConflict):
-        await store.write(lambda tx: tx.withdraw_action("any", 5, "cancelled"))
+        await store.write(lambda tx: agent_actions.withdraw(tx, "any", 5, "cancelled"))
 
 
 async def test_an_agent_that_vanished_loses_its_action_to_another(
@@ -270,19 +286,24 @@ async def test_two_agents_never_take_one_action(store: Store) -> None:
     assert len(set(taken)) == 20
 
 
-async def test_keys_are_found_by_hash_and_revoked_for_good(store: Store) -> None:
-    key = await store.write(lambda tx: tx.add_key(name="k", hash="h1", role="robot", robot="r1", by="ada"))
-    assert await store.read(lambda db: db.key_with_hash("h1")) == key
-    assert await store.read(lambda db: db.key_with_hash("h2")) is None
+async def test_a_key_has_a_name_of_its_own_while_it_is_in_use_and_is_revoked_for_good(store: Store) -> None:
+    key = await store.write(
+        lambda tx: api_keys.add(tx, name="k", hash="h1", role="robot", robot="r1", by="ada")
+    )
+    assert await store.read(api_keys.every) == (key,)
     with pytest.raises(StateConflict):
-        await store.write(lambda tx: tx.add_key(name="k", hash="h2", role="viewer", robot=None, by="ada"))
-    revoked = await store.write(lambda tx: tx.revoke_key(key.id))
+        await store.write(
+            lambda tx: api_keys.add(tx, name="k", hash="h2", role="viewer", robot=None, by="ada")
+        )
+    revoked = await store.write(lambda tx: api_keys.revoke(tx, key.id))
     assert revoked.revoked_ns is not None
-    assert await store.write(lambda tx: tx.revoke_key(key.id)) == revoked
-    again = await store.write(lambda tx: tx.add_key(name="k", hash="h2", role="viewer", robot=None, by="ada"))
-    assert await store.read(lambda db: db.keys()) == (revoked, again)
+    assert await store.write(lambda tx: api_keys.revoke(tx, key.id)) == revoked
+    again = await store.write(
+        lambda tx: api_keys.add(tx, name="k", hash="h2", role="viewer", robot=None, by="ada")
+    )
+    assert await store.read(api_keys.every) == (revoked, again)
     with pytest.raises(NotFound):
-        await store.write(lambda tx: tx.revoke_key("k-none"))
+        await store.write(lambda tx: api_keys.revoke(tx, "k-none"))
 
 
 def note(entry: AuditEntry, tx: Transaction) -> None:
@@ -297,20 +318,20 @@ async def test_the_audit_log_tells_who_what_why_before_and_after(store: Store) -
     ]
     for entry in entries:
         await store.write(partial(note, entry))
-    page = await store.read(lambda db: db.audit(Paging(limit=2)))
-    rest = await store.read(lambda db: db.audit(Paging(page.next)))
+    page = await store.read(audit.page, Paging(limit=2))
+    rest = await store.read(audit.page, Paging(page.next))
     kept = [*page.items, *rest.items]
     assert [(e.id, e.actor, e.reason, e.before, e.after) for e in kept] == [
         (3, "bob", "", None, None),
         (2, "robomend", "", None, None),
         (1, "ada", "new wheels", {"policy": "approve"}, {"policy": "auto"}),
     ]
-    assert len((await store.read(lambda db: db.audit(robot="r1"))).items) == 2
+    assert len((await store.read(audit.page, robot="r1")).items) == 2
 
 
 async def test_the_global_stop_stays(store: Store) -> None:
-    assert await store.read(lambda db: db.stop()) == Stop()
-    stop = await store.write(lambda tx: tx.set_stop(True, by="ada", reason="smoke"))
+    assert await store.read(global_stop.get) == Stop()
+    stop = await store.write(lambda tx: global_stop.put(tx, True, by="ada", reason="smoke"))
     assert (stop.active, stop.by, stop.reason) == (True, "ada", "smoke")
-    assert await store.read(lambda db: db.stop()) == stop
-    assert not (await store.write(lambda tx: tx.set_stop(False, by="ada", reason="aired"))).active
+    assert await store.read(global_stop.get) == stop
+    assert not (await store.write(lambda tx: global_stop.put(tx, False, by="ada", reason="aired"))).active

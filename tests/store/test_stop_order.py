@@ -9,7 +9,7 @@ from collections.abc import Callable
 import pytest
 from tests.store.examples import with_robots
 
-from robomend.store.interface import Store, Transaction
+from robomend.store import Store, Transaction, global_stop, repairs
 
 pytestmark = pytest.mark.anyio
 
@@ -42,19 +42,19 @@ async def test_a_stop_waits_for_those_who_have_read_that_there_is_none(store: St
     assert not await overtaken(
         store,
         second,
-        lambda tx: tx.stop().active,
-        lambda tx: tx.set_stop(True, by="ann", reason="people on the floor"),
+        lambda tx: global_stop.hold(tx).active,
+        lambda tx: global_stop.put(tx, True, by="ann", reason="people on the floor"),
     )
-    assert await store.write(lambda tx: tx.stop().active)
+    assert await store.write(lambda tx: global_stop.hold(tx).active)
 
 
 async def test_a_cancellation_waits_for_an_intent_that_is_being_written(store: Store, second: Store) -> None:
     await with_robots(store, "r1")
-    repair = await store.write(lambda tx: tx.create_repair("r1", state="running", data={}))
+    repair = await store.write(lambda tx: repairs.create(tx, "r1", state="running", data={}))
     assert not await overtaken(
         store,
         second,
-        lambda tx: tx.repair_requests("r1"),
-        lambda tx: tx.ask(repair.id, "cancel", by="ann", reason="I see smoke"),
+        lambda tx: repairs.requests(tx, "r1"),
+        lambda tx: repairs.ask(tx, repair.id, "cancel", by="ann", reason="I see smoke"),
     )
-    assert [r.what for r in await store.write(lambda tx: tx.repair_requests("r1"))] == ["cancel"]
+    assert [r.what for r in await store.write(lambda tx: repairs.requests(tx, "r1"))] == ["cancel"]

@@ -9,19 +9,21 @@ from pathlib import Path
 import pytest
 
 from robomend.errors import StoreError
-from robomend.store import database, open_store
+from robomend.store import Store, database, global_stop
 
 pytestmark = pytest.mark.anyio
 
 
 async def test_a_writer_waits_for_another_process_and_then_writes(tmp_path: Path) -> None:
     path = tmp_path / "robomend.db"
-    store = open_store(f"sqlite:///{path}")
+    store = Store(f"sqlite:///{path}")
     await store.start()
     other = sqlite3.connect(path, isolation_level=None)
     other.execute("BEGIN IMMEDIATE")
-    writing = asyncio.ensure_future(store.write(lambda tx: tx.set_stop(True, by="ann", reason="smoke")))
-    await asyncio.sleep(0.2)
+    writing = asyncio.ensure_future(
+        store.write(lambda tx: global_stop.put(tx, True, by="ann", reason="smoke"))
+    )
+    await asyncio.sleep(0.2)  # many turns
     assert not writing.done()
     other.execute("ROLLBACK")
     assert (await writing).active
@@ -33,14 +35,14 @@ async def test_one_who_waits_for_too_long_is_told_and_the_next_write_goes_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "robomend.db"
-    store = open_store(f"sqlite:///{path}")
+    store = Store(f"sqlite:///{path}")
     await store.start()
     monkeypatch.setattr(database, "BUSY_TIMEOUT_S", 0.2)
     other = sqlite3.connect(path, isolation_level=None)
     other.execute("BEGIN IMMEDIATE")
     with pytest.raises(StoreError, match=r"kept the database locked for 0\.2 s"):
-        await store.write(lambda tx: tx.set_stop(True, by="ann", reason="smoke"))
+        await store.write(lambda tx: global_stop.put(tx, True, by="ann", reason="smoke"))
     other.execute("ROLLBACK")
     other.close()
-    assert (await store.write(lambda tx: tx.set_stop(True, by="ann", reason="smoke"))).active
+    assert (await store.write(lambda tx: global_stop.put(tx, True, by="ann", reason="smoke"))).active
     await store.close()

@@ -189,7 +189,7 @@ async def _timed_out_and_cancelled(pool: WorkerPool, spin: Callable[..., object]
     assert await pool.run(math.factorial, 5, timeout_s=30) == 120
     pid = await pool.run(os.getpid)
     task = asyncio.create_task(pool.run(spin, 600))
-    await asyncio.sleep(0.2)
+    await asyncio.sleep(0.2)  # it is at work by then
     task.cancel()
     with pytest.raises(asyncio.CancelledError):
         await task

@@ -26,7 +26,7 @@ from robomend.model.loading import load_model
 from robomend.planning.domain.loading import load_domain
 from robomend.planning.pddl_text import problem_text
 from robomend.planning.plan import Outcome
-from robomend.planning.planners import make_planner, planner_names
+from robomend.planning.planners import PLANNERS, make_planner
 from robomend.planning.planning import PlanOptions, forget, plan_for
 from robomend.planning.problem import repair_problem
 from robomend.resources import resource
@@ -96,8 +96,8 @@ class Plans:
         if contender in (UP_CHAIN, FD_WHOLE):
             return _stock(contender, wish)
         name, _, how = contender.partition(":")
-        if name not in planner_names() or how not in ("", "warm"):
-            known = ", ".join((UP_CHAIN, FD_WHOLE, *planner_names()))
+        if name not in PLANNERS.names() or how not in ("", "warm"):
+            known = ", ".join((UP_CHAIN, FD_WHOLE, *PLANNERS.names()))
             raise OptionRefused(f"no contender {contender!r}: choose from {known}, or a planner with :warm")
         make_planner(name)
         options = PlanOptions(planner=name, timeout_s=wish.timeout_s)

@@ -31,7 +31,7 @@ from robomend_client.agent.executors.base import Executors
 from robomend_client.agent.memory import FirstResults
 from robomend_client.agent.watch import Watch
 from robomend_client.outbox import LATER
-from robomend_client.python310 import timeout
+from robomend_client.python310 import end, timeout
 from robomend_client.rest import calls
 from robomend_client.rest.asynchronous import AsyncClient
 from robomend_client.rest.errors import ClientError, NotFound, StateConflict
@@ -112,10 +112,7 @@ class Actions:
 
     async def close(self) -> None:
         """Give up what is under way; its results will be asked for again."""
-        tasks = list(self._under_way.values())
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
+        await end(list(self._under_way.values()))
 
     async def run(self, action: Action, feedback: Feedback) -> ActionResult:
         """Carry out `action` if this agent may; never later than its time-out."""
@@ -233,6 +230,7 @@ class _Telling:
         self._action_id = action_id
         self._queue: asyncio.Queue[tuple[int, str]] = asyncio.Queue(maxsize=16)
         self.withdrawn = asyncio.Event()
+        self._closed = False
         self._task = asyncio.create_task(self._send())
 
     def tell(self, number: int, message: str) -> None:
@@ -241,11 +239,11 @@ class _Telling:
             self._queue.put_nowait((number, message))
 
     async def close(self) -> None:
-        self._task.cancel()
-        await asyncio.gather(self._task, return_exceptions=True)
+        self._closed = True  # should the cancellation be lost, it ends with the call that is under way
+        await end([self._task])
 
     async def _send(self) -> None:
-        while True:
+        while not self._closed:
             number, message = 0, "under way"
             with contextlib.suppress(TimeoutError):
                 async with timeout(BEAT_S):

@@ -16,7 +16,7 @@ from contextlib import AsyncExitStack
 from typing import Any
 
 from robomend_client.agent.actions import Actions
-from robomend_client.agent.broker import Broker, Tap
+from robomend_client.agent.broker import Broker, Message, Tap
 from robomend_client.agent.config import AgentConfig
 from robomend_client.agent.executors.base import Executors
 from robomend_client.agent.executors.supervised import supervised
@@ -27,11 +27,10 @@ from robomend_client.agent.supervisor import Supervisor
 from robomend_client.agent.usage import PERIOD_S, Usage
 from robomend_client.agent.watch import Watch
 from robomend_client.buffer import DiskBuffer
-from robomend_client.bus import Message
 from robomend_client.clock import Clock
 from robomend_client.observers import PROCESSES
 from robomend_client.outbox import AsyncOutbox
-from robomend_client.python310 import timeout
+from robomend_client.python310 import end, timeout
 from robomend_client.rest.asynchronous import AsyncClient
 
 log = logging.getLogger(__name__)
@@ -150,7 +149,7 @@ class Agent:
         if self.config.joins_bus:
             tap = Tap(self.config.bus, list(samples.topics), on_message)
             task = asyncio.create_task(tap.run(), name="bus")
-            stack.push_async_callback(_cancelled, task)
+            stack.push_async_callback(end, [task])
             return
         broker = Broker(self.config.bus, on_message)
         await broker.open()
@@ -182,13 +181,4 @@ async def _until(stop: asyncio.Event, tasks: list[asyncio.Task[None]]) -> None:
                 if task.done():
                     task.result()
     finally:
-        everything = [stopped, *tasks]
-        while not all(task.done() for task in everything):
-            for task in everything:
-                task.cancel()  # again, should a library in between have swallowed it
-            await asyncio.wait(everything, timeout=1.0)
-
-
-async def _cancelled(task: asyncio.Task[None]) -> None:
-    task.cancel()
-    await asyncio.gather(task, return_exceptions=True)
+        await end([stopped, *tasks])

@@ -14,11 +14,12 @@ import contextlib
 import json
 import logging
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from robomend_client.bus import LONGEST_LINE, Message, parse_address, read_message
+from robomend_client.bus import LONGEST_LINE, parse_address
 from robomend_client.python310 import timeout
 
 log = logging.getLogger(__name__)
@@ -27,6 +28,33 @@ MOST_CLIENTS = 256
 MOST_TOPICS = 1024
 MOST_WAITING = 256 * 1024
 """Bytes that may wait for one subscriber."""
+
+
+@dataclass(frozen=True)
+class Message:
+    """What was published."""
+
+    topic: str
+    data: object = None
+    time_ns: int | None = None  # None: when it arrives
+    fields: Mapping[str, Any] | None = None
+
+
+def read_message(line: object) -> Message | None:
+    """Return the message of a line that was read as JSON; None if it is none.
+
+    Raises:
+        ValueError: it is one, and not as it should be.
+    """
+    if not isinstance(line, dict) or not isinstance(line.get("topic"), str):
+        return None
+    time_ns, fields = line.get("time"), line.get("fields")
+    if time_ns is not None and (isinstance(time_ns, bool) or not isinstance(time_ns, int)):
+        raise ValueError(f"time must be nanoseconds, a whole number, not {time_ns!r}")
+    if fields is not None and not isinstance(fields, dict):
+        raise ValueError(f"fields must be a mapping, not {fields!r}")
+    return Message(line["topic"], line.get("data"), time_ns, fields)
+
 
 OnMessage = Callable[[Message], None]
 

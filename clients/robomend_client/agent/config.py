@@ -44,12 +44,12 @@ from urllib.parse import urlsplit
 from robomend_client.agent.executors.kinds import ActionSpec, read_actions
 from robomend_client.agent.feeds import BUS, BrokenFeed, Feed, UnknownFeed, is_own, load_feed
 from robomend_client.agent.usage import Usage
-from robomend_client.agent.yaml_reader import Section, read
 from robomend_client.bus import parse_address
 from robomend_client.literals import Atom
 from robomend_client.observers import PROCESSES, GeneralObserver, NodeObserver, Rate
 from robomend_client.observers.kinds import ObserverSpec, observer_spec, read_lenient, read_observers
 from robomend_client.observers.parameters import read_dataclass
+from robomend_client.yaml_reader import Section, read
 
 FIRST_S = 2.0
 """A robot may boot for so long after its agent before a topic that nobody has heard of counts as silent."""

@@ -14,8 +14,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Protocol
 
-from robomend_client.agent.yaml_reader import Section
 from robomend_client.registry import Registry
+from robomend_client.yaml_reader import Section
 
 AGENT, BUS = "agent", "bus"
 OWN = ("processes", "host")

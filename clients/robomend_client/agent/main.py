@@ -17,8 +17,8 @@ from pathlib import Path
 from robomend_client.agent.config import AgentConfig, load
 from robomend_client.agent.executors.base import Executors
 from robomend_client.agent.feeds import MissingExtra
-from robomend_client.agent.yaml_reader import ConfigError
 from robomend_client.buffer import BufferInUse
+from robomend_client.yaml_reader import ConfigError
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

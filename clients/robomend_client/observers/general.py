@@ -11,8 +11,8 @@ The rate f of the newest messages is (intervals) / (their span); ok(t) iff |f âˆ
 unknown: missing data is no literal. A topic that was never heard of may take `first_s` until it comes up.
 
 After `settle` intervals the rate is ok if it is right. That it is wrong is only said of a window that is
-not full yet if it would be wrong even had LOST messages been lost: a lost message right after the start is
-no fault.
+not full yet if it would be wrong even had LOST messages been lost, or the first one come late by a whole
+interval: neither is a fault right after the start.
 
 The defaults stay calm where one message in a thousand is lost: silence is 3.5 intervals (three messages
 missing in a row), and the window is so large that three lost messages in it stay within the tolerance.
@@ -219,9 +219,12 @@ class GeneralObserver:
         f = intervals * SECOND / span_ns if span_ns else inf
         if abs(f - expected.rate_hz) < expected.tolerance_hz:
             return True
-        if have < size and f < expected.rate_hz:  # too slow, so far: were messages lost?
-            least_hz = expected.rate_hz - expected.tolerance_hz
-            if (intervals + LOST) * SECOND / span_ns >= least_hz:
+        if have < size and span_ns:
+            if f < expected.rate_hz:  # so far: were messages lost?
+                chance = (intervals + LOST) * SECOND / span_ns >= expected.rate_hz - expected.tolerance_hz
+            else:  # was the first one late?
+                chance = (intervals - 1) * SECOND / span_ns <= expected.rate_hz + expected.tolerance_hz
+            if chance:
                 return True if self._good_before() is not None else None
         return expected.test == "student_t" and not self._significant(intervals)
 

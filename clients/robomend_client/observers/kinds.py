@@ -21,12 +21,12 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any, cast
 
-from robomend_client.agent.yaml_reader import Section
 from robomend_client.literals import Atom, parse_atom
 from robomend_client.observers.base import Observer
 from robomend_client.observers.parameters import Unreadable, made, read_arguments
 from robomend_client.observers.reading import FunctionObserver
 from robomend_client.registry import Registry
+from robomend_client.yaml_reader import Section
 
 BUS = "bus"
 """Where samples come from unless `from:` says otherwise."""

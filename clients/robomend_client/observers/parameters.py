@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, fields, is_dataclass
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
-from robomend_client.agent.yaml_reader import ConfigError, Section
+from robomend_client.yaml_reader import ConfigError, Section
 
 LARGEST = 1e15
 

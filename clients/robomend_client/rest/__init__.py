@@ -1,8 +1,8 @@
 """The REST client: Client for threads and scripts, AsyncClient for asyncio.
 
-calls.py       what can be asked, as values        retry.py      when to ask again
-sync.py        Client                              sse.py        event streams, cut from bytes
-asynchronous.py  AsyncClient                       errors.py     what can go wrong
+calls.py         what can be asked, as values      retry.py      when to ask again
+asynchronous.py  AsyncClient                       sse.py        event streams, cut from bytes
+sync.py          Client, made from it              errors.py     what can go wrong
 """
 
 from robomend_client.rest.asynchronous import AsyncClient

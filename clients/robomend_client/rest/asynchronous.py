@@ -4,7 +4,6 @@
         await client.observe("tedusar", ["not ok(scan)"])
 
 Every method sends one call of calls.py, repeats it as retry.py allows, and raises what errors.py names.
-Client is its twin for threads.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
-"""The REST client for threads and scripts.
+"""The REST client for threads.
 
     with Client("http://127.0.0.1:8080") as client:
         client.observe("tedusar", ["not ok(scan)"])
-        print(client.diagnosis("tedusar")["diagnoses"])
 
 Every method sends one call of calls.py, repeats it as retry.py allows, and raises what errors.py names.
-AsyncClient is its twin for asyncio.
 """
+
+# Made from robomend_client/rest/asynchronous.py by make_sync.py: change that one.
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ from robomend.repairs.repairs import Repairs
 from robomend.robots.robots import Robots
 from robomend.security import Principal
 from robomend.settings import Settings
-from robomend.store.interface import Store
+from robomend.store import Store
 from robomend.store.records import ABSENT, ANY, Paging
 
 

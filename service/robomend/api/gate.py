@@ -28,7 +28,7 @@ from robomend.errors import RobomendError
 from robomend.metrics import Metrics
 from robomend.security import KEY, LOCAL, RULES, Principal, Role, digest, host_name, loopback
 from robomend.settings import Settings
-from robomend.store.interface import Store
+from robomend.store import Store, api_keys
 from robomend.store.records import ApiKey
 
 FRESH_S = 2.0
@@ -58,7 +58,7 @@ class KeyRing:
 
     async def _read(self) -> None:
         now = time.monotonic()
-        keys = await self._store.read(lambda view: view.keys())
+        keys = await self._store.read(api_keys.every)
         self._by_hash = {key.hash: _principal(key) for key in keys if key.revoked_ns is None}
         # Revoking the last key must not open the door: only a store that never had one is open.
         self.empty = not keys

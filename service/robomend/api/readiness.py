@@ -7,6 +7,7 @@ import asyncio
 from robomend.api.deps import Parts
 from robomend.api.schemas.operation import Check, Readiness
 from robomend.errors import RobomendError
+from robomend.store import global_stop
 
 STORE_TIMEOUT_S = 2.0
 
@@ -29,7 +30,7 @@ async def readiness(parts: Parts) -> Readiness:
 async def _store(parts: Parts) -> Check:
     try:
         async with asyncio.timeout(STORE_TIMEOUT_S):
-            await parts.store.read(lambda view: view.stop())
+            await parts.store.read(global_stop.get)
     except TimeoutError:
         return Check(ok=False, detail=f"no answer in {STORE_TIMEOUT_S:g} s")
     except RobomendError as error:

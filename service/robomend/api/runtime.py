@@ -26,8 +26,7 @@ from robomend.repairs.repairs import Repairs
 from robomend.robots.diagnoser import Diagnoser
 from robomend.robots.robots import Robots
 from robomend.settings import Settings
-from robomend.store import open_store
-from robomend.store.interface import Store
+from robomend.store import Store, api_keys, pruning
 from robomend.store.records import Retention, StoreFigures
 from robomend_client.events import Event, Kind
 
@@ -48,12 +47,12 @@ class Runtime:
     def __init__(self, settings: Settings, make_repairs: MakeRepairs) -> None:
         self.settings = settings
         self.metrics = Metrics()
-        self.store = open_store(database_url(settings))
+        self.store = Store(settings.database_url)
         self.solver = SolverWorkers(settings.solver_workers, settings.one_shots + 64)
         self.planners = PlannerPool(size=settings.planner_workers)
         diagnoser = Diagnoser(settings, self.metrics, self.solver)
         self.robots = Robots(self.store, settings, self.metrics, diagnoser)
-        self.one_shots = OneShots(self.robots.models, self.solver, self.planners, settings)
+        self.one_shots = OneShots(self.solver, self.planners, settings)
         self.hub = Hub(self.store, self.metrics, most=settings.max_streams, ping_s=settings.ping_s)
         self.repairs = make_repairs(self.store, self.robots, self.planners, self.one_shots, settings)
         self.app: FastAPI = create_app(
@@ -117,7 +116,7 @@ class Runtime:
         while True:
             await asyncio.sleep(PRUNE_S)
             try:
-                log.info("pruned", **asdict(await self.store.prune(retention)))
+                log.info("pruned", **asdict(await pruning.prune(self.store, retention)))
             except RobomendError as error:
                 log.warning("not pruned", code=error.code, detail=str(error))
 
@@ -134,17 +133,10 @@ class Runtime:
         watch("commits", "transactions since the start", lambda figures: figures.commits)
 
 
-def database_url(settings: Settings) -> str:
-    """Return the URL of the database: as set, or SQLite in the data folder."""
-    if settings.database is not None:
-        return settings.database.get_secret_value()
-    return f"sqlite:///{settings.data.expanduser().resolve() / 'robomend.db'}"
-
-
 @asynccontextmanager
 async def opened_store(settings: Settings) -> AsyncIterator[Store]:
     """Open the database for a command, and close it."""
-    store = open_store(database_url(settings))
+    store = Store(settings.database_url)
     await store.start()
     try:
         yield store
@@ -155,4 +147,4 @@ async def opened_store(settings: Settings) -> AsyncIterator[Store]:
 async def any_key(settings: Settings) -> bool:
     """Return whether a key was ever created in this database."""
     async with opened_store(settings) as store:
-        return bool(await store.read(lambda view: view.keys()))
+        return bool(await store.read(api_keys.every))

@@ -26,7 +26,7 @@ from robomend.api.rates import Bucket
 from robomend.errors import NotFound
 from robomend.security import Principal, Role, digest
 from robomend.settings import Settings
-from robomend.store.interface import Store, Transaction
+from robomend.store import Store, Transaction, api_keys
 from robomend.store.records import AuditEntry, SignIn
 
 PLAIN = "robomend_session"
@@ -68,7 +68,7 @@ class SignIns:
         key, expires_ns = str(principal.key), time.time_ns() + round(lasts_s * 1e9)
 
         def begin(tx: Transaction) -> SignIn:
-            made = tx.add_sign_in(digest(token), key, expires_ns=expires_ns, most=MOST)
+            made = api_keys.add_sign_in(tx, digest(token), key, expires_ns=expires_ns, most=MOST)
             tx.note(AuditEntry(actor=principal.name, action="session.begin", subject=principal.name))
             return made
 
@@ -88,7 +88,7 @@ class SignIns:
         if token is None:
             return None
         _check_origin(request)
-        found = await self._store.read(lambda view: view.sign_in(digest(token)))
+        found = await self._store.read(api_keys.sign_in, digest(token))
         return None if found is None or found.key.revoked_ns is not None else _principal(found)
 
     async def end(self, request: Request, response: Response) -> None:
@@ -99,7 +99,7 @@ class SignIns:
         principal: Principal = request.scope["robomend.principal"]
 
         def end(tx: Transaction) -> None:
-            tx.end_sign_in(digest(token))
+            api_keys.end_sign_in(tx, digest(token))
             tx.note(AuditEntry(actor=principal.name, action="session.end", subject=principal.name))
 
         await self._store.write(end)

@@ -22,8 +22,8 @@ from starlette.types import Receive, Scope, Send
 
 from robomend.api.problems import Problem
 from robomend.metrics import Metrics
+from robomend.store import Store, events
 from robomend.store.encoding import to_json
-from robomend.store.interface import Store
 from robomend_client.events import Event
 
 PENDING = 1000
@@ -159,7 +159,7 @@ class Stream:
 
     async def _resume(self, asked: str) -> bytes | None:
         """Find the place to go on from; return a gap event if that is not where the client was."""
-        kept = await self._hub.store.read(lambda view: view.event_range())
+        kept = await self._hub.store.read(events.kept)
         last = int(asked) if asked.isascii() and asked.isdigit() and len(asked) < 19 else -1
         if kept.oldest - 1 <= last <= kept.newest:
             self._last = last
@@ -172,14 +172,12 @@ class Stream:
         """Return the next page of the log; at its end, go over to what comes."""
         self._pending.clear()
         self._from_log = False  # collect from here on: what is committed after the read below is offered
-        events = await self._hub.store.read(
-            lambda view: view.events(self._last, robot=self.robot, limit=PAGE)
-        )
-        if len(events) == PAGE:
+        page = await self._hub.store.read(events.after, self._last, robot=self.robot, limit=PAGE)
+        if len(page) == PAGE:
             self._from_log = True
-        if events:
-            self._last = events[-1].id
-        return b"".join(map(encode, events))
+        if page:
+            self._last = page[-1].id
+        return b"".join(map(encode, page))
 
 
 class EventStream(Response):

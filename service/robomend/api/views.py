@@ -17,8 +17,9 @@ from robomend.api.schemas.repair import BoardOut, ChannelOut
 from robomend.api.schemas.robots import DiagnosisOptionsBody, RobotBody, RobotLine, RobotOut
 from robomend.api.schemas.session import SessionOut
 from robomend.diagnosis.probes import ProbeResult
-from robomend.diagnosis.result import Options
+from robomend.diagnosis.result import DiagnosisResult, Options
 from robomend.model.system import System
+from robomend.oneshots.result_json import result_json
 from robomend.robots.batches import Acknowledged
 from robomend.robots.boards import WiredBoard
 from robomend.robots.clock import CLOCK
@@ -26,7 +27,7 @@ from robomend.robots.configuration import covered
 from robomend.robots.robot import Current, Robot
 from robomend.security import Principal
 from robomend.settings import Settings
-from robomend.store.interface import Store, View
+from robomend.store import Store, View, diagnoses, observations, repairs, robots
 from robomend.store.records import (
     AuditEntry,
     Page,
@@ -163,6 +164,11 @@ def diagnosis_response(state: Robot) -> Response:
     return Response(json.dumps(body), media_type="application/json", headers={"Cache-Control": "no-store"})
 
 
+def result_response(result: DiagnosisResult) -> Response:
+    """Return an engine's answer as it is; ResultOut only describes it."""
+    return Response(json.dumps(result_json(result)), media_type="application/json")
+
+
 def probes_out(revision: int, found: ProbeResult) -> ProbesOut:
     """Return the probes with the diagnoses that they tell apart."""
     return ProbesOut(
@@ -227,12 +233,12 @@ async def history_page(store: Store, robot: str, kind: str, paging: Paging) -> I
     """Return a page of one kind of a robot's history, newest first; NotFound if there is no such robot."""
 
     def look(view: View) -> Page[Any]:
-        view.robot(robot)
+        robots.get(view, robot)
         if kind == "diagnosis":
-            return view.diagnoses(robot, paging)
+            return diagnoses.page(view, robot, paging)
         if kind == "repair":
-            return view.repairs(robot, paging)
-        return view.history(robot, paging)
+            return repairs.page(view, robot, paging)
+        return observations.history(view, robot, paging)
 
     page = await store.read(look)
     return Items(items=[_history_line(item) for item in page.items], next=page.next)

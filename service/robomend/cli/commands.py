@@ -11,10 +11,12 @@ import os
 import sys
 
 import click
+from click.exceptions import NoSuchCommand
 
 from robomend.cli.lazy import LazyGroup, Table
 from robomend.cli.main import INTERRUPTED
 from robomend.errors import BackendError, RobomendError
+from robomend_client.near import did_you_mean
 
 BAD_INPUT = 2
 BACKEND_FAILED = 3
@@ -24,7 +26,7 @@ COMMANDS: Table = {
     "diagnose": ("robomend.cli.diagnose:command", "Explain observations by minimal diagnoses."),
     "plan": ("robomend.cli.plan:command", "Plan a repair without carrying it out."),
     "compile": ("robomend.cli.compile:command", "Show the clauses of a model."),
-    "model": ("robomend.cli.model:command", "Check a model, or propose one."),
+    "model": ("robomend.cli.model:command", "Check a model."),
     "keys": ("robomend.cli.keys:command", "Create and revoke API keys."),
     "config": ("robomend.cli.config:command", "Show the settings in force."),
     "doctor": ("robomend.cli.doctor:command", "Check this installation."),
@@ -55,7 +57,7 @@ def run(arguments: list[str]) -> int:
         context = getattr(error, "ctx", None)
         if context is not None:
             click.echo(context.get_usage(), err=True)
-        click.echo(f"error: {error.format_message()}", err=True)
+        click.echo(f"error: {_message(error)}", err=True)
         return BAD_INPUT
     except RobomendError as error:
         click.echo(f"error: {error}", err=True)
@@ -69,6 +71,18 @@ def run(arguments: list[str]) -> int:
             return _nobody_reads()
         raise
     return code if isinstance(code, int) else 0
+
+
+def _message(error: click.ClickException) -> str:
+    """Return what is wrong, with the command or option that was probably meant."""
+    context = getattr(error, "ctx", None)
+    if isinstance(error, NoSuchCommand) and context is not None:
+        known = context.command.list_commands(context)
+        return f"no command is named {error.command_name!r}{did_you_mean(error.command_name, known)}"
+    if isinstance(error, click.NoSuchOption) and context is not None:
+        options = [name for option in context.command.get_params(context) for name in option.opts]
+        return f"no option is named {error.option_name!r}{did_you_mean(error.option_name, options)}"
+    return error.format_message()
 
 
 def _nobody_reads() -> int:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from robomend.cli.models import load
+from robomend.cli.models import MODEL, load
 
 if TYPE_CHECKING:
     from robomend.model.cnf import HealthCnf
@@ -16,7 +16,7 @@ FORMATS = ("clauses", "dimacs", "five-key", "json")
 
 
 @click.command("compile")
-@click.argument("model")
+@click.argument("model", type=MODEL)
 @click.option("--format", "format_", type=click.Choice(FORMATS), default="clauses", show_default=True)
 def command(model: str, format_: str) -> None:
     """Print the clauses of MODEL: a component model, a five-key model, or a circuit (- for stdin)."""

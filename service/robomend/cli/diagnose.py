@@ -2,30 +2,43 @@
 
 from __future__ import annotations
 
+import json
 import math
 import sys
+import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from robomend.cli.models import is_snapshot_file, load
+from robomend.cli.files import near_file
+from robomend.cli.models import MODEL, is_snapshot_file, load
+from robomend.diagnosis.engines import DEFAULT, ENGINES
 
 if TYPE_CHECKING:
-    from robomend.cli.diagnosing import Diagnoser
+    from robomend.diagnosis.probes import ProbeResult
     from robomend.diagnosis.result import DiagnosisResult, Options
     from robomend.model.cnf import HealthCnf
+    from robomend.oneshots.question import Question
+    from robomend.oneshots.warm_model import WarmModel
+
+PROBES_S = 0.5
+"""For finding out what to look at next: it comes on top of the diagnosis."""
 
 
 @click.command("diagnose")
-@click.argument("model")
+@click.argument("model", type=MODEL)
 @click.option("--observe", "-o", multiple=True, metavar="SENTENCE", help='E.g. "not ok(scan)"; repeatable.')
 @click.option(
-    "--observations", metavar="FILE", help="One set per line: a JSON array, or literals; - is stdin."
+    "--observations",
+    type=click.Path(allow_dash=True),
+    metavar="FILE",
+    help="One set per line: a JSON array, or literals; - is stdin.",
 )
 @click.option("--together", is_flag=True, help="One answer for all lines: the faults are the same.")
 @click.option(
-    "--engine", default="sat", show_default=True, help="sat, asp, maxsat, hs_dag, or one installed."
+    "--engine", default=DEFAULT, show_default=True, help=f"{', '.join(ENGINES.built_in)}, or one installed."
 )
 @click.option("--minimal", type=click.Choice(("cardinality", "subset")), default="subset", show_default=True)
 @click.option("--max-size", type=click.IntRange(min=0), help="No diagnosis larger than this.")
@@ -41,6 +54,12 @@ if TYPE_CHECKING:
 @click.option("--expect-stopped", multiple=True, metavar="COMPONENT", help="This is meant to be off.")
 @click.option("--unknown", type=click.Choice(("refuse", "keep")), default="refuse", help="Undeclared names.")
 @click.option("--fail-on-fault", is_flag=True, help="Exit with 1 unless everything is healthy.")
+@click.option(
+    "--all",
+    "all_",
+    is_flag=True,
+    help="Every diagnosis and conflict, and why other suspects are cleared.",
+)
 @click.option(
     "--format", "format_", type=click.Choice(("table", "json")), help="Default: table; json for files."
 )
@@ -58,7 +77,8 @@ def command(model: str, **given: Any) -> int:
     if is_snapshot_file(model):
         return _snapshot_file(model, given)
     system = load(model)
-    from robomend.cli.diagnosing import Diagnoser, lines_of, options_for
+    from robomend.cli.diagnosis_text import PROBES, leading_first
+    from robomend.oneshots.warm_model import WarmModel
 
     for warning in system.warnings:
         click.echo(f"warning: {warning}", err=True)
@@ -66,35 +86,54 @@ def command(model: str, **given: Any) -> int:
         raise click.UsageError("--observations writes JSON lines; leave out --format table")
     if given["observations"] is not None and given["observe"]:
         raise click.UsageError("give either --observe or --observations")
-    diagnoser = Diagnoser(
+    probes = None
+    with WarmModel(
         system,
         given["engine"],
-        options_for(system, _options(given)),
+        _options(given),
         unknown=given["unknown"],
-        expect_stopped=given["expect_stopped"],
-    )
-    try:
+        expected_stopped=given["expect_stopped"],
+    ) as warm:
         if given["together"]:
-            result = diagnoser.together(lines_of(given["observations"]))
-            return _one(result, diagnoser.cnf, given)
-        if given["observations"] is not None:
-            return _many(diagnoser, given["observations"], given["fail_on_fault"])
-        result = diagnoser.answer(diagnoser.question(given["observe"]))
-    finally:
-        diagnoser.close()
-    return _one(result, diagnoser.cnf, given)
+            result = warm.ask_together(_snapshots(warm, given["observations"]))
+        elif given["observations"] is not None:
+            return _many(warm, given["observations"], given["fail_on_fault"])
+        else:
+            asked = warm.question(given["observe"])
+            result = warm.ask(asked).result
+            if given["format_"] != "json" and not given["factored"]:
+                result = leading_first(result)
+                probes = warm.probes(asked, result, limit=PROBES, timeout_s=PROBES_S)
+    blind = not given["observe"] and not given["together"]
+    return _one(result, system.cnf, given, probes, repairable=system.parts is not None, blind=blind)
 
 
-def _one(result: DiagnosisResult, cnf: HealthCnf, given: dict[str, Any]) -> int:
+def _one(
+    result: DiagnosisResult,
+    cnf: HealthCnf,
+    given: dict[str, Any],
+    probes: ProbeResult | None = None,
+    *,
+    repairable: bool = False,
+    blind: bool = False,
+) -> int:
     """Write one answer; return the exit code."""
-    from robomend.cli.rendering import Renderer, show
+    from robomend.cli.diagnosis_text import leading_first, told
+    from robomend.oneshots.result_json import quoted_names, result_text
 
     for literal in result.unused:
         click.echo(f"warning: no rule mentions {literal.atom}: observing it says nothing", err=True)
     if given["format_"] == "json":
-        click.echo(Renderer(result.components, factored=given["factored"])(result))
+        click.echo(result_text(result, quoted_names(result.components)))
     else:
-        show(result)
+        lines = told(
+            leading_first(result),
+            probes,
+            everything=given["all_"],
+            repairable=repairable,
+            blind=blind,
+        )
+        click.echo("\n".join(lines))
     if result.stopped_by == "limit" and cnf.circuit and not given["factored"] and not given["together"]:
         found = len(result.diagnoses)
         click.echo(
@@ -107,9 +146,9 @@ def _one(result: DiagnosisResult, cnf: HealthCnf, given: dict[str, Any]) -> int:
 
 def _snapshot_file(model: str, given: dict[str, Any]) -> int:
     """Answer the snapshots of a .wcnf file."""
-    from robomend.cli.diagnosing import explain_snapshots
     from robomend.diagnosis.wcnf import read_wcnf
     from robomend.errors import ModelError
+    from robomend.oneshots.warm_model import explain_snapshots
 
     if given["observe"] or given["observations"] is not None:
         raise click.UsageError("a .wcnf file has its observations in it: leave out --observe/--observations")
@@ -118,7 +157,7 @@ def _snapshot_file(model: str, given: dict[str, Any]) -> int:
     try:
         read = read_wcnf(Path(model))
     except OSError as error:
-        raise ModelError(f"cannot be read: {error.strerror or error}", model) from error
+        raise ModelError(f"cannot be read: {error.strerror or error}{near_file(model)}", model) from error
     return _one(
         explain_snapshots(read.cnf, read.snapshots, given["engine"], _options(given)), read.cnf, given
     )
@@ -143,21 +182,60 @@ def _options(given: dict[str, Any]) -> Options:
     )
 
 
-def _many(diagnoser: Diagnoser, path: str, fail_on_fault: bool) -> int:
-    """Write one line per set; return the exit code."""
-    from robomend.cli.diagnosing import REFUSED, lines_of
+def _many(warm: WarmModel, path: str, fail_on_fault: bool) -> int:
+    """Write one line per set, in order; return the exit code.
+
+    A set that is refused, or contradicts the model, gets `{"error": {"code": …, "message": …}}` in its place.
+    """
+    from robomend.errors import InputError
 
     refused = lines = 0
     all_healthy = True
-    write = sys.stdout.write
-    for text, healthy in diagnoser.lines(lines_of(path)):
+    write, clock = sys.stdout.write, time.perf_counter
+    for line in _lines(path):
+        lines += 1
+        began = clock()
+        try:
+            explained = warm.ask_line(line)
+        except InputError as error:
+            problem = {"error": {"code": error.code, "message": str(error)}}
+            text = json.dumps(problem, ensure_ascii=False, separators=(",", ":"))
+            refused += 1
+        else:
+            text = explained.text(clock() - began)
+            all_healthy = all_healthy and explained.healthy
         write(text + "\n")
         if path == "-":  # somebody waits at the other end
             sys.stdout.flush()
-        lines += 1
-        all_healthy = all_healthy and healthy
-        refused += text.startswith(REFUSED)
     if refused:
         click.echo(f"error: {refused} of {lines} sets were refused: see `error` in their lines", err=True)
         return 2
     return 1 if fail_on_fault and not all_healthy else 0
+
+
+def _snapshots(warm: WarmModel, path: str) -> Iterator[Question]:
+    """Yield the set of each line; one that is missing would change the answer, so each must be readable."""
+    from robomend.errors import InputError
+    from robomend.oneshots.question import sentences_of
+
+    for number, line in enumerate(_lines(path), 1):
+        try:
+            yield warm.question(sentences_of(line))
+        except InputError as error:
+            raise InputError(f"snapshot {number}: {error}") from error
+
+
+def _lines(path: str) -> Iterator[str]:
+    """Yield the lines of a file that say something, `-` for stdin; InputError if it cannot be read."""
+    from robomend.errors import InputError
+
+    try:
+        if path == "-":
+            yield from (line for line in sys.stdin if line.strip())
+        else:
+            with Path(path).open(encoding="utf-8") as file:
+                yield from (line for line in file if line.strip())
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror}{near_file(path)}") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path} is not UTF-8 text") from error

@@ -134,11 +134,18 @@ def _disk(settings: Settings) -> str:
 
 def _database(settings: Settings) -> str:
     from robomend.api.runtime import opened_store
+    from robomend.store import events
 
     async def look() -> str:
         async with opened_store(settings) as store:
-            kept = await store.read(lambda view: view.event_range())
-            return f"{store.url} answers; events {kept.oldest} to {kept.newest}"
+            kept = await store.read(events.kept)
+            others = [
+                f"{one.host} (process {one.pid})"
+                for one in await store.ownership.instances()
+                if one.id != store.ownership.instance
+            ]
+            used = f"; used by {', '.join(others)}" if others else ""
+            return f"{store.url} answers; events {kept.oldest} to {kept.newest}{used}"
 
     return asyncio.run(look())
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import os
 import sys
 from collections.abc import Iterator
@@ -33,15 +32,16 @@ def command(
     ndjson can be read by `robomend import` into either kind of database; sqlite is a copy of a SQLite
     database, ready to be used in its place. Both hold hashes of API keys: keep them as safe as the database.
     """
-    from robomend.store import open_store
+    from robomend.store import portable
+    from robomend.store.database import Database
 
-    url = database_url(database, data, config)
+    source = Database(database_url(database, data, config))
     if format_ == "sqlite":
         if output is None:
             raise InputError("--format sqlite needs --output FILE")
-        asyncio.run(_copy(url, output))
+        portable.backup(source, output)
         return
-    lines = open_store(url).export()
+    lines = portable.export(source)
     if output is None:
         sys.stdout.writelines(lines)
         return
@@ -52,23 +52,9 @@ def command(
 def database_url(database: str | None, data: Path | None, config: Path | None) -> str:
     """Return the URL that the service would use with these settings."""
     from robomend import settings
-    from robomend.store import database_in
 
     given, _ = settings.load({"database": database, "data": data}, os.environ, config)
-    if given.database is not None:
-        return given.database.get_secret_value()
-    return database_in(given.data)
-
-
-async def _copy(url: str, output: Path) -> None:
-    from robomend.store import open_store
-
-    store = open_store(url)
-    await store.start()
-    try:
-        await store.backup(output)
-    finally:
-        await store.close()
+    return given.database_url
 
 
 @contextmanager

@@ -18,15 +18,16 @@ from robomend.errors import InputError
 @click.option("--config", type=click.Path(path_type=Path), help="YAML file of settings.")
 def command(file: Path, database: str | None, data: Path | None, config: Path | None) -> None:
     """Read FILE (- for stdin) into an empty database: all of it, or nothing."""
-    from robomend.store import open_store
+    from robomend.store import portable
+    from robomend.store.database import Database
 
-    store = open_store(database_url(database, data, config))
+    target = Database(database_url(database, data, config))
     if str(file) == "-":
-        count = store.load(sys.stdin)
+        count = portable.load(target, sys.stdin)
     else:
         try:
             with file.open(encoding="utf-8") as lines:
-                count = store.load(lines)
+                count = portable.load(target, lines)
         except (OSError, UnicodeDecodeError) as error:
             raise InputError(f"{file}: {error}") from error
-    click.echo(f"{count} records into {store.url}", err=True)
+    click.echo(f"{count} records into {target.shown}", err=True)

@@ -16,7 +16,7 @@ from robomend.errors import InputError
 
 if TYPE_CHECKING:
     from robomend.settings import Settings
-    from robomend.store.interface import Transaction, View
+    from robomend.store import Transaction, View
     from robomend.store.records import ApiKey
 
 T = TypeVar("T")
@@ -46,6 +46,7 @@ def create(
 ) -> None:
     """Create a key and print it; it cannot be shown again."""
     from robomend.security import digest, new_key
+    from robomend.store import api_keys
     from robomend.store.records import AuditEntry
 
     if (role == "robot") != (robot is not None):
@@ -55,7 +56,7 @@ def create(
     called = name or (f"robot-{robot}" if robot else role)
 
     def add(tx: Transaction) -> ApiKey:
-        key = tx.add_key(name=called, hash=digest(text), role=role, robot=robot, by="command line")
+        key = api_keys.add(tx, name=called, hash=digest(text), role=role, robot=robot, by="command line")
         tx.note(AuditEntry(actor="command line", action="key.create", subject=called, robot=robot))
         return key
 
@@ -72,8 +73,10 @@ def create(
 @click.option("--format", "format_", type=click.Choice(["text", "json"]), default="text", show_default=True)
 def list_keys(config_file: Path | None, data: Path | None, database: str | None, format_: str) -> None:
     """List the keys, revoked ones included; never their text."""
+    from robomend.store import api_keys
+
     settings, _ = read_settings(config_file, data=data, database=database)
-    for key in read(settings, lambda view: view.keys()):
+    for key in read(settings, api_keys.every):
         values = {
             "id": key.id,
             "name": key.name,
@@ -93,20 +96,17 @@ def list_keys(config_file: Path | None, data: Path | None, database: str | None,
 @click.argument("key")
 def revoke(config_file: Path | None, data: Path | None, database: str | None, key: str) -> None:
     """Revoke KEY, by its id or name; running services notice within two seconds."""
+    from robomend.store import api_keys
     from robomend.store.records import AuditEntry
 
     settings, _ = read_settings(config_file, data=data, database=database)
 
     def revoke_it(tx: Transaction) -> ApiKey:
-        found = [
-            k
-            for k in tx.keys()  # noqa: SIM118  # no dictionary
-            if k.revoked_ns is None and key in (k.id, k.name)
-        ]
+        found = [k for k in api_keys.every(tx) if k.revoked_ns is None and key in (k.id, k.name)]
         if not found:
             raise InputError(f"no key in use has the id or name {key!r}; see `robomend keys list`")
         tx.note(AuditEntry(actor="command line", action="key.revoke", subject=found[0].name))
-        return tx.revoke_key(found[0].id)
+        return api_keys.revoke(tx, found[0].id)
 
     gone = write(settings, revoke_it)
     click.echo(f"revoked {gone.id} ({gone.name})", err=True)

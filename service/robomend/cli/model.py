@@ -5,6 +5,7 @@ from __future__ import annotations
 import click
 
 from robomend.cli.lazy import LazyGroup, Table
+from robomend.cli.models import MODEL, load
 
 COMMANDS: Table = {
     "check": ("robomend.cli.model:check", "Say what a model leaves out."),
@@ -18,7 +19,7 @@ def command() -> None:
 
 
 @click.command("check")
-@click.argument("model")
+@click.argument("model", type=MODEL)
 @click.option("--strict", is_flag=True, help="Exit with 1 when there is a warning.")
 @click.option("--format", "format_", type=click.Choice(("table", "json")), default="table", show_default=True)
 def check(model: str, strict: bool, format_: str) -> int:
@@ -28,7 +29,6 @@ def check(model: str, strict: bool, format_: str) -> int:
     """
     import json
 
-    from robomend.cli.models import load
     from robomend.model.checking import check as doubts
 
     system = load(model)

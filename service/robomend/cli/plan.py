@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from robomend.cli.models import load
+from robomend.cli.files import ExistingFile
+from robomend.cli.models import MODEL, load
+from robomend.planning.planners import DEFAULT, PLANNERS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -23,20 +25,20 @@ if TYPE_CHECKING:
 
 
 @click.command("plan")
-@click.argument("model")
+@click.argument("model", type=MODEL)
 @click.option("--observe", "-o", multiple=True, metavar="SENTENCE", help='E.g. "not ok(scan)"; repeatable.')
 @click.option(
     "--bad", multiple=True, metavar="COMPONENT", help="Repair this instead of diagnosing; repeatable."
 )
 @click.option(
     "--planner",
-    default="pyperplan",
+    default=DEFAULT,
     show_default=True,
-    help="pyperplan, asp, fast-downward, or one installed.",
+    help=f"{', '.join(PLANNERS.built_in)}, or one installed.",
 )
 @click.option(
     "--domain",
-    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    type=ExistingFile(),
     help="Your PDDL actions, or domain.",
 )
 @click.option("--engine", default="sat", show_default=True, help="Of the diagnosis.")
@@ -48,13 +50,14 @@ if TYPE_CHECKING:
 @click.option("--format", "format_", type=click.Choice(("table", "json")), default="table", show_default=True)
 def command(model: str, **given: Any) -> int:
     """Plan the repair of MODEL, a component model, for what was observed."""
-    from robomend.planning.advice import parts_of, plan_answer
+    from robomend.oneshots.plan_json import choice_json
+    from robomend.planning.advice import parts_of
     from robomend.planning.domain.loading import load_domain
     from robomend.planning.planner_pool import PlannerPool, advise_now
 
     system = load(model)
     parts_of(system)
-    options = _options(given)
+    options = _options(system, given)
     load_domain(options.domain, options.domain_file)  # refuse it before the planner is started
     for warning in system.warnings:
         click.echo(f"warning: {warning}", err=True)
@@ -66,56 +69,42 @@ def command(model: str, **given: Any) -> int:
     finally:
         pool.close()
     if given["format_"] == "json":
-        click.echo(json.dumps(plan_answer(choice, situation.model.components), ensure_ascii=False))
+        click.echo(json.dumps(choice_json(choice, situation.model.components), ensure_ascii=False))
     else:
         show(choice, situation.result)
     return 0
 
 
-def _options(given: dict[str, Any]) -> PlanOptions:
-    from robomend.planning.planners import make_planner, planner_names
+def _options(system: System, given: dict[str, Any]) -> PlanOptions:
     from robomend.planning.planning import PlanOptions
 
     timeout = given["timeout"]
     if math.isnan(timeout) or timeout <= 0:
         raise click.UsageError("--timeout is a number of seconds above 0")
-    if given["planner"] not in planner_names():
-        make_planner(given["planner"])  # says which there are
+    PLANNERS.check(given["planner"])
     domain: Path | None = given["domain"]
     return PlanOptions(
         planner=given["planner"],
         timeout_s=None if math.isinf(timeout) else timeout,
         domain=None if domain is None else domain.read_text(encoding="utf-8", errors="replace"),
         domain_file=None if domain is None else str(domain),
-        expected_stopped=given["expect_stopped"],
-        protected=given["protect"],
+        expected_stopped=system.named(given["expect_stopped"]),
+        protected=system.named(given["protect"]),
         pddl=given["pddl"],
     )
 
 
 def _situation(system: System, given: dict[str, Any]) -> Situation:
     """Return what was observed with its diagnoses, or with the one that was given."""
-    from robomend.cli.diagnosing import Diagnoser, options_for
-    from robomend.diagnosis.result import Diagnosis, DiagnosisResult, Options
+    from robomend.oneshots.question import given_diagnosis
+    from robomend.oneshots.warm_model import WarmModel
     from robomend.planning.advice import Situation, parts_of
 
-    diagnoser = Diagnoser(
-        system,
-        given["engine"],
-        options_for(system, Options()),
-        unknown=given["unknown"],
-        expect_stopped=given["expect_stopped"],
-    )
-    try:
-        question = diagnoser.question(given["observe"])
-        if given["bad"]:
-            only = Diagnosis(tuple(dict.fromkeys(given["bad"])))
-            result = DiagnosisResult(system.cnf.components, (only,), True, None, (), 0.0)
-        else:
-            result = diagnoser.answer(question)
-    finally:
-        diagnoser.close()
-    return Situation(parts_of(system), tuple(sorted(question.literals)), result)
+    stopped = given["expect_stopped"]
+    with WarmModel(system, given["engine"], unknown=given["unknown"], expected_stopped=stopped) as model:
+        asked = model.question(given["observe"])
+        result = given_diagnosis(given["bad"], system) if given["bad"] else model.ask(asked).result
+    return Situation(parts_of(system), tuple(sorted(asked.literals)), result)
 
 
 def show(choice: Choice, result: DiagnosisResult) -> None:

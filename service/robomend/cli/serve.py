@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from robomend.cli.files import ExistingFile
 from robomend.cli.settings_options import read_settings, settings_options
 
 if TYPE_CHECKING:
@@ -31,8 +32,8 @@ OPEN_FILES = 65_536
 @click.option("--host", help="Address to listen on; any but loopback needs keys.")
 @click.option("--port", type=click.IntRange(0, 65535), help="0 lets the system choose one.")
 @click.option("--allowed-host", "allowed_hosts", multiple=True, help="Further name for the Host header.")
-@click.option("--tls-certificate", type=click.Path(exists=True, dir_okay=False, path_type=Path))
-@click.option("--tls-key", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.option("--tls-certificate", type=ExistingFile())
+@click.option("--tls-key", type=ExistingFile())
 @click.option("--log-level", type=click.Choice(["debug", "info", "warning", "error"]))
 @click.option("--log-format", type=click.Choice(["json", "text"]))
 @click.option("--announce", is_flag=True, help="Print the URL as one JSON line on stdout when ready.")

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from robomend.cli.files import ExistingFile
+
 if TYPE_CHECKING:
     from robomend.settings import Settings
 
@@ -25,7 +27,7 @@ def settings_options(command: Callable[..., Any]) -> Callable[..., Any]:
         click.option(
             "--config",
             "config_file",
-            type=click.Path(exists=True, dir_okay=False, path_type=Path),
+            type=ExistingFile(),
             envvar=CONFIG_VARIABLE,
             help=f"YAML file of settings; also by {CONFIG_VARIABLE}.",
         ),

@@ -80,23 +80,29 @@ def resolves(bad: Iterable[str], conflicts: Sequence[Conflict]) -> tuple[int, ..
     )
 
 
-def explain_diagnosis(diagnosis: Diagnosis, conflicts: Sequence[Conflict]) -> str:
-    """Return what each component explains, e.g. `jaguar explains not on(jaguar) and not ok(odom)`."""
-    if not diagnosis.bad:
-        return "nothing is wrong: what was seen is what a healthy system shows"
-    sentences = []
-    for component in diagnosis.bad:
-        hit = [conflict for conflict in conflicts if component in conflict.components]
-        mode = diagnosis.modes.get(component)
-        name = quote(component) + (f" (in mode {mode})" if mode else "")
-        seen = _distinct(literal for conflict in hit for literal in conflict.observations)
-        if seen:
-            sentences.append(f"{name} explains {_listed(map(str, seen))}")
-        elif hit:
-            sentences.append(f"{name} resolves a conflict between the rules")
-        else:
-            sentences.append(f"{name} is needed by a conflict that was not listed")
-    return "; ".join(sentences)
+def explain_diagnoses(diagnoses: Sequence[Diagnosis], conflicts: Sequence[Conflict]) -> list[str]:
+    """Return for each what its components explain, e.g. `jaguar explains not on(jaguar) and not ok(odom)`."""
+    explained: dict[str, str] = {}  # diagnoses share components
+
+    def sentence(component: str, mode: str | None) -> str:
+        if component not in explained:
+            explained[component] = _explained(component, conflicts)
+        return f"{quote(component)}{f' (in mode {mode})' if mode else ''} {explained[component]}"
+
+    nothing = "nothing is wrong: what was seen is what a healthy system shows"
+    return [
+        "; ".join([sentence(component, diagnosis.modes.get(component)) for component in diagnosis.bad])
+        or nothing
+        for diagnosis in diagnoses
+    ]
+
+
+def _explained(component: str, conflicts: Sequence[Conflict]) -> str:
+    hit = [conflict for conflict in conflicts if component in conflict.components]
+    seen = _distinct(literal for conflict in hit for literal in conflict.observations)
+    if seen:
+        return f"explains {_listed(map(str, seen))}"
+    return "resolves a conflict between the rules" if hit else "is needed by a conflict that was not listed"
 
 
 def clear_suspects(diagnoses: Sequence[Collection[str]], conflicts: Sequence[Conflict]) -> dict[str, str]:
@@ -154,22 +160,17 @@ class Cleared(Mapping[str, str]):
         return repr(self._reasons)
 
 
-def what_was_learned(conflicts: Sequence[Conflict], observations: Iterable[Literal]) -> dict[str, str]:
-    """Return for each observation what it taught: the suspects it raises, or that it clashes with nothing."""
-    learned: dict[str, str] = {}
-    for literal in observations:
-        raised = [conflict for conflict in conflicts if literal in conflict.observations]
-        if not raised:
-            learned[str(literal)] = "clashes with nothing that is taken to be healthy"
-            continue
-        suspects = [
-            f"{quote(conflict.components[0])} is abnormal"
-            if len(conflict.components) == 1
-            else f"one of {_listed(map(quote, conflict.components))} is abnormal"
-            for conflict in raised
-        ]
-        learned[str(literal)] = _listed(_distinct(suspects))
-    return learned
+def what_was_learned(conflicts: Sequence[Conflict]) -> dict[str, str]:
+    """Return for each observation that clashes with something which suspects it raises."""
+    raised: dict[Literal, list[str]] = {}
+    for conflict in conflicts:
+        if not conflict.components:
+            continue  # of suppositions: it says nothing of what was seen
+        suspects = _listed(map(quote, conflict.components))
+        one = suspects if len(conflict.components) == 1 else f"one of {suspects}"
+        for literal in conflict.observations:
+            raised.setdefault(literal, []).append(f"{one} is abnormal")
+    return {str(literal): _listed(_distinct(suspects)) for literal, suspects in raised.items()}
 
 
 def _news(

@@ -76,36 +76,13 @@ class ProbeResult:
     reason: str | None = None  # why no probe can discriminate
 
 
-def expected_gain(
-    posterior: Sequence[float], predicted: Sequence[Sequence[Value]], cost_s: Sequence[float]
-) -> list[float]:
-    """Return the information each measurement is expected to give, in bits per second.
+def information(weights: Sequence[float], column: Sequence[Value]) -> float:
+    """Return the information that a measurement is expected to give, in bits, times the sum of the weights.
 
     Args:
-        posterior: P(diagnosis | OBS) of each diagnosis; sums to 1.
-        predicted: one row a diagnosis, one column a measuring point: the value, 0 or 1, that the diagnosis
-            predicts there, -1 where it predicts none. Such a diagnosis counts half for each value.
-        cost_s: time to take each measurement, in seconds, > 0.
-
-    Raises:
-        ValueError: the shapes disagree, `posterior` does not sum to 1, or a cost is not positive.
-
-    Source: J. de Kleer, B. Williams. Diagnosing multiple faults. AIJ 32(1), 1987; one-step lookahead.
-    Dividing by the cost is ours.
+        weights: P(diagnosis | OBS) of each diagnosis, or of its share of a cell.
+        column: what each diagnosis predicts there; one that predicts nothing counts half for each value.
     """
-    if len(predicted) != len(posterior) or any(len(row) != len(cost_s) for row in predicted):
-        raise ValueError("predicted needs one row a diagnosis and one column a measuring point")
-    if abs(fsum(posterior) - 1) > 1e-6:
-        raise ValueError(f"the posterior sums to {fsum(posterior)}, not to 1")
-    if any(not cost > 0 for cost in cost_s):
-        raise ValueError("a measurement must take more than no time")
-    columns = zip(*predicted, strict=True) if predicted else ()
-    gains = [_gain(posterior, column) for column in columns]
-    return [gain / cost for gain, cost in zip(gains, cost_s, strict=True)]
-
-
-def _gain(weights: Sequence[float], column: Sequence[Value]) -> float:
-    """Return the expected information in bits, times the sum of the weights."""
     true = fsum(weight for weight, value in zip(weights, column, strict=True) if value == 1)
     false = fsum(weight for weight, value in zip(weights, column, strict=True) if value == 0)
     total = fsum(weights)
@@ -184,7 +161,7 @@ class Prober:
         found = []
         for variable, atom in variables.items():
             column = [row[variable] for row in rows]
-            gain = _gain(weights, column)
+            gain = information(weights, column)
             if gain > NEGLIGIBLE_BITS:
                 found.append((_probe(atom, gain, _cost(atom, cost_of), column), column))
         found.sort(key=lambda pair: -pair[0].gain_per_s)
@@ -309,7 +286,7 @@ def _greedy_batch(
     chosen: list[Probe] = []
     left = list(found)
     while left and len(chosen) < size:
-        gains = [fsum(_gain(cell, column) for cell in cells) for _, column in left]
+        gains = [fsum(information(cell, column) for cell in cells) for _, column in left]
         best = max(range(len(left)), key=lambda index: gains[index] / left[index][0].cost_s)
         if gains[best] <= NEGLIGIBLE_BITS:
             break
@@ -330,12 +307,3 @@ def _share(weight: float, predicted: Value, outcome: int) -> float:
     if predicted == -1:
         return weight / 2
     return weight if predicted == outcome else 0.0
-
-
-def next_probes(cnf: HealthCnf, observations: Iterable[Literal], result: DiagnosisResult) -> ProbeResult:
-    """Return the next observations to make, with the default bounds; see Prober.probes."""
-    prober = Prober(cnf)
-    try:
-        return prober.probes(observations, result)
-    finally:
-        prober.close()

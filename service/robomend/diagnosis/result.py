@@ -85,18 +85,6 @@ class DiagnosisResult:
         """OBS is what a healthy system would show."""
         return any(not diagnosis.bad for diagnosis in self.diagnoses)
 
-    @property
-    def learned(self) -> dict[Literal, tuple[int, ...]]:
-        """Observation -> the conflicts that rest on it, as indices into `conflicts`: what it taught.
-
-        An observation that is not here clashes with nothing; what_was_learned puts it in words.
-        """
-        found: dict[Literal, tuple[int, ...]] = {}
-        for index, conflict in enumerate(self.conflicts):
-            for literal in conflict.observations:
-                found[literal] = (*found.get(literal, ()), index)
-        return found
-
     def good(self, diagnosis: Diagnosis) -> tuple[str, ...]:
         """Return COMPS without the diagnosis, in the order of COMPS."""
         bad = frozenset(diagnosis.bad)

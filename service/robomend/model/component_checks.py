@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from difflib import get_close_matches
 from typing import NoReturn
 
 from robomend.errors import ModelError
 from robomend.model.components import ComponentModel
 from robomend.model.sentences import plain
-from robomend.model.yaml_tree import Mapping
+from robomend_client.near import did_you_mean
+from robomend_client.yaml_tree import Mapping
 
 SHOWN = 60
 
@@ -142,5 +142,4 @@ def shown(text: str) -> str:
 
 def near(name: str, names: Collection[str]) -> str:
     """Return a hint at the nearest of the names, or nothing."""
-    found = get_close_matches(name[:200], names, n=1)
-    return f"; did you mean `{found[0]}`?" if found else ""
+    return did_you_mean(name, names, shown)

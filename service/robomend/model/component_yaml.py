@@ -11,12 +11,12 @@ from collections.abc import Callable, Collection, Iterable
 from typing import NoReturn, TypeVar
 
 from robomend.errors import ModelError
-from robomend.model import yaml_tree
 from robomend.model.clauses import UNKNOWN_MODE
 from robomend.model.component_checks import Checks, near, shown
 from robomend.model.components import ComponentModel, Hardware, Node, Topic, Value
 from robomend.model.sentences import plain
-from robomend.model.yaml_tree import Scalar, Sequence, Tree
+from robomend_client import yaml_tree
+from robomend_client.yaml_tree import Scalar, Sequence, Tree
 
 MODEL_KEYS = (
     "robomend", "name", "channels", "protected_channels", "hardware", "nodes", "topics", "properties",
@@ -33,7 +33,6 @@ FORMAT = 1
 MAX_NAME = 200
 MAX_CHANNELS = 255
 TRUE, FALSE = ("true", "True", "yes", "on"), ("false", "False", "no", "off")
-EMPTY = ("", "~", "null", "Null", "NULL")
 
 T = TypeVar("T")
 
@@ -333,7 +332,7 @@ class _Reader:
 
 
 def _empty(tree: Tree) -> bool:
-    return isinstance(tree, Scalar) and tree.plain and tree.text in EMPTY
+    return isinstance(tree, Scalar) and tree.empty
 
 
 def _shape(tree: Tree) -> str:

@@ -22,13 +22,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from robomend.errors import ModelError, ObservationError
-from robomend.model import yaml_tree
 from robomend.model.cnf import Clause, HealthCnf, Rule
 from robomend.model.sentences import plain, tokens
 from robomend.model.system import System
 from robomend.model.vocabulary import Vocabulary
-from robomend.model.yaml_tree import Scalar, Sequence, Tree
+from robomend_client import yaml_tree
 from robomend_client.literals import Atom, Literal
+from robomend_client.yaml_tree import Scalar, Sequence, Tree
 
 KEYS = ("ab", "nab", "neg_prefix", "props", "rules")
 SHOWN = 20
@@ -360,7 +360,7 @@ def _word(tree: Tree, key: str, file: str | None) -> str:
 
 
 def _texts(tree: Tree, key: str, file: str | None) -> Iterator[tuple[str, int]]:
-    if isinstance(tree, Scalar) and tree.plain and tree.text in ("", "~", "null"):
+    if isinstance(tree, Scalar) and tree.empty:
         return
     if not isinstance(tree, Sequence):
         raise ModelError(f"`{key}` is a list of strings", file, tree.line)

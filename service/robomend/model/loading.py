@@ -11,7 +11,7 @@ from robomend.model.compiling import compile_robot
 from robomend.model.component_yaml import read_model
 from robomend.model.five_key import KEYS, read_five_key, system_of
 from robomend.model.system import System
-from robomend.model.yaml_tree import Mapping, read_tree
+from robomend_client.yaml_tree import Mapping, YamlError, read_tree
 
 FORMATS = ("component", "five-key", "bench")
 MAX_BYTES = 256 * 1024 * 1024
@@ -55,7 +55,10 @@ def load_text(
         raise ModelError(f"no model format is named `{format}`; there are {', '.join(FORMATS)}", file)
     if format == "bench" or (format is None and CIRCUIT.search(text[:100_000])):
         return circuit(text, name=name, file=file)
-    tree = read_tree(text, file)
+    try:
+        tree = read_tree(text)
+    except YamlError as error:
+        raise ModelError(error.message, file, error.line) from error
     if format == "component" or (isinstance(tree, Mapping) and "robomend" in tree.items):
         return compile_robot(read_model(tree, name, file), source=text, file=file)
     if format == "five-key" or (isinstance(tree, Mapping) and not tree.items.keys().isdisjoint(KEYS)):

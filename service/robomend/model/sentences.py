@@ -23,7 +23,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Mapping
-from difflib import get_close_matches
 from typing import NamedTuple
 
 from robomend.errors import ObservationError
@@ -40,6 +39,7 @@ from robomend.model.formulas import (
     Variable,
 )
 from robomend_client.literals import Atom, Literal
+from robomend_client.near import did_you_mean
 
 MAX_LENGTH = 10_000
 """Characters of one sentence."""
@@ -316,6 +316,5 @@ class _Parser:
 
 
 def _unknown(what: str, name: str, known: Collection[str]) -> str:
-    near = get_close_matches(name, known, n=1)
-    listed = f"; did you mean `{near[0]}`?" if near else f"; there are {', '.join(sorted(known)) or 'none'}"
-    return f"no {what} is named `{name}`{listed}"
+    listed = f"; there are {', '.join(sorted(known)) or 'none'}"
+    return f"no {what} is named `{name}`{did_you_mean(name, known, '`{}`'.format) or listed}"

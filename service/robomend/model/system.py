@@ -1,10 +1,15 @@
 """A loaded model, ready to use: clauses for the engines, parts for the repair, a vocabulary for
-observations."""
+observations; and the model that a robot or a question makes of it."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import hashlib
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 
+from robomend.errors import UnknownComponent
+from robomend.model.clauses import Assertion, extend, without_running
 from robomend.model.cnf import HealthCnf
 from robomend.model.components import ComponentModel
 from robomend.model.vocabulary import Vocabulary
@@ -23,3 +28,31 @@ class System:
     )  # None: a circuit or five-key model, which says nothing of what can be repaired
     vocabulary: Vocabulary
     warnings: tuple[str, ...] = ()
+
+    def extended(self, assertions: Iterable[Assertion] = (), expected_stopped: Iterable[str] = ()) -> System:
+        """Return the system with assertions as further rules, for a robot on which these components are
+        meant to be stopped or off; names that are no components count for nothing.
+        """
+        cnf = extend(without_running(self.cnf, expected_stopped), assertions)
+        return self if cnf is self.cnf else replace(self, cnf=cnf)
+
+    def named(self, names: Iterable[str]) -> tuple[str, ...]:
+        """Return components as the model writes them: a leading `/`, as in ROS, is dropped.
+
+        Raises:
+            UnknownComponent: the model has none of this name.
+        """
+        found = tuple(name.lstrip("/") or name for name in names)
+        for name in found:
+            if name not in self.cnf.health:
+                raise UnknownComponent(name, frozenset(self.cnf.components))
+        return found
+
+
+def variant(version: str, assertions: Sequence[Assertion] = (), expected_stopped: Iterable[str] = ()) -> str:
+    """Return a version for what `System.extended` makes of a version: equal versions are equal clauses."""
+    stopped = sorted(expected_stopped)
+    if not assertions and not stopped:
+        return version
+    said = [[assertion.name, assertion.text] for assertion in assertions]
+    return f"{version}+{hashlib.sha256(json.dumps([stopped, said]).encode()).hexdigest()[:16]}"

@@ -11,13 +11,13 @@ clause in robomend.model.schemes.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from difflib import get_close_matches
 from functools import cached_property
 
 from robomend.errors import ObservationError
 from robomend_client.literals import Atom, Literal, quote
+from robomend_client.near import did_you_mean
 
 Signature = tuple[str, ...]
 """The sorts of a predicate's arguments."""
@@ -125,7 +125,7 @@ class Vocabulary:
             )
         names = sorted({predicate for predicate, _ in self._arities})
         if atom.predicate not in names:
-            near = _nearest(atom.predicate, names)
+            near = did_you_mean(atom.predicate, names, quote)
             return f"no predicate is named {quote(atom.predicate)}{near or '; known are ' + _some(names)}"
         signatures = [s for s in self.predicates.get(atom.predicate, ()) if len(s) == len(atom.args)]
         alike = [a for a in self.atoms if a.predicate == atom.predicate and len(a.args) == len(atom.args)]
@@ -139,7 +139,7 @@ class Vocabulary:
             allowed = {name for sort in sorts for name in self.sorts[sort]} | {a.args[index] for a in alike}
             if arg not in allowed:
                 what = " or ".join(dict.fromkeys(_SINGULAR.get(sort, sort) for sort in sorts)) or "name"
-                near = _nearest(arg, allowed)
+                near = did_you_mean(arg, allowed, quote)
                 return f"no {what} is named {quote(arg)}{near or '; declared are ' + _some(sorted(allowed))}"
         return f"{atom} is not declared: its names do not go together"
 
@@ -159,11 +159,6 @@ _SINGULAR = {
     "channel_readings": "reading",
     "nets": "net",
 }
-
-
-def _nearest(name: str, known: Iterable[str]) -> str:
-    near = get_close_matches(name, sorted(known)[:20_000], n=1)
-    return f"; did you mean {quote(near[0])}?" if near else ""
 
 
 def _some(names: list[str], most: int = 12) -> str:

@@ -1,1 +1,6 @@
-"""Questions without a robot: text in, result out, result as JSON; what-if."""
+"""Questions without a robot, and what-if: for the commands, the service, the benchmarks and logs alike.
+
+text ──► question ──► result ──► JSON
+question.py   warm_model.py   result_json.py, plan_json.py     values only, no event loop
+solvers.py, oneshots.py       the same in worker processes, with places for those who wait
+"""

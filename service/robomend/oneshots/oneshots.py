@@ -1,29 +1,25 @@
-"""Stateless questions: model and observations in, result or plan out, what-if included. All in workers.
+"""One-shots in the service: questions without a robot, and probes, in worker processes.
 
-Nothing of a one-shot stays in the service but a warm engine; a stored model is asked for by its name.
+A bounded number waits for a worker; more are refused. Nothing of a one-shot stays but a warm engine.
 """
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
 
 from robomend.diagnosis.probes import ProbeResult
-from robomend.diagnosis.result import Diagnosis, DiagnosisResult, Options
-from robomend.errors import InputError, Overloaded, UnknownComponent
-from robomend.model.clauses import extend, without_running
-from robomend.model.system import System
-from robomend.observations.language import Assertion, read
-from robomend.oneshots.answers import result_json
+from robomend.diagnosis.result import DiagnosisResult, Options
+from robomend.errors import InputError, Overloaded
+from robomend.model.system import System, variant
+from robomend.oneshots.question import Question, given_diagnosis, supposing
 from robomend.oneshots.solvers import SolverWorkers
-from robomend.planning.advice import Situation, parts_of, plan_answer
+from robomend.planning.advice import Situation, parts_of
+from robomend.planning.choice import Choice
 from robomend.planning.planner_pool import PlannerPool, advise
-from robomend.planning.planners import check_planner
+from robomend.planning.planners import PLANNERS
 from robomend.planning.planning import PlanOptions
-from robomend.robots.robot import Robot
-from robomend.robots.systems import Systems
 from robomend.settings import Settings
 from robomend_client.literals import Literal
 
@@ -31,21 +27,23 @@ GRACE_S = 2.0
 
 
 @dataclass(frozen=True, slots=True)
-class Question:
-    """What is asked about: a stored model or a text, and sentences about it."""
+class Subject:
+    """What is asked about: a system, and the version by which a worker knows its engine again."""
 
-    model: str | None
-    source: str | None
-    observations: tuple[str, ...]
+    version: str
+    system: System
+
+    def extended(self, asked: Question, expected_stopped: Iterable[str] = ()) -> Subject:
+        """Return the subject with what a question says beyond literals."""
+        stopped = self.system.named(expected_stopped)
+        version = variant(self.version, asked.assertions, stopped)
+        return Subject(version, self.system.extended(asked.assertions, stopped))
 
 
 class OneShots:
     """See the module. Belongs to one event loop."""
 
-    def __init__(
-        self, systems: Systems, solver: SolverWorkers, planners: PlannerPool, settings: Settings
-    ) -> None:
-        self._systems = systems
+    def __init__(self, solver: SolverWorkers, planners: PlannerPool, settings: Settings) -> None:
         self._solver = solver
         self._planners = planners
         self._settings = settings
@@ -61,144 +59,84 @@ class OneShots:
         """Refuse what comes from now on; the pools belong to whoever made them."""
         self._closed = True
 
-    async def diagnose(self, question: Question, engine: str, options: Options) -> dict[str, Any]:
-        """Return the diagnoses as JSON.
+    async def diagnose(
+        self, subject: Subject, asked: Question, engine: str, options: Options
+    ) -> DiagnosisResult:
+        """Return the diagnoses.
 
         Raises:
-            ModelError, ObservationError, UnknownComponent, OptionRefused: what was sent is at fault.
+            UnknownComponent, OptionRefused: what was sent is at fault.
             ContradictoryModel: no model even with everything abnormal.
             Overloaded: too many one-shots wait.
         """
-        return result_json(await self._diagnose(question, engine, options))
+        options = supposing(options, subject.system)
+        return await self._ask(subject.extended(asked), asked.literals, engine, options)
 
     async def plan(
         self,
-        question: Question,
+        subject: Subject,
+        asked: Question,
         *,
         bad: Sequence[str] | None,
-        expected_stopped: tuple[str, ...],
+        expected_stopped: Sequence[str],
         planner: str,
         timeout_s: float,
         pddl: bool,
-    ) -> dict[str, Any]:
-        """Return what to do first, the alternatives and the plan as JSON: what `robomend plan` answers too.
+    ) -> Choice:
+        """Return what to do first, and the alternatives; for the components `bad`, or for the diagnoses.
 
         Raises:
             ModelError: the model says nothing of what can be repaired.
+            UnknownComponent: `bad` or `expected_stopped` speaks of what the model does not have.
             InputError: no diagnosis was found in time.
             OptionRefused: no such planner.
+            Overloaded: too many one-shots wait.
         """
-        check_planner(planner)
-        version, system, literals = await self._understand(question)
-        parts = parts_of(system)
-        _check(expected_stopped, system)
+        PLANNERS.check(planner)
+        parts = parts_of(subject.system)
+        stopped = subject.system.named(expected_stopped)
         if bad is not None:
-            _check(bad, system)
-            wanted = (Diagnosis(tuple(bad)),)
-            result = DiagnosisResult(system.cnf.components, wanted, True, None, (), 0.0)
+            result = given_diagnosis(bad, subject.system)
         else:
-            if expected_stopped:
-                version = f"{version}-{','.join(sorted(expected_stopped))}"
-                system = replace(system, cnf=without_running(system.cnf, expected_stopped))
-            result = await self._ask(version, system, literals, "sat", Options(timeout_s=timeout_s))
+            result = await self._ask(
+                subject.extended(asked, stopped), asked.literals, "sat", Options(timeout_s=timeout_s)
+            )
             if not result.diagnoses:
                 raise InputError(
                     "no diagnosis was found in time: name the bad components, or allow more time"
                 )
-        options = PlanOptions(
-            planner=planner, timeout_s=timeout_s, expected_stopped=expected_stopped, pddl=pddl
-        )
-        async with self._turn():
-            choice = await advise(self._planners, Situation(parts, tuple(literals), result), options)
-        return plan_answer(choice, system.cnf.components)
+        options = PlanOptions(planner=planner, timeout_s=timeout_s, expected_stopped=stopped, pddl=pddl)
+        situation = Situation(parts, tuple(sorted(asked.literals)), result)
+        with self._place():
+            return await advise(self._planners, situation, options)
 
-    async def probes(self, state: Robot, limit: int) -> ProbeResult:
-        """Return the observations of a robot worth making next."""
-        version, system, literals = state.question()
+    async def probes(
+        self, version: str, system: System, literals: frozenset[Literal], engine: str, limit: int
+    ) -> ProbeResult:
+        """Return the observations worth making next; raises as `diagnose` does."""
         options = Options(timeout_s=self._settings.solver_timeout_s)
         deadline_s = 2 * self._settings.solver_timeout_s + GRACE_S
-        async with self._turn():
+        with self._place():
             return await self._solver.probes(
-                version, state.config.engine, system.cnf, literals, options, limit, deadline_s
+                version, engine, system.cnf, literals, options, limit, deadline_s
             )
 
-    async def _diagnose(self, question: Question, engine: str, options: Options) -> DiagnosisResult:
-        version, system, literals = await self._understand(question)
-        _check(options.healthy | options.abnormal, system)
-        return await self._ask(version, system, literals, engine, options)
-
-    async def _understand(self, question: Question) -> tuple[str, System, frozenset[Literal]]:
-        """Return the version, the system extended by what says more than literals, and the literals."""
-        if (question.model is None) == (question.source is None):
-            raise InputError("give either `model`, the name of a stored one, or `source`, a model's text")
-        if question.model is not None:
-            model, system = await self._systems.current(question.model)
-            version = f"{model.name}@{model.version}"
-        else:
-            assert question.source is not None
-            system = await self._systems.load(question.source, name=None, format=None)
-            version = "text:" + hashlib.sha256(question.source.encode()).hexdigest()
-        literals: set[Literal] = set()
-        assertions: list[Assertion] = []
-        for index, sentence in enumerate(question.observations):
-            said = read(sentence, system.vocabulary, name=f"sentence {index}")
-            if isinstance(said, Assertion):
-                assertions.append(said)
-            else:
-                literals.update(said)
-        _check_consistent(literals)
-        if not assertions:
-            return version, system, frozenset(literals)
-        text = "\n".join(assertion.text for assertion in assertions)
-        version = f"{version}+{hashlib.sha256(text.encode()).hexdigest()[:16]}"
-        return version, _extended(system, assertions), frozenset(literals)
-
     async def _ask(
-        self, version: str, system: System, literals: frozenset[Literal], engine: str, options: Options
+        self, subject: Subject, literals: frozenset[Literal], engine: str, options: Options
     ) -> DiagnosisResult:
         deadline_s = (options.timeout_s or self._settings.max_solver_timeout_s) + GRACE_S
-        async with self._turn():
-            return await self._solver.diagnose(version, engine, system.cnf, literals, options, deadline_s)
+        with self._place():
+            return await self._solver.diagnose(
+                subject.version, engine, subject.system.cnf, literals, options, deadline_s
+            )
 
-    def _turn(self) -> _Turn:
-        return _Turn(self)
-
-
-class _Turn:
-    """A place among the one-shots that may wait; Overloaded when there is none."""
-
-    def __init__(self, shots: OneShots) -> None:
-        self._shots = shots
-
-    async def __aenter__(self) -> None:
-        if self._shots._room <= 0:
+    @contextmanager
+    def _place(self) -> Iterator[None]:
+        """Take a place among the one-shots that may wait; Overloaded when there is none."""
+        if self._room <= 0:
             raise Overloaded("too many one-shots wait for a worker already; try again later")
-        self._shots._room -= 1
-
-    async def __aexit__(self, *_: object) -> None:
-        self._shots._room += 1
-
-
-def _extended(system: System, assertions: Sequence[Assertion]) -> System:
-    return System(
-        name=system.name,
-        format=system.format,
-        source=system.source,
-        cnf=extend(system.cnf, assertions),
-        parts=system.parts,
-        vocabulary=system.vocabulary,
-    )
-
-
-def _check(names: Sequence[str] | frozenset[str], system: System) -> None:
-    known = frozenset(system.cnf.components)
-    for name in names:
-        if name not in known:
-            raise UnknownComponent(name, known)
-
-
-def _check_consistent(literals: set[Literal]) -> None:
-    """Sentences of one question are about one moment, so a literal and its opposite are a mistake."""
-    for literal in sorted(literals):
-        if literal.positive and -literal in literals:
-            raise InputError(f"the observations hold both {literal} and {-literal}")
+        self._room -= 1
+        try:
+            yield
+        finally:
+            self._room += 1

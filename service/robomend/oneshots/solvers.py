@@ -13,6 +13,7 @@ from robomend.diagnosis.probes import Prober, ProbeResult
 from robomend.diagnosis.result import DiagnosisResult, Engine, Options
 from robomend.errors import RobomendError
 from robomend.model.cnf import HealthCnf
+from robomend.oneshots.warm_model import ask_engine
 from robomend.workers.pool import WorkerPool
 from robomend_client.literals import Literal
 
@@ -85,7 +86,7 @@ class EngineMissing(RobomendError):
     code = "engine-missing"
 
 
-_warm: OrderedDict[tuple[str, str], Engine] = OrderedDict()
+_warm: OrderedDict[tuple[str, str], tuple[Engine, HealthCnf]] = OrderedDict()
 """Of a worker process."""
 
 
@@ -98,15 +99,14 @@ def diagnose(
     key: tuple[str, str], cnf: HealthCnf | None, literals: frozenset[Literal], options: Options
 ) -> DiagnosisResult:
     """Answer one question; runs in a worker process."""
-    engine = _warm.get(key)
-    if engine is None:
+    if key not in _warm:
         if cnf is None:
             raise EngineMissing(key[0])
         while len(_warm) >= KEPT:
-            _warm.popitem(last=False)[1].close()
-        engine = _warm[key] = make_engine(key[1], cnf)
+            _warm.popitem(last=False)[1][0].close()
+        _warm[key] = make_engine(key[1], cnf), cnf
     _warm.move_to_end(key)
-    return engine.diagnose(sorted(literals), options)
+    return ask_engine(*_warm[key], literals, options)
 
 
 def find_probes(

@@ -62,12 +62,6 @@ class PlannerPool:
         """Warm the first process now instead of at the first call."""
         self._workers.start()
 
-    async def plan(
-        self, model: ComponentModel, observed: Iterable[Literal], bad: Collection[str], options: PlanOptions
-    ) -> Plan:
-        """Return the plan for one diagnosis; see robomend.planning.planning.plan_for."""
-        return (await self.plans(model, observed, [bad], options))[0]
-
     async def plans(
         self,
         model: ComponentModel,

@@ -14,11 +14,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from robomend.diagnosis.probes import ProbeResult
-from robomend.diagnosis.result import Diagnosis, DiagnosisResult
+from robomend.diagnosis.result import DiagnosisResult
 from robomend.errors import Refused, RobomendError, StateConflict
 from robomend.model.components import ComponentModel
 from robomend.oneshots.oneshots import OneShots
-from robomend.planning.advice import Situation, plan_answer
+from robomend.oneshots.plan_json import choice_json
+from robomend.oneshots.question import given_diagnosis
+from robomend.planning.advice import Situation
 from robomend.planning.choice import Attempt, Choice, Patience
 from robomend.planning.domain.loading import load_domain
 from robomend.planning.plan import Plan
@@ -27,8 +29,7 @@ from robomend.planning.planning import PlanOptions
 from robomend.planning.policy import HOUR_NS, NODE_ACTIONS, POWER_ACTIONS, Policy
 from robomend.robots.configuration import policy_of
 from robomend.robots.robot import Robot
-from robomend.store import records
-from robomend.store.interface import Store, View
+from robomend.store import Store, View, attempts, records
 
 PLAN_TIMEOUT_S = 10.0
 """For the plans of all leading diagnoses together."""
@@ -87,16 +88,16 @@ class Chooser:
         now = time.time_ns()
 
         def look(view: View) -> Remembered:
-            records_ = view.tried(robot)
+            records_ = attempts.tried(view, robot)
             return Remembered(
                 tuple(tried_of(record) for record in records_),
                 tuple(
                     entry.component
-                    for entry in view.quarantine(robot)
+                    for entry in attempts.quarantine(view, robot)
                     if entry.until_ns is None or entry.until_ns > now
                 ),
                 useless_of(records_, since_ns=now - int(self.patience.memory_s * 1e9)),
-                view.attempts(robot, now - HOUR_NS),
+                attempts.counted(view, robot, now - HOUR_NS),
             )
 
         return await self._store.read(look)
@@ -104,7 +105,7 @@ class Chooser:
     async def attempts(self, robot: str) -> Mapping[str, int]:
         """Return component -> actions on it in the last hour."""
         since = time.time_ns() - HOUR_NS
-        return await self._store.read(lambda view: view.attempts(robot, since))
+        return await self._store.read(attempts.counted, robot, since)
 
     async def choose(
         self,
@@ -181,7 +182,7 @@ class Chooser:
         if not costs:
             return None
         try:
-            found = await self._one_shots.probes(state, 10)
+            found = await self._one_shots.probes(*state.question(), state.config.engine, 10)
         except RobomendError:
             return None  # looking first is a saving, never a condition
         return replace(found, probes=tuple(probe for probe in found.probes if probe.atom in costs))
@@ -197,11 +198,7 @@ class Chooser:
     ) -> dict[str, Any]:
         """Return what would be done now, as JSON: the dry run of POST …/plans."""
         self._parts(state)
-        components = state.system.cnf.components
-        if bad is None:
-            result = _present(state)
-        else:
-            result = DiagnosisResult(components, (Diagnosis(tuple(bad)),), True, None, (), 0.0)
+        result = _present(state) if bad is None else given_diagnosis(bad, state.system)
         found = await self.choose(
             state,
             result,
@@ -211,7 +208,7 @@ class Chooser:
             pddl=pddl,
             permitted=False,
         )
-        return plan_answer(found, components)
+        return choice_json(found, state.system.cnf.components)
 
     def _parts(self, state: Robot) -> ComponentModel:
         if state.system.parts is None:

@@ -10,7 +10,7 @@ from robomend.observations.obs import Observed, consequences
 from robomend.robots.boards import SOURCE
 from robomend.robots.robot import Robot
 from robomend.robots.robots import Robots
-from robomend.store.interface import Store, View
+from robomend.store import Store, View, observations
 from robomend.store.records import Page, Paging, StoredBatch
 from robomend_client.literals import Atom, Literal
 
@@ -107,7 +107,7 @@ class Hearing:
 
 
 def _history(robot: str, paging: Paging, view: View) -> Page[StoredBatch]:
-    return view.history(robot, paging)
+    return observations.history(view, robot, paging)
 
 
 def _atoms(batch: StoredBatch) -> set[Atom]:

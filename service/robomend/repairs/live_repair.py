@@ -27,7 +27,7 @@ from robomend.repairs.record import RepairRecord
 from robomend.repairs.signals import Signals
 from robomend.robots.robot import Robot
 from robomend.robots.robots import Robots
-from robomend.store.interface import Store
+from robomend.store import Store
 from robomend.store.records import Quarantine
 from robomend_client.actions import Action, ActionResult, Executor
 from robomend_client.literals import Atom, Literal

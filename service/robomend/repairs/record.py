@@ -12,7 +12,7 @@ from typing import Any
 
 from robomend.planning.plan import Plan, Step
 from robomend.repairs.execution_values import StepReport, Withheld
-from robomend.store.interface import Store, Transaction
+from robomend.store import Store, Transaction, attempts, global_stop, journal, repairs
 from robomend.store.records import AuditEntry, Fence, Quarantine, StepRecord, StoredAttempt, StoredRepair
 from robomend_client.actions import Action, ActionResult
 from robomend_client.events import Kind
@@ -88,12 +88,12 @@ class RepairRecord:
         )
 
         def write(tx: Transaction) -> StoredRepair:
-            updated = tx.update_repair(self.id, state=state, data=data, open=open, fence=self._fence)
+            updated = repairs.update(tx, self.id, state=state, data=data, open=open, fence=self._fence)
             tx.emit(Kind.REPAIR, self.robot, repair_json(updated))
             if state != before or reason:
                 tx.note(entry)
             for request in answers:
-                tx.answer(request, fence=self._fence)
+                repairs.answer(tx, request, fence=self._fence)
             if also is not None:
                 also(tx)
             return updated
@@ -143,7 +143,7 @@ class RepairRecord:
 
         def remember(tx: Transaction) -> None:
             if tried is not None:
-                tx.remember(tried, fence=self._fence)
+                attempts.remember(tx, tried, fence=self._fence)
             for entry in quarantined:
                 self._set_aside(tx, entry)
 
@@ -151,7 +151,7 @@ class RepairRecord:
         await self.update("verifying", reason=reason, rounds=rounds, approved=None, also=remember)
 
     def _set_aside(self, tx: Transaction, entry: Quarantine) -> None:
-        tx.put_quarantine(entry, fence=self._fence)
+        attempts.put_quarantine(tx, entry, fence=self._fence)
         told = {"quarantine": entry.component, "reason": entry.reason, "until_ns": entry.until_ns}
         tx.emit(Kind.ROBOT, self.robot, told)
         tx.note(AuditEntry(LOOP, "component.quarantined", entry.component, self.robot, entry.reason))
@@ -188,13 +188,14 @@ class RepairRecord:
         )
 
         def write(tx: Transaction) -> str | None:
-            stop = tx.stop()
+            stop = global_stop.hold(tx)
             if stop.active:
                 return f"global stop: {stop.reason}"
-            for request in tx.repair_requests(self.robot):
+            for request in repairs.requests(tx, self.robot):
                 if request.what == "cancel" and request.repair == self.id:
                     return request.reason or "cancelled"
-            tx.intend(
+            journal.intend(
+                tx,
                 self.id,
                 number,
                 action=action.id,
@@ -204,7 +205,7 @@ class RepairRecord:
                 fence=self._fence,
             )
             for component in self._components.intersection(action.parameters):
-                tx.count_attempt(self.robot, component, self.id, fence=self._fence)
+                attempts.count(tx, self.robot, component, self.id, fence=self._fence)
             tx.note(entry)
             self._put_step(tx, report, number)
             return None
@@ -225,7 +226,7 @@ class RepairRecord:
         )
 
         def write(tx: Transaction) -> None:
-            tx.settle(action.id, result.code, result.message, fence=self._fence)
+            journal.settle(tx, action.id, result.code, result.message, fence=self._fence)
             tx.note(entry)
             self._put_step(tx, report, step_number(action.id))
 
@@ -238,7 +239,7 @@ class RepairRecord:
 
     def _put_step(self, tx: Transaction, report: StepReport, number: int) -> None:
         data = report_json(report, number)
-        tx.put_step(self.id, number, state=str(report.state), data=data, fence=self._fence)
+        repairs.put_step(tx, self.id, number, state=str(report.state), data=data, fence=self._fence)
         tx.emit(Kind.ACTION, self.robot, {"repair": self.id, "round": self._data.get("round"), **data})
 
 

@@ -27,7 +27,7 @@ from robomend.repairs.live_repair import approval
 from robomend.repairs.record import LOOP, RepairRecord
 from robomend.repairs.signals import Declined, Halted, Signals
 from robomend.robots.robot import Robot
-from robomend.store.interface import Store, Transaction, View
+from robomend.store import Store, Transaction, View, agent_actions, journal, observations, repairs
 from robomend.store.records import AuditEntry, Fence, Intent, Paging
 from robomend_client.actions import OK, TIMED_OUT
 from robomend_client.events import Kind
@@ -71,7 +71,7 @@ class Reentry:
             return await self.ask(question, left, new=False)
         await self._recall_approval(left)
         await self._record.interrupted()
-        return await self._store.read(lambda view: view.revision(self._record.robot))
+        return await self._store.read(observations.revision, self._record.robot)
 
     async def ask_about(self, doubt: str, state: Robot) -> int:
         """Let a person look at the robot, after an action in doubt; see `ask`."""
@@ -90,7 +90,7 @@ class Reentry:
 
         def settle(tx: Transaction) -> None:
             if new:
-                early.update(request.number for request in tx.repair_requests(self._record.robot))
+                early.update(request.number for request in repairs.requests(tx, self._record.robot))
             left.settle(tx)
 
         if new:
@@ -108,12 +108,12 @@ class Reentry:
             answers=self._signals.answers(),
         )
         await self._record.interrupted()
-        return await self._store.read(lambda view: view.revision(self._record.robot))
+        return await self._store.read(observations.revision, self._record.robot)
 
     async def left_open(self, state: Robot, why: str, *, patient: bool = False) -> LeftOpen:
         """Return the actions that the journal has without an outcome; `patient`: see `_fate`."""
         once = self._chooser.not_idempotent(state)
-        intents = await self._store.read(lambda view: view.unsettled(self._record.robot))
+        intents = await self._store.read(journal.unsettled, self._record.robot)
         fates = [(intent, *await self._fate(intent, why, patient)) for intent in intents]
         return LeftOpen(tuple(fates), once, self._record.id, self._fence)
 
@@ -123,9 +123,9 @@ class Reentry:
         def keep(tx: Transaction) -> None:
             left.settle(tx)
             for number in numbers:
-                tx.answer(number, fence=self._fence)
+                repairs.answer(tx, number, fence=self._fence)
 
-        requests = await self._store.read(lambda view: view.repair_requests(self._record.robot))
+        requests = await self._store.read(repairs.requests, self._record.robot)
         yes = [r for r in requests if r.repair == self._record.id and r.what == "approve"]
         numbers = [request.number for request in yes]
         if yes and self._record.state == "awaiting-approval":
@@ -140,14 +140,14 @@ class Reentry:
         `patient`: an agent that is at it gets the action's time to report, unless somebody halts us (Halted).
         """
         with contextlib.suppress(NotFound):
-            action = await self._store.read(lambda view: view.agent_action(intent.id))
+            action = await self._store.read(agent_actions.get, intent.id)
             loop = asyncio.get_running_loop()
             deadline = loop.time() + (intent.timeout_s if patient else 0.0)
             while action.answered and action.code is None and loop.time() < deadline:
                 change = self._agents.watch(self._record.robot)
                 with contextlib.suppress(TimeoutError):
                     await self._signals.unless_halted(asyncio.wait_for(change.wait(), RETRY_S))
-                action = await self._store.read(lambda view: view.agent_action(intent.id))
+                action = await self._store.read(agent_actions.get, intent.id)
             if action.code is None:
                 action = await self._agents.withdraw(intent.id, why)
             if action.code is not None:
@@ -182,11 +182,11 @@ class LeftOpen:
         """Write the outcomes, also into the repair's steps, which nobody reports on any more."""
         outcomes = {}
         for intent, code, message in self.fates:
-            tx.settle(intent.id, code, message, fence=self.fence)
+            journal.settle(tx, intent.id, code, message, fence=self.fence)
             text = intent_text(intent)
             tx.note(AuditEntry(LOOP, "action.result", text, intent.robot, message, after={"result": code}))
             outcomes[intent.id] = (code, message)
-        for step in tx.steps(self.repair):
+        for step in repairs.steps(tx, self.repair):
             if step.state == str(StepState.RUNNING):
                 # Answered already, if it has no fate: then it was its effect that was awaited.
                 seen = (step.data["result"], "nobody waited for its effect any more")
@@ -194,13 +194,13 @@ class LeftOpen:
                 state = str(StepState.DONE if code == OK else StepState.FAILED)
                 data = {**step.data, "state": state, "result": code, "message": message}
                 data["ended_ns"] = tx.now_ns
-                tx.put_step(self.repair, step.step, state=state, data=data, fence=self.fence)
+                repairs.put_step(tx, self.repair, step.step, state=state, data=data, fence=self.fence)
                 tx.emit(Kind.ACTION, self.fence.robot, {"repair": self.repair, **data})
 
 
 def open_question(view: View, robot: str) -> str | None:
     """Return what the robot's last repair asked a person, or left to ask, and nobody answered."""
-    last = view.repairs(robot, Paging(limit=1)).items
+    last = repairs.page(view, robot, Paging(limit=1)).items
     return last[0].data.get("question") if last else None
 
 

@@ -37,7 +37,7 @@ from robomend.repairs.reentry import open_question
 from robomend.repairs.robot_repairs import Dependencies, RobotRepairs
 from robomend.robots.robots import Robots
 from robomend.settings import Settings
-from robomend.store.interface import Store, Transaction, View
+from robomend.store import Store, Transaction, View, agent_actions, attempts, global_stop, repairs, robots
 from robomend.store.records import AuditEntry, Fence, Paging, Stop, StoredRepair
 from robomend_client.events import Event, Kind
 
@@ -88,7 +88,7 @@ class Repairs:
             self._store.ownership.on_lost(self._lost),
         ]
         # After following began, so that a stop in between is not missed.
-        self._needs.stop = await self._store.read(lambda view: view.stop())
+        self._needs.stop = await self._store.read(global_stop.get)
         self._needs.robots.on_diagnosis(self._poke)
         self._seeker = asyncio.create_task(self._seek(), name="looking for robots without an owner")
 
@@ -123,7 +123,7 @@ class Repairs:
     async def _read_stop(self) -> None:
         """Read the global stop, for an event that was lost with its database connection."""
         changes = self._stop_changes
-        stop = await self._store.read(lambda view: view.stop())
+        stop = await self._store.read(global_stop.get)
         if stop.active != self._needs.stop.active and changes == self._stop_changes:
             self._set(stop)
 
@@ -218,10 +218,10 @@ class Repairs:
         wanted = None if bad is None else list(bad)
 
         def begin(tx: Transaction) -> StoredRepair:
-            stop = tx.stop()  # not as we heard of it: another instance may have lifted it just now
+            stop = global_stop.hold(tx)  # not as we heard of it: another instance may have lifted it just now
             if stop.active:
                 raise Refused(f"the global stop is active, set by {stop.by}: {stop.reason}")
-            if tx.repairs(robot, Paging(limit=1), open_only=True).items:
+            if repairs.page(tx, robot, Paging(limit=1), open_only=True).items:
                 raise StateConflict(f"a repair of robot {robot!r} is open already")
             data = {
                 "policy": state.config.policy,
@@ -231,7 +231,7 @@ class Repairs:
                 "reason": reason,
                 "question": open_question(tx, robot),
             }
-            repair = tx.create_repair(robot, state="waiting", data=data)
+            repair = repairs.create(tx, robot, state="waiting", data=data)
             tx.emit(Kind.REPAIR, robot, repair_json(repair))
             tx.note(AuditEntry(by, "repair.create", repair.id, robot, reason, after={"bad": wanted}))
             return repair
@@ -242,15 +242,17 @@ class Repairs:
         """Return up to `limit` repairs of the robot, newest first, older than the repair `before`."""
 
         def look(view: View) -> list[Json]:
-            view.robot(robot)
-            page = view.repairs(robot, Paging(before, limit))
-            return [repair_json(repair, view.steps(repair.id)) for repair in page.items]
+            robots.get(view, robot)
+            page = repairs.page(view, robot, Paging(before, limit))
+            return [repair_json(repair, repairs.steps(view, repair.id)) for repair in page.items]
 
         return await self._store.read(look)
 
     async def repair(self, repair_id: str) -> Json:
         """Return one repair with its steps."""
-        return await self._store.read(lambda view: repair_json(view.repair(repair_id), view.steps(repair_id)))
+        return await self._store.read(
+            lambda view: repair_json(repairs.get(view, repair_id), repairs.steps(view, repair_id))
+        )
 
     async def approve(self, repair_id: str, *, by: str, reason: str) -> Json:
         """Let a repair that awaits approval run. StateConflict in any other state."""
@@ -262,14 +264,14 @@ class Repairs:
 
     async def _ask(self, repair_id: str, what: str, by: str, reason: str) -> Json:
         def ask(tx: Transaction) -> str:
-            repair = tx.repair(repair_id)
+            repair = repairs.get(tx, repair_id)
             if not repair.open:
                 raise StateConflict(f"repair {repair_id} has ended already ({repair.state})")
             if what == "approve" and repair.state != "awaiting-approval":
                 raise StateConflict(f"repair {repair_id} awaits no approval; it is {repair.state}")
-            if any(r.what == what and r.repair == repair_id for r in tx.repair_requests(repair.robot)):
+            if any(r.what == what and r.repair == repair_id for r in repairs.requests(tx, repair.robot)):
                 raise StateConflict(f"repair {repair_id}: somebody said {what!r} already")
-            tx.ask(repair_id, what, by=by, reason=reason)
+            repairs.ask(tx, repair_id, what, by=by, reason=reason)
             tx.emit(Kind.REPAIR, repair.robot, {**repair_json(repair), "asked": what, "asked_by": by})
             tx.note(AuditEntry(by, f"repair.{what}", repair_id, repair.robot, reason))
             return repair.state
@@ -311,7 +313,7 @@ class Repairs:
 
     async def action_robot(self, action_id: str) -> str:
         """Return the robot that an action belongs to, so that a robot's key opens its own actions only."""
-        return await self._store.read(lambda view: view.agent_action(action_id).robot)
+        return await self._store.read(lambda view: agent_actions.get(view, action_id).robot)
 
     async def feedback(self, action_id: str, *, code: int, message: str, by: str) -> None:
         """Note how far an action is; after its result this is a StateConflict."""
@@ -326,7 +328,7 @@ class Repairs:
 
     async def stopped(self) -> Json:
         """Return {"active": bool, "by": str | null, "reason": str, "since_ns": int | null}."""
-        return _stop_json(await self._store.read(lambda view: view.stop()))
+        return _stop_json(await self._store.read(global_stop.get))
 
     async def stop(self, *, by: str, reason: str) -> Json:
         """The global stop: no action starts anywhere and running ones are cancelled. Survives a restart."""
@@ -341,7 +343,7 @@ class Repairs:
             self._set(Stop(True, by, reason))
 
         def change(tx: Transaction) -> Stop:
-            stop = tx.set_stop(active, by=by, reason=reason)
+            stop = global_stop.put(tx, active, by=by, reason=reason)
             tx.emit(Kind.STOP, None, _stop_json(stop))
             tx.note(AuditEntry(by, "stop.set" if active else "stop.lifted", "all robots", None, reason))
             return stop
@@ -355,15 +357,15 @@ class Repairs:
 
     async def quarantined(self, robot: str) -> Mapping[str, str]:
         """Return component -> why it is not tried again."""
-        entries = await self._store.read(lambda view: view.quarantine(robot))
+        entries = await self._store.read(attempts.quarantine, robot)
         return {entry.component: entry.reason for entry in entries}
 
     async def release(self, robot: str, component: str, *, by: str, reason: str) -> None:
         """Let a quarantined component be tried again. NotFound if it is not in quarantine."""
 
         def let_go(tx: Transaction) -> None:
-            tx.release_quarantine(robot, component)
-            tx.forget_tried(robot, component)
+            attempts.release_quarantine(tx, robot, component)
+            attempts.forget(tx, robot, component)
             tx.emit(Kind.ROBOT, robot, {"what": "released", "component": component, "by": by})
             tx.note(AuditEntry(by, "quarantine.release", component, robot, reason))
 

@@ -42,7 +42,7 @@ from robomend.repairs.reentry import Reentry, open_question
 from robomend.repairs.signals import Declined, Halted, Signals
 from robomend.robots.robot import Robot
 from robomend.robots.robots import Robots
-from robomend.store.interface import Store, Transaction, View
+from robomend.store import Store, Transaction, View, attempts, audit, repairs, robots
 from robomend.store.records import AuditEntry, Fence, Paging, Stop, StoredRepair
 from robomend_client.actions import Executor
 from robomend_client.events import Kind
@@ -139,7 +139,7 @@ class RobotRepairs:
         if not isinstance(error, NotFound):
             return error.code == "fenced"
         try:
-            await self._needs.store.read(lambda view: view.robot(self._robot))
+            await self._needs.store.read(robots.get, self._robot)
         except NotFound:
             return True
         except RobomendError:
@@ -152,7 +152,7 @@ class RobotRepairs:
         """Learn from the store what the last repair gave up on, unless a person changed something since."""
 
         def look(view: View) -> Json | None:
-            page = view.repairs(self._robot, Paging(limit=1))
+            page = repairs.page(view, self._robot, Paging(limit=1))
             if not page.items or page.items[0].open or reconsidered(view, page.items[0]):
                 return None
             return page.items[0].data
@@ -169,9 +169,7 @@ class RobotRepairs:
             return None
         self._look_up = False
         try:
-            page = await self._needs.store.read(
-                lambda view: view.repairs(self._robot, Paging(limit=1), open_only=True)
-            )
+            page = await self._needs.store.read(repairs.page, self._robot, Paging(limit=1), open_only=True)
         except BaseException:
             self._look_up = True
             raise
@@ -206,7 +204,7 @@ class RobotRepairs:
             return None, IDLE_S
 
         def begin(tx: Transaction) -> StoredRepair:
-            open_ones = tx.repairs(self._robot, Paging(limit=1), open_only=True).items
+            open_ones = repairs.page(tx, self._robot, Paging(limit=1), open_only=True).items
             if open_ones:
                 return open_ones[0]  # a person was faster
             data = {
@@ -216,7 +214,7 @@ class RobotRepairs:
                 "reason": "",
                 "question": open_question(tx, self._robot),
             }
-            repair = tx.create_repair(self._robot, state="waiting", data=data, fence=self.fence)
+            repair = repairs.create(tx, self._robot, state="waiting", data=data, fence=self.fence)
             tx.emit(Kind.REPAIR, self._robot, repair_json(repair))
             tx.note(AuditEntry(LOOP, "repair.create", repair.id, self._robot, "the diagnosis is not healthy"))
             return repair
@@ -306,7 +304,7 @@ class RobotRepairs:
 
     async def _next_try(self) -> int | None:
         """Return when the first back-off ends of the components that are in quarantine now."""
-        entries = await self._needs.store.read(lambda view: view.quarantine(self._robot))
+        entries = await self._needs.store.read(attempts.quarantine, self._robot)
         ends = [entry.until_ns for entry in entries if entry.until_ns and entry.until_ns > time.time_ns()]
         return min(ends, default=None)
 
@@ -358,7 +356,7 @@ class RobotRepairs:
                     await self._asked.wait()
 
     async def _hand_over(self, repair: str, signals: Signals) -> None:
-        requests = await self._needs.store.read(lambda view: view.repair_requests(self._robot))
+        requests = await self._needs.store.read(repairs.requests, self._robot)
         for request in requests:
             if request.repair != repair:  # that one has ended
                 await self._needs.store.write(partial(_answer, request.number, self.fence))
@@ -376,7 +374,7 @@ def reconsidered(view: View, ended: StoredRepair) -> bool:
     """Return whether a person changed something since the repair ended; by the audit log, as its order is
     that of the writes and not of clocks.
     """
-    for entry in view.audit(Paging(limit=1000), robot=ended.robot).items:  # the newest first
+    for entry in audit.page(view, Paging(limit=1000), robot=ended.robot).items:  # the newest first
         if entry.subject == ended.id:
             return False
         if entry.action in RECONSIDERED:
@@ -385,4 +383,4 @@ def reconsidered(view: View, ended: StoredRepair) -> bool:
 
 
 def _answer(request: int, fence: Fence, tx: Transaction) -> None:
-    tx.answer(request, fence=fence)
+    repairs.answer(tx, request, fence=fence)

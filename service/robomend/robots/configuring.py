@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import asyncio
-from functools import cache
 
-from robomend.diagnosis.engines import engine_names
+from robomend.diagnosis.engines import ENGINES
 from robomend.errors import InputError, OptionRefused
 from robomend.model.system import System
 from robomend.observations.language import parse
 from robomend.planning.domain.loading import load_domain
-from robomend.planning.planners import planner_names
+from robomend.planning.planners import PLANNERS
 from robomend.robots.configuration import RobotConfig, covered, uncovered
-from robomend.store import records
-from robomend.store.interface import Transaction
+from robomend.store import Transaction, records, robots
 from robomend.store.records import AuditEntry, Json
 from robomend_client.events import Kind
 
@@ -21,9 +19,9 @@ from robomend_client.events import Kind
 def put(tx: Transaction, robot: str, config: Json, *, expected: str | None, by: str) -> None:
     """Create or replace a robot."""
     created = expected in (None, records.ABSENT)
-    before = None if created else tx.robot(robot).config
+    before = None if created else robots.get(tx, robot).config
     kept = config if before is None else uncovered(config, before)
-    stored = tx.put_robot(robot, kept, expected=expected)
+    stored = robots.put(tx, robot, kept, expected=expected)
     if before is None:
         uncovered(config, {})  # refuses a covered secret, after it is known that the robot is new
     what = "created" if created else "updated"
@@ -42,21 +40,21 @@ def put(tx: Transaction, robot: str, config: Json, *, expected: str | None, by: 
 
 def delete(tx: Transaction, robot: str, *, expected: str, by: str) -> None:
     """Delete a robot; Conflict while a repair is open."""
-    before = covered(tx.robot(robot).config)
-    tx.delete_robot(robot, expected=expected)
+    before = covered(robots.get(tx, robot).config)
+    robots.delete(tx, robot, expected=expected)
     tx.emit(Kind.ROBOT, robot, {"what": "deleted", "by": by})
     tx.note(AuditEntry(actor=by, action="robot.delete", subject=robot, robot=robot, before=before))
 
 
 async def check(config: RobotConfig, system: System) -> None:
     """Refuse a configuration that speaks of what the model or this installation does not have."""
-    engines, planners = _choices()
-    for what, choice, choices in (
-        ("diagnosis.engine", config.engine, engines),
-        ("planner", config.planner, planners),
-    ):
-        if choice not in choices:
-            raise OptionRefused(f"{what}: {choice!r} is none of {', '.join(choices)}")
+    try:
+        what = "diagnosis.engine"
+        ENGINES.check(config.engine)
+        what = "planner"
+        PLANNERS.check(config.planner)
+    except OptionRefused as error:
+        raise OptionRefused(f"{what}: {error}") from error
     if config.domain is not None:
         await asyncio.to_thread(load_domain, config.domain, "domain")
     known = frozenset(system.cnf.components)
@@ -66,9 +64,3 @@ async def check(config: RobotConfig, system: System) -> None:
                 raise InputError(f"{what}: the model {config.model!r} has no component {name!r}")
     for sentence in config.observed:
         parse(sentence, system.vocabulary)
-
-
-@cache
-def _choices() -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return the engines and planners of this installation."""
-    return engine_names(), planner_names()

@@ -17,7 +17,6 @@ The cache is exact: the key is the model version, the options, and the set of ob
 from __future__ import annotations
 
 import asyncio
-import json
 import time
 from collections import Counter, OrderedDict
 from collections.abc import Iterable
@@ -30,7 +29,8 @@ from robomend.errors import RobomendError
 from robomend.metrics import Metrics
 from robomend.model.cnf import HealthCnf
 from robomend.model.system import System
-from robomend.oneshots.answers import result_json
+from robomend.oneshots.result_json import result_json, timeless
+from robomend.oneshots.warm_model import ask_engine
 from robomend.settings import Settings
 from robomend.store.encoding import to_json
 from robomend_client.literals import Literal
@@ -64,8 +64,8 @@ class Diagnosed:
     def of(cls, result: DiagnosisResult) -> Diagnosed:
         """Return the answer for a result."""
         values = result_json(result)
-        key = json.dumps({**values, "elapsed_s": 0}, sort_keys=True)
-        return cls(result, None, values, key, to_json(values))
+        text = to_json(values)
+        return cls(result, None, values, timeless(text), text)
 
     @classmethod
     def failed(cls, fault: RobomendError) -> Diagnosed:
@@ -181,7 +181,7 @@ class Diagnoser:
         budget_s = min(4 * self._settings.inline_budget_s, options.timeout_s or float("inf"))
         warm = self._warm(version, engine, system.cnf)
         began = time.thread_time()  # not the wall's: what others take of the processor is no model's fault
-        result = warm.diagnose(observed, replace(options, timeout_s=budget_s))
+        result = ask_engine(warm, system.cnf, observed, replace(options, timeout_s=budget_s))
         if time.thread_time() - began > self._settings.inline_budget_s:
             self._strikes[version, engine] += 1
             if self._strikes[version, engine] >= STRIKES:

@@ -26,8 +26,8 @@ from robomend.robots.clock import CLOCK
 from robomend.robots.diagnoser import Diagnosed, Diagnoser
 from robomend.robots.robot import Current, Robot
 from robomend.settings import Settings
+from robomend.store import Store, Transaction, diagnoses
 from robomend.store.encoding import Encoded, to_json
-from robomend.store.interface import Store, Transaction
 from robomend_client.events import Kind
 
 log = structlog.get_logger("robomend.robots.diagnosing")
@@ -264,7 +264,7 @@ class Diagnosing:
 def announce(robot: str, current: Current, tx: Transaction) -> None:
     """Write a diagnosis that says something new, and its event."""
     data = event_data(current)
-    tx.record_diagnosis(robot, current.revision, data, model_version=current.model_version)
+    diagnoses.record(tx, robot, current.revision, data, model_version=current.model_version)
     tx.emit(Kind.DIAGNOSIS, robot, data)
 
 

@@ -17,8 +17,7 @@ from robomend.robots.batches import stored_assertion
 from robomend.robots.diagnosing import published
 from robomend.robots.robot import Robot
 from robomend.robots.systems import Systems
-from robomend.store import records
-from robomend.store.interface import Store, View
+from robomend.store import Store, View, diagnoses, models, observations, records, robots
 
 WRITE_S = 10.0
 """Longest that a reader waits for a write under way before it reads the store anew."""
@@ -91,7 +90,7 @@ class Memory:
 
     async def _newest(self, robot: str) -> records.Newest:
         try:
-            return await self._store.read(lambda view: view.newest(robot))
+            return await self._store.read(robots.newest, robot)
         except NotFound:
             await self.drop(robot)
             raise
@@ -117,8 +116,13 @@ class Memory:
         ) -> tuple[
             records.StoredRobot, records.StoredModel, records.StoredObs, records.StoredDiagnosis | None
         ]:
-            stored = view.robot(robot)
-            return stored, view.model(stored.config["model"]), view.obs(robot), view.diagnosis(robot)
+            stored = robots.get(view, robot)
+            return (
+                stored,
+                models.get(view, stored.config["model"]),
+                observations.obs(view, robot),
+                diagnoses.latest(view, robot),
+            )
 
         try:
             stored, model, obs, diagnosed = await self._store.read(look)

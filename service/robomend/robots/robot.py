@@ -8,14 +8,12 @@ another instance was faster, the state is `stale` and is read again before its n
 from __future__ import annotations
 
 import asyncio
-import hashlib
-import json
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
-from robomend.model.clauses import Assertion, extend, without_running
-from robomend.model.system import System
+from robomend.model.clauses import Assertion
+from robomend.model.system import System, variant
 from robomend.observations.obs import Obs, Observed, consequences
 from robomend.robots.clock import CLOCK
 from robomend.robots.configuration import RobotConfig
@@ -105,7 +103,7 @@ class Robot:
         self.changed_at = 0.0  # perf_counter of the latest change
         self.gone = False  # deleted; whoever still holds this lets go
         self.timers: dict[str, asyncio.TimerHandle] = {}
-        self._own: tuple[tuple[str, tuple[str, ...], tuple[Assertion, ...]], str, System] | None = None
+        self._own: tuple[tuple[str, tuple[Assertion, ...], tuple[str, ...]], str, System] | None = None
 
     @property
     def id(self) -> str:
@@ -143,12 +141,9 @@ class Robot:
         stopped = self.config.expected_stopped
         if not assertions and not stopped:
             return self.model.version, self.system, literals
-        wanted = (self.model.version, stopped, assertions)
+        wanted = (self.model.version, assertions, stopped)
         if self._own is None or self._own[0] != wanted:
-            said = [[assertion.name, assertion.text] for assertion in assertions]
-            digest = hashlib.sha256(json.dumps([sorted(stopped), said]).encode()).hexdigest()[:16]
-            cnf = extend(without_running(self.system.cnf, stopped), assertions)
-            self._own = (wanted, f"{self.model.version}+{digest}", replace(self.system, cnf=cnf))
+            self._own = (wanted, variant(*wanted), self.system.extended(assertions, stopped))
         _, version, system = self._own
         return version, system, literals
 

@@ -44,8 +44,7 @@ from robomend.robots.memory import Memory
 from robomend.robots.robot import Changes, Robot
 from robomend.robots.systems import Systems
 from robomend.settings import Settings
-from robomend.store import records
-from robomend.store.interface import Store, Transaction, View
+from robomend.store import Store, Transaction, View, observations, records, robots
 from robomend.store.records import AuditEntry, IdempotencyKey, Json
 from robomend_client.events import Kind
 from robomend_client.literals import Literal
@@ -143,7 +142,7 @@ class Robots:
         """Create or replace a robot's configuration; OBS stays.
 
         Raises:
-            PreconditionRequired, PreconditionFailed: see store.interface.
+            PreconditionRequired, PreconditionFailed: see store.preconditions.
             InputError: what is configured does not fit the model.
         """
         _, system = await self.models.current(config["model"])
@@ -265,7 +264,8 @@ class Robots:
         def keep(tx: Transaction) -> dict[str, Any]:
             nonlocal ran
             ran = True
-            revision = tx.observe(
+            revision = observations.observe(
+                tx,
                 state.id,
                 accepted=changes.accepted,
                 changed=changes.kept,
@@ -362,4 +362,4 @@ class Robots:
 
 
 def _page(paging: records.Paging, view: View) -> records.Page[records.StoredRobot]:
-    return view.robots(paging)
+    return robots.page(view, paging)

@@ -7,16 +7,18 @@ through `on_change`: they are diagnosed anew over the same OBS.
 from __future__ import annotations
 
 import asyncio
+import hashlib
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import replace
 
-from robomend.errors import TooLarge
+from robomend.errors import InputError, TooLarge
 from robomend.model.checking import contradictory
 from robomend.model.loading import load_text
 from robomend.model.system import System
+from robomend.oneshots.oneshots import Subject
 from robomend.settings import Settings
-from robomend.store.interface import Store, Transaction
+from robomend.store import Store, Transaction, models
 from robomend.store.records import AuditEntry, StoredModel
 from robomend_client.events import Kind
 
@@ -48,7 +50,7 @@ class Systems:
 
     async def current(self, name: str) -> tuple[StoredModel, System]:
         """Return a model's current version; NotFound."""
-        model = await self._store.read(lambda view: view.model(name))
+        model = await self._store.read(models.get, name)
         return model, await self.compiled(model)
 
     async def compiled(self, model: StoredModel) -> System:
@@ -63,6 +65,23 @@ class Systems:
         else:
             self._compiled.move_to_end(key)
         return system
+
+    async def subject(self, model: str | None, source: str | None) -> Subject:
+        """Return what a one-shot asks about: a stored model by its name, or a model's text.
+
+        Raises:
+            InputError: neither, or both.
+            NotFound: there is no model of this name.
+            ModelError, TooLarge: as `load`.
+        """
+        if (model is None) == (source is None):
+            raise InputError("give either `model`, the name of a stored one, or `source`, a model's text")
+        if model is not None:
+            stored, system = await self.current(model)
+            return Subject(f"{stored.name}@{stored.version}", system)
+        assert source is not None
+        system = await self.load(source, name=None, format=None)
+        return Subject(f"text:{hashlib.sha256(source.encode()).hexdigest()}", system)
 
     async def load(self, source: str, *, name: str | None, format: str | None) -> System:
         """Compile a text within the service's limits.
@@ -107,12 +126,12 @@ class Systems:
 
         Raises:
             ModelError: it is none; the version before stays.
-            PreconditionRequired, PreconditionFailed: see store.interface.
+            PreconditionRequired, PreconditionFailed: see store.preconditions.
         """
         system = await self._looked_at(await self.load(source, name=name, format=format))
 
         def put(tx: Transaction) -> StoredModel:
-            model = tx.put_model(name, source, format=system.format, by=by, expected=expected)
+            model = models.put(tx, name, source, format=system.format, by=by, expected=expected)
             tx.emit(Kind.MODEL, None, {"name": name, "version": model.version, "number": model.number})
             tx.note(AuditEntry(actor=by, action="model.put", subject=name, after={"version": model.version}))
             return model
@@ -127,7 +146,7 @@ class Systems:
         """Delete a model; Conflict while a robot follows it."""
 
         def delete(tx: Transaction) -> None:
-            tx.delete_model(name, expected=expected)
+            models.delete(tx, name, expected=expected)
             tx.emit(Kind.MODEL, None, {"name": name, "version": None})
             tx.note(AuditEntry(actor=by, action="model.delete", subject=name))
 

@@ -1,44 +1,26 @@
 """Durable memory: everything that must survive a power cut, in SQLite or PostgreSQL.
 
-`open_store(url)` gives a Store; interface.py says what it can do and records.py what it keeps.
+`Store(url)` in store.py is where to begin: functions of a snapshot to read, of a transaction to write.
 
-    interface.py     the contract: Transaction (writes), Store, Ownership;  view.py  View (reads)
-    records.py       the frozen values;  encoding.py  as columns
-    schema.py        the tables;  migrations/  how older databases get there
+    store.py         Store: reading, writing, the event log as it grows
+    records.py       the frozen values that are kept
+    schema.py        the tables;  encoding.py  values to columns;  migrations/  older databases
+    view.py          View: what a query reads;  transaction.py  Transaction: what a change writes, in a group
+    models.py, robots.py, observations.py, diagnoses.py, repairs.py, journal.py, attempts.py,
+    agent_actions.py, api_keys.py, global_stop.py, events.py, audit.py
+                     each subject: functions of a View that read it, of a Transaction that write it
+    preconditions.py what the writer of a model or robot has seen of it
     database.py      connections, and what differs between SQLite and PostgreSQL
-    snapshot.py      questions and pages;  reading.py, repair_reading.py  View
-    transaction.py   what a group of changes shares;  writing.py, repair_writing.py  Transaction
     writer.py        one thread that commits in groups
     tail.py          the event log as it grows, in this and other processes
     session.py       the instance's lock and its ear;  ownership.py  one owner per robot, with fencing numbers
     portable.py      export, import and backup;  pruning.py  retention
-    sql.py           SqlStore: all of it together
 """
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import TYPE_CHECKING
+from robomend.store.store import Store
+from robomend.store.transaction import Transaction
+from robomend.store.view import View
 
-if TYPE_CHECKING:
-    from robomend.store.interface import Store
-
-__all__ = ["database_in", "open_store"]
-
-
-def database_in(folder: Path) -> str:
-    """Return the URL of the SQLite database in a data folder."""
-    return f"sqlite:///{folder.expanduser().resolve() / 'robomend.db'}"
-
-
-def open_store(url: str) -> Store:
-    """Return the store at `sqlite:///relative.db`, `sqlite:////absolute.db` or `postgresql://user@host/name`.
-
-    Nothing is opened before `start`.
-
-    Raises:
-        OptionRefused: another kind of database.
-    """
-    from robomend.store.sql import SqlStore  # the database library is loaded by those who use it
-
-    return SqlStore(url)
+__all__ = ["Store", "Transaction", "View"]

@@ -15,6 +15,7 @@ import sqlite3
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, TypeGuard
 
@@ -61,6 +62,8 @@ class Database:
             self.path: Path | None = Path(parsed.database)
             self.url = parsed
         elif kind == "postgresql":
+            if find_spec("psycopg") is None:
+                raise OptionRefused("PostgreSQL needs its driver: pip install 'robomend[postgres]'")
             self.path = None
             self.url = _postgres_url(parsed)
         else:

@@ -26,25 +26,27 @@ import time
 from collections.abc import Callable, Mapping
 from functools import partial
 from types import MappingProxyType
-from typing import cast
+from typing import TYPE_CHECKING
 
 from sqlalchemy import Connection, or_, select
 
 from robomend.errors import RobomendError
 from robomend.store import schema
-from robomend.store.interface import Store, Transaction, View
-from robomend.store.reading import SqlView
-from robomend.store.records import Fence
+from robomend.store.records import Fence, Instance
 from robomend.store.session import InstanceSession
-from robomend.store.transaction import SqlItem
+from robomend.store.transaction import Transaction
+from robomend.store.view import View
+
+if TYPE_CHECKING:
+    from robomend.store.store import Store
 
 HEARTBEAT_S = 15.0
 FORGOTTEN_NS = 86_400_000_000_000
 MAX_ORPHANS = 1000
 
 
-class SqlOwnership:
-    """robomend.store.interface.Ownership."""
+class Ownership:
+    """The robots that this instance owns. All methods belong to the event loop that started the store."""
 
     def __init__(self, store: Store, session: InstanceSession) -> None:
         self._store = store
@@ -55,10 +57,12 @@ class SqlOwnership:
 
     @property
     def instance(self) -> str:
+        """The name of this instance, a new one at every start."""
         return self._session.instance or ""
 
     @property
     def held(self) -> Mapping[str, Fence]:
+        """The robots owned now."""
         return MappingProxyType(self._held)
 
     def start(self) -> None:
@@ -76,6 +80,10 @@ class SqlOwnership:
             await self._store.write(lambda tx: leave(tx, instance))
 
     async def acquire(self, robot: str) -> Fence | None:
+        """Own the robot, with a higher fencing number than ever before; None while a live instance has it.
+
+        Owning it already gives the same fence again. NotFound if there is no such robot.
+        """
         held = self._held.get(robot)
         if held is not None:
             return held
@@ -89,15 +97,27 @@ class SqlOwnership:
         return fence
 
     async def release(self, robot: str) -> None:
+        """Let the robot go; nothing happens if it is not ours."""
         fence = self._held.pop(robot, None)
         if fence is not None:
             await self._store.write(lambda tx: disown(tx, fence), robots=(robot,))
 
     async def orphans(self) -> tuple[str, ...]:
-        session = self._session
-        return await self._store.read(lambda view: orphans(view, session.instance, session.lives))
+        """Return the robots whose last owner is dead or that nobody owns,
+        to be acquired: ask every second or so.
+        """
+        return await self._store.read(orphans, self._session.instance, self._session.lives)
+
+    async def instances(self) -> tuple[Instance, ...]:
+        """Return the instances that live, this one included once it has said so: information for people."""
+        return await self._store.read(instances, self._session.lives)
 
     def on_lost(self, callback: Callable[[Fence], None]) -> Callable[[], None]:
+        """Call back, in the event loop, for each robot lost because the database dropped our lock.
+
+        Until then our fence may already be refused; nothing may be sent for the robot after it. Returns a
+        function that ends it.
+        """
         self._callbacks.append(callback)
 
         def end() -> None:
@@ -134,64 +154,69 @@ Lives = Callable[[str, Connection], bool]
 
 def own(tx: Transaction, robot: str, instance: str, lives: Lives) -> Fence | None:
     """Name `instance` as the owner if nobody living is."""
-    item = cast(SqlItem, tx)
-    state = item.existing(robot)
+    state = tx.existing(robot)
     if state.owner == instance:
         return Fence(robot, state.fence)
-    if state.owner is not None and lives(state.owner, item.connection):
+    if state.owner is not None and lives(state.owner, tx.connection):
         return None
     table = schema.robot_state
     number = state.fence + 1
-    item.change(table.update().where(table.c.robot == robot), {"owner": instance, "fence": number})
-    item.now_is(robot, state._replace(owner=instance, fence=number))
+    tx.change(table.update().where(table.c.robot == robot), {"owner": instance, "fence": number})
+    tx.now_is(robot, state._replace(owner=instance, fence=number))
     return Fence(robot, number)
 
 
 def disown(tx: Transaction, fence: Fence) -> None:
     """Name nobody, unless somebody has taken over."""
-    item = cast(SqlItem, tx)
-    state = item.state(fence.robot)
+    state = tx.state(fence.robot)
     if state is not None and state.fence == fence.number:
         table = schema.robot_state
-        item.change(table.update().where(table.c.robot == fence.robot), {"owner": None})
-        item.now_is(fence.robot, state._replace(owner=None))
+        tx.change(table.update().where(table.c.robot == fence.robot), {"owner": None})
+        tx.now_is(fence.robot, state._replace(owner=None))
 
 
 def leave(tx: Transaction, instance: str) -> None:
     """Name nobody for all that the instance owns, and forget the instance."""
-    item = cast(SqlItem, tx)
     states, instances = schema.robot_state, schema.instances
-    mine = [row.robot for row in item.rows(select(states.c.robot).where(states.c.owner == instance))]
+    mine = [row.robot for row in tx.rows(select(states.c.robot).where(states.c.owner == instance))]
     for robot in sorted(mine):
-        fence = item.state(robot)
+        fence = tx.state(robot)
         if fence is not None and fence.owner == instance:
             disown(tx, Fence(robot, fence.fence))
-    item.change(instances.delete().where(instances.c.id == instance))
+    tx.change(instances.delete().where(instances.c.id == instance))
 
 
 def beat(tx: Transaction, *, instance: str, host: str, pid: int, started_ns: int) -> None:
     """Note that the instance is there, and forget those that have not been for a day."""
-    item = cast(SqlItem, tx)
     table = schema.instances
-    item.replace(
+    tx.replace(
         table,
         {
             "id": instance,
             "host": host,
             "pid": pid,
             "started_ns": started_ns,
-            "heartbeat_ns": item.now_ns,
+            "heartbeat_ns": tx.now_ns,
         },
     )
-    item.change(table.delete().where(table.c.heartbeat_ns < item.now_ns - FORGOTTEN_NS))
+    tx.change(table.delete().where(table.c.heartbeat_ns < tx.now_ns - FORGOTTEN_NS))
+
+
+def instances(view: View, lives: Lives) -> tuple[Instance, ...]:
+    """Return the instances that said that they are there and hold their lock, by name."""
+    table = schema.instances
+    return tuple(
+        Instance(row.id, row.host, row.pid, row.started_ns, row.heartbeat_ns)
+        for row in view.rows(select(table).order_by(table.c.id))
+        if lives(row.id, view.connection)
+    )
 
 
 def orphans(view: View, instance: str | None, lives: Lives) -> tuple[str, ...]:
     """Return up to MAX_ORPHANS robots whose owner is dead or nobody, by name."""
-    snapshot = cast(SqlView, view)
     states, robots = schema.robot_state, schema.robots
-    owners = {row.owner for row in snapshot.rows(select(states.c.owner).distinct())}
-    dead = [name for name in owners - {None, instance} if not lives(name, snapshot.connection)]
+    owners = {row.owner for row in view.rows(select(states.c.owner).distinct())}
+    dead = [name for name in owners - {None, instance} if not lives(name, view.connection)]
     query = (
         select(states.c.robot)
         .join(robots, robots.c.id == states.c.robot)
@@ -199,4 +224,4 @@ def orphans(view: View, instance: str | None, lives: Lives) -> tuple[str, ...]:
         .order_by(states.c.robot)
         .limit(MAX_ORPHANS)
     )
-    return tuple(row.robot for row in snapshot.rows(query))
+    return tuple(row.robot for row in view.rows(query))

@@ -57,7 +57,8 @@ TABLES: tuple[Table, ...] = (
 
 
 def export(database: Database) -> Iterator[str]:
-    """Yield the lines of an export, each with its newline."""
+    """Yield the lines of an export, each with its newline. Blocking: for commands."""
+    database.prepare()
     with database.reading() as connection:
         yield _line({"robomend_export": FORMAT, "schema": schema.HEAD})
         count = 0
@@ -74,12 +75,13 @@ def export(database: Database) -> Iterator[str]:
 
 
 def load(database: Database, lines: Iterable[str]) -> int:
-    """Take an export into an empty database, whole or not at all, and return the number of rows.
+    """Take an export into an empty database, whole or not at all, and return the number of rows. Blocking.
 
     Raises:
         StateConflict: the database holds something already.
         InputError: the file is no export, is cut off, or was written with another schema; names the line.
     """
+    database.prepare()
     with translated(), closing(database.open_writer()) as connection, connection.begin():
         _check_empty(connection)
         connection.execute(schema.counters.delete())
@@ -167,6 +169,7 @@ def backup(database: Database, path: Path) -> None:
         raise OptionRefused("back up PostgreSQL with its own tool: pg_dump --format=custom --file=FILE URL")
     if path.exists():
         raise StateConflict(f"{path} exists; name a new file")
+    database.prepare()
     partial = path.with_name(f"{path.name}.partial")
     try:
         os.close(os.open(partial, os.O_CREAT | os.O_WRONLY | os.O_TRUNC | os.O_CLOEXEC, 0o600))

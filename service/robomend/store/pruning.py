@@ -10,23 +10,23 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from typing import cast
+from functools import partial
 
 from sqlalchemy import Table, exists, select
 
 from robomend.store import schema
-from robomend.store.interface import Store, Transaction
 from robomend.store.records import Pruned, Retention
-from robomend.store.writing import SqlTransaction
+from robomend.store.store import Store
+from robomend.store.transaction import Transaction
 
 _DAY_NS = 86_400_000_000_000
 
-Slice = Callable[[SqlTransaction, int, int], int]
-"""Remove up to so many records older than a time, and return how many."""
+Slice = Callable[[int, int, Transaction], int]
+"""Given a time and a number, remove up to so many older records, and return how many."""
 
 
-async def prune(store: Store, retention: Retention, slice: int) -> Pruned:
-    """Remove everything that the retention does not keep."""
+async def prune(store: Store, retention: Retention, *, slice: int = 1000) -> Pruned:
+    """Remove everything that the retention does not keep, in slices of so many records."""
     now = time.time_ns()
     work: tuple[tuple[str, Slice, float | None], ...] = (
         ("observations", _prefix(schema.observations, "number"), retention.observations_days),
@@ -45,22 +45,18 @@ async def prune(store: Store, retention: Retention, slice: int) -> Pruned:
             continue
         before = now - int(days * _DAY_NS)
         while True:
-            count = await store.write(_bound(remove, before, slice))
+            count = await store.write(partial(remove, before, slice))
             pruned = replace(pruned, **{what: getattr(pruned, what) + count})
             if count < slice:
                 break
     return pruned
 
 
-def _bound(remove: Slice, before: int, slice: int) -> Callable[[Transaction], int]:
-    return lambda tx: remove(cast(SqlTransaction, tx), before, slice)
-
-
 def _prefix(table: Table, key: str) -> Slice:
     """Return what removes the beginning of a log, up to the first entry that is young enough."""
     column = table.c[key]
 
-    def remove(tx: SqlTransaction, before: int, slice: int) -> int:
+    def remove(before: int, slice: int, tx: Transaction) -> int:
         first = tx.rows(select(column, table.c.time_ns).order_by(column).limit(slice))
         old = 0
         while old < len(first) and first[old].time_ns < before:
@@ -72,7 +68,7 @@ def _prefix(table: Table, key: str) -> Slice:
     return remove
 
 
-def _old_diagnoses(tx: SqlTransaction, before: int, slice: int) -> int:
+def _old_diagnoses(before: int, slice: int, tx: Transaction) -> int:
     table = schema.diagnoses
     newer = table.alias("newer")
     replaced = exists().where(newer.c.robot == table.c.robot, newer.c.number > table.c.number)
@@ -85,7 +81,7 @@ def _old_diagnoses(tx: SqlTransaction, before: int, slice: int) -> int:
     return _remove(tx, table, "number", [row.number for row in tx.rows(old)])
 
 
-def _old_repairs(tx: SqlTransaction, before: int, slice: int) -> int:
+def _old_repairs(before: int, slice: int, tx: Transaction) -> int:
     table = schema.repairs
     old = (
         select(table.c.id)
@@ -99,13 +95,13 @@ def _old_repairs(tx: SqlTransaction, before: int, slice: int) -> int:
     return _remove(tx, table, "id", ids)
 
 
-def _old_agent_actions(tx: SqlTransaction, before: int, slice: int) -> int:
+def _old_agent_actions(before: int, slice: int, tx: Transaction) -> int:
     table = schema.agent_actions
     old = select(table.c.number).where(table.c.queued_ns < before).order_by(table.c.number).limit(slice)
     return _remove(tx, table, "number", [row.number for row in tx.rows(old)])
 
 
-def _expired_keys(tx: SqlTransaction, before: int, slice: int) -> int:
+def _expired_keys(before: int, slice: int, tx: Transaction) -> int:
     table = schema.idempotency
     old = tx.rows(select(table.c.scope, table.c.key).where(table.c.expires_ns < before).limit(slice))
     for row in old:
@@ -113,7 +109,7 @@ def _expired_keys(tx: SqlTransaction, before: int, slice: int) -> int:
     return len(old)
 
 
-def _remove(tx: SqlTransaction, table: Table, key: str, values: list[object]) -> int:
+def _remove(tx: Transaction, table: Table, key: str, values: list[object]) -> int:
     if values:
         tx.change(table.delete().where(table.c[key].in_(values)))
     return len(values)

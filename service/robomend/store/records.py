@@ -3,8 +3,8 @@
 Times are integer nanoseconds since the epoch by the clock of the service. They are kept for people and for
 retention; nothing is ever ordered by them, since clocks jump. Order comes from revisions, ids and numbers.
 
-To keep another kind of thing: a record here, a table in schema.py with a migration beside it, methods in
-interface.py, and the two halves in reading.py and writing.py.
+To keep another kind of thing: a record here, a table in schema.py with a migration, and a module of functions
+that read and write it.
 """
 
 from __future__ import annotations
@@ -41,6 +41,9 @@ class Paging:
 
     cursor: str | None = None
     limit: int = 100  # 1 to 1000
+
+
+FIRST_PAGE = Paging()
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,15 +148,6 @@ class Fence:
 
     robot: str
     number: int
-
-
-@dataclass(frozen=True, slots=True)
-class Owner:
-    """Who owned a robot last, and with which fencing number. Whether it still lives is the lock's to say."""
-
-    robot: str
-    instance: str | None  # None: nobody, it was released
-    fence: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -339,7 +333,7 @@ class AgentAction:
 class IdempotencyKey:
     """An idempotency key: the effect happens at most once, and a repeat gets the first answer.
 
-    `request` is a hash of the whole request; the same key with another request is a Conflict.
+    `request` is a hash of the whole request; the same key with another request is a StateConflict.
     """
 
     scope: str  # who and where, e.g. "key-name POST /robots/r1/observations"

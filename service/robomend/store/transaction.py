@@ -26,13 +26,11 @@ from sqlalchemy.dialects import postgresql, sqlite
 from robomend.errors import Fenced, NotFound, StateConflict
 from robomend.store import schema
 from robomend.store.encoding import checked, checked_or_none, from_json, optional_json, to_json
-from robomend.store.reading import SqlView
 from robomend.store.records import AuditEntry, Fence, IdempotencyKey, Json
-from robomend.store.snapshot import AnyRow
+from robomend.store.view import AnyRow, View
 from robomend_client.events import Event, Kind
 
 T = TypeVar("T")
-Item = TypeVar("Item", bound="SqlItem")
 Values = dict[str, Any]
 
 CHANNEL = "robomend_events"
@@ -119,8 +117,8 @@ _COUNT = (
 _NOTIFY = text("SELECT pg_notify(:c, :id)")
 
 
-class SharedTransaction:
-    """The transaction that a group of changes shares. `connection` is in a transaction already."""
+class Group:
+    """The database transaction that a group of changes shares; `connection` is in it already."""
 
     def __init__(
         self, connection: Connection, robots: Iterable[str], onces: Iterable[IdempotencyKey], now_ns: int
@@ -132,12 +130,7 @@ class SharedTransaction:
         self.rows.states.update(self.lock(robots))
         self.answers = self._answers(onces)
 
-    def run(
-        self,
-        change: Callable[[Item], T],
-        make: Callable[[SharedTransaction], Item],
-        once: IdempotencyKey | None,
-    ) -> T:
+    def run(self, change: Callable[[Transaction], T], once: IdempotencyKey | None) -> T:
         """Run one change; if it raises, nothing of it is left."""
         if once is not None and (answer := self.answers.get((once.scope, once.key))) is not None:
             request, response = answer
@@ -149,16 +142,16 @@ class SharedTransaction:
                 raise error
             answered: T = from_json(response)
             return answered
-        item = make(self)
+        tx = Transaction(self)
         try:
-            result = change(item)
+            result = change(tx)
             if once is not None:
-                item.answer_once(once, to_json(result))
+                tx.answer_once(once, to_json(result))
         except Exception:  # the caller gets it; only its writes are taken back
             if not self.connection.invalidated:  # a lost connection took everything back already
-                item.undo()
+                tx.undo()
             raise
-        item.done()
+        tx.done()
         return result
 
     def lock(self, robots: Iterable[str]) -> dict[str, LockedRobot]:
@@ -232,24 +225,31 @@ class SharedTransaction:
         return int(self.connection.execute(_COUNT, {"counter": counter, "by": by}).scalar_one())
 
 
-class SqlItem(SqlView):
-    """The transaction as one change sees it."""
+class Transaction(View):
+    """A snapshot that can be changed: what one change sees of its group's transaction.
 
-    def __init__(self, group: SharedTransaction) -> None:
+    What is kept in memory until the group's end (`waiting`) is put where statements see it before any runs.
+    """
+
+    def __init__(self, group: Group) -> None:
         super().__init__(group.connection)
         self._group = group
-        self._own = Rows()
+        self.waiting = Rows()
+        """Observations, diagnoses, events and the like: written with the group's, one statement a table."""
         self._saved = False  # whether the savepoint is there
 
     @property
     def now_ns(self) -> int:
+        """The time that this transaction's records carry."""
         return self._group.now_ns
 
     def emit(self, kind: Kind, robot: str | None, data: Json) -> None:
-        self._own.events.append((kind, checked_or_none(robot), data, to_json(data)))
+        """Append to the event log; the id is given at the commit."""
+        self.waiting.events.append((kind, checked_or_none(robot), data, to_json(data)))
 
     def note(self, entry: AuditEntry) -> None:
-        self._own.audit.append(
+        """Append to the audit log; id and time are filled in."""
+        self.waiting.audit.append(
             {
                 "time_ns": self.now_ns,
                 "actor": checked(entry.actor),
@@ -262,13 +262,76 @@ class SqlItem(SqlView):
             }
         )
 
-    def revision(self, robot: str) -> int:
+    # --- statements
+
+    def rows(self, query: Select[Any]) -> list[AnyRow]:
+        self._put_waiting()
+        return super().rows(query)
+
+    def change(self, statement: Insert | Update | Delete, values: Mapping[str, Any] | None = None) -> int:
+        """Run a statement now and return how many rows it touched."""
+        self._put_waiting()
+        result = self._connection.execute(statement, dict(values) if values is not None else None)
+        return int(result.rowcount)
+
+    def insert(self, table: Table, values: Values) -> int:
+        """Insert into a numbered table and return the number."""
+        self._put_waiting()
+        result = self._connection.execute(table.insert(), values)
+        key = result.inserted_primary_key
+        assert key is not None
+        return int(key[0])
+
+    def replace(self, table: Table, values: Values) -> None:
+        """Insert a row, or replace the one with its primary key."""
+        self.change(upsert(self._group.kind, table), values)
+
+    def _put_waiting(self) -> None:
+        """Put all rows where a statement sees them, and a savepoint before those of this change."""
+        if not self._saved:
+            self._group.flush(self._group.rows)
+            self._connection.exec_driver_sql("SAVEPOINT change")
+            self._saved = True
+        self._group.flush(self.waiting)
+
+    # --- the robots' rows, which are locked while something is written about them
+
+    def state(self, robot: str) -> LockedRobot | None:
+        """Lock the robot's row, unless it is, and return it; None if the robot was never there."""
+        state = self.waiting.states.get(robot) or self._group.rows.states.get(robot)
+        if state is None:
+            self._put_waiting()
+            state = self._group.lock([robot]).get(robot)
+            if state is not None:
+                self.waiting.states[robot] = state
+        return state
+
+    def existing(self, robot: str) -> LockedRobot:
+        """Lock the row of a robot that must be there, and return it."""
         state = self.state(robot)
-        return 0 if state is None else state.revision
+        if state is None or not state.exists:
+            raise NotFound(f"there is no robot {robot!r}")
+        return state
+
+    def now_is(self, robot: str, state: LockedRobot) -> None:
+        """Tell those who come after, in this transaction, what the robot's row has become."""
+        self.waiting.states[robot] = state
+
+    def check_fence(self, robot: str, fence: Fence) -> None:
+        """Lock the robot's row and compare; Fenced if another instance has taken over."""
+        if fence.robot != robot:
+            raise Fenced(f"the fence of {fence.robot!r} gives no right to write about {robot!r}")
+        latest = self.existing(robot).fence
+        if fence.number != latest:
+            raise Fenced(
+                f"{robot!r} was taken over by another instance (fence {latest}, yours is {fence.number})"
+            )
+
+    # --- for the group
 
     def answer_once(self, once: IdempotencyKey, response: str) -> None:
         """Keep the answer of an idempotent change beside its effect."""
-        self._own.once[once.scope, once.key] = {
+        self.waiting.once[once.scope, once.key] = {
             "scope": checked(once.scope),
             "key": checked(once.key),
             "request": checked(once.request),
@@ -280,74 +343,12 @@ class SqlItem(SqlView):
         """Hand the rows on to the group."""
         if self._saved:
             self._connection.exec_driver_sql("RELEASE SAVEPOINT change")
-        for key, values in self._own.once.items():
+        for key, values in self.waiting.once.items():
             self._group.answers[key] = (values["request"], values["response"])
-        self._group.rows.absorb(self._own)
+        self._group.rows.absorb(self.waiting)
 
     def undo(self) -> None:
         """Take back what was written at once; the rows in memory go with this object."""
         if self._saved:
             self._connection.exec_driver_sql("ROLLBACK TO SAVEPOINT change")
             self._connection.exec_driver_sql("RELEASE SAVEPOINT change")
-
-    # --- for the methods that write
-
-    def _settle(self) -> None:
-        """Put all rows where a statement sees them, and a savepoint before those of this change."""
-        if not self._saved:
-            self._group.flush(self._group.rows)
-            self._connection.exec_driver_sql("SAVEPOINT change")
-            self._saved = True
-        self._group.flush(self._own)
-
-    def rows(self, query: Select[Any]) -> list[AnyRow]:
-        self._settle()
-        return super().rows(query)
-
-    def change(self, statement: Insert | Update | Delete, values: Mapping[str, Any] | None = None) -> int:
-        """Run a statement now and return how many rows it touched."""
-        self._settle()
-        result = self._connection.execute(statement, dict(values) if values is not None else None)
-        return int(result.rowcount)
-
-    def _insert(self, table: Table, values: Values) -> int:
-        """Insert into a numbered table and return the number."""
-        self._settle()
-        result = self._connection.execute(table.insert(), values)
-        key = result.inserted_primary_key
-        assert key is not None
-        return int(key[0])
-
-    def replace(self, table: Table, values: Values) -> None:
-        """Insert a row, or replace the one with its primary key."""
-        self.change(upsert(self._group.kind, table), values)
-
-    def now_is(self, robot: str, state: LockedRobot) -> None:
-        """Tell those who come after, in this transaction, what the robot's row has become."""
-        self._own.states[robot] = state
-
-    def state(self, robot: str) -> LockedRobot | None:
-        """Lock the robot's row, unless it is, and return it; None if the robot was never there."""
-        state = self._own.states.get(robot) or self._group.rows.states.get(robot)
-        if state is None:
-            self._settle()
-            state = self._group.lock([robot]).get(robot)
-            if state is not None:
-                self._own.states[robot] = state
-        return state
-
-    def existing(self, robot: str) -> LockedRobot:
-        """Lock the row of a robot that must be there, and return it."""
-        state = self.state(robot)
-        if state is None or not state.exists:
-            raise NotFound(f"there is no robot {robot!r}")
-        return state
-
-    def _check_fence(self, robot: str, fence: Fence) -> None:
-        if fence.robot != robot:
-            raise Fenced(f"the fence of {fence.robot!r} gives no right to write about {robot!r}")
-        latest = self.existing(robot).fence
-        if fence.number != latest:
-            raise Fenced(
-                f"{robot!r} was taken over by another instance (fence {latest}, yours is {fence.number})"
-            )

@@ -1,164 +1,85 @@
-"""View: what can be asked of a snapshot of the store; see interface.py."""
+"""What a query reads: one snapshot of the database, in which everything is that was written before.
+
+The functions of the subjects (models.py, robots.py, …) take a View and return records.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Protocol
+from collections.abc import Callable
+from typing import Any, TypeVar
 
-from robomend.store.records import (
-    AgentAction,
-    ApiKey,
-    AuditEntry,
-    EventRange,
-    Instance,
-    Intent,
-    Newest,
-    Owner,
-    Page,
-    Paging,
-    Quarantine,
-    RepairRequest,
-    SignIn,
-    StepRecord,
-    Stop,
-    StoredAttempt,
-    StoredBatch,
-    StoredDiagnosis,
-    StoredModel,
-    StoredObs,
-    StoredRepair,
-    StoredRobot,
-)
-from robomend_client.events import Event
+from sqlalchemy import Connection, Row, Select, Table, select
 
-FIRST_PAGE = Paging()
+from robomend.errors import InputError, NotFound
+from robomend.store.encoding import checked
+from robomend.store.records import Page, Paging
+
+T = TypeVar("T")
+AnyRow = Row[Any]
+
+MAX_PAGE = 1000
 
 
-class View(Protocol):
-    """A consistent snapshot. Single things raise NotFound; a malformed cursor is an InputError."""
+class View:
+    """A consistent snapshot on a connection that is in a transaction."""
 
-    # --- models and robots
+    def __init__(self, connection: Connection) -> None:
+        self._connection = connection
 
-    def model(self, name: str, version: str | None = None) -> StoredModel:
-        """Return the current version of a model, or the one named."""
-        ...
+    @property
+    def connection(self) -> Connection:
+        """The connection, in its transaction."""
+        return self._connection
 
-    def models(self, paging: Paging = FIRST_PAGE) -> Page[StoredModel]:
-        """Return the current versions, by name."""
-        ...
+    def rows(self, query: Select[Any]) -> list[AnyRow]:
+        """Every question goes through here; a transaction first puts its own writes where they are seen."""
+        return list(self._connection.execute(query))
 
-    def model_versions(self, name: str, paging: Paging = FIRST_PAGE) -> Page[StoredModel]:
-        """Return all versions of a model, newest first."""
-        ...
+    def first(self, query: Select[Any]) -> AnyRow | None:
+        """Return the first row, if there is one."""
+        rows = self.rows(query.limit(1))
+        return rows[0] if rows else None
 
-    def robot(self, robot: str) -> StoredRobot: ...
+    def one(self, query: Select[Any], what: str) -> AnyRow:
+        """Return the first row; NotFound if there is none, with `what` in its message."""
+        row = self.first(query)
+        if row is None:
+            raise NotFound(f"there is no {what}")
+        return row
 
-    def robots(self, paging: Paging = FIRST_PAGE, *, model: str | None = None) -> Page[StoredRobot]:
-        """Return the robots by id, all or those that follow one model."""
-        ...
+    def newest_first(
+        self, table: Table, make: Callable[[AnyRow], T], paging: Paging, *where: Any, key: str = "number"
+    ) -> Page[T]:
+        """Return a page in the order of a numeric key, largest first; the cursor is the last one seen."""
+        column = table.c[key]
+        query = select(table).where(*where).order_by(column.desc()).limit(_limit(paging) + 1)
+        if paging.cursor is not None:
+            query = query.where(column < _number(paging.cursor))
+        return _page(self.rows(query), paging, make, key)
 
-    def newest(self, robot: str) -> Newest:
-        """Return the versions of all that a robot's diagnosis rests on."""
-        ...
+    def by_name(self, query: Select[Any], make: Callable[[AnyRow], T], paging: Paging, key: str) -> Page[T]:
+        """Return a page of a query in the order of the column `key`, a text that is in it once."""
+        column = query.selected_columns[key]
+        query = query.order_by(column).limit(_limit(paging) + 1)
+        if paging.cursor is not None:
+            query = query.where(column > checked(paging.cursor))
+        return _page(self.rows(query), paging, make, key)
 
-    # --- observations and diagnoses
 
-    def revision(self, robot: str) -> int:
-        """Return how many batches were accepted; 0 for an unknown robot."""
-        ...
+def _limit(paging: Paging) -> int:
+    if not 1 <= paging.limit <= MAX_PAGE:
+        raise InputError(f"a page holds 1 to {MAX_PAGE} entries, not {paging.limit}")
+    return paging.limit
 
-    def obs(self, robot: str) -> StoredObs:
-        """Return OBS now, expired entries included: freshness is judged by whoever reads it."""
-        ...
 
-    def history(self, robot: str, paging: Paging = FIRST_PAGE) -> Page[StoredBatch]:
-        """Return the accepted batches, newest first."""
-        ...
+def _page(rows: list[AnyRow], paging: Paging, make: Callable[[AnyRow], T], key: str) -> Page[T]:
+    """Return the page of rows that were read with one more than fits, to know whether there is a next."""
+    more = len(rows) > paging.limit
+    rows = rows[: paging.limit]
+    return Page(tuple(make(row) for row in rows), str(rows[-1]._mapping[key]) if more else None)
 
-    def diagnosis(self, robot: str) -> StoredDiagnosis | None:
-        """Return the latest diagnosis."""
-        ...
 
-    def diagnoses(self, robot: str, paging: Paging = FIRST_PAGE) -> Page[StoredDiagnosis]:
-        """Return the diagnoses, newest first."""
-        ...
-
-    # --- events and audit
-
-    def events(self, after: int, *, robot: str | None = None, limit: int = 500) -> tuple[Event, ...]:
-        """Return up to `limit` events with a larger id than `after`, oldest first."""
-        ...
-
-    def event_range(self) -> EventRange:
-        """Return which ids are kept; an id below `oldest - 1` has a gap behind it."""
-        ...
-
-    def audit(self, paging: Paging = FIRST_PAGE, *, robot: str | None = None) -> Page[AuditEntry]:
-        """Return the audit log, newest first."""
-        ...
-
-    # --- repairs
-
-    def repair(self, repair: str) -> StoredRepair: ...
-
-    def repairs(
-        self, robot: str | None = None, paging: Paging = FIRST_PAGE, *, open_only: bool = False
-    ) -> Page[StoredRepair]:
-        """Return repairs, newest first. The cursor may be a repair's id: those older than it."""
-        ...
-
-    def repair_requests(self, robot: str) -> tuple[RepairRequest, ...]:
-        """Return what is asked of the robot's repairs and not done yet, oldest first."""
-        ...
-
-    def steps(self, repair: str) -> tuple[StepRecord, ...]:
-        """Return the steps of a repair, in order."""
-        ...
-
-    def intents(self, repair: str) -> tuple[Intent, ...]:
-        """Return the action journal of a repair, in the order of the intents."""
-        ...
-
-    def intent(self, action: str) -> Intent: ...
-
-    def unsettled(self, robot: str) -> tuple[Intent, ...]:
-        """Return the intents whose outcome is unknown: what a crash left behind."""
-        ...
-
-    def tried(self, robot: str, *, limit: int = 100) -> tuple[StoredAttempt, ...]:
-        """Return the latest attempts, newest first."""
-        ...
-
-    def quarantine(self, robot: str) -> tuple[Quarantine, ...]:
-        """Return the components in quarantine, by name, including those whose time is over."""
-        ...
-
-    def attempts(self, robot: str, since_ns: int) -> Mapping[str, int]:
-        """Return component -> attempts counted since that time."""
-        ...
-
-    # --- agents, keys, stop, ownership
-
-    def agent_action(self, action: str) -> AgentAction: ...
-
-    def agent_actions(self, robot: str) -> tuple[AgentAction, ...]:
-        """Return the actions without a result, in the order of queueing."""
-        ...
-
-    def keys(self) -> tuple[ApiKey, ...]:
-        """Return all keys, revoked ones included, in the order of creation."""
-        ...
-
-    def key_with_hash(self, hash: str) -> ApiKey | None: ...
-
-    def sign_in(self, hash: str) -> SignIn | None:
-        """Return a sign-in with its key, which may be revoked; None if there is none or its time is over."""
-        ...
-
-    def stop(self) -> Stop:
-        """Return the global stop."""
-        ...
-
-    def owner(self, robot: str) -> Owner | None: ...
-
-    def instances(self) -> tuple[Instance, ...]: ...
+def _number(cursor: str) -> int:
+    if cursor.isascii() and cursor.isdecimal() and len(cursor) <= 18:
+        return int(cursor)
+    raise InputError(f"{cursor[:40]!a} is no cursor of this list; use the one that came as `next`")

@@ -32,8 +32,7 @@ from sqlalchemy import Connection, exc
 from robomend.errors import StoreError, StoreOverloaded
 from robomend.store.database import Database, repeatable, translate
 from robomend.store.records import IdempotencyKey
-from robomend.store.transaction import SharedTransaction
-from robomend.store.writing import SqlTransaction
+from robomend.store.transaction import Group, Transaction
 from robomend_client.events import Event
 
 MAX_QUEUED = 10_000
@@ -47,7 +46,7 @@ ATTEMPTS = 4
 class Job:
     """A queued change and where its result goes."""
 
-    change: Callable[[SqlTransaction], Any]
+    change: Callable[[Transaction], Any]
     robots: tuple[str, ...]
     once: IdempotencyKey | None
     future: asyncio.Future[Any]
@@ -154,7 +153,7 @@ class Writer:
         connection = self._connect()
         try:
             transaction = connection.begin()
-            group = SharedTransaction(
+            group = Group(
                 connection,
                 (robot for job in jobs for robot in job.robots),
                 (job.once for job in jobs if job.once is not None),
@@ -189,9 +188,9 @@ class Writer:
         self._finished(jobs[:count], events)
         return jobs[count:]
 
-    def _run_job(self, group: SharedTransaction, job: Job) -> None:
+    def _run_job(self, group: Group, job: Job) -> None:
         try:
-            job.result = group.run(job.change, SqlTransaction, job.once)
+            job.result = group.run(job.change, job.once)
         except exc.OperationalError:
             raise  # the transaction is lost, and with it the group
         except Exception as error:  # the caller's own, handed back to it

@@ -100,6 +100,17 @@ def test_a_message_lost_right_after_the_start_is_no_fault_and_half_the_rate_is()
     assert verdict(fed(Rate(), *beats(0, 10, hz=5)), 1.8) is False
 
 
+def test_a_first_message_that_is_late_is_no_fault_and_twice_the_rate_is() -> None:
+    observer = GeneralObserver("scan", Rate())
+    seen = []
+    for time_s in [0.09, *beats(0.1, 30)]:
+        observer.feed("scan", ns(time_s))
+        seen.append(verdict(observer, time_s))
+    assert False not in seen
+    assert seen[-1] is True
+    assert verdict(fed(Rate(), *beats(0, 6, hz=20)), 0.25) is False
+
+
 def test_once_ok_a_message_lost_while_the_window_fills_leaves_it_ok() -> None:
     times = beats(0, 12)
     del times[8]

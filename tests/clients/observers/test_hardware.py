@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 import json
+from typing import NamedTuple
 
 import pytest
 
-from robomend.board.codec import ChannelReading
 from robomend_client.literals import Atom, Literal, fails, holds
 from robomend_client.observers import BOARD, SECOND, Evidence, HardwareObserver, Measurements, Wiring, ns
+
+
+class Channel(NamedTuple):
+    """A channel as the service's board link has it."""
+
+    on: bool
+    current_a: float | None
+    voltage_v: float
+
 
 JAGUAR = {"jaguar": Wiring(7, expected_current_a=3.0, tolerance_a=0.5)}
 CURRENT = Atom("ok", ("current", "jaguar"))
@@ -22,8 +31,8 @@ class Board:
 
     def measure(self, time_s: float, *, on: bool = True, current_a: float | None = 3.0) -> set[Literal]:
         """Return what is said after a measurement of channel 7; the others are off."""
-        idle = ChannelReading(False, 0.0, 0.0)
-        channels = (*(idle,) * 7, ChannelReading(on, current_a, 24.0), idle, idle)
+        idle = Channel(False, 0.0, 0.0)
+        channels = (*(idle,) * 7, Channel(on, current_a, 24.0), idle, idle)
         self.observer.feed(BOARD, ns(time_s), channels)
         return set(self.observer.check(ns(time_s)))
 

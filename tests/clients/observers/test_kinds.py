@@ -10,7 +10,6 @@ from textwrap import dedent
 
 import pytest
 
-from robomend_client.agent.yaml_reader import ConfigError, read
 from robomend_client.literals import Atom, parse_atom
 from robomend_client.observers import (
     Answers,
@@ -37,6 +36,7 @@ from robomend_client.observers import (
 )
 from robomend_client.observers import base as recipe
 from robomend_client.observers.kinds import KINDS, ObserverSpec, read_lenient, read_observers
+from robomend_client.yaml_reader import ConfigError, read
 
 ROOT = Path(__file__).parents[3]
 MANUAL = (ROOT / "docs" / "observers.md").read_text()

@@ -11,8 +11,7 @@ from tests.store.examples import with_robots
 
 from robomend.errors import StateConflict
 from robomend.repairs.executors.agent import AgentExecutor, AgentQueue
-from robomend.store import open_store
-from robomend.store.interface import Store
+from robomend.store import Store
 from robomend_client.actions import CANCELLED, OK, TIMED_OUT, UNREACHABLE, Action, ActionResult
 
 pytestmark = pytest.mark.anyio
@@ -20,7 +19,7 @@ pytestmark = pytest.mark.anyio
 
 @pytest.fixture
 async def store(tmp_path: Path) -> AsyncIterator[Store]:
-    store = open_store(f"sqlite:///{tmp_path}/robomend.db")
+    store = Store(f"sqlite:///{tmp_path}/robomend.db")
     await store.start()
     await with_robots(store, "r1")
     yield store

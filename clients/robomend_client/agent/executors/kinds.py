@@ -17,9 +17,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from robomend_client.agent.executors.base import AgentExecutor
-from robomend_client.agent.yaml_reader import Section
 from robomend_client.observers.parameters import Unreadable, made, read_arguments
 from robomend_client.registry import Registry
+from robomend_client.yaml_reader import Section
 
 ROOM = "robomend_client.agent.executors"
 

@@ -47,4 +47,5 @@ async def get_probes(
 ) -> ProbesOut:
     """Return the observations worth making next: expected information per cost, best first."""
     state = await parts.robots.latest(robot)
-    return probes_out(state.revision, await parts.one_shots.probes(state, limit))
+    found = await parts.one_shots.probes(*state.question(), state.config.engine, limit)
+    return probes_out(state.revision, found)

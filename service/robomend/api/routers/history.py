@@ -13,6 +13,7 @@ from robomend.api.schemas.base import NAME, Items
 from robomend.api.schemas.history import AuditOut, HistoryLine
 from robomend.api.views import audit_out, history_page
 from robomend.security import API
+from robomend.store import audit
 
 router = APIRouter(prefix=API, tags=["history"], route_class=GuardedRoute)
 
@@ -33,5 +34,5 @@ async def get_audit(
     parts: PartsDep, paging: PagingDep, robot: Annotated[str | None, Query(pattern=NAME)] = None
 ) -> Items[AuditOut]:
     """Return the audit log, newest first, of everything or of one robot."""
-    page = await parts.store.read(lambda view: view.audit(paging, robot=robot))
+    page = await parts.store.read(audit.page, paging, robot=robot)
     return Items(items=[audit_out(entry) for entry in page.items], next=page.next)

@@ -26,6 +26,7 @@ from robomend.api.schemas.base import Items
 from robomend.api.schemas.models import ModelOut, VersionOut
 from robomend.api.views import model_out, version_out
 from robomend.security import API
+from robomend.store import models
 from robomend.store.records import ABSENT
 
 router = APIRouter(prefix=f"{API}/models", tags=["models"], route_class=GuardedRoute)
@@ -34,7 +35,7 @@ router = APIRouter(prefix=f"{API}/models", tags=["models"], route_class=GuardedR
 @router.get("", responses=problems())
 async def list_models(parts: PartsDep, paging: PagingDep) -> Items[VersionOut]:
     """List the models by name, each with its current version."""
-    page = await parts.store.read(lambda view: view.models(paging))
+    page = await parts.store.read(models.page, paging)
     return Items(items=[version_out(model) for model in page.items], next=page.next)
 
 
@@ -84,5 +85,5 @@ async def delete_model(
 @router.get("/{name}/versions", responses=problems(404))
 async def list_versions(name: ModelPath, parts: PartsDep, paging: PagingDep) -> Items[VersionOut]:
     """List all versions of a model, newest first."""
-    page = await parts.store.read(lambda view: view.model_versions(name, paging))
+    page = await parts.store.read(models.versions, name, paging)
     return Items(items=[version_out(model) for model in page.items], next=page.next)

@@ -21,6 +21,7 @@ from robomend.api.schemas.base import Items
 from robomend.api.schemas.robots import RobotBody, RobotLine, RobotOut
 from robomend.api.views import robot_line, robot_out
 from robomend.security import API
+from robomend.store import robots
 from robomend.store.records import ABSENT
 
 router = APIRouter(prefix=f"{API}/robots", tags=["robots"], route_class=GuardedRoute)
@@ -29,7 +30,7 @@ router = APIRouter(prefix=f"{API}/robots", tags=["robots"], route_class=GuardedR
 @router.get("", responses=problems())
 async def list_robots(parts: PartsDep, paging: PagingDep) -> Items[RobotLine]:
     """List the robots by id."""
-    page = await parts.store.read(lambda view: view.robots(paging))
+    page = await parts.store.read(robots.page, paging)
     return Items(items=[robot_line(robot) for robot in page.items], next=page.next)
 
 

@@ -16,8 +16,9 @@ class DiagnosisOut(Out):
     bad: list[str] = Field(examples=[["hokuyo"]])
     good: list[str] = Field(examples=[["jaguar", "imu"]])
     probability: float | None = None
-    modes: dict[str, str] = Field({})
-    text: str = Field(examples=["hokuyo is abnormal"])
+    modes: dict[str, str] = Field(default={}, description="component -> fault mode that fits")
+    resolves: list[int] = Field(default=[], description="the conflicts that it hits, by their index")
+    text: str = Field(examples=["hokuyo explains not ok(scan)"])
 
 
 class ConflictOut(Out):
@@ -29,6 +30,13 @@ class ConflictOut(Out):
     text: str
 
 
+class FactorOut(Out):
+    """A component that any one of its alternatives, itself among them, may stand in for."""
+
+    component: str
+    alternatives: list[str]
+
+
 class ResultOut(Out):
     """The answer of an engine. One empty diagnosis means healthy."""
 
@@ -36,11 +44,15 @@ class ResultOut(Out):
     complete: bool
     stopped_by: Literal["limit", "size", "time"] | None
     conflicts: list[ConflictOut]
-    elapsed_s: float
-    unused: list[str] = Field(default=[], description="observations that no rule mentions")
-    count: int | None = None
-    cleared: dict[str, str] = Field(default={}, description="healthy suspect -> why it is cleared")
     learned: dict[str, str] = Field(default={}, description="observation -> whom it raises suspicion of")
+    cleared: dict[str, str] = Field(default={}, description="healthy suspect -> why it is cleared")
+    unused: list[str] = Field(default=[], description="observations that no rule mentions")
+    unexplored: float | None = Field(
+        default=None, description="at most so much prior probability was not looked at; null without priors"
+    )
+    factored: list[list[FactorOut]] = Field(default=[], description="diagnoses as products, where asked for")
+    count: int | None = Field(default=None, description="how many diagnoses there are; null: not known")
+    elapsed_s: float = Field(description="the diagnosis alone, without compilation")
 
 
 class FaultOut(Out):

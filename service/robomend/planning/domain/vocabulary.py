@@ -8,11 +8,11 @@ The sections come in that order: constants and predicates are typed, so the type
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from difflib import get_close_matches
 
 from robomend.planning.domain.formulas import Typed
 from robomend.planning.domain.sexpr import Brackets, Word, fail
 from robomend.planning.domain.values import Predicate, is_a
+from robomend_client.near import did_you_mean
 
 RESERVED = frozenset({"=", "and", "or", "not", "imply", "forall", "exists", "when", "increase"})
 """Words of the language, which name no predicate."""
@@ -20,10 +20,7 @@ RESERVED = frozenset({"=", "and", "or", "not", "imply", "forall", "exists", "whe
 
 def hint(name: str, known: Collection[str]) -> str:
     """Return the end of a message on an unknown name: the one that was meant, or all there are."""
-    near = get_close_matches(name, sorted(known), n=1)
-    if near:
-        return f"; did you mean {near[0]!r}?"
-    return f"; known are {', '.join(sorted(known))}" if known else ""
+    return did_you_mean(name, known) or (f"; known are {', '.join(sorted(known))}" if known else "")
 
 
 class DomainVocabulary:

@@ -4,35 +4,28 @@
     asp             clingo over encodings/plan.lp: cheapest plans, any number of actions, cancellable
     fast-downward   Fast Downward through Unified Planning; the extra `robomend[fast-downward]`
 
-To add one of your own, write a class with the attributes of `Planner`, constructed without arguments, and
-name it in your distribution:
+To add a planner: 1. a class with the attributes of `Planner`, constructed without arguments, in a module
+here; 2. its line in PLANNERS; 3. its row in docs/planning.md. A planner of your own needs no change here:
+its class, and in your distribution
 
     [project.entry-points."robomend.planners"]
     mine = "my_package:MyPlanner"
 
-Our own names cannot be taken over. Planners run in worker processes that are killed at the deadline
-(robomend.workers.pool), so one that cannot be interrupted does no harm.
+Planners run in worker processes that are killed at the deadline (robomend.workers.pool), so one that cannot
+be interrupted does no harm.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from importlib import import_module
-from importlib.metadata import EntryPoint, entry_points
-from typing import Any, Protocol, cast
+from typing import Protocol
 
 from robomend.errors import OptionRefused, SolverError
 from robomend.planning.decomposition import Part
 from robomend.planning.plan import Outcome
-
-GROUP = "robomend.planners"
-
-BUILT_IN: dict[str, str] = {
-    "pyperplan": "robomend.planning.planners.pyperplan:Pyperplan",
-    "asp": "robomend.planning.planners.asp:AspPlanner",
-    "fast-downward": "robomend.planning.planners.fast_downward:FastDownward",
-}
+from robomend_client.registry import Registry
 
 DEFAULT = "pyperplan"
 FALLBACK = "asp"
@@ -63,20 +56,17 @@ class Planner(Protocol):
         ...
 
 
-def planner_names() -> tuple[str, ...]:
-    """Return the names that make_planner knows: ours first, then those of third parties."""
-    others = {point.name for point in entry_points(group=GROUP)} - BUILT_IN.keys()
-    return (*BUILT_IN, *sorted(others))
-
-
-def check_planner(name: str) -> None:
-    """Refuse a name that no planner has, before anything is started for it.
-
-    Raises:
-        OptionRefused: no planner has this name.
-    """
-    if name not in BUILT_IN and name not in (names := planner_names()):
-        raise OptionRefused(f"no planner is named {name!r}: choose one of {', '.join(names)}")
+PLANNERS = Registry[Callable[[], Planner]](
+    "planner",
+    "robomend.planners",
+    {
+        "pyperplan": "robomend.planning.planners.pyperplan:Pyperplan",
+        "asp": "robomend.planning.planners.asp:AspPlanner",
+        "fast-downward": "robomend.planning.planners.fast_downward:FastDownward",
+    },
+    unknown=OptionRefused,
+    broken=SolverError,
+)
 
 
 @lru_cache(maxsize=16)
@@ -87,14 +77,8 @@ def make_planner(name: str) -> Planner:
         OptionRefused: no planner has this name, or it is not installed.
         SolverError: a third party's planner could not be loaded.
     """
-    if name in BUILT_IN:
-        module, _, attribute = BUILT_IN[name].partition(":")
-        made: Any = getattr(import_module(module), attribute)()
-        return cast(Planner, made)
-    check_planner(name)
-    points: tuple[EntryPoint, ...] = tuple(entry_points(group=GROUP, name=name))
+    planner = PLANNERS.load(name)
     try:
-        made = points[0].load()()
-    except (ImportError, AttributeError, TypeError) as error:
-        raise SolverError(f"planner {name!r} ({points[0].value}) could not be loaded: {error}") from error
-    return cast(Planner, made)
+        return planner()
+    except TypeError as error:
+        raise SolverError(f"planner {name!r} could not be made: {error}") from error

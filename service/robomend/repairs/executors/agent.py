@@ -18,7 +18,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from robomend.errors import RobomendError, StoreError
-from robomend.store.interface import Store, Transaction
+from robomend.store import Store, Transaction, agent_actions
 from robomend.store.records import AgentAction
 from robomend_client.actions import CANCELLED, TIMED_OUT, UNREACHABLE, Action, ActionResult, Feedback
 from robomend_client.events import Event, Kind
@@ -66,7 +66,8 @@ class AgentQueue:
         """Queue an action for the agent on `host` (None: any of the robot's)."""
 
         def queue(tx: Transaction) -> AgentAction:
-            queued = tx.queue_action(
+            queued = agent_actions.queue(
+                tx,
                 action.id,
                 robot,
                 host=host,
@@ -84,10 +85,11 @@ class AgentQueue:
         deadline = asyncio.get_running_loop().time() + wait_s
         while True:
             change = self.watch(robot)
-            queued = await self._store.read(lambda db: db.agent_actions(robot))
+            queued = await self._store.read(agent_actions.waiting, robot)
             if any(a.host is None or host is None or a.host == host for a in queued if not a.answered):
                 taken = await self._store.write(
-                    lambda tx: tx.take_action(robot, host=host, agent=host or "agent"), robots=(robot,)
+                    lambda tx: agent_actions.take(tx, robot, host=host, agent=host or "agent"),
+                    robots=(robot,),
                 )
                 if taken is not None:
                     return taken
@@ -98,12 +100,12 @@ class AgentQueue:
 
     async def answered(self, action_id: str) -> AgentAction:
         """Note that an agent has begun; Conflict after the result, also when that is a cancellation."""
-        known = await self._store.read(lambda view: view.agent_action(action_id))
+        known = await self._store.read(agent_actions.get, action_id)
         if known.answered and known.code is None:
             return known  # each second of a long action; nothing new to write
 
         def answer(tx: Transaction) -> AgentAction:
-            action = tx.answer_action(action_id)
+            action = agent_actions.answer(tx, action_id)
             tx.emit(Kind.ACTION, action.robot, describe(action, "running"))
             return action
 
@@ -113,8 +115,8 @@ class AgentQueue:
         """Keep the agent's result; a second one gets the first."""
 
         def finish(tx: Transaction) -> AgentAction:
-            first = tx.agent_action(action_id).code is None
-            action = tx.finish_action(action_id, code, message)
+            first = agent_actions.get(tx, action_id).code is None
+            action = agent_actions.finish(tx, action_id, code, message)
             if first:
                 tx.emit(Kind.ACTION, action.robot, describe(action, "done"))
             return action
@@ -129,9 +131,9 @@ class AgentQueue:
         """
 
         def take_back(tx: Transaction) -> AgentAction:
-            action = tx.agent_action(action_id)
+            action = agent_actions.get(tx, action_id)
             code = UNREACHABLE if action.taken_by is None else TIMED_OUT
-            return action if action.answered else tx.withdraw_action(action_id, code, why)
+            return action if action.answered else agent_actions.withdraw(tx, action_id, code, why)
 
         return await self._store.write(take_back)
 
@@ -171,7 +173,7 @@ class AgentExecutor:
                 await _wait(change, min(left, LOOK_AGAIN_S))
                 change = self._queue.watch(self._robot)
                 with contextlib.suppress(StoreError):  # it may come back within our time
-                    state = await self._store.read(lambda db: db.agent_action(action.id))
+                    state = await self._store.read(agent_actions.get, action.id)
                 if state.answered and not told:
                     told = True
                     feedback(0, f"{state.taken_by or 'an agent'} has begun")

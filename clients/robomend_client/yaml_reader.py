@@ -11,8 +11,7 @@ from collections.abc import Iterator
 from difflib import get_close_matches
 from pathlib import Path
 
-import yaml
-from yaml.reader import ReaderError
+from robomend_client.yaml_tree import Mapping, RepeatedKey, Scalar, Sequence, Tree, YamlError, read_tree
 
 LARGEST_FILE = 4 * 1024 * 1024
 
@@ -45,45 +44,36 @@ def read(file: Path) -> Section:
     if len(data) > LARGEST_FILE:
         raise ConfigError(name, None, "", f"larger than {LARGEST_FILE} bytes: not a configuration")
     try:
-        node = yaml.compose(data, Loader=yaml.SafeLoader)
-    except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
-        mark = getattr(error, "problem_mark", None)
-        problem = getattr(error, "problem", None) or str(error).splitlines()[0]
-        line = mark.line + 1 if mark else None
-        if isinstance(error, ReaderError):
-            line, problem = _unreadable(data, error)
-        raise ConfigError(name, line, "", f"not YAML: {problem}") from error
-    if node is None:
-        raise ConfigError(name, None, "", "is empty")
-    return Section(node, name, "")
+        return Section(read_tree(data.decode("utf-8-sig"), aliases=True), name, "")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise ConfigError(name, line, "", "not YAML: the file is not UTF-8 text") from error
+    except RepeatedKey as error:
+        raise ConfigError(name, error.line, ".".join(error.place), "is there twice") from error
+    except YamlError as error:
+        raise ConfigError(name, error.line, "", error.message) from error
 
 
 class Section:
     """One mapping of the file."""
 
-    def __init__(self, node: yaml.Node, file: str, place: str) -> None:
+    def __init__(self, tree: Tree, file: str, place: str) -> None:
         self._file = file
         self._place = place
-        self._node = node
         self._asked: set[str] = set()
-        self._values: dict[str, yaml.Node] = {}
-        if _is_null(node):  # `scan:` with nothing behind it: all defaults
-            return
-        if not isinstance(node, yaml.MappingNode):
-            raise ConfigError(file, _line(node), place, "must be a mapping (key: value)")
-        for key, value in node.value:
-            if not isinstance(key, yaml.ScalarNode):
-                raise ConfigError(file, _line(key), place, "a key must be a word")
-            if key.value in self._values:
-                raise ConfigError(file, _line(key), self._name(key.value), "is there twice")
-            self._values[key.value] = value
+        if isinstance(tree, Scalar) and tree.empty:  # `scan:` with nothing behind it: all defaults
+            tree = Mapping({}, tree.line)
+        if not isinstance(tree, Mapping):
+            raise ConfigError(file, tree.line, place, "must be a mapping (key: value)")
+        self._tree = tree
+        self._values = tree.items
 
     def __contains__(self, key: str) -> bool:
         return key in self._values
 
     def error(self, key: str, message: str) -> ConfigError:
         """Return a complaint about `key`."""
-        return ConfigError(self._file, _line(self._values.get(key, self._node)), self._name(key), message)
+        return ConfigError(self._file, self._values.get(key, self._tree).line, self._name(key), message)
 
     def missing(self, key: str, message: str) -> ConfigError:
         """Return a complaint that `key` is needed: about its misspelling, if that is what is there."""
@@ -93,16 +83,16 @@ class Section:
         return self.error(key, message)
 
     def text(self, key: str, default: str | None = None) -> str:
-        node = self._take(key)
-        if node is None:
+        tree = self._take(key)
+        if tree is None:
             if default is None:
                 raise self.missing(key, "is missing")
             return default
-        return self._scalar(node, key)
+        return self._scalar(tree, key)
 
     def optional(self, key: str) -> str | None:
-        node = self._take(key)
-        return None if node is None else self._scalar(node, key)
+        tree = self._take(key)
+        return None if tree is None else self._scalar(tree, key)
 
     def choice(self, key: str, allowed: tuple[str, ...], default: str) -> str:
         value = self.text(key, default)
@@ -133,22 +123,19 @@ class Section:
 
     def texts(self, key: str) -> tuple[str, ...]:
         """Return a list of texts; empty when the key is not there."""
-        node = self._take(key)
-        if node is None:
+        tree = self._take(key)
+        if tree is None:
             return ()
-        if not isinstance(node, yaml.SequenceNode):
+        if not isinstance(tree, Sequence):
             raise self.error(key, "must be a list, e.g. [a, b]")
-        return tuple(self._scalar(item, key) for item in node.value)
+        return tuple(self._scalar(item, key) for item in tree.items)
 
     def section(self, key: str) -> Section:
         """Return the mapping under `key`; an empty one when it is not there."""
-        node = self._take(key)
-        if node is None:
-            node = yaml.MappingNode("tag:yaml.org,2002:map", [], self._node.start_mark, self._node.end_mark)
-        return Section(node, self._file, self._name(key))
+        return Section(self._take(key) or Mapping({}, self._tree.line), self._file, self._name(key))
 
     def is_section(self, key: str) -> bool:
-        return isinstance(self._values.get(key), yaml.MappingNode)
+        return isinstance(self._values.get(key), Mapping)
 
     def sections(self, key: str) -> Iterator[tuple[str, Section]]:
         """Yield name and mapping of each entry under `key`."""
@@ -174,36 +161,20 @@ class Section:
                 )
                 raise self.error(key, f"is no key here{hint}")
 
-    def _take(self, key: str) -> yaml.Node | None:
+    def _take(self, key: str) -> Tree | None:
         self._asked.add(key)
         return self._values.get(key)
 
-    def _scalar(self, node: yaml.Node, key: str) -> str:
-        if not isinstance(node, yaml.ScalarNode):
-            raise ConfigError(
-                self._file, _line(node), self._name(key), "must be one value, not a list or mapping"
-            )
-        if _is_null(node):
-            raise ConfigError(self._file, _line(node), self._name(key), "has no value")
-        if "\0" in node.value:
-            raise ConfigError(self._file, _line(node), self._name(key), "holds a NUL, which no text here may")
-        return str(node.value)
+    def _scalar(self, tree: Tree, key: str) -> str:
+        if not isinstance(tree, Scalar):
+            message = "must be one value, not a list or mapping"
+        elif tree.empty:
+            message = "has no value"
+        elif "\0" in tree.text:
+            message = "holds a NUL, which no text here may"
+        else:
+            return tree.text
+        raise ConfigError(self._file, tree.line, self._name(key), message)
 
     def _name(self, key: str) -> str:
         return ".".join(name for name in (self._place, key) if name)
-
-
-def _unreadable(data: bytes, error: ReaderError) -> tuple[int, str]:
-    """Return the line of what is no text, which the parser gives no line of, and what it is."""
-    if error.encoding == "unicode":  # decoded, and then a character that YAML never takes
-        before = data.decode()[: error.position].encode()
-        return before.count(b"\n") + 1, f"character #x{error.character:02x} is not allowed"
-    return data.count(b"\n", 0, error.position) + 1, "the file is not UTF-8 text"
-
-
-def _is_null(node: yaml.Node) -> bool:
-    return isinstance(node, yaml.ScalarNode) and node.tag == "tag:yaml.org,2002:null"
-
-
-def _line(node: yaml.Node) -> int:
-    return int(node.start_mark.line) + 1

@@ -1,8 +1,26 @@
-"""SqlStore: the threads and the event loop, put together.
+"""The store: the threads and the event loop, put together.
 
-event loop ── write ──► writer thread ── one transaction a group ──► database
-           ── read ───► reader threads ── a snapshot each ─────────► database
-           ◄─ events ── tail ◄── signs ── session thread ◄────────── database (other instances)
+    robot = await store.read(robots.get, "r1")
+
+    def accept(tx: Transaction) -> int:
+        revision = observations.observe(tx, "r1", accepted=entries, changed=entries)
+        tx.emit(Kind.OBSERVATIONS, "r1", {"revision": revision, "changed": ["not ok(scan)"]})
+        return revision
+
+    once = IdempotencyKey("bob POST /robots/r1/observations", key, digest)
+    revision = await store.write(accept, robots=("r1",), once=once)
+
+What one function writes is kept together or not at all, its events and audit entries included; when `write`
+returns, it is on disk. What different functions write is committed in groups, in the order of the calls; one
+that raises takes back its own writes and nobody else's.
+
+Rules for the functions: they run in the store's threads, so they touch neither the event loop nor state that
+others change; a write function may be run again when its group has to be repeated, so its only effect is on
+`tx`; both are quick, for others wait.
+
+    event loop ── write ──► writer thread ── one transaction a group ──► database
+               ── read ───► reader threads ── a snapshot each ─────────► database
+               ◄─ events ── tail ◄── signs ── session thread ◄────────── database (other instances)
 """
 
 from __future__ import annotations
@@ -10,34 +28,46 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 from robomend.errors import StoreError, StoreOverloaded
-from robomend.store import portable, pruning
+from robomend.store import events as log
 from robomend.store.database import Database
 from robomend.store.encoding import checked
-from robomend.store.interface import Transaction, View
-from robomend.store.ownership import SqlOwnership
-from robomend.store.reading import SqlView
-from robomend.store.records import IdempotencyKey, Pruned, Retention, StoreFigures
+from robomend.store.ownership import Ownership
+from robomend.store.records import IdempotencyKey, StoreFigures
 from robomend.store.session import InstanceSession, PostgresSession, SqliteSession
 from robomend.store.tail import Tail
+from robomend.store.transaction import Transaction
+from robomend.store.view import View
 from robomend.store.writer import Job, Writer
 from robomend_client.events import Event
 
+P = ParamSpec("P")
 T = TypeVar("T")
 
 READERS = 4
 MAX_READS = 2000
 
 
-class SqlStore:
-    """robomend.store.interface.Store on SQLite or PostgreSQL."""
+class Store:
+    """Durable memory. `start` and `close` belong to one event loop; `read` and `write` come from it, too.
+
+    Errors of every method: StoreError (the database is gone or refuses; it is tried again by the next call),
+    StoreFull (writes only), StoreOverloaded (too much is queued).
+    """
 
     def __init__(self, url: str) -> None:
+        """Nothing is opened before `start`.
+
+        Args:
+            url: `sqlite:///relative.db`, `sqlite:////absolute.db` or `postgresql://user@host/name`.
+
+        Raises:
+            OptionRefused: another kind of database.
+        """
         self._database = Database(url)
         self._loop: asyncio.AbstractEventLoop | None = None
         self._writer = Writer(self._database, self._finished_in_thread)
@@ -49,28 +79,32 @@ class SqlStore:
             self._session = SqliteSession(self._database.path, self._on_sign, self._on_lost)
         else:
             self._session = PostgresSession(self._database.url, self._on_sign, self._on_lost)
-        self._ownership = SqlOwnership(self, self._session)
+        self._ownership = Ownership(self, self._session)
         self._closed = False
 
     @property
     def url(self) -> str:
+        """Where it is, without a password."""
         return self._database.shown
 
     @property
-    def ownership(self) -> SqlOwnership:
+    def ownership(self) -> Ownership:
+        """Who owns which robot."""
         return self._ownership
 
     # --- life
 
     async def start(self) -> None:
+        """Open the database, create or migrate its schema, start the threads."""
         self._loop = asyncio.get_running_loop()
         await self._loop.run_in_executor(self._readers, self._database.prepare)
-        self._tail.start((await self.read(lambda view: view.event_range())).newest)
+        self._tail.start((await self.read(log.kept)).newest)
         await self._loop.run_in_executor(self._readers, self._session.start)
         self._writer.start()
         self._ownership.start()
 
     async def close(self) -> None:
+        """Finish what is queued, release all robots and end the threads."""
         if self._loop is None or self._closed:
             return
         self._closed = True
@@ -85,20 +119,25 @@ class SqlStore:
 
     # --- reading and writing
 
-    async def read(self, query: Callable[[View], T]) -> T:
+    async def read(self, query: Callable[Concatenate[View, P], T], *args: P.args, **kwargs: P.kwargs) -> T:
+        """Return what `query(view, *args, **kwargs)` finds in one snapshot, in which everything is that was
+        written before the call.
+        """
         if self._closed:
             raise StoreError("the store is closed")
         if self._reading >= MAX_READS:
             raise StoreOverloaded(f"{MAX_READS} reads are waiting; try again in a moment")
         self._reading += 1
         try:
-            return await self._running().run_in_executor(self._readers, self._read_in_thread, query)
+            return await self._running().run_in_executor(
+                self._readers, self._read_in_thread, query, args, kwargs
+            )
         finally:
             self._reading -= 1
 
-    def _read_in_thread(self, query: Callable[[View], T]) -> T:
+    def _read_in_thread(self, query: Callable[..., T], args: tuple[Any, ...], kwargs: dict[str, Any]) -> T:
         with self._database.reading() as connection:
-            return query(SqlView(connection))
+            return query(View(connection), *args, **kwargs)
 
     async def write(
         self,
@@ -107,6 +146,16 @@ class SqlStore:
         robots: Iterable[str] = (),
         once: IdempotencyKey | None = None,
     ) -> T:
+        """Run `change` in a transaction and return its result when that is on disk.
+
+        `robots` names the robots whose observations or repairs it writes: they are locked first, in one
+        order, so that instances do not wait for each other in a circle.
+
+        With `once`, the result must be a JSON value; a repeat returns the first result without running
+        `change`, and StateConflict (code "idempotency-key-reused") if the request differs.
+
+        Being cancelled does not take back a write that is queued.
+        """
         names = tuple(checked(robot) for robot in robots)
         if once is not None:  # a text that no column takes must not reach the group
             for part in (once.scope, once.key, once.request):
@@ -137,10 +186,16 @@ class SqlStore:
     # --- events
 
     def subscribe(self, callback: Callable[[tuple[Event, ...]], None]) -> Callable[[], None]:
+        """Call back, in the event loop, with every event committed
+        from now on by any instance, in order of id.
+
+        None is left out and none comes twice, also when the database was away. Returns a function that ends
+        it.
+        """
         return self._tail.listen(callback)
 
     async def _read_events(self, after: int) -> tuple[Event, ...]:
-        return await self.read(lambda view: view.events(after))
+        return await self.read(log.after, after)
 
     def _on_sign(self, newest: int) -> None:
         self._from_thread(self._tail.sign, newest)
@@ -152,23 +207,8 @@ class SqlStore:
         with contextlib.suppress(RuntimeError):  # the event loop has ended
             self._running().call_soon_threadsafe(call, *args)
 
-    # --- upkeep
-
-    async def prune(self, retention: Retention, *, slice: int = 1000) -> Pruned:
-        return await pruning.prune(self, retention, slice)
-
-    async def backup(self, path: Path) -> None:
-        await self._running().run_in_executor(None, portable.backup, self._database, path)
-
-    def export(self) -> Iterator[str]:
-        self._database.prepare()
-        return portable.export(self._database)
-
-    def load(self, lines: Iterable[str]) -> int:
-        self._database.prepare()
-        return portable.load(self._database, lines)
-
     def figures(self) -> StoreFigures:
+        """Return how busy it is."""
         queued, oldest_s = self._writer.waiting()
         return StoreFigures(
             queued_writes=queued,

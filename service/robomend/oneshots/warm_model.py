@@ -1,0 +1,210 @@
+"""Many observation sets of one model, quickly: engines kept warm, equal sets answered once.
+
+    with WarmModel(system, "sat", Options()) as model:
+        for line in file:
+            explained = model.ask_line(line)
+            explained.result, explained.text(elapsed_s=…)
+
+Logs repeat few distinct sets, so what was answered for good is remembered by its literals. Values come out,
+and text when asked for; nothing here needs a service, so that logs are diagnosed with it as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from types import TracebackType
+
+from robomend.diagnosis.engines import DEFAULT, make_engine
+from robomend.diagnosis.probes import Prober, ProbeResult
+from robomend.diagnosis.ranking import rank
+from robomend.diagnosis.result import DiagnosisResult, Engine, Options
+from robomend.diagnosis.snapshots import diagnose_snapshots
+from robomend.errors import OptionRefused
+from robomend.model.clauses import Assertion
+from robomend.model.cnf import HealthCnf
+from robomend.model.system import System
+from robomend.observations.language import Unknown
+from robomend.oneshots.question import Question, question, sentences_of, supposing
+from robomend.oneshots.result_json import quoted_names, result_text, timed, timeless
+from robomend_client.literals import Literal
+
+REMEMBERED = 2000
+"""Answers kept; the oldest goes first."""
+
+KEPT_TEXT = 100_000
+"""Characters of an answer's text that are kept; a longer one is made again each time."""
+
+ENGINES = 8
+"""Warm engines: one for the model, and one for each set of assertions last seen."""
+
+
+class Explained:
+    """The answer to one question, and to every equal one."""
+
+    __slots__ = ("_quoted", "_text", "elapsed_s", "healthy", "result")
+
+    def __init__(self, result: DiagnosisResult, quoted: Mapping[str, str]) -> None:
+        self.result = result
+        self.elapsed_s = result.elapsed_s
+        self.healthy = result.healthy
+        self._quoted = quoted
+        self._text: str | None = None  # up to the time
+
+    @property
+    def final(self) -> bool:
+        """Whether asking again would not better it."""
+        return self.result.stopped_by != "time"
+
+    def text(self, elapsed_s: float) -> str:
+        """Return the result as compact JSON with the time that this answer took.
+
+        One that was known already took less than the diagnosis did; none takes more.
+        """
+        text = self._text
+        if text is None:
+            text = timeless(result_text(self.result, self._quoted))
+            if len(text) <= KEPT_TEXT:
+                self._text = text
+        return timed(text, elapsed_s if elapsed_s < self.elapsed_s else self.elapsed_s)
+
+
+class WarmModel:
+    """One model and one engine, asked in the same way again and again."""
+
+    def __init__(
+        self,
+        system: System,
+        engine: str = DEFAULT,
+        options: Options | None = None,
+        *,
+        unknown: Unknown = "refuse",
+        expected_stopped: Iterable[str] = (),
+    ) -> None:
+        """Start the engine.
+
+        Raises:
+            OptionRefused: there is no such engine.
+            UnknownComponent: the options or `expected_stopped` speak of what the model does not have.
+        """
+        self.system = system.extended(expected_stopped=system.named(expected_stopped))
+        self.options = supposing(options or Options(), system)
+        self.engine_name = engine
+        self._unknown: Unknown = unknown
+        self._engines: dict[tuple[Assertion, ...], tuple[Engine, HealthCnf]] = {}
+        self._explained: dict[Question, Explained] = {}
+        self._by_line: dict[str, Explained] = {}
+        self._quoted = quoted_names(system.cnf.components)
+        self._engine(())
+
+    def __enter__(self) -> WarmModel:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Free the solvers."""
+        for engine, _ in self._engines.values():
+            engine.close()
+        self._engines.clear()
+
+    def question(self, sentences: Iterable[str]) -> Question:
+        """Return what a sequence of sentences says; InputError as robomend.oneshots.question."""
+        return question(sentences, self.system.vocabulary, unknown=self._unknown)
+
+    def ask_line(self, line: str) -> Explained:
+        """Answer a line of sentences; see `sentences_of`."""
+        explained = self._by_line.get(line)
+        if explained is None:
+            explained = self.ask(self.question(sentences_of(line)))
+            if explained.final:
+                if len(self._by_line) >= REMEMBERED:
+                    self._by_line.clear()
+                self._by_line[line] = explained
+        return explained
+
+    def ask(self, asked: Question) -> Explained:
+        """Answer a question, or tell the answer again.
+
+        Raises:
+            ContradictoryModel: no model even with everything abnormal.
+            OptionRefused: the engine cannot honour an option.
+        """
+        explained = self._explained.get(asked)
+        if explained is None:
+            engine, cnf = self._engine(asked.assertions)
+            result = ask_engine(engine, cnf, asked.literals, self.options)
+            explained = Explained(result, self._quoted)
+            if explained.final:
+                if len(self._explained) >= REMEMBERED:
+                    del self._explained[next(iter(self._explained))]
+                self._explained[asked] = explained
+        return explained
+
+    def probes(
+        self, asked: Question, result: DiagnosisResult, *, limit: int, timeout_s: float
+    ) -> ProbeResult:
+        """Return what to look at next, given the answer to a question; see Prober.probes."""
+        prober = Prober(self.system.extended(asked.assertions).cnf)
+        try:
+            return prober.probes(sorted(asked.literals), result, limit=limit, timeout_s=timeout_s)
+        finally:
+            prober.close()
+
+    def ask_together(self, questions: Iterable[Question]) -> DiagnosisResult:
+        """Return the fault sets that explain every set: snapshots of one robot with the same faults.
+
+        Raises:
+            OptionRefused: a sentence is richer than literals, or the options are for single observations.
+        """
+        snapshots: list[list[Literal]] = []
+        for number, asked in enumerate(questions, 1):
+            if asked.assertions:
+                raise OptionRefused(f"snapshot {number}: snapshots are literals only, nothing richer")
+            snapshots.append(sorted(asked.literals))
+        return explain_snapshots(self.system.cnf, snapshots, self.engine_name, self.options)
+
+    def _engine(self, assertions: tuple[Assertion, ...]) -> tuple[Engine, HealthCnf]:
+        found = self._engines.get(assertions)
+        if found is None:
+            if len(self._engines) >= ENGINES:
+                oldest = next(key for key in self._engines if key)
+                self._engines.pop(oldest)[0].close()
+            cnf = self.system.extended(assertions).cnf
+            found = self._engines[assertions] = make_engine(self.engine_name, cnf), cnf
+        return found
+
+
+def ask_engine(
+    engine: Engine, cnf: HealthCnf, literals: Iterable[Literal], options: Options
+) -> DiagnosisResult:
+    """Return an engine's answer, weighed by the model's priors if the engine did not do so itself.
+
+    The literals are put in order first: which of several conflicts an engine finds depends on it, and a set
+    has to have one answer whoever asks, in whatever process.
+    """
+    result = engine.diagnose(sorted(literals, key=_order), options)
+    if any(diagnosis.probability is not None for diagnosis in result.diagnoses):
+        return result
+    return rank(result, cnf, options)
+
+
+def _order(literal: Literal) -> tuple[str, tuple[str, ...], bool]:
+    """Return what literals are sorted by: as they are by themselves, but compared in C."""
+    atom = literal.atom
+    return atom.predicate, atom.args, literal.positive
+
+
+def explain_snapshots(
+    cnf: HealthCnf, snapshots: Sequence[Sequence[Literal]], engine: str, options: Options
+) -> DiagnosisResult:
+    """Return the fault sets that explain every snapshot, with probabilities where there are priors.
+
+    Raises:
+        OptionRefused: another engine than the default was asked for.
+    """
+    if engine != DEFAULT:
+        raise OptionRefused(f"several snapshots have an engine of their own: {engine!r} cannot be asked")
+    return rank(diagnose_snapshots(cnf, snapshots, options), cnf, options)

@@ -1,0 +1,22 @@
+"""The audit log, as it is read; `Transaction.note` writes it."""
+
+from __future__ import annotations
+
+from robomend.store import schema
+from robomend.store.encoding import checked, from_json
+from robomend.store.records import FIRST_PAGE, AuditEntry, Page, Paging
+from robomend.store.view import AnyRow, View
+
+
+def page(view: View, paging: Paging = FIRST_PAGE, *, robot: str | None = None) -> Page[AuditEntry]:
+    """Return the audit log, newest first."""
+    table = schema.audit
+    where = () if robot is None else (table.c.robot == checked(robot),)
+    return view.newest_first(table, _entry, paging, *where, key="id")
+
+
+def _entry(row: AnyRow) -> AuditEntry:
+    before, after = (None if text is None else from_json(text) for text in (row.before, row.after))
+    return AuditEntry(
+        row.actor, row.action, row.subject, row.robot, row.reason, before, after, row.time_ns, row.id
+    )

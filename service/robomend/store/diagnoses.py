@@ -1,0 +1,43 @@
+"""Diagnoses: each that differs from the one before it."""
+
+from __future__ import annotations
+
+from sqlalchemy import select
+
+from robomend.store import schema
+from robomend.store.encoding import checked, checked_ns, from_json, to_json
+from robomend.store.records import FIRST_PAGE, Json, Page, Paging, StoredDiagnosis
+from robomend.store.transaction import Transaction
+from robomend.store.view import AnyRow, View
+
+_DIAGNOSES = schema.diagnoses
+
+
+def latest(view: View, robot: str) -> StoredDiagnosis | None:
+    """Return the latest diagnosis."""
+    of_robot = select(_DIAGNOSES).where(_DIAGNOSES.c.robot == checked(robot))
+    row = view.first(of_robot.order_by(_DIAGNOSES.c.number.desc()))
+    return None if row is None else _diagnosis(row)
+
+
+def page(view: View, robot: str, paging: Paging = FIRST_PAGE) -> Page[StoredDiagnosis]:
+    """Return the diagnoses, newest first."""
+    return view.newest_first(_DIAGNOSES, _diagnosis, paging, _DIAGNOSES.c.robot == checked(robot))
+
+
+def record(tx: Transaction, robot: str, revision: int, result: Json, *, model_version: str = "") -> None:
+    """Keep a diagnosis that differs from the one before."""
+    tx.existing(robot)
+    tx.waiting.diagnoses.append(
+        {
+            "robot": robot,
+            "revision": checked_ns(revision),
+            "model_version": checked(model_version),
+            "time_ns": tx.now_ns,
+            "result": to_json(result),
+        }
+    )
+
+
+def _diagnosis(row: AnyRow) -> StoredDiagnosis:
+    return StoredDiagnosis(row.robot, row.revision, row.model_version, row.time_ns, from_json(row.result))

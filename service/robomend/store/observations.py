@@ -1,0 +1,141 @@
+"""Observations: OBS as it is now, the named assertions, and the history of what was accepted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from sqlalchemy import select
+
+from robomend.errors import NotFound, StateConflict
+from robomend.store import schema
+from robomend.store.encoding import (
+    atom_from_text,
+    atom_to_text,
+    batch_from_text,
+    batch_to_text,
+    checked,
+    checked_ns,
+)
+from robomend.store.records import (
+    FIRST_PAGE,
+    Entry,
+    Page,
+    Paging,
+    StoredAssertion,
+    StoredBatch,
+    StoredObs,
+)
+from robomend.store.transaction import Transaction
+from robomend.store.view import AnyRow, View
+from robomend_client.literals import Atom
+
+
+def revision(view: View, robot: str) -> int:
+    """Return how many batches were accepted; 0 for an unknown robot."""
+    table = schema.robot_state
+    row = view.first(select(table.c.revision).where(table.c.robot == checked(robot)))
+    return 0 if row is None else int(row.revision)
+
+
+def obs(view: View, robot: str) -> StoredObs:
+    """Return OBS now, expired entries included: freshness is judged by whoever reads it."""
+    entries, assertions = schema.obs, schema.assertions
+    return StoredObs(
+        revision(view, robot),
+        tuple(
+            Entry(atom_from_text(row.atom), row.positive, row.source, row.time_ns, row.expires_ns)
+            for row in view.rows(select(entries).where(entries.c.robot == robot).order_by(entries.c.atom))
+        ),
+        tuple(
+            StoredAssertion(row.name, row.sentence, row.source, row.time_ns, row.expires_ns)
+            for row in view.rows(
+                select(assertions).where(assertions.c.robot == robot).order_by(assertions.c.name)
+            )
+        ),
+    )
+
+
+def history(view: View, robot: str, paging: Paging = FIRST_PAGE) -> Page[StoredBatch]:
+    """Return the accepted batches, newest first."""
+    table = schema.observations
+    return view.newest_first(table, _batch, paging, table.c.robot == checked(robot), key="revision")
+
+
+def observe(
+    tx: Transaction,
+    robot: str,
+    *,
+    accepted: Sequence[Entry] = (),
+    changed: Sequence[Entry] = (),
+    forgotten: Sequence[Atom] = (),
+    asserted: Sequence[StoredAssertion] = (),
+    withdrawn: Sequence[str] = (),
+    expected: int | None = None,
+) -> int:
+    """Keep one batch and return the robot's new revision, one higher than before.
+
+    `accepted` goes into the history; `changed` and `forgotten` are what OBS ⊕ accepted changes in OBS
+    (the store knows nothing of ⊕); `asserted` and `withdrawn` are named assertions.
+
+    Raises:
+        NotFound: no such robot.
+        StateConflict: `expected` is given and is not the revision before (code "stale-revision"): another
+            instance was faster; load OBS again.
+    """
+    state = tx.existing(robot)
+    if expected is not None and expected != state.revision:
+        error = StateConflict(f"{robot!r} is at revision {state.revision}, not {expected}; load OBS again")
+        error.code = "stale-revision"
+        raise error
+    rows, revision = tx.waiting, state.revision + 1
+    rows.history.append(
+        {
+            "robot": robot,
+            "revision": revision,
+            "time_ns": tx.now_ns,
+            "data": batch_to_text(accepted, asserted, withdrawn),
+        }
+    )
+    for entry in changed:
+        atom = atom_to_text(entry.atom)
+        rows.obs[robot, atom] = {
+            "robot": robot,
+            "atom": atom,
+            "positive": entry.positive,
+            "source": checked(entry.source),
+            "time_ns": checked_ns(entry.time_ns),
+            "expires_ns": None if entry.expires_ns is None else checked_ns(entry.expires_ns),
+        }
+    for gone in forgotten:
+        rows.obs[robot, atom_to_text(gone)] = None
+    rows.revised.add(robot)
+    tx.now_is(robot, state._replace(revision=revision))
+    if asserted or withdrawn:
+        _assert(tx, robot, asserted, withdrawn)
+    return revision
+
+
+def _assert(
+    tx: Transaction, robot: str, asserted: Sequence[StoredAssertion], withdrawn: Sequence[str]
+) -> None:
+    table = schema.assertions
+    for name in withdrawn:
+        gone = table.delete().where(table.c.robot == robot, table.c.name == checked(name))
+        if not tx.change(gone):
+            raise NotFound(f"{robot!r} has no assertion {name!r}")
+    for assertion in asserted:
+        tx.replace(
+            table,
+            {
+                "robot": robot,
+                "name": checked(assertion.name),
+                "sentence": checked(assertion.sentence),
+                "source": checked(assertion.source),
+                "time_ns": checked_ns(assertion.time_ns),
+                "expires_ns": None if assertion.expires_ns is None else checked_ns(assertion.expires_ns),
+            },
+        )
+
+
+def _batch(row: AnyRow) -> StoredBatch:
+    return StoredBatch(row.robot, row.revision, row.time_ns, *batch_from_text(row.data))

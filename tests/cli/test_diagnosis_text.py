@@ -1,0 +1,134 @@
+"""A diagnosis in words: a screen of lines, the rest counted."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from robomend.cli.diagnosis_text import WIDTH, leading_first, told
+from robomend.diagnosis.result import Conflict, Diagnosis, DiagnosisResult, Options
+from robomend.model.loading import load_model, load_text
+from robomend.oneshots.warm_model import WarmModel
+from robomend.resources import resource
+from robomend_client.literals import fails
+
+MANIPULATOR = load_model(resource("examples", "mobile_manipulator.yaml"))
+TEDUSAR = load_model(resource("examples", "tedusar.yaml"))
+
+
+def lines(*sentences: str, system: object = MANIPULATOR, everything: bool = False) -> list[str]:
+    """Return what the command shows for a question."""
+    assert system in (MANIPULATOR, TEDUSAR)
+    with WarmModel(MANIPULATOR if system is MANIPULATOR else TEDUSAR) as model:
+        asked = model.question(sentences)
+        result = leading_first(model.ask(asked).result)
+        probes = model.probes(asked, result, limit=3, timeout_s=5.0)
+    return told(result, probes, everything=everything, repairable=True)
+
+
+def result(*blamed: str, conflicts: int = 0, **more: object) -> DiagnosisResult:
+    """Return diagnoses, each of components separated by spaces."""
+    diagnoses = tuple(Diagnosis(tuple(names.split())) for names in blamed)
+    components = tuple(sorted({name for diagnosis in diagnoses for name in diagnosis.bad}))
+    found = tuple(
+        Conflict((f"c{number}",), (fails("ok", "x"),), (), f"conflict {number}")
+        for number in range(conflicts)
+    )
+    return DiagnosisResult(components, diagnoses, True, None, found, 0.001, **more)  # type: ignore[arg-type]
+
+
+def test_many_alike_are_counted_and_the_next_step_is_said() -> None:
+    shown = lines("not ok(cmd_vel)")
+    assert shown[0] == "18 diagnoses, any one of which explains what was seen:"
+    assert shown[2:8] == [
+        "   13.1%  head_camera_driver",
+        "    9.7%  head_camera",
+        "    9.7%  localization",
+        "    6.4%  usb_hub",
+        "    6.4%  front_lidar",
+        "  … and 13 more, 54.6% together",
+    ]
+    assert shown[shown.index("look next at") + 1].startswith("  ok(head_depth)  16 of 18 diagnoses left if")
+    assert len(shown) < 25
+
+
+def test_what_all_diagnoses_share_is_said_first() -> None:
+    shown = lines("not ok(cmd_vel)", "not running(grasping)")
+    assert shown[0] == "18 diagnoses, any one of which explains what was seen; all blame grasping:"
+    assert not any("all blame" in line for line in lines("not ok(cmd_vel)"))
+    assert told(result("a b c", "c a d"))[0].endswith("; all blame a and c:")
+
+
+def test_everything_is_shown_on_request() -> None:
+    shown = lines("not ok(cmd_vel)", everything=True)
+    assert sum("%  " in line for line in shown) == 18
+    assert "cleared, if it is head_camera_driver" in shown
+    assert any(line.startswith("  - usb_hub: head_camera_driver already resolves") for line in shown)
+
+
+@pytest.mark.parametrize(
+    ("sentences", "first"),
+    [
+        (["ok(scan)"], "healthy: this is what a system without fault would show"),
+        (["not on(jaguar)"], "1 diagnosis explains what was seen:"),
+        (["not ok(scan)"], "2 diagnoses, any one of which explains what was seen:"),
+    ],
+)
+def test_the_first_line_is_the_answer(sentences: list[str], first: str) -> None:
+    assert lines(*sentences, system=TEDUSAR)[0] == first
+
+
+def test_what_is_cut_short_says_by_what_and_how_to_get_more() -> None:
+    with WarmModel(TEDUSAR, options=Options(limit=1)) as model:
+        shown = told(model.ask_line("not ok(scan)").result)
+    assert shown[0] == "at least 1 diagnosis explains what was seen:"
+    assert shown[-1].startswith("incomplete: stopped by limit (see --limit); ")
+    with WarmModel(TEDUSAR, options=Options(timeout_s=0.0)) as model:
+        shown = told(model.ask_line("not ok(scan)").result)
+    assert shown[0] == "no diagnosis found: the search was stopped by time"
+
+
+def test_what_cannot_be_supposed_and_what_was_not_looked_at_have_words() -> None:
+    assert told(result())[0] == "no diagnosis: what is supposed cannot be, given what was seen"
+    assert told(result(""), blind=True)[0] == "healthy, for all we know: nothing was observed"
+
+
+def test_one_more_than_the_shown_ones_is_shown_as_well() -> None:
+    six = told(result(*"abcdef", conflicts=6))
+    assert "  f" in six
+    assert "  - conflict 5" in six
+    assert not any("more" in line for line in six)
+    seven = told(result(*"abcdefg", conflicts=7))
+    assert "  … and 2 more" in seven
+    assert "  … and 2 more conflicts" in seven
+    assert "  f" not in seven
+
+
+def test_without_a_way_to_tell_them_apart_the_reason_is_said() -> None:
+    twins = load_text(
+        "robomend: 1\nhardware: {a: {}, b: {}}\nproperties: [p]\n"
+        "rules: ['not ab(a) and not ab(b) -> ok(p)']\n"
+    )
+    with WarmModel(twins) as model:
+        asked = model.question(["not ok(p)"])
+        found = model.ask(asked).result
+        shown = told(found, model.probes(asked, found, limit=3, timeout_s=5.0))
+    assert "nothing to look at: everything that can be observed is observed already" in shown
+
+
+def wide() -> Iterator[list[str]]:
+    yield lines("not ok(cmd_vel)", "not ok(objects)", "not ok(joint_states)")
+    yield told(result(" ".join(f"component_{number}" for number in range(1000))))
+    yield told(result(*(f"{'x' * 70}_{number} y" for number in range(8))))
+    yield lines(*(f"not running({node})" for node in MANIPULATOR.parts.nodes), everything=True)  # type: ignore[union-attr]
+
+
+def test_no_line_is_wider_than_a_terminal() -> None:
+    for shown in wide():
+        assert max(map(len, shown)) <= WIDTH
+
+
+def test_a_thousand_components_are_counted() -> None:
+    shown = "\n".join(told(result(" ".join(f"c{number}" for number in range(1000)))))
+    assert "c11 and 988 more" in shown.replace("\n  ", " ")

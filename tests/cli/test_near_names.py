@@ -1,0 +1,66 @@
+"""What was mistyped is named with what was probably meant: commands, options, files, engines, components."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from robomend.cli.commands import run
+from robomend.cli.files import near_file
+from robomend.resources import resource
+
+TEDUSAR = str(resource("examples", "tedusar.yaml"))
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder to work in: a robot, its domain, and another model one folder down."""
+    (tmp_path / "robots").mkdir()
+    (tmp_path / "robots" / "carrier.yaml").write_text("robomend: 1\n")
+    (tmp_path / "my_robot.yaml").write_text("robomend: 1\n")
+    (tmp_path / "actions.pddl").write_text("(define (domain robot-repair))")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["diagnos"], "no command is named 'diagnos'; did you mean 'diagnose'?"),
+        (["model", "chek"], "no command is named 'chek'; did you mean 'check'?"),
+        (["keys", "creat"], "no command is named 'creat'; did you mean 'create'?"),
+        (["frobnicate"], "no command is named 'frobnicate'\n"),
+        (["plan", "x", "--plnner", "asp"], "no option is named '--plnner'; did you mean '--planner'?"),
+        (["diagnose", "my_robot.yml"], "No such file or directory; did you mean my_robot.yaml?"),
+        (["diagnose", "carrier.yaml"], "No such file or directory; did you mean robots/carrier.yaml?"),
+        (["compile", "robot/carier.yaml"], "No such file or directory; did you mean robots/carrier.yaml?"),
+        (["diagnose", "two.wcnf"], "two.wcnf: cannot be read: No such file or directory\n"),
+        (["plan", TEDUSAR, "--domain", "action.pddl"], "does not exist; did you mean actions.pddl?"),
+        (["diagnose", TEDUSAR, "--observations", "action.pddl"], "directory; did you mean actions.pddl?"),
+        (["config", "--config", "my_robot.yml"], "does not exist; did you mean my_robot.yaml?"),
+        (["diagnose", TEDUSAR, "--engine", "hsdag"], "did you mean 'hs_dag'?"),
+        (["plan", TEDUSAR, "--planner", "piperplan"], "did you mean 'pyperplan'?"),
+        (["plan", TEDUSAR, "--bad", "rvis"], "did you mean 'rviz'?"),
+        (["plan", TEDUSAR, "--expect-stopped", "rvis"], "did you mean 'rviz'?"),
+        (["plan", TEDUSAR, "--protect", "rvis"], "did you mean 'rviz'?"),
+        (["diagnose", TEDUSAR, "--expect-stopped", "rvis"], "did you mean 'rviz'?"),
+    ],
+)
+@pytest.mark.usefixtures("folder")
+def test_what_was_meant_is_named(arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(arguments) == 2
+    captured = capsys.readouterr()
+    assert said in captured.err
+    assert captured.out == ""
+
+
+def test_an_example_that_was_shipped_is_found_from_anywhere(folder: Path) -> None:
+    assert near_file("tedusar.yaml") == f"; did you mean {TEDUSAR}?"
+    (folder / "tedusar.yml").write_text("")
+    assert near_file("tedusar.yaml") == "; did you mean tedusar.yml?"
+
+
+def test_a_file_that_is_there_needs_no_other(folder: Path) -> None:
+    assert near_file("my_robot.yaml") == ""
+    assert near_file(str(folder / "nothing" / "like" / "it.xyz")) == ""

@@ -1,0 +1,49 @@
+"""What a robot or a question makes of a model."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from robomend.errors import UnknownComponent
+from robomend.model.loading import load_text
+from robomend.model.system import variant
+from robomend.observations.language import read_assertion
+
+ROBOT = replace(
+    load_text("robomend: 1\nname: r\nnodes: {a: {publishes: {t: []}}, b: {publishes: {u: []}}}\n"),
+    warnings=("mind the gap",),
+)
+EITHER = read_assertion("said", "ok(t) or ok(u)", ROBOT.vocabulary)
+BOTH = read_assertion("said", "ok(t) and ok(u)", ROBOT.vocabulary)
+
+
+def test_an_extended_system_differs_in_its_clauses_only() -> None:
+    more = ROBOT.extended([EITHER], ["a"])
+    assert replace(more, cnf=ROBOT.cnf) == ROBOT
+    assert [rule.text for rule in more.cnf.rules][-1] == "ok(t) or ok(u)"
+    assert len(more.cnf.clauses) == len(ROBOT.cnf.clauses)  # one more, and that a runs is not expected
+    assert ROBOT.extended() is ROBOT
+
+
+def test_equal_versions_are_equal_clauses() -> None:
+    assert variant("v") == "v"
+    versions = [
+        variant("v"),
+        variant("w"),
+        variant("v", [EITHER]),
+        variant("v", [BOTH]),
+        variant("v", [EITHER, BOTH]),
+        variant("v", (), ["a"]),
+        variant("v", (), ["b"]),
+        variant("v", [EITHER], ["a"]),
+    ]
+    assert len(set(versions)) == len(versions)
+    assert variant("v", [EITHER], ["a", "b"]) == variant("v", [EITHER], ["b", "a"])
+
+
+def test_components_are_named_as_the_model_writes_them() -> None:
+    assert ROBOT.named(["/b", "a", "b"]) == ("b", "a", "b")
+    with pytest.raises(UnknownComponent, match="no component is named 'c'"):
+        ROBOT.named(["a", "c"])

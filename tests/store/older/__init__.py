@@ -1,0 +1,30 @@
+"""Databases as older versions left them: killed, not closed, with every kind of record in them.
+
+    0002.sqlite.sql, 0002.postgresql.sql   by robomend 0.1.0 before its first release
+
+When the schema changes, add what the version before wrote (SQLite: `.dump`; PostgreSQL: `pg_dump --inserts`),
+and leave the files that are here as they are.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+from contextlib import closing
+from pathlib import Path
+
+import psycopg
+
+HERE = Path(__file__).parent
+
+BEFORE_SIGN_INS = "DROP TABLE sign_ins; UPDATE alembic_version SET version_num = '0001';"
+
+
+def lay(url: str, version: str) -> None:
+    """Put the database of that schema at the URL, which is an empty one."""
+    change = BEFORE_SIGN_INS if version == "0001" else ""
+    if url.startswith("sqlite"):
+        with closing(sqlite3.connect(url.removeprefix("sqlite:///"))) as lite:
+            lite.executescript((HERE / "0002.sqlite.sql").read_text(encoding="utf-8") + change)
+    else:
+        with psycopg.connect(url, autocommit=True) as server:
+            server.execute((HERE / "0002.postgresql.sql").read_bytes() + change.encode())

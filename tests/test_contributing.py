@@ -1,0 +1,57 @@
+"""What CONTRIBUTING.md and CI say is there."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGE = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+PLACES = re.findall(r"^\| (.+?) \| `(.+?)` \| `(.+?)` \|$", PAGE, re.MULTILINE)
+
+
+def test_every_file_that_the_page_names_is_there() -> None:
+    named = set(re.findall(r"`((?:[\w.]+/)+[\w.]*|[\w.-]+\.(?:py|yaml|toml|md))`", PAGE))
+    assert {name for name in named if not (ROOT / name).exists()} == set()
+
+
+@pytest.mark.parametrize(("thing", "begin", "docs"), PLACES, ids=[thing for thing, _, _ in PLACES])
+def test_the_module_where_something_begins_says_how_it_goes_on(thing: str, begin: str, docs: str) -> None:
+    docstring = (ROOT / begin).read_text(encoding="utf-8").split('"""')[1]
+    assert re.search(r"\b(To add|To keep|Adding) (an?|another|one)\b", docstring), f"{begin} says nothing"
+    assert (ROOT / docs).exists()
+
+
+def test_every_command_of_dev_is_on_the_page() -> None:
+    commands = set(re.findall(r"^#   (\./dev \w+)", (ROOT / "dev").read_text(), re.MULTILINE))
+    assert {command for command in commands if command not in PAGE} == set()
+
+
+def test_ci_runs_what_a_developer_runs_on_every_python_that_is_promised() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    promised = {line.rpartition(" ")[2] for line in project["classifiers"] if "Python :: 3." in line}
+    job = yaml.safe_load((ROOT / ".github" / "workflows" / "ci.yml").read_text())["jobs"]["check"]
+    assert set(job["strategy"]["matrix"]["python"]) == promised
+    assert [step["run"] for step in job["steps"] if "run" in step][-1] == ".ci/run"
+    assert "./dev check" in (ROOT / ".ci" / "run").read_text()
+
+
+def test_each_hook_before_a_commit_is_a_step_of_the_checks() -> None:
+    hooks = yaml.safe_load((ROOT / ".pre-commit-config.yaml").read_text())["repos"][0]["hooks"]
+    tools = {hook["entry"].split()[0].removeprefix(".venv/bin/") for hook in hooks}
+    dev = (ROOT / "dev").read_text()
+    assert {tool for tool in tools if f"/bin/{tool}" not in dev} == set()
+
+
+def test_the_client_is_tested_on_every_python_that_it_promises() -> None:
+    project = tomllib.loads((ROOT / "clients" / "pyproject.toml").read_text())["project"]
+    promised = [line.rpartition(" ")[2] for line in project["classifiers"] if "Python :: 3." in line]
+    job = yaml.safe_load((ROOT / ".github" / "workflows" / "ci.yml").read_text())["jobs"]["clients"]
+    assert job["strategy"]["matrix"]["python"] == promised
+    assert job["steps"][-1]["run"] == "./dev clients ${{ matrix.python }}"
+    assert f"set -- {' '.join(promised)}\n" in (ROOT / "dev").read_text()
+    assert project["requires-python"] == f">={promised[0]}"

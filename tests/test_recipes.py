@@ -1,0 +1,134 @@
+"""The recipes: what docs/ say is enough to add an engine or a planner, is enough, and is all."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+from tests.api.test_process import command, served
+from tests.distributions import install
+
+from robomend.diagnosis import engines
+from robomend.diagnosis.engines import ENGINES
+from robomend.planning import planners
+from robomend.planning.planners import PLANNERS
+from robomend.resources import resource
+from robomend_client.registry import Registry
+
+ROOT = Path(__file__).parents[1]
+TEDUSAR = str(resource("examples", "tedusar.yaml"))
+SEEN = ["not ok(scan)", "not on(jaguar)"]
+
+
+def shown(page: str, heading: str) -> tuple[str, dict[str, dict[str, str]]]:
+    """Return the module and the entry points that a section of the docs shows."""
+    section = (ROOT / "docs" / page).read_text().partition(f"\n{heading}\n")[2]
+    code, points = (
+        re.search(rf"^```{language}\n(.*?)^```", section, re.MULTILINE | re.DOTALL)
+        for language in ("python", "toml")
+    )
+    assert code
+    assert points
+    groups: dict[str, dict[str, str]] = tomllib.loads(points[1])["project"]["entry-points"]
+    return code[1], {
+        group: {name: path.removeprefix("my_package:") for name, path in named.items()}
+        for group, named in groups.items()
+    }
+
+
+def third_party(folder: Path, monkeypatch: pytest.MonkeyPatch, page: str, heading: str) -> None:
+    """Install what the docs show, for the processes that are started from now on."""
+    code, points = shown(page, heading)
+    monkeypatch.setenv("PYTHONPATH", str(install(folder, "my_package", code, points)))
+
+
+def answered(*arguments: str) -> dict[str, Any]:
+    """Return what a command of a fresh process answers."""
+    observed = [word for sentence in SEEN for word in ("-o", sentence)]
+    line = command(*arguments, *observed, "--format", "json")
+    done = subprocess.run(line, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 0, done.stderr
+    found: dict[str, Any] = json.loads(done.stdout)
+    return found
+
+
+def bad(result: dict[str, Any]) -> list[list[str]]:
+    return [diagnosis["bad"] for diagnosis in result["diagnoses"]]
+
+
+def test_the_engine_of_the_docs_answers_by_command_and_over_http(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    third_party(tmp_path / "site", monkeypatch, "diagnosis.md", "## An engine of your own")
+    told = answered("diagnose", TEDUSAR, "--engine", "mine")
+    assert bad(told) == [["jaguar", "hokuyo"], ["jaguar", "hokuyo_node"]]
+    for more in ([], ["--max-size", "1"], ["--assume-healthy", "hokuyo", "--minimal", "cardinality"]):
+        mine = answered("diagnose", TEDUSAR, *more, "--engine", "mine")
+        ours = answered("diagnose", TEDUSAR, *more)
+        assert (bad(mine), mine["stopped_by"]) == (bad(ours), ours["stopped_by"])
+    with served(tmp_path) as (_, url), httpx.Client(base_url=f"{url}/api/v1", timeout=60) as http:
+        source = Path(TEDUSAR).read_text()
+        asked = {"source": source, "observations": SEEN, "options": {"engine": "mine"}}
+        assert bad(http.post("/diagnoses", json=asked).json()) == bad(told)
+        http.put("/models/m", json={"source": source})
+        robot = {"model": "m", "diagnosis": {"engine": "mine"}}
+        assert http.put("/robots/r1", json=robot).status_code == 201
+        http.post("/robots/r1/observations", json={"observations": SEEN})
+        found = http.get("/robots/r1/diagnosis", params={"wait_s": 30, "after": 0}).json()
+        assert bad(found["result"]) == bad(told)
+        refused = http.put("/robots/r2", json={"model": "m", "diagnosis": {"engine": "mime"}})
+        assert (refused.status_code, refused.json()["code"]) == (422, "option-refused")
+        assert "did you mean 'mine'" in refused.json()["detail"]
+
+
+def test_the_planner_of_the_docs_plans_by_command_and_over_http(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    third_party(tmp_path / "site", monkeypatch, "planning.md", "### A planner of your own")
+    told = answered("plan", TEDUSAR, "--planner", "mine", "--bad", "jaguar")
+    steps = ["power_up(jaguar)", "stop_node(jaguar_node)", "start_node(jaguar_node)"]
+    assert [step["text"] for step in told["plan"]["steps"]] == steps
+    assert told["plan"]["planner"] == "mine"
+    with served(tmp_path) as (_, url), httpx.Client(base_url=f"{url}/api/v1", timeout=60) as http:
+        asked = {"source": Path(TEDUSAR).read_text(), "observations": SEEN, "bad": ["jaguar"]}
+        plan = http.post("/plans", json={**asked, "planner": "mine"}).json()["plan"]
+        assert [step["text"] for step in plan["steps"]] == steps
+        assert plan["planner"] == "mine"
+        refused = http.post("/plans", json={**asked, "planner": "mime"})
+        assert "did you mean 'mine'" in refused.json()["detail"]
+
+
+RECIPES = [
+    (ENGINES, engines.__doc__ or "", "docs/diagnosis.md", {"sat", "asp"}),
+    (PLANNERS, planners.__doc__ or "", "docs/planning.md", {"pyperplan", "asp"}),
+]
+
+
+@pytest.mark.parametrize(("registry", "recipe", "page", "defaults"), RECIPES)
+def test_what_comes_with_us_is_named_in_the_places_of_the_recipe_and_nowhere_else(
+    registry: Registry[object], recipe: str, page: str, defaults: set[str]
+) -> None:
+    places = re.findall(r"\b(\d)\. ", recipe.partition("To add")[2])
+    assert places == ["1", "2", "3"]
+    assert page in recipe
+    text = (ROOT / page).read_text()
+    for name in registry.built_in:
+        assert f"\n| `{name}` |" in text, f"{page} has no row for {name}"
+        assert re.search(rf"^    {name}  ", recipe, re.MULTILINE), f"no line for {name} at the head"
+    for name in registry.built_in.keys() - defaults:
+        quoted = re.compile(rf"""["']{name}["']""")
+        found = {
+            str(file.relative_to(ROOT / "service"))
+            for file in (ROOT / "service").rglob("*.py")
+            if quoted.search(file.read_text())
+        }
+        registered = registry.built_in[name].partition(":")[0].replace(".", "/") + ".py"
+        listed = {"robomend/diagnosis/engines.py", "robomend/planning/planners/__init__.py", registered}
+        assert registered in found
+        assert found <= listed
