@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 import shlex
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import click
@@ -23,6 +24,12 @@ from robomend_bench.results import Run, as_json, load, save
 from robomend_bench.running import run_suite
 from robomend_bench.suite import DATA, Clock, Wish, find_suite, suite_names
 from robomend_bench.tables import comparison, markdown
+
+OTHERS = {
+    "service": ("robomend_bench.service.command", "load on a running service"),
+    "faults": ("robomend_bench.faults.command", "the score: faults planted into simulated robots"),
+}
+"""Commands of their own, without suites, engines or questions: module and summary."""
 
 FAULTS = re.compile(r"(\d+)(?:-(\d+))?\Z")
 
@@ -121,6 +128,7 @@ def command(
     robomend-bench robots-v1 --engines sat,hs_dag --out report/
     robomend-bench --compare old.json new.json
     robomend-bench service --help                         load on a running service
+    robomend-bench faults --help                          the score: robots that break
     """
     if listing:
         _list()
@@ -197,6 +205,8 @@ def _list() -> None:
         click.echo(f"{name}: {suite.summary}")
         for mode, meaning in suite.modes.items():
             click.echo(f"    {mode:<10} {meaning} [{','.join(suite.contenders(mode))}]")
+    for name, (_, summary) in OTHERS.items():
+        click.echo(f"{name}: {summary}; see robomend-bench {name} --help")
     click.echo(f"engines: {', '.join(ENGINES.names())}; each also as ENGINE:SOLVER")
     click.echo(f"baselines: {', '.join(BASELINES)}")
 
@@ -204,10 +214,10 @@ def _list() -> None:
 def main() -> None:
     """The console script."""
     try:
-        if sys.argv[1:2] == ["service"]:  # a world of its own: no suites, engines or questions
-            from robomend_bench.service.command import command as service
-
-            service.main(sys.argv[2:], prog_name="robomend-bench service", standalone_mode=False)
+        if sys.argv[1:2] and sys.argv[1] in OTHERS:
+            name = sys.argv[1]
+            other: click.Command = import_module(OTHERS[name][0]).command
+            other.main(sys.argv[2:], prog_name=f"robomend-bench {name}", standalone_mode=False)
             return
         command.main(standalone_mode=False)
     except click.exceptions.Abort:

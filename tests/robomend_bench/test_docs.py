@@ -10,7 +10,14 @@ import pytest
 
 from robomend_bench.baselines import BASELINES
 from robomend_bench.contenders import MODES
-from robomend_bench.main import command
+from robomend_bench.faults.bench import LATE_S
+from robomend_bench.faults.classes import CLASSES
+from robomend_bench.faults.command import command as faults
+from robomend_bench.faults.observing import PRESETS
+from robomend_bench.faults.policy import MOST_NODES, MOST_STATES
+from robomend_bench.faults.robot import MADE, find_robot, robot_names
+from robomend_bench.faults.stretches import STRETCHES
+from robomend_bench.main import OTHERS, command
 from robomend_bench.service.command import PARTS
 from robomend_bench.service.command import command as service
 from robomend_bench.suite import find_suite, suite_names
@@ -32,7 +39,7 @@ def test_every_command_on_the_page_can_be_run(line: str) -> None:
 
 
 DOCS = Path(__file__).parents[2] / "docs"
-FIGURES = [DOCS / name for name in ("planning.md", "repair.md", "service-figures.md")]
+FIGURES = [DOCS / name for name in ("planning.md", "repair.md", "service-figures.md", "score.md")]
 SHOWN = sorted(
     {
         line.strip()
@@ -45,7 +52,7 @@ SHOWN = sorted(
 )
 
 
-@pytest.mark.parametrize("line", [line for line in SHOWN if line.split()[0] != "service"])
+@pytest.mark.parametrize("line", [line for line in SHOWN if line.split()[0] not in OTHERS])
 def test_every_command_that_made_figures_can_be_run(line: str) -> None:
     test_every_command_on_the_page_can_be_run(line)
 
@@ -54,6 +61,34 @@ def test_every_command_that_made_figures_can_be_run(line: str) -> None:
 def test_every_command_that_measured_the_service_can_be_run(line: str) -> None:
     context = service.make_context("robomend-bench service", shlex.split(line)[1:])
     assert set(filter(None, context.params["only"].split(","))) <= set(PARTS)
+
+
+@pytest.mark.parametrize("line", [line for line in SHOWN if line.split()[0] == "faults"])
+def test_every_command_of_the_score_can_be_run(line: str) -> None:
+    command_line = line.replace("/N", "/1").replace("OBSERVERS", "fast")
+    faults.make_context("robomend-bench faults", shlex.split(command_line)[1:])
+
+
+def test_the_score_s_page_names_every_class_stretch_and_robot_with_its_share() -> None:
+    page = (DOCS / "score.md").read_text()
+    for described in CLASSES:
+        plus = "+" if described.apart else ""
+        assert f"| `{described.name}` | {plus}{described.share} |" in page, described.name
+    for stretch in STRETCHES:
+        assert f"| `{stretch.name}` | {stretch.seconds:g} s |" in page, stretch.name
+    for name in set(robot_names()) - set(MADE):
+        anatomy = find_robot(name).anatomy
+        sizes = f"{len(anatomy.devices)} + {len(anatomy.nodes)} | {len(anatomy.topics)}"
+        assert f"| `{name}` | {sizes} |" in page, name
+
+
+def test_the_score_s_page_gives_the_bounds_as_they_are() -> None:
+    page = " ".join((DOCS / "score.md").read_text().split())
+    published, fast = (PRESETS[name].delay_s for name in ("published", "fast"))
+    assert f"{published:g} s published, {fast:g} s fast" in page
+    assert f"more than {LATE_S:g} s late" in page
+    assert f"more than {MOST_STATES} states" in page
+    assert f"{MOST_NODES:,} beliefs" in page
 
 
 def test_each_part_of_the_service_s_figures_is_shown() -> None:

@@ -11,7 +11,7 @@ from robomend.errors import InputError
 from robomend.model.cnf import HealthCnf
 from robomend.model.loading import load_text
 from robomend_bench import contenders
-from robomend_bench.faults import Circuit, observe_faulty, read_circuit
+from robomend_bench.circuit_faults import Circuit, observe_faulty, read_circuit
 from robomend_bench.suite import Ask, Group, Question, Wish
 from robomend_client.literals import Literal
 

@@ -1,0 +1,25 @@
+"""The score of diagnosis and repair: faults planted into simulated robots, `robomend-bench faults`.
+
+The service, its HTTP interface, the agents' protocol, the observers and the power board are the real ones.
+Only the robots' innards are simulated, and what is true of them is known. docs/score.md defines the score.
+
+The robots
+    anatomy.py     what a robot is made of
+    condition.py   the state that it is in, what acts change, what is seen: no times
+    kinds.py       what can be wrong with one component
+    classes.py     the classes of faults with their shares, and scenarios drawn from them
+    robot.py       robots by name: files in robots/, and those of generator.py
+    body.py        the same in time: messages, starts, boots
+What could be known and done
+    universe.py    explanations, suspects, what is told apart
+    policy.py      the cheapest repair of one who sees only what can be observed
+A trial
+    observing.py   the observers of a host: the one place where literals are made
+    agents.py, power.py   the robot's agents and its board, towards the service
+    live.py        a robot in real time
+    record.py      what happened
+    trial.py, stretches.py, bench.py   one trial; robots without faults; many side by side
+    standins.py    scripted agents in place of the service
+The score
+    scoring.py, intervals.py, figures.py, report.py, command.py
+"""

@@ -1,0 +1,269 @@
+"""Runs many trials side by side against one service: its process, the clock tick, the events, the load.
+
+    ticker, every TICK_S ──► every robot under trial
+    events of the service ──► the robot that they are of
+
+How late the ticker was is noted in every record. A trial during which the bench itself was later than
+LATE_S is no measurement of the service, and is counted as such.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import gc
+import os
+import random
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import AsyncIterator, Callable, Iterator, Sequence
+from contextlib import asynccontextmanager, contextmanager
+from pathlib import Path
+
+from robomend_bench.faults.live import LiveRobot
+from robomend_bench.faults.record import Record, Trial
+from robomend_bench.faults.stretches import STRETCH_BY_NAME
+from robomend_bench.faults.trial import Terms, play, scenario_of
+from robomend_bench.service.process import NotReady, Served, start
+from robomend_client.rest.asynchronous import AsyncClient
+from robomend_client.rest.errors import ClientError
+
+TICK_S = 0.01
+LOOK_AFTER_S = 0.2
+
+LATE_S = 0.3
+"""A trial with a later tick than this is left out."""
+
+MEMORY = Path("/dev/shm")
+"""Where the agents keep their files, if it is there: each waits for the disk after each result, and with so
+many in one process all would wait. The service's data is on a disk."""
+
+BUSY = """
+import os, sys, time
+parent = int(sys.argv[1])
+while os.getppid() == parent:
+    end = time.monotonic() + 0.5
+    while time.monotonic() < end:
+        pass
+"""
+
+Done = Callable[[Record], None]
+
+
+@contextmanager
+def busy(loops: int) -> Iterator[None]:
+    """Run so many busy loops beside; they end with us."""
+    running = [
+        subprocess.Popen([sys.executable, "-c", BUSY, str(os.getpid())], stdin=subprocess.DEVNULL)
+        for _ in range(loops)
+    ]
+    try:
+        yield
+    finally:
+        for process in running:
+            process.kill()
+            process.wait()
+
+
+class Bench:
+    """One service and the robots under trial; what trial.Surroundings asks for."""
+
+    def __init__(self, data: Path, agents: Path) -> None:
+        """`data` is the service's folder, `agents` that of all the agents."""
+        self.folder = agents
+        self.url = ""
+        self.ticks: list[float] = []  # how late each was
+        self.deaths: list[str] = []  # of the service, not those that a stretch is about
+        self._data = data
+        self._live: dict[str, LiveRobot] = {}
+        self._models: dict[str, asyncio.Task[None]] = {}
+        self._served: Served | None = None
+        self._restarting = asyncio.Lock()
+
+    def clock(self) -> float:
+        """Return the time of the bench."""
+        return time.monotonic()
+
+    def join(self, live: LiveRobot) -> None:
+        """Let time pass for a robot, and hand it its events."""
+        self._live[live.id] = live
+
+    def leave(self, live: LiveRobot) -> None:
+        """Let no more time pass for it."""
+        self._live.pop(live.id, None)
+
+    async def model(self, client: AsyncClient, name: str, text: str) -> None:
+        """Put a model, once."""
+        if name not in self._models:
+            self._models[name] = asyncio.create_task(_put_model(client, name, text))
+        await self._models[name]
+
+    @asynccontextmanager
+    async def running(self) -> AsyncIterator[None]:
+        """Run the service, the ticker and the stream of events."""
+        await self._start(0)
+        parts = (self._tick(), self._follow(), self._keep_looking())
+        tasks = [asyncio.create_task(part) for part in parts]
+        try:
+            yield
+            for task in tasks:
+                if task.done():
+                    task.result()  # without it nothing that was measured since means anything
+        finally:
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+            await asyncio.to_thread(self._end_service, kill=False)
+
+    async def _start(self, port: int) -> None:
+        self._served = await asyncio.to_thread(start, self._data, ["--port", str(port)] if port else [])
+        self.url = self._served.url
+
+    def _end_service(self, *, kill: bool) -> None:
+        if self._served is None:
+            return
+        if self._served.process.poll() is None:
+            if kill:
+                self._served.kill()
+            else:
+                try:
+                    self._served.stop()
+                except subprocess.TimeoutExpired:
+                    self._served.kill()
+        assert self._served.process.stdout is not None
+        self._served.process.stdout.close()
+        self._served = None
+
+    async def restart_service(self, *, kill: bool) -> None:
+        """End the service, or kill it, and start it again on the same port and data."""
+        async with self._restarting:
+            await self._restart(kill=kill)
+
+    async def _restart(self, *, kill: bool) -> None:
+        port = int(self.url.rpartition(":")[2])
+        await asyncio.to_thread(self._end_service, kill=kill)
+        await self._start(port)
+
+    async def look_after(self) -> None:
+        """Start the service again if it has died, and note that it has."""
+        async with self._restarting:
+            if self._served is None or self._served.process.poll() is None:
+                return
+            log = (self._data / "log").read_text(errors="replace")[-2000:]
+            self.deaths.append(f"the service died: {log}")
+            await self._restart(kill=True)
+
+    async def _keep_looking(self) -> None:
+        while True:
+            await asyncio.sleep(LOOK_AFTER_S)
+            await self.look_after()
+
+    async def _tick(self) -> None:
+        due_s = self.clock()
+        while True:
+            now_s = self.clock()
+            late_s = now_s - due_s
+            self.ticks.append(late_s)
+            for live in tuple(self._live.values()):
+                try:
+                    live.tick(now_s, late_s)
+                except Exception as error:  # noqa: BLE001  # an error of ours in one robot: the others go on
+                    live.record.error = f"the bench failed: {type(error).__name__}: {error}"
+                    self.leave(live)
+            due_s = max(due_s + TICK_S, self.clock())
+            await asyncio.sleep(due_s - self.clock())
+
+    async def _follow(self) -> None:
+        """Hand each event to its robot; the service's stamps and our clock are of one machine."""
+        ahead_s = time.time() - self.clock()
+        while True:
+            with contextlib.suppress(ClientError):
+                async with AsyncClient(self.url) as client:
+                    async for event in client.events():
+                        live = self._live.get(event.robot or "")
+                        if live is not None:
+                            live.event(event, event.time_ns / 1e9 - ahead_s)
+            await asyncio.sleep(0.1)
+
+
+async def _put_model(client: AsyncClient, name: str, text: str) -> None:
+    await client.put_model(name, text)
+
+
+async def run_trials(
+    trials: Sequence[Trial], terms: Terms, *, jobs: int, load: int = 0, done: Done = lambda record: None
+) -> tuple[list[Record], list[float]]:
+    """Play trials, `jobs` at a time; return their records, in the order of the trials, and the ticks.
+
+    Stretches in which the service restarts share services of their own, after everything else.
+    """
+    shared = [
+        t for t in trials if t.cls not in STRETCH_BY_NAME or not STRETCH_BY_NAME[t.cls].service_restarts
+    ]
+    own = [trial for trial in trials if trial not in shared]
+    found: dict[Trial, Record] = {}
+    ticks: list[float] = []
+    for trial in trials:
+        scenario_of(trial)  # while nobody waits for the tick
+    gc.collect()
+    gc.freeze()
+    with busy(load):
+        groups = [shared] if shared else []
+        groups += [own[at : at + jobs] for at in range(0, len(own), jobs)]
+        for group in groups:
+            with _folder() as data, _folder(MEMORY) as agents:
+                bench = Bench(data, agents)
+                async with bench.running():
+                    await _run_group(bench, group, terms, jobs, found, done)
+                ticks += bench.ticks
+    return [found[trial] for trial in trials], ticks
+
+
+async def _run_group(
+    bench: Bench, group: Sequence[Trial], terms: Terms, jobs: int, found: dict[Trial, Record], done: Done
+) -> None:
+    waiting = list(enumerate(group))[::-1]
+    restarting = asyncio.create_task(_restarts(bench, group)) if _all_restart(group) else None
+
+    async def work(number: int) -> None:
+        # Not all at once: robots that boot together are a load of their own.
+        await asyncio.sleep(0.5 * number)
+        while waiting:
+            index, trial = waiting.pop()
+            deaths = len(bench.deaths)
+            record = await play(trial, terms, bench, index)
+            await bench.look_after()
+            if len(bench.deaths) > deaths:
+                record.error = bench.deaths[-1]  # whatever came of it, it was no measurement
+            found[trial] = record
+            done(record)
+
+    try:
+        await asyncio.gather(*(work(number) for number in range(min(jobs, len(group)))))
+    finally:
+        if restarting is not None:
+            restarting.cancel()
+            await asyncio.gather(restarting, return_exceptions=True)
+
+
+@contextmanager
+def _folder(within: Path | None = None) -> Iterator[Path]:
+    where = within if within is not None and os.access(within, os.W_OK) else None
+    with tempfile.TemporaryDirectory(prefix="robomend-bench-", dir=where) as folder:
+        yield Path(folder)
+
+
+def _all_restart(group: Sequence[Trial]) -> bool:
+    return all(t.cls in STRETCH_BY_NAME and STRETCH_BY_NAME[t.cls].service_restarts for t in group)
+
+
+async def _restarts(bench: Bench, group: Sequence[Trial]) -> None:
+    """Restart the service of a group, now and then, ended and killed in turn."""
+    chance = random.Random(f"restarts {group[0]}")
+    await asyncio.sleep(10.0)
+    for number in range(2):
+        await asyncio.sleep(chance.uniform(3.0, 8.0))
+        with contextlib.suppress(NotReady):
+            await bench.restart_service(kill=bool(number % 2))

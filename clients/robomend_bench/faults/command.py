@@ -1,0 +1,280 @@
+"""The command `robomend-bench faults`: what the service makes of robots that break."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+import random
+import shlex
+import sys
+import time
+from collections.abc import Coroutine, Iterator, Sequence
+from itertools import islice
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from robomend_bench.faults.bench import LATE_S, run_trials
+from robomend_bench.faults.classes import BY_NAME, CLASSES
+from robomend_bench.faults.observing import PRESETS
+from robomend_bench.faults.record import Record, Trial, parse_trial
+from robomend_bench.faults.report import Report
+from robomend_bench.faults.robot import find_robot, robot_names
+from robomend_bench.faults.scoring import score
+from robomend_bench.faults.standins import STANDINS, play_with
+from robomend_bench.faults.stretches import STRETCH_BY_NAME, STRETCHES
+from robomend_bench.faults.trial import Terms
+from robomend_bench.service.process import NotReady
+
+T = TypeVar("T")
+
+
+def _robots(context: click.Context, parameter: click.Parameter, value: str) -> tuple[str, ...]:
+    names = tuple(filter(None, value.split(","))) or robot_names()
+    for name in names:
+        try:
+            find_robot(name)
+        except KeyError:
+            known = ", ".join(robot_names())
+            raise click.BadParameter(f"there is no robot {name!r}: choose from {known}, made-N") from None
+    return names
+
+
+def _classes(context: click.Context, parameter: click.Parameter, value: str) -> tuple[str, ...]:
+    known = (*BY_NAME, *STRETCH_BY_NAME)
+    names = tuple(filter(None, value.split(","))) or known
+    for name in names:
+        if name not in known:
+            raise click.BadParameter(f"there is no class {name!r}: choose from {', '.join(known)}")
+    return names
+
+
+def _trial(context: click.Context, parameter: click.Parameter, value: str | None) -> Trial | None:
+    if value is None:
+        return None
+    try:
+        trial = parse_trial(value)
+        find_robot(trial.robot)
+    except (ValueError, KeyError):
+        raise click.BadParameter(f"{value!r} is no trial, such as base/hung-node/1.17") from None
+    _classes(context, parameter, trial.cls)
+    if trial.cls in BY_NAME and not BY_NAME[trial.cls].faults(find_robot(trial.robot).anatomy):
+        raise click.BadParameter(f"{trial.robot} has nothing for {trial.cls}")
+    return trial
+
+
+@click.command("faults", context_settings={"help_option_names": ["-h", "--help"]})
+@click.option(
+    "--trials", type=click.IntRange(0, 100_000), default=110, show_default=True, help="With faults."
+)
+@click.option(
+    "--stretches", type=click.IntRange(0, 10_000), default=4, show_default=True, help="Without, of each kind."
+)
+@click.option("--seed", type=click.IntRange(0), default=1, show_default=True)
+@click.option(
+    "--robots", callback=_robots, default="", help=f"Comma-separated: {','.join(robot_names())}, made-N."
+)
+@click.option(
+    "--classes",
+    callback=_classes,
+    default="",
+    help=f"Of faults and stretches, comma-separated: {','.join((*BY_NAME, *STRETCH_BY_NAME))}.",
+)
+@click.option(
+    "--observers",
+    type=click.Choice(list(PRESETS)),
+    default="published",
+    show_default=True,
+    help="fast: checked at 10 Hz, silent after 0.5 s, settled after 5 intervals.",
+)
+@click.option("--load", type=click.IntRange(0, 64), default=0, show_default=True, help="Busy loops beside.")
+@click.option(
+    "--jobs",
+    type=click.IntRange(1, 64),
+    show_default="8; 3 with --load",
+    help="Robots side by side. More make the bench late.",
+)
+@click.option(
+    "--agent",
+    type=click.Choice(["service", *STANDINS]),
+    default="service",
+    show_default=True,
+    help="Who repairs: the service, or a scripted stand-in: what can be reached, what idling gets.",
+)
+@click.option("--only-trial", callback=_trial, help="Play one trial and print all that happened in it.")
+@click.option(
+    "--out",
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Write faults-OBSERVERS.json and .md here, and the record of each trial that went wrong.",
+)
+@click.option("--format", "output", type=click.Choice(["markdown", "json"]), default="markdown")
+def command(
+    trials: int,
+    stretches: int,
+    seed: int,
+    robots: tuple[str, ...],
+    classes: tuple[str, ...],
+    observers: str,
+    load: int,
+    jobs: int | None,
+    agent: str,
+    only_trial: Trial | None,
+    out: Path | None,
+    output: str,
+) -> None:
+    """Plant faults into simulated robots and score what `robomend serve` makes of them.
+
+    \b
+    robomend-bench faults                              110 faults and 20 stretches without, about 6 minutes
+    robomend-bench faults --trials 330 --observers fast --out report/
+    robomend-bench faults --classes mute-successor --trials 100
+    robomend-bench faults --classes boot --stretches 20
+    robomend-bench faults --load 4                     on a busy computer
+    robomend-bench faults --agent perfect              what can be reached
+    robomend-bench faults --only-trial base/hung-node/1.17
+
+    What each figure means: docs/score.md.
+    """
+    # That the service is away for a moment is what some stretches are about.
+    logging.getLogger("robomend_client").setLevel(logging.ERROR)
+    terms = Terms(observers)
+    wanted = [only_trial] if only_trial else list(choose(trials, stretches, seed, robots, classes))
+    if not wanted:
+        raise click.UsageError("none of these robots takes part in any of these classes")
+    jobs = jobs or (3 if load else 8)
+    began = time.monotonic()
+    try:
+        records, ticks = _play(wanted, terms, agent, jobs, load)
+    except NotReady as error:
+        click.echo(f"robomend-bench: the service did not start: {error}", err=True)
+        sys.exit(3)
+    report = Report(
+        command=shlex.join(["robomend-bench", "faults", *sys.argv[2:]]),
+        observers=observers,
+        agent={"service": "the service"}.get(agent, f"stand-in {agent}"),
+        load=load,
+        jobs=jobs,
+        scores=[],
+        late=[],
+        errors=[],
+        ticks=ticks,
+        seconds=time.monotonic() - began,
+        again=lambda trial: _again(trial, observers, agent),
+    )
+    judge(records, report)
+    if out is not None:
+        _write(out, records, report)
+    if output == "json":
+        click.echo(json.dumps(report.as_json(), indent=1))
+    elif only_trial is not None:
+        click.echo("\n".join(records[0].lines()))
+        click.echo(json.dumps(report.as_json()["scores"] or report.as_json()["errors"], indent=1))
+    else:
+        click.echo(report.markdown(), nl=False)
+    if report.errors:
+        sys.exit(3)
+
+
+def choose(
+    trials: int, stretches: int, seed: int, robots: Sequence[str], classes: Sequence[str]
+) -> Iterator[Trial]:
+    """Yield the trials of a run, stretches among the faults.
+
+    Classes come from a shuffled deck that holds each as often as its share says, so that each 110 trials
+    have exactly those shares; the robot is any that takes part, a stretch's each in turn.
+    """
+    chance = random.Random(f"trials {seed}")
+    found = list(islice(_faults(seed, robots, classes, chance), trials))
+    kinds = [stretch.name for stretch in STRETCHES if stretch.name in classes]
+    offset = chance.randrange(len(robots))
+    for kind in kinds:
+        for number in range(stretches):
+            found.append(Trial(robots[(offset + number) % len(robots)], kind, seed, number))
+    chance.shuffle(found)
+    yield from found
+
+
+def _faults(
+    seed: int, robots: Sequence[str], classes: Sequence[str], chance: random.Random
+) -> Iterator[Trial]:
+    able = {
+        each.name: [name for name in robots if each.faults(find_robot(name).anatomy)]
+        for each in CLASSES
+        if each.name in classes
+    }
+    cards = [each.name for each in CLASSES for _ in range(each.share) if able.get(each.name)]
+    number = 0
+    while cards:
+        deck = cards.copy()
+        chance.shuffle(deck)
+        for name in deck:
+            yield Trial(chance.choice(able[name]), name, seed, number)
+            number += 1
+
+
+def judge(records: Sequence[Record], report: Report) -> None:
+    """Score the records into the report; those that are no measurements are named, with the reason."""
+    for record in records:
+        if record.error:
+            report.errors.append((str(record.trial), record.error))
+        elif record.late_s > LATE_S:
+            report.late.append((str(record.trial), record.late_s))
+        else:
+            report.scores.append(score(record, find_robot(record.trial.robot)))
+
+
+def _play(
+    trials: Sequence[Trial], terms: Terms, agent: str, jobs: int, load: int
+) -> tuple[list[Record], list[float]]:
+    columns = (TextColumn("{task.description:<40}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("faults", total=len(trials))
+
+        def done(record: Record) -> None:
+            bar.update(task, advance=1, description=str(record.trial))
+
+        if agent == "service":
+            return _run(run_trials(trials, terms, jobs=jobs, load=load, done=done))
+        records = []
+        for trial in trials:
+            records.append(play_with(agent, trial, terms))
+            done(records[-1])
+        return records, []
+
+
+def _run(work: Coroutine[Any, Any, T]) -> T:
+    try:
+        import uvloop
+    except ImportError:
+        return asyncio.run(work)
+    return uvloop.run(work)
+
+
+def _again(trial: str, observers: str, agent: str) -> str:
+    options = [] if observers == "published" else ["--observers", observers]
+    options += [] if agent == "service" else ["--agent", agent]
+    return shlex.join(["robomend-bench", "faults", "--only-trial", trial, *options])
+
+
+def _write(out: Path, records: Sequence[Record], report: Report) -> None:
+    """Write the report, and the record of each trial that did not end as it should."""
+    out.mkdir(parents=True, exist_ok=True)
+    stem = f"faults-{report.observers}"
+    (out / f"{stem}.json").write_text(json.dumps(report.as_json(), indent=1))
+    (out / f"{stem}.md").write_text(report.markdown())
+    well = {s.trial for s in report.scores if s.group != "healthy" and s.right and not s.wrong}
+    well |= {s.trial for s in report.scores if s.group == "healthy" and not s.acts and not s.alarms}
+    folder = out / f"{stem}-records"
+    folder.mkdir(exist_ok=True)
+    for old in folder.glob("*.txt"):
+        old.unlink()
+    for record in records:
+        if str(record.trial) not in well:
+            name = str(record.trial).replace("/", "-")
+            text = "\n".join((str(record.trial), record.error, *record.lines())) + "\n"
+            (folder / f"{name}.txt").write_text(text)
+    click.echo(f"written to {out}/{stem}.json, .md and {folder.name}/", err=True)

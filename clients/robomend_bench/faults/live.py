@@ -1,0 +1,288 @@
+"""A simulated robot in real time: body, board and agents, and the record of what happens to it.
+
+    tick ──► body ──► messages ──► observers ──► literals ──► reporters ──► service
+    service ──► agents and board ──► acts ──► body
+
+Messages carry the time at which they were due, not that at which the bench got round to them, and are fed
+before anybody is asked: when the bench is late, no observer sees silence. It is noted how late it was.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+from robomend_bench.faults.agents import HostAgent
+from robomend_bench.faults.body import Body
+from robomend_bench.faults.classes import Scenario
+from robomend_bench.faults.condition import Act, State
+from robomend_bench.faults.kinds import Fault
+from robomend_bench.faults.observing import HostObservers, Preset
+from robomend_bench.faults.power import RobotBoard
+from robomend_bench.faults.record import Acted, Diagnosed, Record, RepairSeen
+from robomend_bench.faults.robot import Robot
+from robomend_client.actions import ActionResult
+from robomend_client.events import Event, Kind
+from robomend_client.literals import Atom, Literal
+from robomend_client.rest.asynchronous import AsyncClient
+
+Clock = Callable[[], float]
+
+
+class LiveRobot:
+    """See the module. `id` is the robot's name at the service."""
+
+    def __init__(
+        self,
+        robot: Robot,
+        scenario: Scenario,
+        record: Record,
+        preset: Preset,
+        id: str,
+        clients: tuple[AsyncClient, AsyncClient],
+        folder: Path,
+        clock: Clock,
+    ) -> None:
+        self.id = id
+        self.robot = robot
+        self.record = record
+        self.scenario = scenario
+        self._anatomy = robot.anatomy
+        self._preset = preset
+        self._clock = clock
+        self._where: dict[str, list[HostObservers]] = {}
+        self._held: dict[str | None, list[tuple[str, float]]] = {}  # of agents that are held up
+        self._posted: dict[Atom, Literal] = {}
+        self._due: list[tuple[float, Callable[[], None]]] = []
+        self.zero_s = clock()
+        self.last_s = self.zero_s  # when something last happened
+        self.body = Body(
+            self._anatomy,
+            str(record.trial),
+            self.zero_s,
+            self._message,
+            self._state,
+            slowness=scenario.slowness,
+        )
+        self._board = (
+            RobotBoard(self._anatomy, self._relay, self._command)
+            if self._anatomy.power == "board" and any(d.switchable for d in self._anatomy.devices.values())
+            else None
+        )
+        self.agents = [
+            HostAgent(id, host, clients, folder, knows(robot, host), self._carry_out)
+            for host in self._anatomy.hosts
+        ]
+
+    # --- beginning and end
+
+    async def open(self) -> dict[str, Any] | None:
+        """Open the board, if there is one; return where it is, as the robot's configuration says it."""
+        if self._board is None:
+            return None
+        return {"host": "127.0.0.1", "port": await self._board.open()}
+
+    def start_agent(self, agent: HostAgent) -> None:
+        """Start an agent with observers that have seen nothing yet."""
+        observers = HostObservers(self._anatomy, agent.host, self._preset, self._clock(), self.scenario.blind)
+        agent.start(observers)
+        self._listen()
+
+    async def stop_agent(self, agent: HostAgent) -> None:
+        """End an agent; the robot's processes go on."""
+        await agent.stop()
+        self._listen()
+
+    async def close(self) -> None:
+        """End everything."""
+        for agent in self.agents:
+            await agent.stop()
+        if self._board is not None:
+            await self._board.close()
+
+    def begin(self) -> None:
+        """From now on the record's times count."""
+        shift_s = self._clock() - self.zero_s
+        self.zero_s += shift_s
+        self.record.shift(-shift_s)
+
+    def observed(self) -> list[Literal]:
+        """Return the literals that this robot's observers and its board will report."""
+        blind = self.scenario.blind
+        missing = Atom("ok", (blind.topic,)) if blind is not None and blind.how == "missing" else None
+        return [literal for literal in self._anatomy.healthy if literal.atom != missing]
+
+    def _listen(self) -> None:
+        self._where = {}
+        for agent in self.agents:
+            if agent.observers is not None:
+                for topic in agent.observers.topics:
+                    self._where.setdefault(topic, []).append(agent.observers)
+
+    # --- time
+
+    def tick(self, now_s: float, late_s: float) -> None:
+        """Let time pass; `late_s`: how much later this comes than it should."""
+        self.record.late_s = max(self.record.late_s, late_s)
+        due = [what for at_s, what in self._due if at_s <= now_s]
+        self._due = [(at_s, what) for at_s, what in self._due if at_s > now_s]
+        self.body.advance(now_s)
+        for what in due:
+            what()
+        running = self.body.running()
+        on = {device: self.body.on(device) for device in self._anatomy.devices}
+        for agent in self.agents:
+            if agent.observers is None or agent.reporter is None or agent.host in self._held:
+                continue
+            found = agent.observers.check(now_s, running, on)
+            if found is not None:
+                agent.reporter.update(*found)
+                self._note_said(now_s, *found)
+
+    def later(self, after_s: float, what: Callable[[], None]) -> None:
+        """Do something so many seconds from now."""
+        self._due.append((self._clock() + after_s, what))
+
+    def at_s(self) -> float:
+        """Return the record's time."""
+        return self._clock() - self.zero_s
+
+    def note(self, text: str) -> None:
+        """Note something for people."""
+        self.record.notes.append((self.at_s(), text))
+
+    # --- faults
+
+    def plant(self, fault: Fault) -> None:
+        """A fault begins."""
+        self.body.advance(self._clock())
+        self._happened()
+        self.record.faults.append((self.at_s(), fault))
+        self.body.plant(fault)
+        if self._board is not None and fault.kind in ("off", "off for ever"):
+            self._board.trip(fault.component, for_ever=fault.kind == "off for ever")
+
+    def lift(self, fault: Fault) -> None:
+        """A fault that comes and goes has gone."""
+        self.body.advance(self._clock())
+        self.body.lift(fault)
+
+    def hold_up(self, host: str | None) -> None:
+        """An agent is held up: what is sent to it waits, and it does nothing."""
+        self._held[host] = []
+
+    def resume(self, host: str | None) -> None:
+        """It goes on; what has waited arrives now."""
+        now_s = self._clock()
+        self.body.advance(now_s)
+        for topic, _ in self._held.pop(host):
+            for observers in self._where.get(topic, ()):
+                observers.message(topic, now_s)
+
+    def disturb_observer(self) -> None:
+        """What is the matter with the scenario's faulty observer begins."""
+        for agent in self.agents:
+            if agent.observers is not None:
+                agent.observers.faulty = True
+
+    # --- what comes from the body and the board
+
+    def _message(self, topic: str, at_s: float) -> None:
+        for observers in self._where.get(topic, ()):
+            host = self._anatomy.host_of(topic)
+            if host in self._held:
+                self._held[host].append((topic, at_s))
+            else:
+                observers.message(topic, at_s)
+
+    def _state(self, at_s: float, state: State) -> None:
+        self._happened()
+        self.record.states.append((at_s - self.zero_s, state))
+
+    def _relay(self, device: str, on: bool) -> None:
+        self.body.advance(self._clock())
+        self.body.relay(device, on)
+
+    def _command(self, device: str, on: bool, code: int) -> None:
+        act = Act("power_up" if on else "shutdown", (device,))
+        self._happened()
+        self.record.acts.append(Acted(self.at_s(), act, "board", code))
+
+    def _note_said(self, now_s: float, atoms: list[Atom], literals: list[Literal]) -> None:
+        found = {literal.atom: literal for literal in literals}
+        changed = tuple(literal for atom, literal in found.items() if self._posted.get(atom) != literal)
+        for atom in atoms:
+            if atom not in found:
+                self._posted.pop(atom, None)
+        self._posted.update(found)
+        if changed:
+            self.record.said.append((now_s - self.zero_s, changed))
+
+    # --- what comes from the service
+
+    async def _carry_out(self, act: Act, agent: str) -> ActionResult:
+        self.body.advance(self._clock())
+        self._happened()
+        acted = Acted(self.at_s(), act, f"agent {agent}")
+        self.record.acts.append(acted)
+        done: asyncio.Future[ActionResult] = asyncio.get_running_loop().create_future()
+
+        def answer(code: int, message: str) -> None:
+            acted.code, acted.message = code, message
+            if not done.done():
+                done.set_result(ActionResult(code, message))
+
+        withdraw = self.body.order(act, answer)
+        try:
+            return await done
+        finally:
+            if not done.done() or done.cancelled():
+                withdraw()
+
+    def event(self, event: Event, at_s: float) -> None:
+        """The service told something of this robot; `at_s` is on the bench's clock."""
+        data = event.data
+        if event.kind is Kind.DIAGNOSIS:
+            self._happened()
+            result, fault = data.get("result"), data.get("fault")
+            bads = tuple(tuple(d["bad"]) for d in result["diagnoses"]) if result else ()
+            why = "" if result else str(fault)
+            self.record.diagnoses.append(Diagnosed(at_s - self.zero_s, bads, why))
+        elif event.kind is Kind.REPAIR:
+            self._happened()
+            diagnosis = data.get("diagnosis") or {}
+            self.record.repairs.append(
+                RepairSeen(
+                    at_s - self.zero_s,
+                    str(data["id"]),
+                    str(data["state"]),
+                    tuple(diagnosis.get("bad", ())),
+                    int(data.get("round") or 0),
+                    str(data.get("reason") or ""),
+                    tuple(str(step.get("text", "")) for step in data.get("plan", ())),
+                )
+            )
+
+    def _happened(self) -> None:
+        self.last_s = self._clock()
+
+
+def knows(robot: Robot, host: str | None) -> set[Act]:
+    """Return the acts that the agent of a host can do."""
+    anatomy = robot.anatomy
+    first = anatomy.hosts[0]
+    found = {
+        Act(name, (node.name,))
+        for node in anatomy.nodes.values()
+        if (node.host or first) == host
+        for name in ("start_node", "stop_node")
+    }
+    devices = [device for device in anatomy.devices.values() if (device.host or first) == host]
+    if anatomy.power == "agent":
+        switches = product(("power_up", "shutdown"), (d.name for d in devices if d.switchable))
+        found |= {Act(name, (device,)) for name, device in switches}
+    found |= {Act("switch_to_spare", (d.name, d.spare)) for d in devices if d.spare is not None}
+    return found | {Act("reset_bus", (d.bus,)) for d in devices if d.bus is not None}

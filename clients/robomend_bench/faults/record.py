@@ -1,0 +1,174 @@
+"""What happened in one trial, with times: the only thing that the score is computed from.
+
+Times are seconds; 0 is when the first fault began (in a stretch without faults, when the stretch began).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+
+from robomend_bench.faults.classes import Blind
+from robomend_bench.faults.condition import Act, DeviceCondition, NodeCondition, State
+from robomend_bench.faults.kinds import Fault
+from robomend_client.literals import Literal
+
+ENDED = frozenset({"repaired", "escalated", "cancelled", "failed"})
+"""States that a repair does not leave."""
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """What makes a trial: the same robot, class, seed and number draw the same scenario."""
+
+    robot: str
+    cls: str
+    seed: int
+    number: int
+
+    def __str__(self) -> str:
+        return f"{self.robot}/{self.cls}/{self.seed}.{self.number}"
+
+
+def parse_trial(text: str) -> Trial:
+    """Return the trial that its text names; ValueError if it names none."""
+    robot, cls, numbers = text.split("/")
+    seed, number = numbers.split(".")
+    return Trial(robot, cls, int(seed), int(number))
+
+
+@dataclass(slots=True)
+class Acted:
+    """An act that reached the robot."""
+
+    at_s: float
+    act: Act
+    by: str  # the board, or the agent that was asked
+    code: int | None = None  # its answer; None: it was withdrawn, or the trial ended before
+    message: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosed:
+    """A diagnosis that the service published: the abnormal components of each, as it ranked them."""
+
+    at_s: float
+    bads: tuple[tuple[str, ...], ...]
+    fault: str = ""  # why there is no result
+
+    @property
+    def healthy(self) -> bool:
+        return () in self.bads
+
+
+@dataclass(frozen=True, slots=True)
+class RepairSeen:
+    """A change of a repair that the service published."""
+
+    at_s: float
+    id: str
+    state: str
+    bad: tuple[str, ...]  # the diagnosis of its present round; empty before the first
+    round: int
+    reason: str
+    plan: tuple[str, ...]
+
+
+@dataclass(slots=True)
+class Record:
+    """See the module. Lists are in the order of time."""
+
+    trial: Trial
+    observers: str  # the preset
+    blind: Blind | None = None
+    faults: list[tuple[float, Fault]] = field(default_factory=list)
+    states: list[tuple[float, State]] = field(default_factory=list)
+    said: list[tuple[float, tuple[Literal, ...]]] = field(default_factory=list)  # changes, as posted
+    diagnoses: list[Diagnosed] = field(default_factory=list)
+    repairs: list[RepairSeen] = field(default_factory=list)
+    acts: list[Acted] = field(default_factory=list)
+    notes: list[tuple[float, str]] = field(default_factory=list)
+    late_s: float = 0.0  # how late the harness was at most
+    end_s: float = 0.0
+    error: str = ""  # why this is no measurement
+
+    def shift(self, by_s: float) -> None:
+        """Move what was noted so far in time."""
+        self.states = [(at + by_s, state) for at, state in self.states]
+        self.said = [(at + by_s, literals) for at, literals in self.said]
+        self.notes = [(at + by_s, text) for at, text in self.notes]
+        self.diagnoses = [replace(each, at_s=each.at_s + by_s) for each in self.diagnoses]
+        self.repairs = [replace(each, at_s=each.at_s + by_s) for each in self.repairs]
+        for acted in self.acts:
+            acted.at_s += by_s
+
+    @property
+    def open_repairs(self) -> set[str]:
+        """The ids of the repairs that have not ended."""
+        ended = {seen.id for seen in self.repairs if seen.state in ENDED}
+        return {seen.id for seen in self.repairs} - ended
+
+    def state_at(self, at_s: float) -> State:
+        """Return the truth at a time."""
+        found: State = frozenset()
+        for since_s, state in self.states:
+            if since_s > at_s:
+                break
+            found = state
+        return found
+
+    def states_between(self, first_s: float, last_s: float) -> Iterator[tuple[float, State]]:
+        """Yield the truth at a time, and each that came after and before another, with its beginning."""
+        yield first_s, self.state_at(first_s)
+        yield from ((since_s, state) for since_s, state in self.states if first_s < since_s < last_s)
+
+    def lines(self) -> list[str]:
+        """Return the whole record for people, in the order of time."""
+        found: list[tuple[float, str, str]] = []
+        found += ((at, "fault", str(fault)) for at, fault in self.faults)
+        found += ((at, "truth", describe(state)) for at, state in self.states)
+        found += ((at, "seen", ", ".join(sorted(map(str, literals)))) for at, literals in self.said)
+        found += ((d.at_s, "diagnosis", d.fault or " | ".join(map(_set, d.bads))) for d in self.diagnoses)
+        found += ((r.at_s, "repair", _repair(r)) for r in self.repairs)
+        found += ((a.at_s, "ACT", _acted(a)) for a in self.acts)
+        found += ((at, "note", text) for at, text in self.notes)
+        found.sort(key=lambda line: line[0])
+        return [f"{at:8.3f}  {kind:<10}{text}" for at, kind, text in found]
+
+
+def describe(state: State) -> str:
+    """Return a state in words."""
+    return "; ".join(f"{name}: {_condition(c)}" for name, c in sorted(state, key=lambda p: p[0])) or "healthy"
+
+
+def _condition(condition: NodeCondition | DeviceCondition) -> str:
+    if isinstance(condition, DeviceCondition):
+        words = [
+            "" if condition.on else "off",
+            str(condition.health),
+            "stuck" if condition.stuck else "",
+            "replaced by its spare" if condition.replaced else "",
+        ]
+    else:
+        after = [str(mood) for mood in condition.successors]
+        words = [
+            str(condition.mood) if condition.running else "stopped",
+            "holds a dead connection" if condition.stale else "",
+            "" if condition.starts else "does not start",
+            f"then {', '.join(after)}" if after else "",
+            "" if condition.ever == "well" else f"then {condition.ever} for ever",
+        ]
+    return ", ".join(word for word in words if word)
+
+
+def _set(bad: Sequence[str]) -> str:
+    return "{" + ", ".join(bad) + "}"
+
+
+def _repair(seen: RepairSeen) -> str:
+    plan = f" plan: {', '.join(seen.plan)}" if seen.plan and seen.state in ("planning", "running") else ""
+    return f"{seen.id} {seen.state} {_set(seen.bad)} {seen.reason}{plan}"
+
+
+def _acted(acted: Acted) -> str:
+    return f"{acted.act} by {acted.by} → {acted.code} {acted.message}"

@@ -1,0 +1,214 @@
+"""The report of a run: Markdown for people, JSON for programs. What went wrong comes with its command."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from robomend_bench.faults.classes import CLASSES
+from robomend_bench.faults.figures import Figure, of_faults, of_stretches
+from robomend_bench.faults.intervals import quantile
+from robomend_bench.faults.scoring import Score
+from robomend_bench.faults.stretches import STRETCHES
+
+LISTED = 200
+"""Trials that a list names at most; JSON has them all."""
+
+NAMED = 4
+"""Acts that a list names of each trial."""
+
+
+@dataclass
+class Report:
+    """What a run came to."""
+
+    command: str
+    observers: str
+    agent: str
+    load: int
+    jobs: int
+    scores: list[Score]  # of the trials that count
+    late: list[tuple[str, float]]  # left out: trial, and how late the bench was
+    errors: list[tuple[str, str]]  # no measurement: trial and why
+    ticks: list[float] = field(default_factory=list)
+    seconds: float = 0.0
+    again: Callable[[str], str] = lambda trial: trial  # the command that plays one trial again
+
+    def group(self, name: str) -> list[Score]:
+        """Return the scores of a group: faults, apart, healthy."""
+        return [score for score in self.scores if score.group == name]
+
+    @property
+    def points(self) -> float | None:
+        """Return calm and speed in one number: the mean of the faults' and of the stretches' points."""
+        groups = [self.group("faults"), self.group("healthy")]
+        if not all(groups):
+            return None
+        return sum(sum(s.points for s in group) / len(group) for group in groups) / 2
+
+    # --- for people
+
+    def markdown(self) -> str:
+        """Return the report as Markdown."""
+        return "\n".join(self._lines()) + "\n"
+
+    def _lines(self) -> Iterator[str]:
+        yield f"`{self.command}`"
+        yield ""
+        yield self._circumstances()
+        faults, healthy = self.group("faults"), self.group("healthy")
+        if faults:
+            yield from ("", f"### Faults ({len(faults)} trials)", "", *_table(of_faults(faults)))
+            yield from ("", *_by("class", faults, _class_of, [c.name for c in CLASSES]))
+            yield from ("", *_by("robot", faults, _robot_of, sorted({_robot_of(s) for s in faults})))
+        if healthy:
+            yield from ("", f"### Nothing is broken ({len(healthy)} stretches)", "")
+            yield from _table(of_stretches(healthy))
+            yield from ("", *_by_stretch(healthy))
+        if apart := self.group("apart"):
+            yield from ("", f"### An observer is at fault ({len(apart)} trials, counted apart)", "")
+            yield from _by("class", apart, _class_of, [c.name for c in CLASSES])
+        if self.points is not None:
+            yield from ("", f"Points, faults and stretches alike: **{self.points:.3f}** of 1.")
+        yield from self._listed("Called repaired that were not", lambda s: s.false_repaired)
+        yield from self._listed("Wrong acts", lambda s: s.wrong if s.group != "healthy" else [])
+        yield from self._listed("Needless acts", lambda s: s.wrong if s.group == "healthy" else [])
+        yield from self._ended_wrong()
+        if self.errors:
+            yield from ("", "### Errors: no measurement", "")
+            yield from (f"- `{self.again(trial)}`: {why[:500]}" for trial, why in self.errors)
+        if self.late:
+            yield from ("", "### Left out, as the bench itself was late", "")
+            yield from (f"- `{self.again(trial)}`: {late_s:.2f} s" for trial, late_s in self.late)
+
+    def _circumstances(self) -> str:
+        ticks = (
+            f"; the bench's ticks were late by {1e3 * quantile(self.ticks, 0.99):.0f} ms (99th percentile) "
+            f"and {1e3 * max(self.ticks):.0f} ms at most"
+            if self.ticks
+            else ""
+        )
+        return (
+            f"{self.agent}, {self.observers} observers, {self.jobs} robots side by side, "
+            f"{self.load} busy loops beside, {self.seconds / 60:.0f} minutes; {len(self.scores)} trials, "
+            f"{len(self.late)} left out as the bench was late, {len(self.errors)} errors{ticks}."
+        )
+
+    def _listed(self, title: str, of: Callable[[Score], list[str]]) -> Iterator[str]:
+        found = [score for score in self.scores if of(score)]
+        if found:
+            yield from ("", f"### {title} ({len(found)} trials)", "")
+            yield from (f"- `{self.again(s.trial)}`: {_shortened(of(s))}" for s in found[:LISTED])
+
+    def _ended_wrong(self) -> Iterator[str]:
+        found = [s for s in self.group("faults") if not s.right and not s.false_repaired]
+        if found:
+            yield from ("", f"### Neither repaired nor escalated with its cause ({len(found)} trials)", "")
+            for s in found[:LISTED]:
+                why = "not detected" if not s.detected else "escalated" if s.escalated else "not escalated"
+                yield f"- `{self.again(s.trial)}`: {'' if s.repairable else 'beyond repair, '}{why}"
+
+    # --- for programs
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the report as JSON values."""
+        return {
+            "suite": "faults",
+            "command": self.command,
+            "agent": self.agent,
+            "observers": self.observers,
+            "load": self.load,
+            "jobs": self.jobs,
+            "seconds": round(self.seconds, 1),
+            "tick_late_p99_s": round(quantile(self.ticks, 0.99), 4) if self.ticks else None,
+            "figures": {
+                "faults": _figures_json(of_faults(self.group("faults"))),
+                "healthy": _figures_json(of_stretches(self.group("healthy"))),
+                "points": self.points,
+            },
+            "errors": [{"trial": trial, "why": why} for trial, why in self.errors],
+            "late": [{"trial": trial, "late_s": late_s} for trial, late_s in self.late],
+            "scores": [score.as_json() for score in self.scores],
+        }
+
+
+def _shortened(items: Sequence[str]) -> str:
+    more = f"; and {len(items) - NAMED} more" if len(items) > NAMED else ""
+    return "; ".join(items[:NAMED]) + more
+
+
+def _class_of(score: Score) -> str:
+    return score.cls
+
+
+def _robot_of(score: Score) -> str:
+    return score.trial.partition("/")[0]
+
+
+def _figures_json(figures: Sequence[Figure]) -> dict[str, Any]:
+    return {
+        figure.name: {"value": figure.value, "low": figure.low, "high": figure.high, "count": figure.count}
+        for figure in figures
+        if figure.value is not None
+    }
+
+
+def _table(figures: Sequence[Figure]) -> Iterator[str]:
+    yield from ("| what | figure (95% interval) |", "| --- | --- |")
+    yield from (f"| {figure.what} | {figure.text()} |" for figure in figures if figure.value is not None)
+
+
+def _by(
+    word: str, scores: Sequence[Score], key: Callable[[Score], str], names: Sequence[str]
+) -> Iterator[str]:
+    yield (
+        f"| {word} | trials | detected | cause first | repaired | escalated, named | false repaired "
+        "| wrong acts | acts | extra, mean | detection → repaired, median |"
+    )
+    yield "| --- |" + " ---: |" * 10
+    for name in names:
+        some = [score for score in scores if key(score) == name]
+        if not some:
+            continue
+        told = [s for s in some if s.told_apart]
+        mended = [s for s in some if s.repairable]
+        hopeless = [s for s in some if s.repairable is False]
+        extra = [s.extra for s in some if s.extra is not None]
+        times = [s.repaired_s for s in some if s.repaired_s is not None]
+        cells = [
+            name,
+            str(len(some)),
+            _of(sum(bool(s.detected) for s in some), sum(s.detected is not None for s in some)),
+            _of(sum(bool(s.cause_first) for s in told), len(told)),
+            _of(sum(bool(s.repaired) for s in mended), len(mended)),
+            _of(sum(bool(s.escalated and s.cause_named) for s in hopeless), len(hopeless)),
+            str(sum(bool(s.false_repaired) for s in some)),
+            str(sum(len(s.wrong) for s in some)),
+            str(sum(s.acts for s in some)),
+            f"{sum(extra) / len(extra):.2f}" if extra else "–",
+            f"{quantile(times, 0.5):.1f} s" if times else "–",
+        ]
+        yield f"| {' | '.join(cells)} |"
+
+
+def _by_stretch(scores: Sequence[Score]) -> Iterator[str]:
+    yield "| stretch | count | minutes | with a false alarm | false alarms | with an act | needless acts |"
+    yield "| --- |" + " ---: |" * 6
+    for stretch in STRETCHES:
+        some = [score for score in scores if score.cls == stretch.name]
+        if some:
+            cells = [
+                stretch.name,
+                str(len(some)),
+                f"{sum(s.seconds for s in some) / 60:.1f}",
+                str(sum(s.alarms > 0 for s in some)),
+                str(sum(s.alarms for s in some)),
+                str(sum(s.acts > 0 for s in some)),
+                str(sum(s.acts for s in some)),
+            ]
+            yield f"| {' | '.join(cells)} |"
+
+
+def _of(some: int, count: int) -> str:
+    return f"{some} of {count}" if count else "–"

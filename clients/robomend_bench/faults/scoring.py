@@ -1,0 +1,358 @@
+"""From the record of a trial to its score: pure, and by the truth alone. docs/score.md defines each word.
+
+Nothing here looks at how the service came to what it did. What could be known is computed from the settled
+observation of the true state (universe.py), what would have been enough from the cheapest policy (policy.py).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from robomend_bench.faults.classes import BY_NAME
+from robomend_bench.faults.condition import Act, State, abnormal, broken
+from robomend_bench.faults.kinds import begun
+from robomend_bench.faults.observing import PRESETS
+from robomend_bench.faults.record import Diagnosed, Record, RepairSeen
+from robomend_bench.faults.robot import Robot
+from robomend_bench.faults.universe import touched
+from robomend_client.literals import Atom
+
+
+@dataclass(slots=True)
+class Score:
+    """What came of one trial. None: the question does not arise."""
+
+    trial: str
+    cls: str
+    group: str  # faults, apart (an observer is at fault), healthy (nothing is)
+    seconds: float = 0.0
+    detected: bool | None = None
+    told_apart: bool | None = None
+    told_by_onset: bool | None = None
+    cause_first: bool | None = None
+    repairable: bool | None = None
+    repaired: bool | None = None
+    escalated: bool | None = None
+    cause_named: bool | None = None
+    false_repaired: list[str] = field(default_factory=list)
+    acts: int = 0
+    wrong: list[str] = field(default_factory=list)
+    best_acts: int | None = None
+    best_exact: bool = True
+    repeated: int = 0  # acts that were done before in this trial more than twice
+    alarms: int = 0  # false ones: the truth was healthy
+    detection_s: float | None = None  # from the fault
+    first_act_s: float | None = None  # from the fault
+    repaired_s: float | None = None  # from the detection to the last "repaired"
+    waited_s: float | None = None  # from when the observers had told it all, to the first act
+    confirmed_s: float | None = None  # from when the observers had told of health, to "repaired"
+    errors: float | None = None  # DXC: classification errors
+    utility: float | None = None  # DXC: system repair utility
+    points: float = 0.0  # calm and speed in one number
+
+    @property
+    def right(self) -> bool:
+        """Whether it ended as it should: repaired, or escalated with the cause where nothing repairs it."""
+        if self.false_repaired:
+            return False
+        return bool(self.repaired if self.repairable else self.escalated and self.cause_named)
+
+    @property
+    def extra(self) -> int | None:
+        """Acts beyond the cheapest policy's, of what ended right; below 0 where a guess was lucky."""
+        if self.best_acts is None or not self.right:
+            return None
+        return self.acts - self.best_acts
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the score as JSON values."""
+        return {**asdict(self), "right": self.right, "extra": self.extra}
+
+
+def score(record: Record, robot: Robot) -> Score:
+    """Return the score of a record without error."""
+    described = BY_NAME.get(record.trial.cls)
+    if described is None:
+        return _healthy(record)
+    found = Score(str(record.trial), record.trial.cls, "apart" if described.apart else "faults", record.end_s)
+    return _Scoring(record, robot, found).score()
+
+
+def _healthy(record: Record) -> Score:
+    found = Score(str(record.trial), record.trial.cls, "healthy", record.end_s)
+    found.acts = len(record.acts)
+    found.wrong = [f"{act.at_s:.2f} s: {act.act}" for act in record.acts]
+    found.alarms = _alarms(record.diagnoses)
+    found.points = max(-1.0, 1.0 - 0.5 * found.acts - 0.1 * found.alarms)
+    return found
+
+
+def _alarms(diagnoses: Iterable[Diagnosed]) -> int:
+    """Return how often a diagnosis turned from healthy, or nothing, to not."""
+    count, well = 0, True
+    for each in diagnoses:
+        count += well and not each.healthy and not each.fault
+        well = each.healthy or bool(each.fault)
+    return count
+
+
+class _Scoring:
+    def __init__(self, record: Record, robot: Robot, found: Score) -> None:
+        self.record = record
+        self.robot = robot
+        self.anatomy = robot.anatomy
+        self.found = found
+        self.delay_s = PRESETS[record.observers].delay_s
+        self.acts = [acted for acted in record.acts if acted.at_s >= 0]
+        self.decision = _decision(record)
+        planted = dict.fromkeys(fault for _, fault in record.faults)
+        self.all: State = begun(self.anatomy, *planted)
+        self.components = {fault.component for fault in planted}
+
+    def score(self) -> Score:
+        self._detection()
+        self._cause()
+        self._end()
+        self._acts()
+        self._times()
+        self._points()
+        return self.found
+
+    # --- detection and cause
+
+    def _detection(self) -> None:
+        found, record = self.found, self.record
+        found.alarms = _alarms(each for each in record.diagnoses if each.at_s < 0)
+        at_s = [d.at_s for d in record.diagnoses if d.at_s >= 0 and not d.healthy and not d.fault]
+        if not record.faults:
+            found.alarms += len(at_s[:1])
+            return
+        found.detected = bool(at_s)
+        found.detection_s = at_s[0] if at_s else None
+
+    def _roots(self, state: State, before_s: float) -> set[str]:
+        """Return the components of faults that began before a time and are still there in this state."""
+        there = broken(self.anatomy, state)
+        return {fault.component for at_s, fault in self.record.faults if at_s <= before_s} & there
+
+    def _cause(self) -> None:
+        found, record, universe = self.found, self.record, self.robot.universe
+        if not record.faults:
+            return
+        at_s = record.end_s if self.decision is None else self.decision.at_s
+        state = record.state_at(at_s)
+        if self.decision is None and not self._roots(state, at_s):
+            at_s, state = 0.0, record.state_at(0.0)  # it went by itself
+        roots = self._roots(state, at_s)
+        odd = abnormal(self.anatomy, state)
+        found.told_apart = universe.told_apart(roots, odd)
+        found.told_by_onset = found.told_apart or universe.told_apart_by_onset(roots, odd, state)
+        ranked = _ranked(record.diagnoses, at_s)
+        blamed = set(self.decision.bad if self.decision is not None else ranked[0] if ranked else ())
+        must = self._roots(state, at_s - self.delay_s)  # the others may not have been seen yet
+        allowed = roots | broken(self.anatomy, state)
+        found.cause_first = bool(blamed & roots) and must <= blamed <= allowed
+        candidates = [set(bad) for bad in ranked] or [set()]
+        parts = len(self.anatomy.devices) + len(self.anatomy.nodes)
+        found.errors = _mean(len(each ^ roots) for each in candidates)
+        found.utility = _mean(repair_utility(each, roots, parts) for each in candidates)
+
+    # --- how it ended
+
+    def _end(self) -> None:
+        found, record = self.found, self.record
+        truth = record.state_at(record.end_s)
+        healed = not abnormal(self.anatomy, truth)
+        last = record.repairs[-1] if record.repairs else None
+        found.false_repaired = [
+            f"{seen.at_s:.2f} s: {', '.join(wrong)} still wrong"
+            for seen in record.repairs
+            if seen.state == "repaired" and seen.at_s >= 0 and (wrong := self._left(seen.at_s))
+        ]
+        if not record.faults:
+            return
+        found.repairable = self.robot.policy.repairable(self.all)
+        found.escalated = last is not None and last.state == "escalated"
+        well = bool(record.diagnoses) and record.diagnoses[-1].healthy
+        if found.repairable:
+            found.repaired = healed and well and last is not None and last.state == "repaired"
+        elif found.escalated and last is not None:
+            named = {name for name in self.components if name in last.bad or _names(last.reason, name)}
+            found.cause_named = bool(named) or self._stands(truth)
+
+    def _stands(self, truth: State) -> bool:
+        """Whether the true cause is among the diagnoses that stand at the end.
+
+        Only the first of them count, as many as there are causes that nobody could tell apart.
+        """
+        roots = frozenset(self._roots(truth, self.record.end_s))
+        alike = self.robot.universe.explanations(abnormal(self.anatomy, truth), len(roots))
+        first = _ranked(self.record.diagnoses, self.record.end_s)[: len({e.components for e in alike})]
+        return roots in map(frozenset, first)
+
+    def _left(self, at_s: float) -> list[str]:
+        """Return what is visibly wrong at a time, but for what could not have been noticed by then.
+
+        That is what broke less than the observers' delay ago and was not acted upon: whoever restarts a node
+        knows of it, and vouches for its successor.
+        """
+        known = {part for acted in self.acts if acted.at_s <= at_s for part in acted.act.parameters}
+        known |= {f.component for began_s, f in self.record.faults if began_s <= at_s - self.delay_s}
+        young = {fault.component for _, fault in self.record.faults} - known
+        state = frozenset((name, what) for name, what in self.record.state_at(at_s) if name not in young)
+        return sorted(map(str, abnormal(self.anatomy, state)))
+
+    # --- acts
+
+    def _acts(self) -> None:
+        found = self.found
+        found.acts = len(self.acts)
+        early = [acted for acted in self.record.acts if acted.at_s < 0]
+        found.wrong = [f"{acted.at_s:.2f} s: {acted.act}" for acted in early]
+        counts: dict[Act, int] = {}
+        spoilt: list[tuple[str, float]] = []  # components, and when a wrong act touched them
+        for acted in self.acts:
+            counts[acted.act] = counts.get(acted.act, 0) + 1
+            found.repeated += counts[acted.act] > 3
+            if not self._was_due(acted.at_s, acted.act, spoilt):
+                found.wrong.append(f"{acted.at_s:.2f} s: {acted.act}")
+                for part in self._parts(acted.act):
+                    spoilt += ((name, acted.at_s) for name in touched(self.anatomy, part))
+        if not self.record.faults:
+            return
+        odd = abnormal(self.anatomy, self.all)
+        belief = {
+            each.state: each.weight for each in self.robot.universe.explanations(odd, len(self.components))
+        }
+        belief.setdefault(self.all, min(belief.values(), default=1.0))
+        best = self.robot.policy.outcome(self.all, belief.items())
+        found.best_acts, found.best_exact = len(best.acts), best.exact
+
+    def _parts(self, act: Act) -> set[str]:
+        """Return the components that an act is done to."""
+        if act.name == "reset_bus":
+            return {device.name for device in self.anatomy.devices.values() if device.bus in act.parameters}
+        return set(act.parameters[:1])
+
+    def _was_due(self, at_s: float, act: Act, spoilt: Sequence[tuple[str, float]]) -> bool:
+        """Whether one of an act's components was broken, had to be touched, or looked broken of late.
+
+        What is wrong only because of an earlier wrong act does not count: bringing it back belongs to that.
+        """
+        parts = self._parts(act)
+        planted = {fault.component for began_s, fault in self.record.faults if began_s <= at_s}
+        for since_s, truth in self.record.states_between(at_s - self.delay_s, at_s):
+            ours = {
+                name
+                for name, from_s in spoilt
+                if from_s <= since_s and name not in planted and not self._came_back(name, from_s, since_s)
+            }
+            state = frozenset((name, what) for name, what in truth if name not in ours)
+            there = broken(self.anatomy, state)
+            looks = self.robot.universe.suspects(abnormal(self.anatomy, state), max(1, min(2, len(there))))
+            if any(parts & touched(self.anatomy, name) for name in there | looks):
+                return True
+        return False
+
+    def _came_back(self, component: str, since_s: float, at_s: float) -> bool:
+        """Whether a component that was well at first has been wrong since, and well again."""
+        wrong = False
+        for _, state in self.record.states_between(since_s, at_s):
+            if component in dict(state):
+                wrong = True
+            elif wrong:
+                return True
+        return False
+
+    # --- times
+
+    def _times(self) -> None:
+        found, record = self.found, self.record
+        if not record.faults:
+            return
+        if self.acts:
+            found.first_act_s = self.acts[0].at_s
+            told_s = self._told_s(0.0, self.acts[0].at_s)
+            found.waited_s = None if told_s is None else self.acts[0].at_s - told_s
+        done = [seen for seen in record.repairs if seen.state == "repaired" and seen.at_s >= 0]
+        if found.repaired and found.detection_s is not None and done:
+            found.repaired_s = done[-1].at_s - found.detection_s
+            well_s = self._told_s(found.detection_s, done[-1].at_s)
+            found.confirmed_s = None if well_s is None else done[-1].at_s - well_s
+
+    def _told_s(self, from_s: float, until_s: float) -> float | None:
+        """Return when the observers had told all that is to be seen of the true state at `until_s`.
+
+        None if they had not by then. What a board tells is not in the record, and comes within a broadcast.
+        """
+        odd = {literal.atom for literal in abnormal(self.anatomy, self.record.state_at(until_s))}
+        board = self.anatomy.power == "board"
+        wanted = {
+            literal.atom: literal.atom not in odd
+            for literal in self.anatomy.healthy
+            if not (board and literal.atom.predicate == "on")
+        }
+        held: dict[Atom, bool] = {}
+        complete_s: float | None = None
+        for at_s, literals in self.record.said:
+            if at_s > until_s:
+                break
+            held.update({literal.atom: literal.positive for literal in literals})
+            if all(held.get(atom) == sign for atom, sign in wanted.items()):
+                complete_s = at_s if complete_s is None else complete_s
+            else:
+                complete_s = None
+        return None if complete_s is None else max(complete_s, from_s)
+
+    # --- all in one
+
+    def _points(self) -> None:
+        found = self.found
+        extra = max(0, found.extra or 0)
+        slow_s = found.repaired_s or 0.0
+        base = 1.0 if found.right else 0.0
+        if not self.record.faults:
+            base = 1.0 if not self.acts else 0.0
+        found.points = base - 0.5 * len(found.wrong) - 0.1 * extra - 0.01 * slow_s * base
+        if found.false_repaired:
+            found.points -= 1.0
+        found.points = max(-1.0, found.points)
+
+
+def _decision(record: Record) -> RepairSeen | None:
+    """Return the first diagnosis that a repair was planned for after the fault."""
+    return next((seen for seen in record.repairs if seen.at_s >= 0 and seen.bad), None)
+
+
+def _ranked(diagnoses: Iterable[Diagnosed], at_s: float) -> tuple[tuple[str, ...], ...]:
+    """Return the abnormal components of each diagnosis that stood at a time."""
+    found: tuple[tuple[str, ...], ...] = ()
+    for each in diagnoses:
+        if each.at_s <= at_s:
+            found = each.bads
+    return found
+
+
+def _names(text: str, component: str) -> bool:
+    """Whether a text names a component, as a word of its own."""
+    return re.search(rf"(?<![\w-]){re.escape(component)}(?![\w-])", text) is not None
+
+
+def repair_utility(diagnosis: set[str], truth: set[str], components: int) -> float:
+    """Return the system repair utility of the DXC competition, 1 for the truth itself.
+
+    Source: A. Feldman and others. Empirical evaluation of diagnostic algorithm performance using a generic
+    framework. International Journal of Prognostics and Health Management, 2010.
+    """
+    missed, blamed = len(truth - diagnosis), len(diagnosis - truth)
+    others = components - len(diagnosis)
+    lost = missed * (others + 1) / (components * (missed + 1))
+    return 1.0 - lost - blamed * (len(diagnosis) + 1) / (components * (blamed + 1))
+
+
+def _mean(values: Iterable[float]) -> float:
+    found = list(values)
+    return sum(found) / len(found)

@@ -1,0 +1,233 @@
+"""Scripted stand-ins for the service, on a clock of their own: what can be reached, and what idling gets.
+
+    perfect   does what the cheapest policy does, as soon as the observers have told it all
+    idle      does nothing
+
+They see what the service would: literals of the real observers, fed by the same simulated robots. They make
+records like those of real trials, much faster, and so test the score itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from robomend_bench.faults.body import Body
+from robomend_bench.faults.classes import Planted
+from robomend_bench.faults.condition import Act, abnormal, observed
+from robomend_bench.faults.observing import HostObservers
+from robomend_bench.faults.policy import Belief, Repair
+from robomend_bench.faults.record import Acted, Diagnosed, Record, RepairSeen, Trial
+from robomend_bench.faults.robot import Robot, find_robot
+from robomend_bench.faults.stretches import STRETCH_BY_NAME
+from robomend_bench.faults.trial import Terms, scenario_of
+from robomend_client.literals import Atom, Literal
+
+STEP_S = 0.01
+BEFORE_S = 4.0
+"""The robot runs so long before its fault, that every observer has its verdict."""
+
+STANDINS = ("perfect", "idle")
+
+
+def play_with(standin: str, trial: Trial, terms: Terms) -> Record:
+    """Play a trial with a stand-in; stretches are undisturbed."""
+    return _Play(find_robot(trial.robot), trial, terms, _Perfect if standin == "perfect" else _Idle).run()
+
+
+class _Play:
+    def __init__(self, robot: Robot, trial: Trial, terms: Terms, agent: type[_Idle]) -> None:
+        self.robot = robot
+        self.scenario = scenario_of(trial)
+        self.record = Record(trial, terms.observers, self.scenario.blind)
+        self.terms = terms
+        self.now_s = -BEFORE_S
+        self.held: dict[Atom, Literal] = {}
+        self.hosts = [
+            HostObservers(robot.anatomy, host, terms.preset, self.now_s, self.scenario.blind)
+            for host in robot.anatomy.hosts
+        ]
+        self.body = Body(
+            robot.anatomy,
+            str(trial),
+            self.now_s,
+            self._message,
+            lambda at_s, state: self.record.states.append((at_s, state)),
+            slowness=self.scenario.slowness,
+        )
+        self.agent = agent(self)
+        self._due = sorted(self._script(), key=lambda event: event[0])
+        self._waiting = [each for each in self.scenario.planted if each.follows_act]
+
+    def run(self) -> Record:
+        """Return the record."""
+        stretch = STRETCH_BY_NAME.get(self.record.trial.cls)
+        last_s = self.terms.most_s if stretch is None else stretch.seconds
+        while self.now_s < last_s and not (stretch is None and self._over()):
+            self.now_s = round(self.now_s + STEP_S, 3)
+            self.body.advance(self.now_s)
+            while self._due and self._due[0][0] <= self.now_s:
+                _, begins, planted = self._due.pop(0)
+                self._begin(begins, planted)
+            if self._waiting and self.record.acts:
+                self._due = [(self.now_s + each.after_s, True, each) for each in self._waiting]
+                self._waiting = []
+            self._look()
+            self.agent.step()
+        self.record.end_s = self.now_s
+        return self.record
+
+    def _script(self) -> Iterator[tuple[float, bool, Planted]]:
+        for each in self.scenario.planted:
+            if not each.follows_act:
+                at_s = each.after_s
+                yield at_s, True, each
+                for number, spell_s in enumerate(each.spells_s):
+                    at_s += spell_s
+                    yield at_s, bool(number % 2), each
+
+    def _begin(self, begins: bool, planted: Planted) -> None:
+        if planted.spells_s and self.record.acts:
+            return  # restarted, it is well
+        if begins:
+            self.record.faults.append((self.now_s, planted.fault))
+            self.body.plant(planted.fault)
+        else:
+            self.body.lift(planted.fault)
+        for host in self.hosts:
+            host.faulty = True
+
+    def _over(self) -> bool:
+        times = [at_s for at_s, _ in self.record.states] + [seen.at_s for seen in self.record.repairs]
+        quiet = self.now_s - max([0.0, *times]) > self.terms.quiet_s
+        return quiet and not self._due and not self._waiting and not self.agent.busy
+
+    def _message(self, topic: str, at_s: float) -> None:
+        for host in self.hosts:
+            if topic in host.topics:
+                host.message(topic, at_s)
+
+    def _look(self) -> None:
+        anatomy, body = self.robot.anatomy, self.body
+        on = {device: body.on(device) for device in anatomy.devices}
+        for host in self.hosts:
+            found = host.check(self.now_s, body.running(), on)
+            if found is None:
+                continue
+            atoms, literals = found
+            new = tuple(literal for literal in literals if self.held.get(literal.atom) != literal)
+            for atom in {*atoms} - {literal.atom for literal in literals}:
+                self.held.pop(atom, None)
+            self.held.update({literal.atom: literal for literal in literals})
+            if new:
+                self.record.said.append((self.now_s, new))
+        if anatomy.power == "board":
+            for device in anatomy.devices.values():
+                if device.switchable:
+                    atom = Atom("on", (device.name,))
+                    self.held[atom] = Literal(atom, on[device.name])
+
+
+class _Idle:
+    """Publishes a diagnosis when something is odd, and leaves it at that."""
+
+    busy = False
+
+    def __init__(self, play: _Play) -> None:
+        self.play = play
+        self._odd = False
+        play.record.diagnoses.append(Diagnosed(-BEFORE_S, ((),)))
+
+    def step(self) -> None:
+        """Look, and act."""
+
+
+class _Perfect(_Idle):
+    """Acts when the observers have told all that is to be seen of the true state, and only then."""
+
+    def __init__(self, play: _Play) -> None:
+        super().__init__(play)
+        self._number = 0
+        self._round = 0
+        self._belief: Belief | None = None
+        self._plan: list[Act] = []
+        self._acting: Acted | None = None
+        self._bad: tuple[str, ...] = ()
+
+    @property
+    def _id(self) -> str:
+        return f"r-{self._number}"
+
+    def step(self) -> None:
+        if self._acting is not None and self._acting.code is None:
+            return
+        self._acting = None
+        if self._plan:
+            self._do(self._plan.pop(0))
+            return
+        if not self._settled():
+            return
+        odd = abnormal(self.play.robot.anatomy, self.play.body.state)
+        if odd:
+            self._repair()
+        elif self._belief is not None:
+            self.play.record.diagnoses.append(Diagnosed(self.play.now_s, ((),)))
+            self._end("repaired", "everything is as it should be")
+
+    def _settled(self) -> bool:
+        wanted = observed(self.play.robot.anatomy, self.play.body.state)
+        return all(self.play.held.get(literal.atom) == literal for literal in wanted)
+
+    def _repair(self) -> None:
+        play, universe, policy = self.play, self.play.robot.universe, self.play.robot.policy
+        state = play.body.state
+        odd = abnormal(play.robot.anatomy, state)
+        planted = dict.fromkeys(fault for _, fault in play.record.faults)
+        known = dict(self._belief or ())
+        if state not in known:  # the first look, or something else has broken
+            found = universe.explanations(odd, len(planted))
+            known = {each.state: each.weight for each in found}
+            known.setdefault(state, min(known.values(), default=1.0))
+            if self._belief is None:
+                self._number += 1
+            self._round += 1
+            best = max(found, key=lambda each: each.weight, default=None)
+            self._bad = tuple(sorted(best.components)) if best is not None else ()
+            play.record.diagnoses.append(
+                Diagnosed(play.now_s, tuple({tuple(sorted(each.components)): None for each in found}))
+            )
+        self._belief = frozenset(known.items())
+        repair, _ = policy.choose(self._belief)
+        if repair is None:
+            parts = {fault.component for fault in planted}
+            self._end("escalated", f"no repair is left for {', '.join(sorted(parts))}")
+            self.step = lambda: None  # type: ignore[method-assign]  # it has called a person, and waits
+            return
+        self._tell("planning", str(repair))
+        self._begin(repair)
+
+    def _begin(self, repair: Repair) -> None:
+        assert self._belief is not None
+        _, acts, self._belief = self.play.robot.policy.carry_out(self.play.body.state, repair, self._belief)
+        self._plan = list(acts)
+        self.busy = True
+
+    def _do(self, act: Act) -> None:
+        acted = Acted(self.play.now_s, act, "stand-in")
+        self.play.record.acts.append(acted)
+
+        def answer(code: int, message: str) -> None:
+            acted.code, acted.message = code, message
+
+        self.play.body.order(act, answer)
+        self._acting = acted
+
+    def _end(self, state: str, reason: str) -> None:
+        self._tell(state, reason)
+        self._belief = None
+        self._round = 0
+        self.busy = False
+
+    def _tell(self, state: str, reason: str) -> None:
+        plan = tuple(map(str, self._plan))
+        seen = RepairSeen(self.play.now_s, self._id, state, self._bad, self._round, reason, plan)
+        self.play.record.repairs.append(seen)

@@ -1,0 +1,256 @@
+"""One trial, from an empty robot to its record.
+
+    healthy and heard ──► faults ──► … until nothing has happened for a while, or `most_s` is over
+
+Afterwards the robot is taken away from the service again.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import random
+from collections.abc import Callable
+from contextlib import AsyncExitStack
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Protocol
+
+from robomend_bench.faults.classes import Planted, Scenario, draw
+from robomend_bench.faults.live import LiveRobot
+from robomend_bench.faults.observing import PRESETS, Preset
+from robomend_bench.faults.record import Record, Trial
+from robomend_bench.faults.robot import find_robot
+from robomend_bench.faults.stretches import STRETCH_BY_NAME, Stretch
+from robomend_client.rest.asynchronous import AsyncClient
+from robomend_client.rest.errors import ClientError
+
+READY_S = 60.0
+"""How long a robot may take to be found healthy before its fault; it takes two or three."""
+
+LOOK_S = 0.05
+
+
+class NotHealthy(Exception):
+    """The robot was never found healthy: the trial could not begin."""
+
+
+@dataclass(frozen=True, slots=True)
+class Terms:
+    """What holds for all trials of a run."""
+
+    observers: str = "published"
+    most_s: float = 60.0  # of a trial, from its first fault
+
+    @property
+    def preset(self) -> Preset:
+        return PRESETS[self.observers]
+
+    @property
+    def quiet_s(self) -> float:
+        """A trial is over when nothing has happened for so long: anything would be noticed by then."""
+        return self.preset.delay_s + 2.0
+
+
+class Surroundings(Protocol):
+    """What a trial needs of the bench around it."""
+
+    url: str
+    folder: Path
+
+    def clock(self) -> float:
+        """Return the time, in seconds of a clock that does not go back."""
+        ...
+
+    def join(self, live: LiveRobot) -> None:
+        """Let time pass for this robot, and hand it its events."""
+        ...
+
+    def leave(self, live: LiveRobot) -> None:
+        """Let no more time pass for it."""
+        ...
+
+    async def model(self, client: AsyncClient, name: str, text: str) -> None:
+        """Put a model, once."""
+        ...
+
+
+@cache
+def scenario_of(trial: Trial) -> Scenario:
+    """Return the scenario of a trial; that of a stretch has no faults. It may take a while to draw."""
+    if trial.cls in STRETCH_BY_NAME:
+        return Scenario()
+    return draw(trial.cls, find_robot(trial.robot).anatomy, random.Random(f"scenario {trial}"))
+
+
+async def play(trial: Trial, terms: Terms, around: Surroundings, number: int) -> Record:
+    """Play a trial and return its record; what went wrong on our side is the record's `error`."""
+    record = Record(trial, terms.observers)
+    scenario = scenario_of(trial)
+    record.blind = scenario.blind
+    try:
+        async with asyncio.timeout(READY_S + terms.most_s + 60.0), AsyncExitStack() as stack:
+            clients = [
+                await stack.enter_async_context(AsyncClient(around.url, timeout_s=10.0)) for _ in range(2)
+            ]
+            robot = find_robot(trial.robot)
+            id = f"{robot.name}.{trial.cls}.{number}"
+            live = LiveRobot(
+                robot,
+                scenario,
+                record,
+                terms.preset,
+                id,
+                (clients[0], clients[1]),
+                around.folder / id,
+                around.clock,
+            )
+            stack.push_async_callback(live.close)
+            await _Play(live, terms, around, clients[0]).run()
+    except Exception as error:  # noqa: BLE001  # whatever breaks a trial is told in its place; the others go on
+        record.error = record.error or f"{type(error).__name__}: {error}"
+    return record
+
+
+class _Play:
+    def __init__(self, live: LiveRobot, terms: Terms, around: Surroundings, client: AsyncClient) -> None:
+        self._live = live
+        self._terms = terms
+        self._around = around
+        self._client = client
+        self._chance = random.Random(f"times {live.record.trial}")
+        self._stretch: Stretch | None = STRETCH_BY_NAME.get(live.record.trial.cls)
+        self._expected = 0  # faults that have not begun yet
+
+    async def run(self) -> None:
+        live, client = self._live, self._client
+        await self._around.model(client, live.robot.name, live.robot.model)
+        slow = live.scenario.slowness > 1.0
+        settings = live.robot.settings(await live.open(), live.observed(), slow=slow)
+        boots = self._stretch is not None and self._stretch.boots
+        if boots:
+            live.body.power_down()
+        self._around.join(live)
+        try:
+            await client.put_robot(live.id, settings)
+            for agent in live.agents:
+                live.start_agent(agent)
+            if boots:
+                live.begin()
+            else:
+                await self._healthy()
+            if self._stretch is not None:
+                await self._hold(self._stretch)
+            else:
+                await self._break()
+            live.record.end_s = live.at_s()
+            broken = [agent.broken for agent in live.agents if agent.broken]
+            if broken:
+                live.record.error = f"the bench's agent has ended: {broken[0]}"
+        finally:
+            self._around.leave(live)
+            await self._forget()
+
+    async def _healthy(self) -> None:
+        """Wait until the service has heard every observer and finds the robot healthy."""
+        live, deadline = self._live, self._around.clock() + READY_S
+        wanted = {str(literal) for literal in live.observed()}
+        while True:
+            obs = await self._client.observations(live.id)
+            held = {entry["literal"] for entry in obs["observations"] if entry["fresh"]}
+            diagnosis = await self._client.diagnosis(live.id)
+            result = diagnosis["result"]
+            healthy = result is not None and any(not each["bad"] for each in result["diagnoses"])
+            if wanted <= held and healthy:
+                break
+            if self._around.clock() > deadline:
+                raise NotHealthy(f"after {READY_S:g} s, missing {sorted(wanted - held)[:5]}")
+            await asyncio.sleep(0.2)
+        await asyncio.sleep(self._chance.uniform(0.2, 1.2))  # anywhere in the observers' periods
+        live.begin()
+
+    async def _hold(self, stretch: Stretch) -> None:
+        """Let the healthy robot be disturbed."""
+        disturbing = asyncio.create_task(stretch.disturb(self._live, self._chance))
+        try:
+            await asyncio.sleep(stretch.seconds)
+        finally:
+            disturbing.cancel()
+            await asyncio.gather(disturbing, return_exceptions=True)
+        if disturbing.done() and not disturbing.cancelled() and (error := disturbing.exception()):
+            raise OSError(f"the disturbance failed: {error!r}")
+
+    async def _break(self) -> None:
+        live, scenario = self._live, self._live.scenario
+        if scenario.blind is not None:
+            live.disturb_observer()
+            live.note(f"observer of {scenario.blind.topic}: {scenario.blind.how}")
+            live.last_s = self._around.clock()
+        waiting = [each for each in scenario.planted if each.follows_act]
+        for each in scenario.planted:
+            if not each.follows_act:
+                self._plan(each)
+        while True:
+            await asyncio.sleep(LOOK_S)
+            if waiting and live.record.acts:
+                for each in waiting:
+                    self._plan(each)
+                waiting = []
+            if self._over(bool(waiting)) or live.at_s() > self._terms.most_s or live.record.error:
+                return
+
+    def _plan(self, planted: Planted) -> None:
+        live = self._live
+
+        def begin() -> None:
+            self._expected -= 1
+            live.plant(planted.fault)
+
+        self._expected += 1
+        if planted.after_s:
+            live.later(planted.after_s, begin)
+        else:
+            begin()
+        at_s = planted.after_s
+        for number, spell_s in enumerate(planted.spells_s):
+            at_s += spell_s
+            live.later(at_s, self._spell(planted, number))
+
+    def _spell(self, planted: Planted, number: int) -> Callable[[], None]:
+        live = self._live
+
+        def change() -> None:
+            if not any(act.act.parameters == (planted.fault.component,) for act in live.record.acts):
+                (live.plant if number % 2 else live.lift)(planted.fault)
+
+        return change
+
+    def _over(self, waiting: bool) -> bool:
+        """Whether nothing more is to come: nothing to happen by itself, no repair open, and long quiet."""
+        live = self._live
+        quiet_s = self._around.clock() - live.last_s
+        if live.record.open_repairs or self._expected > 0:
+            return False
+        spells = [s for each in live.scenario.planted for s in each.spells_s]
+        if spells and not live.record.acts and live.at_s() < sum(spells):
+            return False
+        enough_s = self._terms.quiet_s + (5.0 if waiting else 0.0)
+        if live.scenario.slowness > 1.0 or live.scenario.blind is not None:
+            enough_s += 5.0  # what starts slowly, or runs out, takes its time
+        return quiet_s > enough_s
+
+    async def _forget(self) -> None:
+        """Take the robot away from the service, so that it does not care for what is no longer there."""
+        live = self._live
+        for agent in live.agents:
+            await agent.stop()
+        for repair in live.record.open_repairs:
+            with contextlib.suppress(ClientError):
+                await self._client.cancel(repair, "the trial is over")
+        for _ in range(20):
+            try:
+                await self._client.delete_robot(live.id, "*")
+                return
+            except ClientError:  # the repair is still ending
+                await asyncio.sleep(0.25)

@@ -1,0 +1,53 @@
+"""Many trials side by side: what dies is told, and the rest goes on."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+
+from robomend_bench.faults import trial as trials
+from robomend_bench.faults.bench import Bench, run_trials
+from robomend_bench.faults.live import LiveRobot
+from robomend_bench.faults.record import Trial
+from robomend_bench.faults.trial import Terms
+
+TWO = [Trial("base", "hung-node", 1, 1), Trial("pipeline", "dead-node", 1, 2)]
+
+
+def test_a_service_that_dies_is_an_error_of_its_trial_and_started_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    real = trials._Play._break
+
+    async def die_first(play: trials._Play) -> None:
+        if play._live.record.trial == TWO[0]:
+            assert isinstance(play._around, Bench)
+            assert play._around._served is not None
+            play._around._served.kill()
+        else:
+            await real(play)
+
+    monkeypatch.setattr(trials._Play, "_break", die_first)
+    [first, second], ticks = asyncio.run(run_trials(TWO, Terms("fast"), jobs=1))
+    assert first.error.startswith("the service died")
+    assert second.error == ""
+    assert second.acts
+    assert ticks
+
+
+def test_an_error_of_the_bench_in_one_robot_is_told_and_the_others_go_on(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    real = LiveRobot.tick
+
+    def break_one(live: LiveRobot, now_s: float, late_s: float) -> None:
+        if live.record.trial == TWO[0] and live.record.faults:
+            raise RuntimeError("a mistake")
+        real(live, now_s, late_s)
+
+    monkeypatch.setattr(LiveRobot, "tick", break_one)
+    [first, second], _ = asyncio.run(run_trials(TWO, Terms("fast"), jobs=2))
+    assert first.error == "the bench failed: RuntimeError: a mistake"
+    assert second.error == ""
+    assert second.acts

@@ -1,0 +1,194 @@
+"""`robomend-bench faults`: which trials a run has, what it prints and writes, and a short one for real."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+import sys
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+import click
+import pytest
+
+from robomend_bench.faults.classes import CLASSES
+from robomend_bench.faults.command import choose, command, judge
+from robomend_bench.faults.record import Record, Trial, parse_trial
+from robomend_bench.faults.report import Report
+from robomend_bench.faults.robot import robot_names
+from robomend_bench.faults.scoring import Score
+from robomend_bench.faults.stretches import STRETCH_BY_NAME
+from robomend_bench.main import main
+
+ALL = [*(each.name for each in CLASSES), *STRETCH_BY_NAME]
+
+
+def run(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
+    monkeypatch.setattr(sys, "argv", ["robomend-bench", "faults", *arguments])
+    try:
+        main()
+    except SystemExit as end:
+        return int(end.code or 0)
+    return 0
+
+
+# --- which trials ----------------------------------------------------------------------------------------
+
+
+def test_a_run_has_the_shares_exactly_and_the_stretches_besides() -> None:
+    found = list(choose(220, 3, 1, robot_names(), ALL))
+    counts = Counter(trial.cls for trial in found)
+    assert counts == {each.name: 2 * each.share for each in CLASSES} | dict.fromkeys(STRETCH_BY_NAME, 3)
+    assert found == list(choose(220, 3, 1, robot_names(), ALL))
+    assert len(set(found)) == len(found)
+
+
+def test_more_trials_begin_with_the_same_ones() -> None:
+    few, many = (set(choose(count, 0, 1, robot_names(), ALL)) for count in (50, 300))
+    assert few <= many
+    assert not few & set(choose(50, 0, 2, robot_names(), ALL))
+
+
+def test_classes_and_robots_can_be_chosen() -> None:
+    found = list(choose(10, 2, 1, ["base", "drone"], ["spare", "boot"]))
+    assert Counter((t.robot, t.cls) for t in found) == {
+        ("base", "spare"): 10,
+        ("base", "boot"): 1,
+        ("drone", "boot"): 1,
+    }
+    assert list(choose(10, 0, 1, ["drone"], ["spare"])) == []
+
+
+def test_a_trial_is_named_by_its_text() -> None:
+    trial = Trial("made-12", "mute-successor", 3, 45)
+    assert parse_trial(str(trial)) == trial
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--robots", "base,bass"), "there is no robot 'bass'"),
+        (("--classes", "node"), "there is no class 'node'"),
+        (("--only-trial", "base/hung-node"), "is no trial"),
+        (("--only-trial", "bass/hung-node/1.1"), "is no trial"),
+        (("--only-trial", "drone/spare/1.1"), "drone has nothing for spare"),
+        (("--robots", "drone", "--classes", "spare"), "none of these robots takes part"),
+    ],
+)
+def test_what_cannot_be_run_is_named(
+    arguments: tuple[str, ...],
+    message: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert run(monkeypatch, *arguments) == 2
+    # click wraps its messages in a frame
+    assert message in " ".join(capsys.readouterr().err.replace("│", " ").split())
+
+
+# --- what is told ----------------------------------------------------------------------------------------
+
+
+def test_a_stand_in_s_run_is_told_and_written(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    few = ("--trials", "6", "--stretches", "1", "--robots", "base,loops", "--observers", "fast")
+    assert run(monkeypatch, *few, "--agent", "idle", "--out", str(tmp_path)) == 0
+    shown = capsys.readouterr().out
+    assert "### Faults" in shown
+    assert "### Nothing is broken (5 stretches)" in shown
+    written = json.loads((tmp_path / "faults-fast.json").read_text())
+    assert (tmp_path / "faults-fast.md").read_text() == shown
+    assert written["figures"]["faults"]["right"]["value"] == 0
+    assert {score["trial"].split("/")[0] for score in written["scores"]} == {"base", "loops"}
+    wrong = [score["trial"] for score in written["scores"] if score["group"] != "healthy"]
+    records = {path.stem for path in (tmp_path / "faults-fast-records").iterdir()}
+    assert records == {trial.replace("/", "-") for trial in wrong}
+    # What went wrong comes with the command that plays it again.
+    again = f"robomend-bench faults --only-trial {wrong[0]} --observers fast --agent idle"
+    assert f"`{again}`" in shown
+    command.make_context("robomend-bench faults", shlex.split(again)[2:])
+
+
+def test_a_trial_by_itself_tells_all_that_happened(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(monkeypatch, "--only-trial", "base/hung-node/1.1", "--agent", "perfect") == 0
+    shown = capsys.readouterr().out
+    for word in ("fault", "truth", "seen", "diagnosis", "repair", "ACT", '"right": true'):
+        assert word in shown
+
+
+def test_what_is_no_measurement_is_named_and_never_scored() -> None:
+    report = Report("", "published", "the service", 0, 1, [], [], [])
+    died = Record(Trial("base", "hung-node", 1, 1), "published", error="the service died: out of memory")
+    late = Record(Trial("base", "hung-node", 1, 2), "published", late_s=1.5)
+    judge([died, late], report)
+    assert (report.scores, report.late) == ([], [("base/hung-node/1.2", 1.5)])
+    assert report.errors == [("base/hung-node/1.1", "the service died: out of memory")]
+    shown = report.markdown()
+    assert "1 left out as the bench was late, 1 errors" in shown
+    assert "base/hung-node/1.1`: the service died" in shown
+
+
+def test_lists_name_what_went_wrong_and_nothing_else() -> None:
+    well = Score("base/off/1.1", "off", "faults", repairable=True, repaired=True, detected=True)
+    acted = replace(well, trial="base/off/1.2", wrong=["1.00 s: stop_node(x)"] * 6)
+    false = replace(well, trial="base/off/1.3", false_repaired=["2.00 s: not ok(x) still wrong"])
+    lost = replace(well, trial="base/off/1.4", repaired=False, escalated=True)
+    needless = Score("base/boot/1.5", "boot", "healthy", acts=1, wrong=["1.00 s: stop_node(y)"])
+    report = Report("", "published", "the service", 0, 1, [well, acted, false, lost, needless], [], [])
+    sections = {part.split("\n")[0]: part for part in report.markdown().split("### ")}
+    listed = {title: set(re.findall(r"base/\w+/1\.\d", part)) for title, part in sections.items()}
+    assert {title: trials for title, trials in listed.items() if trials} == {
+        "Called repaired that were not (1 trials)": {"base/off/1.3"},
+        "Wrong acts (1 trials)": {"base/off/1.2"},
+        "Needless acts (1 trials)": {"base/boot/1.5"},
+        "Neither repaired nor escalated with its cause (1 trials)": {"base/off/1.4"},
+    }
+    assert "; and 2 more" in sections["Wrong acts (1 trials)"]
+
+
+def test_the_help_names_every_class_and_robot() -> None:
+    text = "".join(command.get_help(click.Context(command)).split())
+    for word in (*ALL, *robot_names()):
+        assert word in text, word
+
+
+# --- for real --------------------------------------------------------------------------------------------
+
+
+def test_real_trials_against_the_real_service(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path, long: bool
+) -> None:
+    few = ("--robots", "base", "--classes", "off,dead-node,hung-node", "--trials", "3")
+    many = ("--trials", "40", "--stretches", "2")
+    chosen = many if long else few
+    code = run(monkeypatch, *chosen, "--observers", "fast", "--format", "json", "--out", str(tmp_path))
+    told = json.loads(capsys.readouterr().out)
+    assert (code, told["errors"]) == (0, [])
+    assert len(told["scores"]) + len(told["late"]) == (50 if long else 3)
+    for score in told["scores"]:
+        if score["group"] == "faults" and score["cls"] in ("off", "dead-node", "hung-node"):
+            # What it is about: the fault was planted, seen, and acted upon, all through the real parts.
+            assert score["detected"], score
+            assert score["acts"] >= 1, score
+            assert score["detection_s"] < score["first_act_s"]
+
+
+@pytest.mark.slow
+def test_stretches_for_real(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], long: bool
+) -> None:
+    if not long:
+        pytest.skip("a stretch takes 15 to 30 s: run with --long")
+    assert (
+        run(monkeypatch, "--classes", ",".join(STRETCH_BY_NAME), "--stretches", "1", "--format", "json") == 0
+    )
+    told = json.loads(capsys.readouterr().out)
+    assert {score["cls"] for score in told["scores"]} == set(STRETCH_BY_NAME)
+    for score in told["scores"]:
+        if score["cls"] in ("jitter", "service-restart", "agent-restart"):
+            assert score["acts"] == 0, score

@@ -1,0 +1,125 @@
+"""The cheapest repair of one who sees only what can be observed: small cases worked out by hand."""
+
+from __future__ import annotations
+
+import itertools
+
+import pytest
+from tests.robomend_bench.faults.small import ROBOT, with_faults
+
+from robomend_bench.faults import policy as policies
+from robomend_bench.faults.anatomy import Anatomy, read_anatomy
+from robomend_bench.faults.classes import universe_of
+from robomend_bench.faults.condition import HEALTHY, Act, State, abnormal, after
+from robomend_bench.faults.kinds import Fault, begun
+from robomend_bench.faults.policy import COSTS, Outcome, Policy
+
+
+def cheapest(anatomy: Anatomy, *pairs: tuple[str, str]) -> Outcome:
+    faults = [Fault(component, kind) for component, kind in pairs]
+    state = begun(anatomy, *faults)
+    found = universe_of(anatomy).explanations(abnormal(anatomy, state), len(faults))
+    return Policy(anatomy).outcome(state, [(each.state, each.weight) for each in found])
+
+
+@pytest.mark.parametrize(
+    ("fault", "acts", "repaired"),
+    [
+        (("mapper", "dead"), 1, True),  # start
+        (("mapper", "hung"), 2, True),  # stop, start
+        (("mapper", "half-rate"), 2, True),
+        (("lidar", "off"), 3, True),  # power up, restart the driver
+        (("driver", "hung"), 2, True),  # restarted first: it is cheaper than a power cycle
+        (("lidar", "hung"), 6, True),  # restart the driver in vain, cycle, restart it again
+        (("lidar", "broken"), 6, False),  # the same, and a person
+        (("lidar", "off for ever"), 1 + 2, False),
+        (("mapper", "dead, one mute successor"), 3, True),  # start, stop, start
+        (("mapper", "dead, two mute successors"), 5, True),
+        (("mapper", "dead, does not start"), 1, False),  # status 127 says it all
+        (("mapper", "dead, mute for ever"), 5, False),  # as many starts as any other may need
+    ],
+)
+def test_acts_of_single_faults(fault: tuple[str, str], acts: int, repaired: bool) -> None:
+    found = cheapest(ROBOT, fault)
+    # A relay that sticks answers at once: nothing follows it.
+    wanted = 1 if fault == ("lidar", "off for ever") and len(found.acts) == 1 else acts
+    assert (len(found.acts), found.repaired, found.exact) == (wanted, repaired, True)
+
+
+def test_two_faults_take_what_each_takes() -> None:
+    found = cheapest(ROBOT, ("mapper", "dead"), ("estimator", "dead"))
+    assert sorted(map(str, found.acts)) == ["start_node(estimator)", "start_node(mapper)"]
+
+
+def test_a_supply_is_switched_on_and_each_driver_behind_it_restarted() -> None:
+    anatomy = read_anatomy(
+        {
+            "hardware": {
+                "rail": {"channel": 1},
+                "cam": {"channel": 3, "fed_by": ["rail"]},
+                "lamp": {"channel": 4, "fed_by": ["rail"]},
+            },
+            "nodes": {
+                "cam_driver": {"drives": ["cam"], "publishes": {"image": []}},
+                "lamp_driver": {"drives": ["lamp"], "publishes": {"light": []}},
+            },
+        },
+        {},
+    )
+    assert len(cheapest(anatomy, ("rail", "off")).acts) == 5
+
+
+def test_nothing_is_done_to_a_healthy_robot() -> None:
+    assert Policy(ROBOT).outcome(HEALTHY, [(HEALTHY, 1.0)]).acts == ()
+
+
+def test_who_knows_what_is_wrong_needs_no_attempt_in_vain() -> None:
+    state = with_faults(("lidar", "hung"))
+    assert len(Policy(ROBOT).outcome(state, [(state, 1.0)]).acts) == 4
+    assert Policy(ROBOT).repairable(state)
+    assert not Policy(ROBOT).repairable(with_faults(("lidar", "broken")))
+
+
+def test_a_larger_belief_is_searched_less_far_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(policies, "MOST_STATES", 1)
+    found = cheapest(ROBOT, ("lidar", "hung"))
+    assert (found.repaired, found.exact) == (True, False)
+
+
+def brute_force(anatomy: Anatomy, state: State) -> float:
+    """Return the cost of the cheapest acts that make a known state healthy, up to six of them."""
+    parts = [*((n, p) for p in anatomy.nodes for n in ("start_node", "stop_node"))]
+    parts += [(n, p) for p in anatomy.devices for n in ("power_up", "shutdown")]
+    best = {state: 0.0}
+    for _ in range(6):
+        for known, cost in tuple(best.items()):
+            for name, part in parts:
+                following, _ = after(anatomy, known, Act(name, (part,)))
+                if cost + COSTS[name] < best.get(following, float("inf")):
+                    best[following] = cost + COSTS[name]
+    return min((cost for known, cost in best.items() if not abnormal(anatomy, known)), default=float("inf"))
+
+
+@pytest.mark.parametrize(
+    "faults",
+    [
+        *itertools.product(("lidar",), ("off", "hung")),
+        *itertools.product(("driver", "mapper"), ("dead", "hung", "dead, one mute successor")),
+    ],
+)
+def test_with_full_knowledge_it_costs_what_brute_force_finds(faults: tuple[str, str]) -> None:
+    small = read_anatomy(
+        {
+            "hardware": {"lidar": {"channel": 1}},
+            "nodes": {
+                "driver": {"drives": ["lidar"], "publishes": {"scan": []}},
+                "mapper": {"publishes": {"map": ["scan"]}},
+            },
+        },
+        {},
+    )
+    state = begun(small, Fault(*faults))
+    acts = Policy(small).outcome(state, [(state, 1.0)]).acts
+    cost = sum(COSTS[act.name] for act in acts)
+    # A driver may also be stopped before its device comes back, which costs the same.
+    assert cost == brute_force(small, state)
