@@ -16,6 +16,8 @@ import asyncio
 import contextlib
 import logging
 import time
+from collections.abc import Collection
+from typing import Protocol
 
 from robomend_client.actions import (
     CANCELLED,
@@ -29,7 +31,8 @@ from robomend_client.actions import (
 )
 from robomend_client.agent.executors.base import Executors
 from robomend_client.agent.memory import FirstResults
-from robomend_client.agent.watch import Watch
+from robomend_client.literals import Atom
+from robomend_client.observers import Driver
 from robomend_client.outbox import LATER
 from robomend_client.python310 import end, timeout
 from robomend_client.rest import calls
@@ -53,6 +56,19 @@ BEAT_S = 0.5
 second after which what was stopped must be cut off."""
 
 
+class Observing(Protocol):
+    """The observers that the service may ask to judge anew; agent/watch.py is the agent's."""
+
+    @property
+    def driver(self) -> Driver:
+        """What they speak of, and how fast."""
+        ...
+
+    def settle(self, n: int, atoms: Collection[Atom]) -> None:
+        """Judge these atoms anew from now on."""
+        ...
+
+
 class Actions:
     """Carries out the actions meant for this agent."""
 
@@ -64,7 +80,7 @@ class Actions:
         executors: Executors,
         memory: FirstResults,
         host: str | None = None,
-        watch: Watch | None = None,
+        watch: Observing | None = None,
     ) -> None:
         """`watch` has the observers that the service may ask to judge anew."""
         self._client = client
