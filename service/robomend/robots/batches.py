@@ -41,6 +41,10 @@ class Batch:
     source: str = "http"
     lifetime_s: float | None = None
     together: bool = True  # one bad sentence refuses the batch
+    since: Sequence[int | None] = ()  # for each observation the beginning of what it rests on
+    onset: Sequence[int | None] = ()  # … and the last good sample before it turned bad
+    unknown: Sequence[str] = ()  # atoms that are unknown from now on
+    settled: int | None = None  # the number of the `settle` that this answers
 
 
 @dataclass(frozen=True, slots=True)

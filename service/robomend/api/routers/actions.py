@@ -6,11 +6,11 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request, Response
 
-from robomend.api.deps import ActionPath, PartsDep, PrincipalDep, RobotPath
+from robomend.api.deps import ActionPath, Parts, PartsDep, PrincipalDep, RobotPath
 from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
 from robomend.api.ownership import check_own_action
-from robomend.api.schemas.repair import ActionOut, ActionResultBody, FeedbackBody, FirstResult
+from robomend.api.schemas.repair import ActionOut, ActionResultBody, FeedbackBody, FirstResult, PollBody
 from robomend.security import API
 
 router = APIRouter(prefix=API, tags=["agent"], route_class=GuardedRoute)
@@ -28,7 +28,21 @@ async def next_action(
     wait_s: Annotated[float, Query(ge=0, le=3600, description="wait this long for one")] = 0.0,
     host: Annotated[str | None, Query(max_length=253, description="which of the robot's agents asks")] = None,
 ) -> Any:
+    """Agents of the version before: as POST, without saying what the agent can do."""
+    return await _next_action(request, parts, robot, host, wait_s)
+
+
+@router.post(
+    "/robots/{robot}/actions/next",
+    response_model=ActionOut,
+    responses={**problems(404, body=True), 204: {"description": "Nothing to do"}},
+)
+async def poll(request: Request, robot: RobotPath, body: PollBody, parts: PartsDep) -> Any:
     """Return the agent's next action; the same again until its first feedback or result came in."""
+    return await _next_action(request, parts, robot, body.host, body.wait_s)
+
+
+async def _next_action(request: Request, parts: Parts, robot: str, host: str | None, wait_s: float) -> Any:
     request.scope["robomend.waits"] = wait_s > 0
     async with parts.robots.waiting.counted():
         action = await parts.repairs.next_action(
