@@ -85,7 +85,7 @@ STEPS = (
         reason="",
     ),
     Step(rule("DELETE", "/robots/{robot}/assertions/{assertion}"), "assertion.withdraw", Role.ROBOT),
-    Step(rule("POST", "/robots/{robot}/actions/next"), "action.taken", Role.ROBOT, reason=""),
+    Step(rule("POST", "/robots/{robot}/actions/next"), "action.taken", Role.ROBOT, {"agent": "a"}, reason=""),
     Step(rule("POST", "/actions/{action}/result"), "action.reported", Role.ADMIN, {"code": 0}, reason=""),
     Step(rule("POST", "/robots/{robot}/repairs"), "repair.create", body={}, in_body=True),
     Step(rule("POST", "/repairs/{repair}"), "repair.cancel", body={"decision": "cancel"}, in_body=True),

@@ -40,13 +40,19 @@ def test_a_conflict_of_the_loop_is_a_409(service: Service) -> None:
 def test_an_agent_pulls_its_action_and_reports(service: Service) -> None:
     loop = service.repairs
     calls: list[Any] = loop.calls
-    assert service.api("POST", "/robots/r1/actions/next").status_code == 204
+    ask = {"agent": "onboard", "host": "pc", "wait_s": 5}
+    assert service.api("POST", "/robots/r1/actions/next", json={"agent": "onboard"}).status_code == 204
     action = {"id": "r-1:2", "name": "start_node", "parameters": ["rviz"], "timeout_s": 5.0, "host": "pc"}
     loop.queue["r1"] = action
     loop.owners["r-1:2"] = "r1"
-    asked = service.api("POST", "/robots/r1/actions/next", params={"wait_s": 5, "host": "pc"})
+    asked = service.api("POST", "/robots/r1/actions/next", json=ask)
     assert asked.json() == action
     assert calls[-1] == ("next_action", "r1", "pc", 5.0)
+    poll = {"agent": "onboard", "host": "pc", "can": ["start_node:rviz"], "wait_s": 5}
+    poll["observes"] = [{"atom": "running(rviz)", "detection_s": 0.1, "settling_s": 0.1}]
+    assert service.api("POST", "/robots/r1/actions/next", json=poll).json() == action
+    assert calls[-1] == ("next_action", "r1", "pc", 5.0)
+    assert service.api("POST", "/robots/r1/actions/next", json={"host": "pc"}).status_code == 422
     told = service.api("POST", "/actions/r-1:2/feedback", json={"code": 50, "message": "half"})
     assert told.status_code == 204
     assert calls[-1] == ("feedback", "r-1:2", 50, "half")

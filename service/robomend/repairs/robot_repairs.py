@@ -64,7 +64,7 @@ class RobotRepairs:
         self._news = asyncio.Event()  # something may have changed
         self._look_up = True  # there may be an open repair in the store that we do not know of
         self._reasons = Reasons()
-        self._signals = Signals(self._stop_active)
+        self._signals = Signals(lambda: needs.switch.active)
         self._requests = Requests(needs.store, fence)
 
     # --- what wakes it
@@ -90,9 +90,6 @@ class RobotRepairs:
         if stop.active:
             self._signals.end(by=stop.by or LOOP, reason=f"global stop: {stop.reason}", stop=True)
         self._news.set()
-
-    def _stop_active(self) -> bool:
-        return self._needs.switch.active
 
     async def run(self) -> None:
         """Look after the robot until it is lost, deleted, or the service ends."""
@@ -170,7 +167,7 @@ class RobotRepairs:
     async def _carry_out(self, repair: StoredRepair) -> None:
         state = await self._needs.robots.memory.robot(self._robot)
         record = RepairRecord(self._needs.store, repair, self.fence, state.system.cnf.components)
-        signals = self._signals = Signals(self._stop_active)
+        signals = self._signals = Signals(lambda: self._needs.switch.active)
         self.stopped()
         entry = Reentry(
             self._needs.store, self._needs.agents, self._needs.chooser, record, signals, self.fence

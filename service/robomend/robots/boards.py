@@ -14,7 +14,6 @@ from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import replace
 
 from robomend.board.link import BoardLink, LinkState
-from robomend.board.observer import HardwareObserver, Wiring
 from robomend.board.snapshot import Snapshot
 from robomend.entry import Entry
 from robomend.errors import NotFound, Refused, RobomendError
@@ -26,6 +25,7 @@ from robomend.robots.configuration import BoardConfig
 from robomend.store import Store
 from robomend.store.records import AuditEntry
 from robomend_client.literals import Literal
+from robomend_client.observers import BOARD, HardwareObserver, Measurements, Wiring
 
 SOURCE = "board"
 CONNECT_S = 2.0
@@ -57,7 +57,8 @@ class WiredBoard:
             device.channel for device in hardware.values() if device.protected and device.channel is not None
         }
         self._observer = HardwareObserver(
-            {name: _wiring(channel, config) for channel, name in self.components.items()}
+            {name: _wiring(channel, config) for channel, name in self.components.items()},
+            Measurements(rate_hz=config.rate_hz, lifetime_s=max(3.0, 3 / config.rate_hz)),
         )
         self._store = store
         self._report = report
@@ -122,7 +123,8 @@ class WiredBoard:
             await self._tell(snapshot)
 
     async def _tell(self, snapshot: Snapshot) -> None:
-        said = self._observer.observe(snapshot)
+        self._observer.feed(BOARD, snapshot.time_ns, snapshot.channels)
+        said = frozenset(self._observer.check(snapshot.time_ns))
         if said != self._told:
             await self._report(self.robot, said, snapshot.time_ns)
             self._told = said

@@ -11,10 +11,10 @@ from __future__ import annotations
 
 import time
 from collections import OrderedDict
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 from robomend.robots.batches import Update
+from robomend.store import Transaction
 from robomend.store.records import AuditEntry
 
 AGAIN_S = 3600.0
@@ -50,29 +50,30 @@ class Reports:
         """Return whether the literals of an update are to have an entry."""
         if not update.entries or by is OURSELVES:
             return False
-        if not by.own:
-            return True
-        who, now = (robot, by.name, update.entries[0].source), time.monotonic()
-        noted = self._noted.get(who)
-        if noted is not None and now - noted < AGAIN_S:
-            return False
-        self._noted[who] = now
-        self._noted.move_to_end(who)
-        while len(self._noted) > REMEMBERED:
-            self._noted.popitem(last=False)
-        return True
+        noted = self._noted.get((robot, by.name, update.entries[0].source))
+        return not by.own or noted is None or time.monotonic() - noted >= AGAIN_S
+
+    def noted(self, robot: str, by: Reporter, update: Update) -> None:
+        """The entry of an update is written, if it was due."""
+        if by.own and self.due(robot, by, update):
+            who = (robot, by.name, update.entries[0].source)
+            self._noted[who] = time.monotonic()
+            self._noted.move_to_end(who)
+            while len(self._noted) > REMEMBERED:
+                self._noted.popitem(last=False)
 
 
-def entries(robot: str, by: Reporter, update: Update, revision: int, reports: bool) -> Iterator[AuditEntry]:
-    """Yield what the audit log is told of an update; `reports`: its literals are told, too."""
+def note(tx: Transaction, robot: str, by: Reporter, update: Update, revision: int, reports: bool) -> None:
+    """Tell the audit log of an update; `reports`: of its literals, too."""
     if reports:
         told = [str(entry.literal) for entry in update.entries[:SHOWN]]
         after = {"revision": revision, "observations": told, "in_place_of_the_robot": not by.own}
         if len(update.entries) > SHOWN:
             after["of"] = len(update.entries)
-        yield AuditEntry(by.name, "observations.report", update.entries[0].source, robot, after=after)
+        tx.note(AuditEntry(by.name, "observations.report", update.entries[0].source, robot, after=after))
     for assertion, record in update.asserted:
         said = {"revision": revision, "sentence": record.sentence, "source": record.source}
-        yield AuditEntry(by.name, "assertion.put", assertion.name, robot, after=said)
+        tx.note(AuditEntry(by.name, "assertion.put", assertion.name, robot, after=said))
     for name in update.withdrawn:
-        yield AuditEntry(by.name, "assertion.withdraw", name, robot, by.reason, after={"revision": revision})
+        after = {"revision": revision}
+        tx.note(AuditEntry(by.name, "assertion.withdraw", name, robot, by.reason, after=after))

@@ -12,22 +12,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Awaitable, Callable
-from functools import partial
 
 import structlog
 
 from robomend.board.link import LinkState
-from robomend.errors import (
-    InputError,
-    NotFound,
-    ObservationError,
-    Overloaded,
-    RobomendError,
-    StateConflict,
-    TooLarge,
-)
+from robomend.errors import InputError, NotFound, ObservationError, Overloaded, RobomendError, StateConflict
 from robomend.metrics import Metrics
-from robomend.model.budget import check_steps
 from robomend.robots import configuring
 from robomend.robots.background import Background
 from robomend.robots.batches import Acknowledged, Batch, Update, read_batches
@@ -39,13 +29,13 @@ from robomend.robots.diagnosing import Diagnosing
 from robomend.robots.following import Following
 from robomend.robots.memory import Memory
 from robomend.robots.readers import Readers
-from robomend.robots.reporters import OURSELVES, Reporter, Reports, entries
+from robomend.robots.reporters import OURSELVES, Reporter, Reports, note
 from robomend.robots.robot import Robot
 from robomend.robots.systems import Systems
 from robomend.robots.waiting import Waiting
 from robomend.settings import Settings
-from robomend.store import Store, Transaction, View, observations, robots
-from robomend.store.records import IdempotencyKey, Json, Page, Paging, StoredRobot
+from robomend.store import Store, Transaction, observations
+from robomend.store.records import IdempotencyKey, Json
 from robomend_client.events import Kind
 from robomend_client.literals import Literal
 
@@ -115,7 +105,7 @@ class Robots:
         state = await self.memory.latest(robot)
         if assertion not in state.assertion_records:
             raise NotFound(f"robot {robot!r} has no assertion {assertion!r}")
-        return await self._accept(state, _ready(Update(withdrawn=(assertion,))), by)
+        return await self._accept(state, Update(withdrawn=(assertion,)).ready, by)
 
     async def _accept(
         self,
@@ -134,10 +124,7 @@ class Robots:
                     continue
             if update.empty:
                 return Acknowledged(state.revision, (), update.refused)
-            room = self._settings.max_observed
-            if len(state.obs) >= room and len(state.obs) + len(update.entries) > room:
-                raise TooLarge(f"OBS of robot {state.id!r} holds {room} literals; max_observed is reached")
-            _check_steps(state, update, self._settings.max_assertion_steps)
+            update.check_room(state.obs, self._settings)
             try:
                 said = await self._keep(state, update, by, once)
             except StateConflict as error:
@@ -174,21 +161,22 @@ class Robots:
                 expected=before,
                 by=by.name,
             )
-            for entry in entries(state.id, by, update, revision, reports):
-                tx.note(entry)
+            note(tx, state.id, by, update, revision, reports)
             said = {"revision": revision, "changed": texts}
             told = {**said, "forgotten": forgotten, "accepted_ns": accepted_ns}
             tx.emit(Kind.OBSERVATIONS, state.id, told)
             return said
 
-        return await self.diagnosing.write(state, keep, once)
+        written = await self.diagnosing.write(state, keep, once)
+        self._reports.noted(state.id, by, update)
+        return written
 
     async def _hear_board(self, robot: str, said: frozenset[Literal], time_ns: int) -> None:
         """Take what a board says into OBS."""
         try:
             state = await self.memory.robot(robot)
             update = board_update(state.obs, state.system.vocabulary, said, CLOCK.now_ns())
-            await self._accept(state, _ready(update), OURSELVES)
+            await self._accept(state, update.ready, OURSELVES)
         except RobomendError as error:
             log.warning("board observation not kept", robot=robot, code=error.code, detail=str(error))
 
@@ -239,13 +227,7 @@ class Robots:
         """Take up the robots that work without being asked: those with a board or a period."""
         following = Following(self.memory.states, self.diagnosing, self._deleted_elsewhere)
         self._unsubscribe = self._store.subscribe(following.follow)
-        paging: Paging | None = Paging(limit=1000)
-        while paging is not None:
-            page = await self._store.read(partial(_page, paging))
-            for stored in page.items:
-                if stored.config.get("board") or stored.config.get("period_s"):
-                    await self.memory.robot(stored.id)
-            paging = Paging(page.next, 1000) if page.next is not None else None
+        await self.memory.take_up_working()
 
     def end_waits(self) -> None:
         """Let every long poll go, with what there is: the service shuts down."""
@@ -288,25 +270,3 @@ class Robots:
             data = {"link": str(link), "reason": reason}
             writing = self._store.write(lambda tx: tx.emit(Kind.BOARD, robot, data))
             self._background.begin(writing, "board event")
-
-
-def _check_steps(state: Robot, update: Update, most: int) -> None:
-    """Refuse an update with which the robot's assertions take too many steps together."""
-    if update.asserted:
-        steps = {name: assertion.steps for name, assertion in state.obs.assertions.items()}
-        for assertion, _ in update.asserted:
-            steps[assertion.name] = assertion.steps
-            check_steps(sum(steps.values()), most, assertion.text)
-
-
-def _ready(update: Update) -> Callable[[Robot], Awaitable[Update]]:
-    """Return how to read what is read already."""
-
-    async def read(_: Robot) -> Update:
-        return update
-
-    return read
-
-
-def _page(paging: Paging, view: View) -> Page[StoredRobot]:
-    return robots.page(view, paging)

@@ -6,33 +6,57 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request, Response
 
-from robomend.api.deps import ActionPath, PartsDep, PrincipalDep, RobotPath, reporter_of
+from robomend.api.deps import ActionPath, Parts, PartsDep, PrincipalDep, RobotPath, reporter_of
 from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
 from robomend.api.ownership import check_own_action
 from robomend.api.problems import Problem
-from robomend.api.schemas.repair import ActionOut, ActionResultBody, FeedbackBody, FirstResult
-from robomend.security import API
+from robomend.api.schemas.repair import ActionOut, ActionResultBody, FeedbackBody, FirstResult, PollBody
+from robomend.security import API, Principal
 
 router = APIRouter(prefix=API, tags=["agent"], route_class=GuardedRoute)
 
 
-NOTHING: dict[int | str, dict[str, Any]] = {204: {"description": "Nothing to do"}}
-
-WaitFor = Annotated[float, Query(ge=0, le=3600, description="wait this long for one")]
-Host = Annotated[str | None, Query(max_length=253, description="which of the robot's agents asks")]
-
-
-@router.post("/robots/{robot}/actions/next", response_model=ActionOut, responses={**problems(404), **NOTHING})
+@router.get(
+    "/robots/{robot}/actions/next",
+    response_model=ActionOut,
+    responses={**problems(404, 405), 204: {"description": "Nothing to do"}},
+    deprecated=True,
+)
 async def next_action(
     request: Request,
+    response: Response,
     robot: RobotPath,
     parts: PartsDep,
     principal: PrincipalDep,
-    wait_s: WaitFor = 0.0,
-    host: Host = None,
+    wait_s: Annotated[float, Query(ge=0, le=3600, description="wait this long for one")] = 0.0,
+    host: Annotated[str | None, Query(max_length=253, description="which of the robot's agents asks")] = None,
+) -> Any:
+    """Agents of the version before: as POST, without saying what the agent can do. With a key in the header
+    only: a browser sends GETs for any page that it shows.
+    """
+    if "authorization" not in request.headers:
+        headers = {"Allow": "POST"}
+        raise Problem(405, "actions are taken by POST, so that no page can take one", headers=headers)
+    response.headers["Deprecation"] = "true"
+    return await _next_action(request, parts, robot, host, wait_s, principal)
+
+
+@router.post(
+    "/robots/{robot}/actions/next",
+    response_model=ActionOut,
+    responses={**problems(404, body=True), 204: {"description": "Nothing to do"}},
+)
+async def poll(
+    request: Request, robot: RobotPath, body: PollBody, parts: PartsDep, principal: PrincipalDep
 ) -> Any:
     """Take the agent's next action; the same again until its first feedback or result came in."""
+    return await _next_action(request, parts, robot, body.host, body.wait_s, principal)
+
+
+async def _next_action(
+    request: Request, parts: Parts, robot: str, host: str | None, wait_s: float, principal: Principal
+) -> Any:
     request.scope["robomend.waits"] = wait_s > 0
     async with parts.robots.waiting.counted():
         action = await parts.repairs.next_action(
@@ -42,33 +66,6 @@ async def next_action(
             by=reporter_of(principal),
         )
     return Response(status_code=204) if action is None else ActionOut.model_validate(action)
-
-
-@router.get(
-    "/robots/{robot}/actions/next",
-    response_model=ActionOut,
-    responses={**problems(404, 405), **NOTHING},
-    deprecated=True,
-)
-async def next_action_by_get(
-    request: Request,
-    response: Response,
-    robot: RobotPath,
-    parts: PartsDep,
-    principal: PrincipalDep,
-    wait_s: WaitFor = 0.0,
-    host: Host = None,
-) -> Any:
-    """Take it as agents of the version before did; with a key in the header only. Goes with the next release.
-
-    A browser sends GETs for any page that it shows, so without such a key this is a 405.
-    """
-    if "authorization" not in request.headers:
-        raise Problem(
-            405, "actions are taken by POST, so that no page can take one", headers={"Allow": "POST"}
-        )
-    response.headers["Deprecation"] = "true"
-    return await next_action(request, robot, parts, principal, wait_s, host)
 
 
 @router.post("/actions/{action}/feedback", status_code=204, responses=problems(404, 409, body=True))
