@@ -228,9 +228,9 @@ def test_the_history_has_the_key_of_each_batch_and_the_log_does_not_drown_in_the
     assert {o["source"] for line in history for o in line["data"]["observations"]} == {olga, robot}
     log = service.api("GET", "/audit", headers=admin).json()["items"]
     reports = [entry for entry in log if entry["action"] == "observations.report"]
-    assert [entry["actor"] for entry in reports] == [olga, olga, robot]
-    assert reports[0]["after"]["observations"] == ["ok(odom)"]
-    assert [entry["after"]["in_place_of_the_robot"] for entry in reports] == [True, True, False]
+    assert [entry["actor"] for entry in reports] == [olga, robot]
+    assert [entry["after"]["observations"] for entry in reports] == [["not ok(odom)"], ["not ok(scan)"]]
+    assert [entry["after"]["in_place_of_the_robot"] for entry in reports] == [True, False]
 
 
 def test_a_result_in_a_robots_place_says_whose_it_is(service: Service) -> None:

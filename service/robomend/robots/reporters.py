@@ -3,8 +3,10 @@
 The history has the key of each batch. The audit log has what people look for after an incident:
 
     a sentence asserted or withdrawn         each time
-    observations in the robot's place        each batch: by another key than the robot's own
+    observations by another key              that it does so in the robot's place, once a minute for each
     observations by the robot's own key      that it reports, once an hour for each source
+
+So a bridge that reports for a thousand robots with one key does not fill the disk.
 """
 
 from __future__ import annotations
@@ -19,6 +21,9 @@ from robomend.store.records import AuditEntry
 
 AGAIN_S = 3600.0
 """Between two entries that say that a robot's own key reports."""
+
+OTHERS_AGAIN_S = 60.0
+"""Between two entries that say that another key reports in its place."""
 
 REMEMBERED = 100_000
 """Robots, keys and sources whose latest entry is remembered."""
@@ -51,11 +56,11 @@ class Reports:
         if not update.entries or by is OURSELVES:
             return False
         noted = self._noted.get((robot, by.name, update.entries[0].source))
-        return not by.own or noted is None or time.monotonic() - noted >= AGAIN_S
+        return noted is None or time.monotonic() - noted >= (AGAIN_S if by.own else OTHERS_AGAIN_S)
 
     def noted(self, robot: str, by: Reporter, update: Update) -> None:
         """The entry of an update is written, if it was due."""
-        if by.own and self.due(robot, by, update):
+        if self.due(robot, by, update):
             who = (robot, by.name, update.entries[0].source)
             self._noted[who] = time.monotonic()
             self._noted.move_to_end(who)
