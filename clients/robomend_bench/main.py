@@ -27,6 +27,7 @@ from robomend_bench.tables import comparison, markdown
 
 OTHERS = {
     "service": ("robomend_bench.service.command", "load on a running service"),
+    "robots": ("robomend_bench.robots.command", "the robot's side: observers, and an agent under a service"),
     "faults": ("robomend_bench.faults.command", "the score: faults planted into simulated robots"),
 }
 """Commands of their own, without suites, engines or questions: module and summary."""
@@ -128,6 +129,7 @@ def command(
     robomend-bench robots-v1 --engines sat,hs_dag --out report/
     robomend-bench --compare old.json new.json
     robomend-bench service --help                         load on a running service
+    robomend-bench robots --help                          observers and agents
     robomend-bench faults --help                          the score: robots that break
     """
     if listing:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from robomend.errors import NotFound, StateConflict
@@ -59,8 +59,16 @@ class RepairsDouble:
         self.calls.append(("cancel", repair_id, by, reason))
         return {**await self.repair(repair_id), "state": "cancelled"}
 
-    async def next_action(self, robot: str, *, host: str | None, wait_s: float) -> Json | None:
-        self.calls.append(("next_action", robot, host, wait_s))
+    async def next_action(
+        self,
+        robot: str,
+        *,
+        host: str | None,
+        wait_s: float,
+        agent: str | None = None,
+        can: Collection[str] | None = None,
+    ) -> Json | None:
+        self.calls.append(("next_action", robot, agent, host, can, wait_s))
         if robot not in self.queue and wait_s:
             await asyncio.sleep(min(wait_s, 0.05))  # a long poll of an empty queue
         return self.queue.get(robot)

@@ -45,11 +45,11 @@ def test_an_agent_pulls_its_action_and_reports(service: Service) -> None:
     loop.owners["r-1:2"] = "r1"
     asked = service.api("GET", "/robots/r1/actions/next", params={"wait_s": 5, "host": "pc"})
     assert asked.json() == action
-    assert calls[-1] == ("next_action", "r1", "pc", 5.0)
+    assert calls[-1] == ("next_action", "r1", None, "pc", None, 5.0)
     poll = {"agent": "onboard", "host": "pc", "can": ["start_node:rviz"], "wait_s": 5}
     poll["observes"] = [{"atom": "running(rviz)", "detection_s": 0.1, "settling_s": 0.1}]
     assert service.api("POST", "/robots/r1/actions/next", json=poll).json() == action
-    assert calls[-1] == ("next_action", "r1", "pc", 5.0)
+    assert calls[-1] == ("next_action", "r1", "onboard", "pc", {"start_node:rviz"}, 5.0)
     assert service.api("POST", "/robots/r1/actions/next", json={"host": "pc"}).status_code == 422
     told = service.api("POST", "/actions/r-1:2/feedback", json={"code": 50, "message": "half"})
     assert told.status_code == 204

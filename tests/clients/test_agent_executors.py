@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,15 +12,17 @@ from pathlib import Path
 import pytest
 from tests.clients.running_agent import alive
 from tests.clients.service_double import eventually
+from tests.distributions import install
 
 from robomend_client.actions import FAILED, OK, REFUSED, Action, ActionResult
 from robomend_client.agent.executors.base import AgentExecutor, Executors
-from robomend_client.agent.executors.kinds import ActionSpec, read_actions
+from robomend_client.agent.executors.kinds import KINDS, ActionSpec, read_actions
 from robomend_client.agent.executors.program import Program
 from robomend_client.agent.executors.systemd import Units
 from robomend_client.agent.executors.usb import ResetUsb
 from robomend_client.yaml_reader import ConfigError, read
 
+MANUAL = (Path(__file__).parents[2] / "docs" / "agent.md").read_text()
 SAY = [sys.executable, "-c", "import sys; print(*sys.argv[1:], sep='|')"]
 
 
@@ -274,3 +277,24 @@ def test_two_executors_of_one_name_share_their_parameters() -> None:
 def test_each_mistake_is_named_with_its_place(tmp_path: Path, action: str, complaint: str) -> None:
     with pytest.raises(ConfigError, match=rf"agent.yaml:2: actions\.({complaint})"):
         specs(tmp_path, f"actions:\n  x: {action}\n")
+
+
+# --- your own ---------------------------------------------------------------------------------------------
+
+
+def test_the_kind_of_action_of_the_manual_does_what_it_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    section = MANUAL.split("### Your own kind of action\n")[1].split("\n## ")[0]
+    code, entry, example = re.findall(r"```(?:python|toml|yaml)\n(.*?)```", section, re.DOTALL)
+    points = dict([re.findall(r'^(\w+) = "my_robot:(\w+)"$', entry, re.MULTILINE)[0]])
+    group = re.findall(r'"(robomend\.\w+)"\]', entry)[0]
+    monkeypatch.syspath_prepend(str(install(tmp_path / "site", "my_robot", code, {group: points})))
+    monkeypatch.setattr(KINDS, "_loaded", {})
+    (tmp_path / "agent.yaml").write_text(example.replace("/dev/horn", f"{tmp_path}/horn"))
+    (spec,) = read_actions(read(tmp_path / "agent.yaml"), tmp_path)
+    executor = spec.make()
+    assert Executors("onboard", [executor]).can == ["warn:low", "warn:high"]
+    assert do(executor, "low") == ActionResult(OK, "warn(low) was sounded 3 times")
+    assert (tmp_path / "horn").read_text() == "low\n" * 3
+    sys.modules.pop("my_robot", None)

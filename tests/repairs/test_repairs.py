@@ -249,7 +249,7 @@ async def test_an_agent_that_is_gone_is_escalated_as_the_cause(tmp_path: Path) -
         repair = await the_repair(runtime, timeout_s=60)
     assert repair["state"] == "escalated"
     assert (
-        "start_node(mapping) could not be carried out: the robot's agent did not ask for work in 0.6 s"
+        "start_node(mapping) could not be carried out: the robot's agent did not ask for such work in 0.6 s"
         in repair["reason"]
     )
 

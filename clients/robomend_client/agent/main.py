@@ -81,7 +81,13 @@ def describe(config: AgentConfig) -> str:
     return "\n".join(lines)
 
 
+def import_lean() -> None:
+    """Let httpx leave out its command line, which takes 6 MB where rich and pygments are installed."""
+    sys.modules["httpx._main"] = None  # type: ignore[assignment]  # None: it is not to be found
+
+
 async def _run(config: AgentConfig) -> None:
+    import_lean()
     from robomend_client.agent.agent import Agent
 
     agent = Agent(config)

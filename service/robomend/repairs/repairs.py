@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
 import structlog
@@ -293,14 +293,24 @@ class Repairs:
         """Let every waiting agent go with nothing to do: the service shuts down."""
         self._needs.agents.end_waits()
 
-    async def next_action(self, robot: str, *, host: str | None, wait_s: float) -> Json | None:
-        """Hand the agent on `host` its next action, waiting up to `wait_s`; None: nothing to do.
+    async def next_action(
+        self,
+        robot: str,
+        *,
+        host: str | None,
+        wait_s: float,
+        agent: str | None = None,
+        can: Collection[str] | None = None,
+    ) -> Json | None:
+        """Hand an agent its next action, waiting up to `wait_s`; None: nothing to do.
+
+        `host` decides who gets an action, and `can` what an agent is handed (store/agent_actions.py).
 
         An action is handed out again until its first feedback or result comes in, so that an answer lost on
         the way loses no action; the agent knows an id that it has had.
         """
         await self._needs.robots.robot(robot)
-        action = await self._needs.agents.take(robot, host, wait_s)
+        action = await self._needs.agents.take(robot, host, wait_s, agent=agent, can=can)
         if action is None:
             return None
         return {

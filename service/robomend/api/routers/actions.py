@@ -29,7 +29,7 @@ async def next_action(
     host: Annotated[str | None, Query(max_length=253, description="which of the robot's agents asks")] = None,
 ) -> Any:
     """Agents of the version before: as POST, without saying what the agent can do."""
-    return await _next_action(request, parts, robot, host, wait_s)
+    return await _next_action(request, parts, robot, host=host, wait_s=wait_s)
 
 
 @router.post(
@@ -38,16 +38,17 @@ async def next_action(
     responses={**problems(404, body=True), 204: {"description": "Nothing to do"}},
 )
 async def poll(request: Request, robot: RobotPath, body: PollBody, parts: PartsDep) -> Any:
-    """Return the agent's next action; the same again until its first feedback or result came in."""
-    return await _next_action(request, parts, robot, body.host, body.wait_s)
+    """Return the next action that the agent can do; the same again until its first feedback or result."""
+    can = None if body.can is None else frozenset(body.can)
+    return await _next_action(
+        request, parts, robot, agent=body.agent, host=body.host, can=can, wait_s=body.wait_s
+    )
 
 
-async def _next_action(request: Request, parts: Parts, robot: str, host: str | None, wait_s: float) -> Any:
+async def _next_action(request: Request, parts: Parts, robot: str, *, wait_s: float, **who: Any) -> Any:
     request.scope["robomend.waits"] = wait_s > 0
     async with parts.robots.diagnosing.waiting():
-        action = await parts.repairs.next_action(
-            robot, host=host, wait_s=min(wait_s, parts.settings.max_wait_s)
-        )
+        action = await parts.repairs.next_action(robot, wait_s=min(wait_s, parts.settings.max_wait_s), **who)
     return Response(status_code=204) if action is None else ActionOut.model_validate(action)
 
 

@@ -1,6 +1,6 @@
 """Actions that an agent on the robot pulls, carries out and reports; they wait in the store.
 
-    execute ──► queue_action ──► GET …/actions/next hands it out ──► POST …/result ──► execute returns
+    execute ──► queue_action ──► POST …/actions/next hands it out ──► POST …/result ──► execute returns
                     │ event                                              │ event
                     └──── wakes the agent's long poll                    └──── wakes execute, anywhere
 
@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
 from robomend.errors import RobomendError, StoreError
@@ -80,15 +80,24 @@ class AgentQueue:
 
         return await self._store.write(queue, robots=(robot,))
 
-    async def take(self, robot: str, host: str | None, wait_s: float) -> AgentAction | None:
-        """Hand out the next action for an agent, waiting up to `wait_s`."""
+    async def take(
+        self,
+        robot: str,
+        host: str | None,
+        wait_s: float,
+        *,
+        agent: str | None = None,
+        can: Collection[str] | None = None,
+    ) -> AgentAction | None:
+        """Hand out the next action that an agent can do (None: anything), waiting up to `wait_s`."""
+        name = agent or host or "agent"
         deadline = asyncio.get_running_loop().time() + wait_s
         while True:
             change = self.watch(robot)
             queued = await self._store.read(agent_actions.waiting, robot)
-            if any(a.host is None or host is None or a.host == host for a in queued if not a.answered):
+            if any(agent_actions.meant_for(a, host, can) for a in queued if not a.answered):
                 taken = await self._store.write(
-                    lambda tx: agent_actions.take(tx, robot, host=host, agent=host or "agent"),
+                    lambda tx: agent_actions.take(tx, robot, host=host, agent=name, can=can),
                     robots=(robot,),
                 )
                 if taken is not None:
@@ -188,7 +197,7 @@ class AgentExecutor:
             return ActionResult(state.code, state.message)  # it came in just now
         who = f"the agent on {host}" if host else "the robot's agent"
         if state.taken_by is None:
-            return ActionResult(UNREACHABLE, f"{who} did not ask for work in {action.timeout_s:g} s")
+            return ActionResult(UNREACHABLE, f"{who} did not ask for such work in {action.timeout_s:g} s")
         return ActionResult(TIMED_OUT, f"{who} took it and did not report in {action.timeout_s:g} s")
 
     async def _cut_off(self, action: Action) -> None:
