@@ -1,8 +1,8 @@
 """The one signature of everything that can act: a name, a list of strings, an integer result, feedback.
 
 It is the paper's repair action (section IV, b), so that a ROS action server, a power board, a process or a
-webhook are the same to the plan. To add an executor, write a class with this `execute` in
-robomend/repairs/executors/, or on the robot a handler in robomend_client/agent/.
+webhook are the same to the plan. To add an executor, see robomend/repairs/executors/registry.py; to add an
+action of the agent, robomend_client/agent/actions.py.
 """
 
 from __future__ import annotations

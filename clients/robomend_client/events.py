@@ -19,7 +19,7 @@ class Kind(StrEnum):
     OBSERVATIONS = "observations"  # data: revision, changed (literals as text), forgotten, accepted_ns
     DIAGNOSIS = "diagnosis"  # data: revision, result as in GET …/diagnosis
     REPAIR = "repair"  # data: repair id, state, diagnosis, plan, reason
-    ACTION = "action"  # data: action id (`repair:step`), name, parameters, state, result, reason
+    ACTION = "action"  # data: action id (`repair:step`), name, parameters, state, result, message, feedback
     BOARD = "board"  # data: link state, or channels
     ROBOT = "robot"  # data: what changed (created, updated, deleted, quarantine, owner)
     MODEL = "model"  # data: model name, version

@@ -66,6 +66,12 @@ class Settings(BaseModel):
     max_nesting: int = Field(32, ge=4, le=200, description="of JSON arrays and objects")
     max_components: int = Field(100_000, ge=1, description="of a model")
     max_clauses: int = Field(1_000_000, ge=1, description="of a compiled model")
+    max_model_steps: int = Field(
+        250_000, ge=1, description="to compile a model's rules: ground literals and instances; more are a 422"
+    )
+    max_assertion_steps: int = Field(
+        20_000, ge=1, description="to compile all assertions of a robot, or of a question; more are a 422"
+    )
     max_robots: int = Field(
         50_000,
         ge=1,
@@ -84,6 +90,10 @@ class Settings(BaseModel):
         0.005, gt=0, description="a diagnosis on the event loop that takes longer moves to a worker"
     )
     solver_workers: int = Field(1, ge=1, le=64, description="processes for slow diagnoses and one-shots")
+    reader_workers: int = Field(
+        2, ge=1, le=64, description="processes that read models and long sentences; one-shots leave one free"
+    )
+    reading_timeout_s: float = Field(30.0, gt=0, description="of reading a model; then its process is ended")
     planner_workers: int = Field(1, ge=1, le=64, description="processes for planning")
     one_shots: int = Field(8, ge=1, description="one-shots that may wait for a worker; more are a 503")
 

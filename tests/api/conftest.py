@@ -20,7 +20,7 @@ from robomend.api.server import Server, make_server
 from robomend.resources import resource
 from robomend.security import digest, new_key
 from robomend.settings import Settings
-from robomend.store import Transaction, api_keys
+from robomend.store import Store, Transaction, api_keys
 
 TEDUSAR = resource("examples", "tedusar.yaml").read_text(encoding="utf-8")
 
@@ -95,8 +95,11 @@ def running(settings: Settings) -> Iterator[Service]:
         ready.set()
 
     async def serve() -> None:
-        found["repairs"] = RepairsDouble()
-        found["runtime"] = Runtime(settings, lambda *_: found["repairs"])
+        def make(store: Store, *_: Any) -> Any:
+            found["repairs"] = RepairsDouble(store)
+            return found["repairs"]
+
+        found["runtime"] = Runtime(settings, make)
         found["server"] = make_server(found["runtime"], note)
         found["loop"] = asyncio.get_running_loop()
         await found["server"].serve()

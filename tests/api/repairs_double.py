@@ -8,6 +8,8 @@ from typing import Any
 
 from robomend.errors import NotFound, StateConflict
 from robomend.repairs.repairs import Json
+from robomend.repairs.stop_switch import StopSwitch
+from robomend.store import Store
 
 REPAIR = {"id": "r-1", "robot": "r1", "state": "awaiting-approval", "plan": [], "by": "local"}
 
@@ -15,7 +17,8 @@ REPAIR = {"id": "r-1", "robot": "r1", "state": "awaiting-approval", "plan": [], 
 class RepairsDouble:
     """Stands in for robomend.repairs.repairs.Repairs."""
 
-    def __init__(self) -> None:
+    def __init__(self, store: Store) -> None:
+        self.switch = StopSwitch(store)
         self.calls: list[tuple[Any, ...]] = []
         self.queue: dict[str, Json] = {}
         self.owners: dict[str, str] = {}
@@ -23,9 +26,11 @@ class RepairsDouble:
 
     async def start(self) -> None:
         self.calls.append(("start",))
+        await self.switch.start()
 
     async def close(self) -> None:
         self.calls.append(("close",))
+        await self.switch.close()
 
     def end_waits(self) -> None:
         self.calls.append(("end_waits",))
@@ -86,17 +91,6 @@ class RepairsDouble:
         await self.action_robot(action_id)
         self.calls.append(("result", action_id, code, message, by))
         return self.first.setdefault(action_id, {"code": code, "message": message})
-
-    async def stopped(self) -> Json:
-        return {"active": False, "by": None, "reason": "", "since_ns": None}
-
-    async def stop(self, *, by: str, reason: str) -> Json:
-        self.calls.append(("stop", by, reason))
-        return {"active": True, "by": by, "reason": reason, "since_ns": 1}
-
-    async def resume(self, *, by: str, reason: str) -> Json:
-        self.calls.append(("resume", by, reason))
-        return await self.stopped()
 
     async def quarantined(self, robot: str) -> Mapping[str, str]:
         return {"jaguar": "three attempts did not help"}

@@ -10,7 +10,7 @@ from typing import Any
 import httpx
 from tests.api.conftest import Service
 
-from robomend.api.schemas.observations import ObservationsBody
+from robomend.api.schemas.observations import OBSERVATIONS as BATCH
 from robomend.api.schemas.repair import PollBody
 from robomend_client.actions import Action, Orders, Settle
 from robomend_client.rest import calls
@@ -20,7 +20,7 @@ OBSERVATIONS, POLL, ORDERS = map(json.loads, re.findall(r"```json\n(.*?)```", MA
 
 
 def test_every_key_of_the_manual_is_one_of_the_wire() -> None:
-    assert set(OBSERVATIONS) | {"assertions", "together"} == set(ObservationsBody.model_fields)
+    assert set(OBSERVATIONS) | {"assertions", "together"} == BATCH.json_schema()["properties"].keys()
     assert set(POLL) == set(PollBody.model_fields)
 
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 from tests.api.conftest import Service
+from tests.waiting import until
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -62,9 +63,11 @@ def test_an_agent_pulls_its_action_and_reports(service: Service) -> None:
 
 def test_a_persons_brakes(service: Service) -> None:
     calls: list[Any] = service.repairs.calls
-    assert service.api("POST", "/stop", json={"reason": "fire"}).json()["active"]
-    assert calls[-1] == ("stop", "local", "fire")
-    assert not service.api("DELETE", "/stop").json()["active"]
+    stopped = service.api("POST", "/stop", json={"reason": "fire"}).json()
+    assert (stopped["active"], stopped["by"], stopped["reason"]) == (True, "local", "fire")
+    assert service.api("GET", "/stop").json()["reason"] == "fire"
+    service.api("DELETE", "/stop", params={"reason": "it is out"})
+    until(lambda: not service.api("GET", "/stop").json()["active"], "the stop was not lifted")
     assert service.api("GET", "/robots/r1/quarantine").json() == {"jaguar": "three attempts did not help"}
     freed = service.api("POST", "/robots/r1/quarantine/jaguar/release", json={"reason": "mended"})
     assert freed.status_code == 204

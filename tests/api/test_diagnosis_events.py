@@ -7,8 +7,7 @@ import json
 from tests.api.conftest import Service, bad_sets
 
 from robomend.errors import ContradictoryModel
-from robomend.robots.diagnosing import event_data
-from robomend.robots.robot import Current
+from robomend.robots.current import Current
 
 
 def test_text_and_object_of_a_diagnosis_agree(service: Service) -> None:
@@ -16,10 +15,10 @@ def test_text_and_object_of_a_diagnosis_agree(service: Service) -> None:
     service.observe("not running(rviz)", robot="told")
     found = service.diagnosis("told", after=0, wait_s=10)
     assert bad_sets(found) == [{"rviz"}]
-    current = service.runtime.robots._memory.states["told"].current  # what the event was made from
+    current = service.runtime.robots.memory.states["told"].current  # what the event was made from
     assert current is not None
     assert current.answer is not None
-    data = event_data(current)
+    data = current.event_data()
     assert json.loads(data.text) == dict(data)
 
 
@@ -28,5 +27,5 @@ def test_a_fault_instead_of_a_diagnosis_has_its_text_too() -> None:
 
     fault = ContradictoryModel((), ())
     answer = Diagnosed.failed(fault)
-    data = event_data(Current(3, "v", 1, None, {"code": fault.code, "detail": str(fault)}, answer))
+    data = Current(3, "v", 1, None, {"code": fault.code, "detail": str(fault)}, answer).event_data()
     assert json.loads(data.text) == dict(data)

@@ -14,7 +14,7 @@ import httpx
 import pytest
 from tests.api.conftest import Service, StartService
 
-from robomend.api import ingestion, streams
+from robomend.api import ndjson, streams
 
 
 @contextmanager
@@ -104,7 +104,7 @@ def test_an_id_that_nobody_gave_replays_from_the_oldest_after_a_gap(start: Start
 def test_a_slow_reader_is_served_from_the_log(start: StartService, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(streams, "PENDING", 5)
     monkeypatch.setattr(streams, "PAGE", 7)
-    monkeypatch.setattr(ingestion, "GROUP", 10)  # 120 revisions, faster than one write each
+    monkeypatch.setattr(ndjson, "GROUP", 10)  # 120 revisions, faster than one write each
     service = start()
     service.with_robot()
     sock = socket.create_connection(("127.0.0.1", int(service.url.rsplit(":", 1)[1])))
@@ -176,7 +176,7 @@ def test_open_streams_and_long_polls_do_not_hold_up_the_end(tmp_path: Any) -> No
         threads = [threading.Thread(target=follow), threading.Thread(target=wait)]
         for thread in threads:
             thread.start()
-        while not service.runtime.hub.count or not service.runtime.robots.diagnosing.waits:
+        while not service.runtime.hub.count or not service.runtime.robots.waiting.requests:
             time.sleep(0.01)
         began = time.monotonic()
         service.loop.call_soon_threadsafe(service.runtime.end_waits)

@@ -100,6 +100,11 @@ def test_a_robot_is_checked_against_its_model(service: Service) -> None:
         ({"expected": {"stopped": ["nobody"]}}, "nobody"),
         ({"diagnosis": {"engine": "nobody"}}, "diagnosis.engine"),
         ({"planner": "nobody"}, "planner"),
+        (
+            {"actions": {"reset": {"executor": {"kind": "agnet"}}}},
+            "actions.reset.executor.kind: no executor is named 'agnet': "
+            "choose one of board, agent, process, webhook",
+        ),
         ({"domain": "(define (domain robot-repair) (:action"}, "domain:1"),
         ({"protected": ["nobody"]}, "nobody"),
         ({"observed": ["on(nobody)"]}, "nobody"),
@@ -159,7 +164,7 @@ def test_the_secret_of_a_webhook_is_shown_to_nobody_and_kept(start: StartService
     assert service.api("PUT", "/robots/r1", json=body).status_code == 428
     put = service.api("PUT", "/robots/r1", json=body, headers={"If-Match": shown.headers["etag"]})
     assert put.status_code == 200
-    stored = service.run(service.runtime.robots.robot("r1")).config
+    stored = service.run(service.runtime.robots.memory.robot("r1")).config
     assert stored.policy == "observe"
     assert stored.actions["call_human"]["executor"]["options"]["secret"] == "s3cr3t"
 

@@ -9,16 +9,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robomend.entry import Entry
 from robomend.errors import ObservationError
 from robomend.model.clauses import Assertion
 from robomend.model.formulas import Leaf
 from robomend.observations import obs as module
-from robomend.observations.obs import Obs, Observed
+from robomend.observations.obs import Obs
 from robomend_client.literals import Atom, Literal, fails, holds
 
 
-def seen(literal: Literal, time_ns: int = 0, expires_ns: int | None = None, source: str = "test") -> Observed:
-    return Observed(literal, source, time_ns, expires_ns)
+def seen(literal: Literal, time_ns: int = 0, expires_ns: int | None = None, source: str = "test") -> Entry:
+    return Entry(literal, source, time_ns, expires_ns)
 
 
 def test_a_literal_replaces_its_opposite() -> None:
@@ -174,7 +175,7 @@ literals = st.builds(
 
 
 @st.composite
-def arrivals(draw: st.DrawFn) -> list[Observed]:
+def arrivals(draw: st.DrawFn) -> list[Entry]:
     """Observations of different times, in any order of arrival; some with a lifetime."""
     times = draw(st.lists(st.integers(0, 50), unique=True, max_size=12))
     observed = []
@@ -184,9 +185,9 @@ def arrivals(draw: st.DrawFn) -> list[Observed]:
     return observed
 
 
-def naive(observed: list[Observed], now_ns: int) -> set[Literal]:
+def naive(observed: list[Entry], now_ns: int) -> set[Literal]:
     """S ⊕ o of the paper, taken in the order of time; then what is still fresh."""
-    known: dict[Literal, Observed] = {}
+    known: dict[Literal, Entry] = {}
     for o in sorted(observed, key=lambda o: o.time_ns):
         said = [o.literal]
         if o.literal.positive and o.literal.atom.predicate in TRENDS:
@@ -199,7 +200,7 @@ def naive(observed: list[Observed], now_ns: int) -> set[Literal]:
 
 @given(arrivals(), st.integers(0, 100), st.integers(1, 4))
 def test_agrees_with_the_definition_whatever_the_order_of_arrival(
-    observed: list[Observed], now_ns: int, batch: int
+    observed: list[Entry], now_ns: int, batch: int
 ) -> None:
     obs = Obs()
     for start in range(0, len(observed), batch):
@@ -210,7 +211,7 @@ def test_agrees_with_the_definition_whatever_the_order_of_arrival(
 
 
 @given(arrivals(), st.integers(0, 100))
-def test_every_change_of_the_literals_is_reported(observed: list[Observed], now_ns: int) -> None:
+def test_every_change_of_the_literals_is_reported(observed: list[Entry], now_ns: int) -> None:
     obs = Obs()
     for one in observed:
         before = obs.literals(now_ns)

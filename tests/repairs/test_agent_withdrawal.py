@@ -6,6 +6,7 @@ import asyncio
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from tests.clients.running_agent import agent, alive, config
@@ -51,6 +52,11 @@ async def test_a_start_under_way_is_given_up_and_done_once_when_it_is_wanted_aga
             while not seen():
                 await asyncio.sleep(0.02)
 
+    def says_what_it_waits_for(repair: dict[str, Any]) -> bool:
+        feedback = repair["plan"][0]["feedback"] if repair["plan"] else None
+        said = f"laser has process {starts()[0]}; waiting for evidence: output"
+        return feedback is not None and (feedback["code"], feedback["message"]) == (1, said)
+
     async with services(("--data", str(tmp_path / "service"))) as [service]:
         client = service.client
         assert client is not None
@@ -66,6 +72,7 @@ async def test_a_start_under_way_is_given_up_and_done_once_when_it_is_wanted_aga
         with agent(config(tmp_path, service.url, {"laser": laser})):
             await until(starts)
             under_way = await latest([service], lambda repair: repair["state"] == "running", robot="tedusar")
+            await latest([service], says_what_it_waits_for, robot="tedusar")
             if how == "cancel":
                 await client.cancel(under_way["id"], "not now")
             else:

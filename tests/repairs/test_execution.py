@@ -12,8 +12,8 @@ from tests.waiting import for_ever
 from robomend.planning.plan import Step
 from robomend.planning.prediction import Prediction, Theory
 from robomend.repairs.execution import execute
-from robomend.repairs.execution_values import Ending, StepReport, Withheld
-from robomend_client.actions import OK, Action, ActionResult
+from robomend.repairs.execution_values import MOST_FEEDBACK, Ending, StepReport, Withheld
+from robomend_client.actions import OK, Action, ActionResult, Feedback
 from robomend_client.literals import Atom
 
 pytestmark = pytest.mark.anyio
@@ -112,3 +112,34 @@ async def test_an_action_cut_off_by_the_end_of_the_service_keeps_its_intent_open
     task.cancel()
     await asyncio.wait({task})
     assert robot.journal == ["intend r-1:0 power_up(lidar)"]
+
+
+async def test_feedback_of_an_action_under_way_is_reported_with_its_step_and_stays_with_it() -> None:
+    robot = Robot()
+    heard = asyncio.Event()
+    told: list[StepReport] = []
+
+    class Speaking:
+        async def execute(self, action: Action, feedback: Feedback) -> ActionResult:
+            feedback(10, "spinning up")
+            await heard.wait()
+            feedback(90, "x" * 5000)  # more than is kept
+            return await robot.execute(action, feedback)
+
+    async def report(report: StepReport) -> None:
+        told.append(report)
+        if report.feedback is not None:
+            heard.set()
+
+    here = setting(robot)
+    executors = {**here.executors, "power_up": Speaking()}
+    async with asyncio.timeout(10):
+        done = await execute(POWER_LOST, replace(here, executors=executors, report=report))
+    assert done.ending is Ending.DONE
+    first = next(one.feedback for one in told if one.feedback is not None)
+    assert (first.code, first.message) == (10, "spinning up")
+    latest = done.steps[0].feedback
+    assert latest is not None
+    assert (latest.code, len(latest.message)) == (90, MOST_FEEDBACK)
+    assert latest.time_ns > first.time_ns
+    assert done.steps[1].feedback is None

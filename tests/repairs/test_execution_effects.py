@@ -7,7 +7,8 @@ import asyncio
 import pytest
 from tests.repairs.lidar_robot import ON, RUNNING, SCAN, Robot, run
 
-from robomend.repairs.execution_values import Ending, StepState
+from robomend.repairs.execution_values import Ending
+from robomend.repairs.states import StepState
 from robomend_client.actions import OK, Action, ActionResult
 from robomend_client.literals import Literal
 

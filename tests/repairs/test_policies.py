@@ -150,7 +150,7 @@ async def test_after_the_policy_became_observe_the_running_repair_does_nothing_m
         await robot.settled()
         robot.cut("base")
         await begun.wait()
-        etag = (await runtime.robots.robot("r1")).stored.etag
+        etag = (await runtime.robots.memory.robot("r1")).stored.etag
         watched = {**CONFIG, "policy": "observe"}
         await runtime.robots.put_robot("r1", watched, expected=etag, by="ann")
         forbidden.set()

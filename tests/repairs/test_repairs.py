@@ -346,7 +346,7 @@ async def test_a_robot_that_is_deleted_and_created_again_is_kept_again(tmp_path:
     async with service(tmp_path) as runtime:
         async with robot_on(runtime) as robot:
             await robot.settled()
-        etag = (await runtime.robots.robot("r1")).stored.etag
+        etag = (await runtime.robots.memory.robot("r1")).stored.etag
         await runtime.robots.delete_robot("r1", expected=etag, by="ann")
         await asyncio.sleep(0.3)  # whatever kept it has ended
         async with robot_on(runtime) as robot:

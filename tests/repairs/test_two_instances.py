@@ -136,10 +136,11 @@ async def test_the_owner_sends_nothing_after_the_other_instance_was_asked_to_end
         else:
             await client.cancel(open_one["id"], "I see smoke")
         asked.set()
-        repair = await latest([other], ended)
+        await latest([other], ended)
         await robot.rest()
+        repair = await client.repair(open_one["id"])  # what is left to do may have begun another one by now
         audit = await client.audit(limit=500)
-    assert (repair["id"], repair["state"]) == (open_one["id"], "cancelled")
+    assert repair["state"] == "cancelled"
     actions = [entry["action"] for entry in reversed(audit["items"])]
     assert 2 <= actions.count("action.sent") < 5
     after = actions[actions.index(way) : actions.index("repair.cancelled")]

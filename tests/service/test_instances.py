@@ -12,8 +12,6 @@ import pytest
 from tests.api.conftest import TEDUSAR, StartService, bad_sets
 from tests.api.conftest import start as start  # the fixture
 
-from robomend.repairs.hearing import LiveSight
-
 
 def test_who_waits_for_observations_hears_of_those_of_another_instance(start: StartService) -> None:
     one, two = start(), start()
@@ -23,8 +21,8 @@ def test_who_waits_for_observations_hears_of_those_of_another_instance(start: St
     robots = two.runtime.robots
 
     async def wait() -> int:
-        state = await robots.latest("r1")
-        return await LiveSight(robots, state).changed(1, 20.0)
+        state = await robots.memory.latest("r1")
+        return await state.changed(1, 20.0)
 
     waiting: Future[int] = asyncio.run_coroutine_threadsafe(wait(), two.loop)
     time.sleep(0.2)  # it waits by then

@@ -41,7 +41,7 @@ def test_who_waits_for_a_robot_keeps_it_and_is_told(start: StartService) -> None
     service.with_robot("waited")
 
     async def wait() -> int:
-        state = await service.runtime.robots.robot("waited")
+        state = await service.runtime.robots.memory.robot("waited")
         return await state.changed(0, 20.0)
 
     waiting: Future[int] = asyncio.run_coroutine_threadsafe(wait(), service.loop)
@@ -78,6 +78,6 @@ def test_a_period_keeps_its_robot(start: StartService) -> None:
 
     async def held() -> bool:
         gc.collect()
-        return "periodic" in service.runtime.robots._memory.states
+        return "periodic" in service.runtime.robots.memory.states
 
     assert service.run(held())

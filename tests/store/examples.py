@@ -6,10 +6,11 @@ from collections.abc import Sequence
 
 from sqlalchemy import select
 
+from robomend.entry import Entry
 from robomend.store import Store, Transaction, View, journal, models, observations, robots, schema
-from robomend.store.records import Entry, Intent
+from robomend.store.records import Intent
 from robomend_client.events import Kind
-from robomend_client.literals import Atom
+from robomend_client.literals import Atom, Literal
 
 
 def entry(
@@ -21,7 +22,7 @@ def entry(
     expires_ns: int | None = None,
 ) -> Entry:
     """Return `ok(name)` or its negation."""
-    return Entry(Atom("ok", (name,)), positive, source, time_ns, expires_ns)
+    return Entry(Literal(Atom("ok", (name,)), positive), source, time_ns, expires_ns)
 
 
 def intents(view: View, repair: str) -> tuple[Intent, ...]:

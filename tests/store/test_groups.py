@@ -12,9 +12,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from tests.store.examples import entry, with_robots
 
+from robomend.entry import Entry
 from robomend.store import Store, Transaction, View, diagnoses, events, observations
-from robomend.store.records import Entry, IdempotencyKey, StoredAssertion
+from robomend.store.records import IdempotencyKey, StoredAssertion
 from robomend_client.events import Kind
+from robomend_client.literals import Literal
 
 pytestmark = pytest.mark.anyio
 
@@ -91,7 +93,7 @@ def run(tx: Transaction, robot: str, change: Change) -> int:
     for step in change.steps:
         atom = entry(step.name).atom
         if step.what == "observe":
-            entries = [Entry(atom, step.positive, "test", 1)]
+            entries = [Entry(Literal(atom, step.positive), "test", 1)]
             observations.observe(tx, robot, accepted=entries, changed=entries)
             tx.emit(Kind.OBSERVATIONS, robot, {})
         elif step.what == "forget":

@@ -13,7 +13,7 @@ from robomend.errors import InputError, NotFound, RobomendError, StateConflict
 from robomend.store import Store, Transaction, audit, diagnoses, events, observations, robots
 from robomend.store.records import AuditEntry, IdempotencyKey, Paging, StoredAssertion, StoredBatch
 from robomend_client.events import Kind
-from robomend_client.literals import Atom
+from robomend_client.literals import Atom, Literal
 
 pytestmark = pytest.mark.anyio
 
@@ -35,7 +35,7 @@ async def test_obs_holds_the_latest_of_each_atom(store: Store) -> None:
 async def test_an_atom_comes_back_whatever_its_names_hold(store: Store) -> None:
     await with_robots(store, "r1")
     odd = [Atom("ok", ('a "quoted", name', "b\\c")), Atom("p"), Atom("ok", ("",)), Atom("ok", ("NUL \x00",))]
-    entries = [replace(entry("x"), atom=atom) for atom in odd]
+    entries = [replace(entry("x"), literal=Literal(atom)) for atom in odd]
     await observe(store, "r1", *entries)
     obs = await store.read(observations.obs, "r1")
     assert {e.atom for e in obs.entries} == set(odd)

@@ -4,10 +4,11 @@
          (long poll)           │    └── under way ─► nothing: its result will come
                                └─ new ─► executor ──► remembered ──► POST …/result, until it arrives
 
-Several actions may be under way at once; those on one process take turns (processes.py). An executor
-has `action.timeout_s` and not a moment more. While it works, feedback goes out every second; when the service
-answers 409 the action has been withdrawn, and is given up if it can be: before it has begun to act, and later
-if its executor leaves things as they were. What can be done is in executors/.
+Several actions may be under way at once; those on one process take turns (processes.py). An executor has
+`action.timeout_s` and not a moment more. While it works, what it says goes out as feedback, and the latest of
+it again twice a second; when the service answers 409 the action has been withdrawn, and is given up if it can
+be: before it has begun to act, and later if its executor leaves things as they were. What can be done is in
+executors/.
 """
 
 from __future__ import annotations
@@ -93,6 +94,8 @@ class Actions:
         self._atoms = {} if watch is None else {str(atom): atom for atom in watch.driver.atoms}
         self._settled: int | None = None  # the newest `n` that was asked for
         self._under_way: dict[str, asyncio.Task[None]] = {}
+        self._tellings: dict[str, _Telling] = {}
+        self._taken = (0, f"taken by agent {agent}")
         self._room = asyncio.Semaphore(MOST_AT_ONCE)
 
     async def pull(self) -> None:
@@ -146,8 +149,10 @@ class Actions:
 
     async def _accept(self, action: Action, again: bool) -> None:
         """Say that the action has arrived: until then the service gives it to every poll."""
+        telling = self._tellings.get(action.id)
+        number, message = self._taken if telling is None else telling.latest
         try:
-            await self._client.send(calls.feedback(action.id, 0, f"taken by agent {self._agent}"), NEVER)
+            await self._client.send(calls.feedback(action.id, number, message), NEVER)
         except StateConflict:
             pass  # its result was faster
         except ClientError as error:
@@ -184,10 +189,11 @@ class Actions:
         if result is None:
             async with self._room:
                 log.info("%s: %s", action.id, action)
-                telling = _Telling(self._client, action.id)
+                telling = self._tellings[action.id] = _Telling(self._client, action.id, self._taken)
                 try:
                     result = self._memory.remember(action.id, await self._unless_withdrawn(action, telling))
                 finally:
+                    del self._tellings[action.id]
                     await telling.close()
                 log.info("%s: %s → %d %s", action.id, action, result.code, result.message)
         await self._tell(action.id, result)
@@ -237,11 +243,15 @@ class Actions:
 
 
 class _Telling:
-    """Feedback of one action, sent in order beside it; what does not get through is not worth waiting for."""
+    """Feedback of one action, sent in order beside it; what does not get through is not worth waiting for.
+
+    The latest is sent again with each beat, so that it gets through in the end and withdrawals are heard of.
+    """
 
     acts = False  # the handler has said something: it is past waiting for its turn
 
-    def __init__(self, client: AsyncClient, action_id: str) -> None:
+    def __init__(self, client: AsyncClient, action_id: str, first: tuple[int, str]) -> None:
+        self.latest = first
         self._client = client
         self._action_id = action_id
         self._queue: asyncio.Queue[tuple[int, str]] = asyncio.Queue(maxsize=16)
@@ -251,6 +261,7 @@ class _Telling:
 
     def tell(self, number: int, message: str) -> None:
         self.acts = True
+        self.latest = (number, message)
         if not self._queue.full():
             self._queue.put_nowait((number, message))
 
@@ -260,7 +271,7 @@ class _Telling:
 
     async def _send(self) -> None:
         while not self._closed:
-            number, message = 0, "under way"
+            number, message = self.latest
             with contextlib.suppress(TimeoutError):
                 async with timeout(BEAT_S):
                     number, message = await self._queue.get()

@@ -84,7 +84,8 @@ class SupervisedProcess:
             notification = Notification(self._ready) if self.spec.ready == "notify" else None
             try:
                 self._begin(notification)
-                feedback(1, f"{self.spec.name} has process {self.handle.pid if self.handle else '?'}")
+                pid = self.handle.pid if self.handle else "?"
+                feedback(1, f"{self.spec.name} has process {pid}; waiting for evidence: {self.spec.ready}")
                 return await self._evidence(began)
             except NotStarted as error:
                 return ActionResult(FAILED, f"{self.spec.name} cannot be started: {error}")
@@ -107,6 +108,7 @@ class SupervisedProcess:
             how = "ended"
             if not await self._wait_for_end(grace_s):
                 how = f"did not end within {grace_s:g} s and was killed"
+                feedback(1, f"{self.spec.name} does not end: SIGKILL")
                 handle.signal_group(signal.SIGKILL)
                 if not await self._wait_for_end(KILL_S):
                     return ActionResult(FAILED, f"{self.spec.name} (process {handle.pid}) does not die")

@@ -31,7 +31,7 @@ docs/observers.md, "Your own observer". To add one to robomend:
 
 from __future__ import annotations
 
-import math
+from math import isfinite
 from typing import NamedTuple, Protocol, runtime_checkable
 
 from robomend_client.literals import Atom, Literal
@@ -133,15 +133,15 @@ def number(value: object) -> float | None:
     Raises:
         TypeError: it is something else altogether.
     """
-    if value.__class__ is not float:
-        if not isinstance(value, (int, float)):
-            raise TypeError(f"a number is needed, not {value!r}")
-        try:
-            value = float(value)
-        except OverflowError:
-            return None
-    assert isinstance(value, float)
-    return value if math.isfinite(value) else None
+    if type(value) is float:
+        return value if isfinite(value) else None
+    if not isinstance(value, (int, float)):
+        raise TypeError(f"a number is needed, not {value!r}")
+    try:
+        found = float(value)
+    except OverflowError:
+        return None
+    return found if isfinite(found) else None
 
 
 def positive(**values: float) -> None:

@@ -170,9 +170,10 @@ class Driver:
             return ()
         if now_ns is None:
             now_ns = self.now_ns
-            if self._held is not None or not now_ns - JUMP_NS <= time_ns <= now_ns + JUMP_NS:
+            ahead_ns = time_ns - now_ns
+            if self._held is not None or not -JUMP_NS <= ahead_ns <= JUMP_NS:
                 return self._far(source, time_ns, value)
-            if time_ns > now_ns:
+            if ahead_ns > 0:
                 now_ns = time_ns
         else:
             if now_ns < self.now_ns:
@@ -260,9 +261,10 @@ class Driver:
         for seat in route.seats:
             if time_ns < seat.floor_ns:
                 continue  # from before the reset: what it tells is not young enough
+            period_ns = seat.period_ns
             try:
                 seat.feed(source, time_ns, value)
-                if not seat.period_ns:
+                if not period_ns:
                     said, due_ns = seat.check(now_ns), seat.due_ns()
                     if said is seat.said and not seat.waiting:
                         if due_ns is not None and not now_ns < seat.tick_ns <= due_ns:
@@ -271,11 +273,11 @@ class Driver:
             except Exception as error:  # noqa: BLE001  # anybody's observer may raise anything
                 changes = [*changes, *self._failed(seat, error)]
                 continue
-            if not seat.period_ns:
+            if not period_ns:
                 changes = [*changes, *self._ask_now(seat)]
             elif not seat.fed:
                 seat.fed = True
-                tick_ns = (now_ns // seat.period_ns + 1) * seat.period_ns
+                tick_ns = (now_ns // period_ns + 1) * period_ns
                 if tick_ns < seat.tick_ns:
                     self._schedule(seat, tick_ns)
         return changes

@@ -19,7 +19,19 @@ LARGEST = 1e100
 class Slope:
     """A regression line over a moving window."""
 
-    __slots__ = ("_age", "_n", "_origin_ns", "_samples", "_st", "_stt", "_stv", "_sv", "_v0", "window_ns")
+    __slots__ = (
+        "_age",
+        "_n",
+        "_origin_ns",
+        "_samples",
+        "_st",
+        "_stt",
+        "_stv",
+        "_sv",
+        "_v0",
+        "oldest_ns",
+        "window_ns",
+    )
 
     def __init__(self, window_ns: int) -> None:
         self.window_ns = window_ns
@@ -29,14 +41,11 @@ class Slope:
     def reset(self) -> None:
         self._samples.clear()
         self._n = self._age = self._origin_ns = 0
+        self.oldest_ns = 0  # the time of the oldest sample in the window, once there is one
         self._st = self._sv = self._stt = self._stv = self._v0 = 0.0
 
     def __len__(self) -> int:
         return self._n
-
-    @property
-    def oldest_ns(self) -> int:
-        return self._samples[0][0]
 
     def add(self, time_ns: int, value: float) -> float | None:
         """Take in a sample, whose time does not go back; return the slope of the window that it ends.
@@ -64,6 +73,7 @@ class Slope:
             sv -= v
             stt -= t * t
             stv -= t * v
+        self.oldest_ns = samples[0][0]
         self._n = n
         self._st = st
         self._sv = sv

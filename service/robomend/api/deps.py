@@ -10,8 +10,10 @@ from typing import Annotated
 
 from fastapi import Depends, Header, Path, Query, Request
 
+from robomend.api.loop_watch import LoopWatch
 from robomend.api.problems import Problem
 from robomend.api.schemas.base import NAME
+from robomend.api.store_probe import StoreProbe
 from robomend.api.streams import Hub
 from robomend.errors import PreconditionRequired
 from robomend.metrics import Metrics
@@ -35,6 +37,8 @@ class Parts:
     one_shots: OneShots
     hub: Hub
     metrics: Metrics
+    watch: LoopWatch
+    probe: StoreProbe
 
 
 # Dependencies are coroutines even where they wait for nothing: the framework would hand plain functions to a

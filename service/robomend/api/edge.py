@@ -18,6 +18,7 @@ from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from robomend.api.express import Express
+from robomend.api.loop_watch import timed
 from robomend.api.problems import Problem, unforeseen
 from robomend.metrics import Metrics
 
@@ -31,7 +32,7 @@ SECURITY_HEADERS = ((b"x-content-type-options", b"nosniff"), (b"referrer-policy"
 class Edge:
     """ASGI middleware; see the module."""
 
-    def __init__(self, app: ASGIApp, *, metrics: Metrics, express: Express) -> None:
+    def __init__(self, app: ASGIApp, *, metrics: Metrics, express: Express | None) -> None:
         self._app = app
         self._express = express
         self._metrics = metrics
@@ -65,10 +66,10 @@ class Edge:
             problem = refusal(scope, headers)
             if problem is not None:
                 await problem.response(request_id)(scope, receive, answer)
-            elif self._express.takes(scope, headers):
-                await self._express(scope, receive, answer, headers)
+            elif self._express is not None and self._express.takes(scope, headers):
+                await timed(self._express(scope, receive, answer, headers), self._metrics.held)
             else:
-                await self._app(scope, receive, answer)
+                await timed(_coroutine(self._app, scope, receive, answer), self._metrics.held)
         except ClientDisconnect:
             status = status or 499  # nobody is left to answer; the log line and the metrics say so
         except Exception:  # a bug of ours: the client gets its 500, the log the traceback
@@ -92,6 +93,10 @@ class Edge:
             ms=round(elapsed_s * 1000, 2),
             principal=scope.get("robomend.principal_name"),
         )
+
+
+async def _coroutine(app: ASGIApp, scope: Scope, receive: Receive, send: Send) -> None:
+    await app(scope, receive, send)
 
 
 def refusal(scope: Scope, headers: dict[bytes, bytes]) -> Problem | None:

@@ -30,6 +30,7 @@ TYPE_PREFIX = "urn:robomend:problem:"
 STATUS: dict[type[errors.RobomendError], int] = {
     errors.RobomendError: 500,
     errors.InputError: 422,
+    errors.MalformedJson: 400,
     errors.TooLarge: 413,
     errors.NotFound: 404,
     errors.StateConflict: 409,
@@ -67,6 +68,7 @@ HTTP_CODES = {
     500: "internal",
     501: "not-implemented",
     503: "overloaded",
+    505: "http-version",
 }
 
 MAX_FIELDS = 20
@@ -132,6 +134,9 @@ def of_validation(error: RequestValidationError) -> Problem:
         position = found[0]["loc"][-1]
         reason = found[0].get("ctx", {}).get("error", "not JSON")
         return Problem(400, f"the body is not JSON: {reason} at {position}", code="malformed-json")
+    for one in found:
+        if one["type"] == "unexpected_keyword_argument":  # a field of a body that is checked as a dataclass
+            one["type"], one["msg"] = "extra_forbidden", "Extra inputs are not permitted"
     faults = [
         {"place": ".".join(map(str, one["loc"])), "message": one["msg"], "type": one["type"]}
         for one in found[:MAX_FIELDS]

@@ -40,6 +40,8 @@ MOST = 100
 ADDRESSES = 10_000
 """Client addresses whose sign-ins are counted."""
 BURST = 10
+KNOWN = 1000
+"""Sign-ins that were found lately are known by heart, for a stop while the store does not answer."""
 
 
 class SignIns:
@@ -49,6 +51,7 @@ class SignIns:
         self._store = store
         self._settings = settings
         self._rates: OrderedDict[str, Bucket] = OrderedDict()
+        self._known: OrderedDict[str, Principal] = OrderedDict()  # by digest: found lately
 
     def wait_s(self, request: Request) -> float:
         """Count a sign-in; return 0, or in how many seconds its client's address may try again."""
@@ -89,7 +92,27 @@ class SignIns:
             return None
         _check_origin(request)
         found = await self._store.read(api_keys.sign_in, digest(token))
-        return None if found is None or found.key.revoked_ns is not None else _principal(found)
+        if found is None or found.key.revoked_ns is not None:
+            self._known.pop(digest(token), None)
+            return None
+        principal = self._known[digest(token)] = _principal(found)
+        while len(self._known) > KNOWN:
+            self._known.popitem(last=False)
+        return principal
+
+    def known(self, request: Request) -> Principal | None:
+        """Return who was signed in with the request's cookie when the store was asked last; for any thread.
+
+        Raises:
+            Problem: 403, another origin's page sends it.
+        """
+        token = _token(request)
+        if token is None:
+            return None
+        _check_origin(request)
+        found = self._known.get(digest(token))
+        over = found is None or (found.until_ns is not None and found.until_ns < time.time_ns())
+        return None if over else found
 
     async def end(self, request: Request, response: Response) -> None:
         """Forget the request's sign-in, if it has one, and its cookie."""
@@ -103,6 +126,7 @@ class SignIns:
             tx.note(AuditEntry(actor=principal.name, action="session.end", subject=principal.name))
 
         await self._store.write(end)
+        self._known.pop(digest(token), None)
         response.headers.append("Set-Cookie", _cookie(request, "", 0))
 
 

@@ -24,7 +24,7 @@ from robomend.robots.batches import Acknowledged
 from robomend.robots.boards import WiredBoard
 from robomend.robots.clock import CLOCK
 from robomend.robots.configuration import covered
-from robomend.robots.robot import Current, Robot
+from robomend.robots.robot import Robot
 from robomend.security import Principal
 from robomend.settings import Settings
 from robomend.store import Store, View, diagnoses, observations, repairs, robots
@@ -38,7 +38,6 @@ from robomend.store.records import (
     StoredRepair,
     StoredRobot,
 )
-from robomend_client.literals import Literal
 
 
 def model_out(model: StoredModel, system: System) -> ModelOut:
@@ -96,16 +95,8 @@ def robot_out(state: Robot) -> RobotOut:
         updated_ns=state.stored.updated_ns,
         revision=state.revision,
         model_version=state.model.version,
-        healthy=_healthy(state.current),
+        healthy=None if state.current is None else state.current.healthy,
     )
-
-
-def _healthy(current: Current | None) -> bool | None:
-    if current is None:
-        return None
-    if current.result is None:
-        return False
-    return any(not diagnosis["bad"] for diagnosis in current.result["diagnoses"])
 
 
 def accepted_response(outcome: Acknowledged) -> Response:
@@ -254,8 +245,7 @@ def _history_line(item: StoredBatch | StoredDiagnosis | StoredRepair) -> History
     data = {
         "revision": item.revision,
         "observations": [
-            {"literal": str(Literal(e.atom, e.positive)), "source": e.source, "time_ns": e.time_ns}
-            for e in item.entries
+            {"literal": str(e.literal), "source": e.source, "time_ns": e.time_ns} for e in item.entries
         ],
         "asserted": {assertion.name: assertion.sentence for assertion in item.asserted},
         "withdrawn": list(item.withdrawn),

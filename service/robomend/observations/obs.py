@@ -18,8 +18,9 @@ Source: section IV-C of the paper; time, lifetimes and trends are ours.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import replace
 
+from robomend.entry import Entry
 from robomend.errors import ObservationError
 from robomend.model.clauses import Assertion
 from robomend.model.vocabulary import SYMMETRIC, TRENDS
@@ -30,20 +31,6 @@ MAX_ATOMS = 20_000
 
 MAX_ASSERTIONS = 200
 FOREVER = 2**63 - 1
-
-
-@dataclass(frozen=True, slots=True)
-class Observed:
-    """One literal with who saw it and when; times in integer nanoseconds."""
-
-    literal: Literal
-    source: str
-    time_ns: int
-    expires_ns: int | None = None  # from then on unknown
-
-    def fresh(self, now_ns: int) -> bool:
-        """Return whether the lifetime has not run out."""
-        return self.expires_ns is None or now_ns < self.expires_ns
 
 
 class Obs:
@@ -59,9 +46,9 @@ class Obs:
         "_valid_ns",
     )
 
-    def __init__(self, entries: Iterable[Observed] = (), assertions: Iterable[Assertion] = ()) -> None:
+    def __init__(self, entries: Iterable[Entry] = (), assertions: Iterable[Assertion] = ()) -> None:
         """Rebuild OBS from `entries()` and `assertions`, as they were stored."""
-        self._by_atom: dict[Atom, Observed] = {entry.literal.atom: entry for entry in entries}
+        self._by_atom: dict[Atom, Entry] = {entry.literal.atom: entry for entry in entries}
         self._assertions: dict[str, Assertion] = {a.name: a for a in assertions}
         # Whether any entry may have a lifetime: most robots have none, and need not be looked through.
         self._mortal = any(entry.expires_ns is not None for entry in self._by_atom.values())
@@ -71,7 +58,7 @@ class Obs:
         self._computed_ns = 0
         self._valid_ns = FOREVER
 
-    def update(self, observed: Iterable[Observed]) -> tuple[Observed, ...]:
+    def update(self, observed: Iterable[Entry]) -> tuple[Entry, ...]:
         """Take in observations, all or none, and return the entries that changed what is known.
 
         A repetition of what is known already renews time and lifetime, and is not returned. The trends
@@ -84,7 +71,7 @@ class Obs:
         atoms = {entry.literal.atom for entry in new}
         if len(self._by_atom) + len(atoms) > MAX_ATOMS and len(self._by_atom.keys() | atoms) > MAX_ATOMS:
             raise ObservationError(f"OBS would hold more than {MAX_ATOMS} atoms", str(new[0].literal))
-        changed: dict[Atom, Observed] = {}
+        changed: dict[Atom, Entry] = {}
         for entry in new:
             atom = entry.literal.atom
             old = self._by_atom.get(atom)
@@ -136,7 +123,7 @@ class Obs:
         times = (entry.expires_ns for entry in self._by_atom.values())
         return min((time for time in times if time is not None and time > now_ns), default=None)
 
-    def get(self, atom: Atom) -> Observed | None:
+    def get(self, atom: Atom) -> Entry | None:
         """Return the entry of an atom, fresh or stale."""
         return self._by_atom.get(atom)
 
@@ -145,7 +132,7 @@ class Obs:
         entry = self._by_atom.get(atom)
         return None if entry is None or not entry.fresh(now_ns) else entry.literal.positive
 
-    def entries(self) -> tuple[Observed, ...]:
+    def entries(self) -> tuple[Entry, ...]:
         """Return every entry, stale ones included: what a store keeps."""
         return tuple(self._by_atom.values())
 
@@ -187,14 +174,14 @@ class Obs:
         self._valid_ns = FOREVER
 
 
-def consequences(entry: Observed) -> tuple[Observed, ...]:
+def consequences(entry: Entry) -> tuple[Entry, ...]:
     """Return the entry in canonical form, with the trends that it excludes."""
     literal = entry.literal
     predicate, args = literal.atom.predicate, literal.atom.args
     if predicate in SYMMETRIC and len(args) == 2 and args[1] < args[0]:
         swapped = Literal(Atom(predicate, (args[1], args[0])), literal.positive)
-        return (Observed(swapped, entry.source, entry.time_ns, entry.expires_ns),)
+        return (replace(entry, literal=swapped),)
     if predicate not in TRENDS or not literal.positive or len(args) != 1:
         return (entry,)
     denied = (Literal(Atom(trend, args), False) for trend in TRENDS if trend != predicate)
-    return (entry, *(Observed(no, entry.source, entry.time_ns, entry.expires_ns) for no in denied))
+    return (entry, *(replace(entry, literal=no) for no in denied))

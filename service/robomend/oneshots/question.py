@@ -9,13 +9,14 @@ from itertools import pairwise
 from typing import Literal as OneOf
 
 from robomend.diagnosis.result import Diagnosis, DiagnosisResult, Options
+from robomend.entry import Entry
 from robomend.errors import InputError, ObservationError
 from robomend.model.clauses import Assertion
 from robomend.model.sentences import MAX_LENGTH, tokens
 from robomend.model.system import System
 from robomend.model.vocabulary import TRENDS, Vocabulary
 from robomend.observations.language import Unknown, parse, read
-from robomend.observations.obs import Observed, consequences
+from robomend.observations.obs import consequences
 from robomend_client.literals import Atom, Literal
 
 Opposites = OneOf["replace", "refuse"]
@@ -63,17 +64,26 @@ def question(
             if not isinstance(said, Assertion):
                 raise
             assertions.append(said)
-    return Question(_together(spoken, opposites), tuple(assertions))
+    return together(spoken, assertions, opposites)
 
 
-def _together(spoken: Sequence[Literal], opposites: Opposites) -> frozenset[Literal]:
+def together(spoken: Sequence[Literal], assertions: Iterable[Assertion], opposites: Opposites) -> Question:
+    """Return the question that literals, in their order, and assertions make.
+
+    Raises:
+        InputError: two literals contradict one another, where that is refused.
+    """
+    return Question(_held(spoken, opposites), tuple(assertions))
+
+
+def _held(spoken: Sequence[Literal], opposites: Opposites) -> frozenset[Literal]:
     # Tuples of strings are hashed in C, literals are not; mostly there is nothing to replace.
     atoms = {((atom := literal.atom).predicate, atom.args) for literal in spoken}
     if len(atoms) == len(spoken) and {predicate for predicate, _ in atoms}.isdisjoint(TRENDS):
         return frozenset(spoken)
     known: dict[Atom, tuple[Literal, Literal]] = {}  # what holds, and what was said for it
     for literal in spoken:
-        for entry in consequences(Observed(literal, "", 0)):
+        for entry in consequences(Entry(literal, "", 0)):
             held = entry.literal
             before = known.get(held.atom)
             if opposites == "refuse" and before is not None and before[0] != held:

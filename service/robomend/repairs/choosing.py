@@ -8,52 +8,51 @@ diagnoses, OBS (robot state) ─────────────────
 
 from __future__ import annotations
 
+import asyncio
 import time
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 from robomend.diagnosis.probes import ProbeResult
 from robomend.diagnosis.result import DiagnosisResult
-from robomend.errors import Refused, RobomendError, StateConflict
+from robomend.errors import Overloaded, Refused, RobomendError, StateConflict
 from robomend.model.components import ComponentModel
 from robomend.oneshots.oneshots import OneShots
 from robomend.oneshots.plan_json import choice_json
 from robomend.oneshots.question import given_diagnosis
 from robomend.planning.advice import Situation
-from robomend.planning.choice import Attempt, Choice, Patience
-from robomend.planning.domain.loading import load_domain
+from robomend.planning.choice import Choice, Patience
 from robomend.planning.plan import Plan
 from robomend.planning.planner_pool import PlannerPool
 from robomend.planning.planning import PlanOptions
 from robomend.planning.policy import HOUR_NS, NODE_ACTIONS, POWER_ACTIONS, Policy
+from robomend.repairs.remembering import Remembered, remembered
 from robomend.robots.configuration import policy_of
+from robomend.robots.readers import Readers
 from robomend.robots.robot import Robot
-from robomend.store import Store, View, attempts, records
+from robomend.store import Store, attempts
 
 PLAN_TIMEOUT_S = 10.0
 """For the plans of all leading diagnoses together."""
 
-
-@dataclass(frozen=True, slots=True)
-class Remembered:
-    """What the store remembers of a robot's repairs."""
-
-    tried: tuple[Attempt, ...]
-    quarantined: tuple[str, ...]
-    useless: Mapping[
-        frozenset[str], frozenset[str]
-    ]  # diagnosis -> actions that were done and did not cure it
-    attempts: Mapping[str, int]  # component -> actions on it in the last hour
+BUSY_S = 60.0
+"""How long a repair waits for a planner when every one is busy."""
 
 
 class Chooser:
     """One per instance; knows no robot, everything comes with the call."""
 
     def __init__(
-        self, store: Store, planners: PlannerPool, one_shots: OneShots, patience: Patience | None = None
+        self,
+        store: Store,
+        planners: PlannerPool,
+        one_shots: OneShots,
+        readers: Readers,
+        patience: Patience | None = None,
     ) -> None:
         self._store = store
+        self._readers = readers
         self._planners = planners
         self._one_shots = one_shots
         self.patience = patience or Patience()
@@ -70,42 +69,41 @@ class Chooser:
                 protected |= {h.name for h in parts.hardware.values() if h.channel in guarded}
         return policy_of(state.config, protected)
 
-    def actions(self, state: Robot) -> tuple[str, ...]:
+    async def actions(self, state: Robot) -> tuple[str, ...]:
         """Return the action names of the robot's repair domain."""
-        return tuple(load_domain(state.config.domain).schemas)
+        return await self._readers.actions(state.config.domain)
 
-    def not_idempotent(self, state: Robot) -> frozenset[str]:
-        """Return the actions that must not be sent twice: the user's own, unless they say otherwise."""
+    def not_idempotent(self, state: Robot, actions: Iterable[str]) -> frozenset[str]:
+        """Return those of the actions that must not be sent twice: the user's own, unless they say
+        otherwise.
+        """
         return frozenset(
             name
-            for name in self.actions(state)
+            for name in actions
             if name not in POWER_ACTIONS | NODE_ACTIONS
             and not (state.config.actions.get(name) or {}).get("idempotent")
         )
 
     async def remembered(self, robot: str) -> Remembered:
         """Return what was tried lately and what is left alone now."""
-        now = time.time_ns()
-
-        def look(view: View) -> Remembered:
-            records_ = attempts.tried(view, robot)
-            return Remembered(
-                tuple(tried_of(record) for record in records_),
-                tuple(
-                    entry.component
-                    for entry in attempts.quarantine(view, robot)
-                    if entry.until_ns is None or entry.until_ns > now
-                ),
-                useless_of(records_, since_ns=now - int(self.patience.memory_s * 1e9)),
-                attempts.counted(view, robot, now - HOUR_NS),
-            )
-
-        return await self._store.read(look)
+        return await self._store.read(lambda view: remembered(view, robot, self.patience))
 
     async def attempts(self, robot: str) -> Mapping[str, int]:
         """Return component -> actions on it in the last hour."""
         since = time.time_ns() - HOUR_NS
         return await self._store.read(attempts.counted, robot, since)
+
+    async def choose_in_turn(self, state: Robot, result: DiagnosisResult, *, looks: bool) -> Choice:
+        """Choose; where the planners are busy with other robots, wait for a turn, but not for ever."""
+        deadline, pause_s = time.monotonic() + BUSY_S, 0.2
+        while True:
+            try:
+                return await self.choose(state, result, looks=looks)
+            except Overloaded:
+                if time.monotonic() >= deadline:
+                    raise
+            await asyncio.sleep(pause_s)
+            pause_s = min(2 * pause_s, 5.0)
 
     async def choose(
         self,
@@ -228,41 +226,3 @@ def _permitted(plan: Plan, policy: Policy, attempts: Mapping[str, int], componen
     """Return the plan, or one without steps that says what the policy refuses."""
     refusal = policy.plan_refusal(plan.steps, attempts, components)
     return plan if refusal is None else replace(plan, steps=(), unreachable=(refusal, *plan.unreachable))
-
-
-def useless_of(
-    tried: Iterable[records.StoredAttempt], *, since_ns: int
-) -> dict[frozenset[str], frozenset[str]]:
-    """Return, for each diagnosis, the actions that were done for it lately and did not cure it."""
-    found: dict[frozenset[str], frozenset[str]] = {}
-    for one in tried:
-        if not one.helped and one.time_ns >= since_ns:
-            bad = frozenset(one.bad)
-            found[bad] = found.get(bad, frozenset()) | frozenset(one.data.get("direct", ()))
-    return found
-
-
-def tried_of(record: records.StoredAttempt) -> Attempt:
-    """Return an attempt as choosing sees it."""
-    return Attempt(
-        bad=frozenset(record.bad),
-        repaired=frozenset(record.data.get("repaired", ())),
-        time_ns=record.time_ns,
-        effect_seen=record.effect_seen,
-        helped=record.helped,
-        actions=record.actions,
-    )
-
-
-def record_of(tried: Attempt, robot: str, repair: str, data: Mapping[str, Any]) -> records.StoredAttempt:
-    """Return an attempt as the store keeps it."""
-    return records.StoredAttempt(
-        robot=robot,
-        bad=tuple(sorted(tried.bad)),
-        actions=tried.actions,
-        helped=tried.helped,
-        effect_seen=tried.effect_seen,
-        repair=repair,
-        time_ns=tried.time_ns,
-        data={**data, "repaired": sorted(tried.repaired)},
-    )

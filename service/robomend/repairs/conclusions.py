@@ -9,9 +9,11 @@ from collections import Counter
 from collections.abc import Sequence
 
 from robomend.cycle import Turn, Verdict
+from robomend.errors import InputError, RobomendError
 from robomend.repairs.execution_values import Ending
 from robomend.repairs.record import Json
-from robomend.repairs.signals import Signals
+from robomend.repairs.signals import NO_REASON, Halted, Signals
+from robomend.repairs.states import RepairTrigger
 from robomend.robots.robot import Robot
 
 BadSets = frozenset[tuple[str, ...]]
@@ -21,19 +23,29 @@ NAMED = 5
 """Literals that a reason lists; the rest is counted."""
 
 
-def is_healthy(state: Robot) -> bool:
-    """Return whether the present diagnosis says that all is well; False where there is none."""
-    result = None if state.current is None else state.current.result
-    return result is not None and any(not diagnosis["bad"] for diagnosis in result["diagnoses"])
+class Silent(InputError):
+    """Observers of the robot's `observed` list are silent: an automatic repair would be blind."""
+
+    code = "not-observed"
+
+
+class Overtaken(InputError):
+    """While a plan waited for a person, the diagnosis changed."""
+
+    code = "overtaken"
+
+
+class NotPermitted(RobomendError):
+    """A step of the plan that the policy refuses: a person must change the policy, or do it."""
+
+    code = "not-permitted"
 
 
 def situation_of(state: Robot) -> BadSets | None:
     """Return the bad sets of the present diagnoses; None when healthy, or not diagnosed."""
-    result = None if state.current is None else state.current.result
-    if result is None:
+    if state.current is None or state.current.healthy:
         return None
-    bads = frozenset(tuple(diagnosis["bad"]) for diagnosis in result["diagnoses"])
-    return None if () in bads or not bads else bads
+    return frozenset(state.current.bad_sets or ()) or None
 
 
 def nobodys_fault(state: Robot) -> str:
@@ -58,25 +70,40 @@ def in_doubt(last: Turn) -> str | None:
     return done.reason
 
 
-def conclusion(last: Turn, signals: Signals, written: Json) -> tuple[str, str]:
-    """Return the final state of a repair and the reason, from its last turn and what is written of it."""
+def conclusion(last: Turn, signals: Signals, written: Json) -> tuple[RepairTrigger, str]:
+    """Return what ends a repair and the reason, from its last turn and what is written of it."""
     rounds = [one for one in written.get("rounds", ()) if one.get("ending") and not one.get("helped")]
     why = last.execution.reason if last.execution is not None else ""
     match last.verdict:
         case Verdict.HEALTHY:
-            return "repaired", "every observation is what a healthy robot would show"
+            return RepairTrigger.HEALTHY, "every observation is what a healthy robot would show"
         case Verdict.HALTED | Verdict.NOT_APPROVED:
-            return "cancelled", signals.reason or why or "cancelled"
+            return RepairTrigger.HALTED, signals.reason or why or NO_REASON
         case Verdict.NOTHING_TO_TRY:
             assert last.choice is not None
-            return "escalated", f"{_tried(rounds)}{last.choice.reason}"
+            return RepairTrigger.NEEDS_PERSON, f"{_tried(rounds)}{last.choice.reason}"
         case Verdict.ASK:
-            return "escalated", why
+            return RepairTrigger.NEEDS_PERSON, why
         case _:
-            return "escalated", (
+            return RepairTrigger.NEEDS_PERSON, (
                 f"{_tried(rounds)}that is as many plans as one repair may try (limits.rounds), and the robot "
                 f"is not healthy{': ' + why if not rounds else ''}"
             )
+
+
+def end_of(error: Exception, signals: Signals) -> tuple[RepairTrigger, str]:
+    """Return what ends a repair, and the reason, where an exception ended it."""
+    match error:
+        case Halted():
+            return RepairTrigger.HALTED, signals.reason
+        case Overtaken():
+            return RepairTrigger.OVERTAKEN, str(error)
+        case Silent() | NotPermitted():
+            return RepairTrigger.NEEDS_PERSON, str(error)
+        case RobomendError():
+            return RepairTrigger.BROKE, f"{error.code}: {error}"
+        case _:
+            return RepairTrigger.BROKE, f"an error in robomend: {type(error).__name__}: {error}"
 
 
 def _tried(rounds: Sequence[Json]) -> str:

@@ -13,6 +13,7 @@ from typing import Protocol
 
 from robomend.planning.plan import Step
 from robomend.planning.prediction import OBSERVED_FACTS, Prediction
+from robomend.repairs.states import StepState
 from robomend_client.actions import (
     CANCELLED,
     FAILED,
@@ -91,14 +92,17 @@ class Ending(StrEnum):
     HALTED = "halted"  # cancelled, or the global stop
 
 
-class StepState(StrEnum):
-    """How far a step came."""
+MOST_FEEDBACK = 1000
+"""Characters of a feedback's message that are kept."""
 
-    WAITING = "waiting"
-    RUNNING = "running"
-    DONE = "done"
-    ALREADY = "already-there"  # its effect was visible: not sent
-    FAILED = "failed"
+
+@dataclass(frozen=True, slots=True)
+class LatestFeedback:
+    """How far an action is, in the words of who carries it out; what the number means is theirs to say."""
+
+    code: int
+    message: str
+    time_ns: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,6 +118,7 @@ class StepReport:
     reason: str = ""
     sent_ns: int | None = None
     ended_ns: int | None = None
+    feedback: LatestFeedback | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,7 +162,6 @@ class Setting:
     default_timing: Timing = Timing()
     not_idempotent: Collection[str] = ()  # actions that must not be sent twice when their outcome is unknown
     report: Callable[[StepReport], Awaitable[None]] | None = None  # called at each change of a step
-    feedback: Callable[[Step, int, str], None] | None = None
 
     def timing_of(self, step: Step) -> Timing:
         """Return the bounds of this step."""
@@ -177,3 +181,25 @@ def failure(step: Step, result: ActionResult) -> str:
     """Return the sentence that tells of an action which did not succeed."""
     what = WHAT_HAPPENED.get(result.code, f"ended with result {result.code}")
     return f"{step} {what}: {result.message}" if result.message else f"{step} {what}"
+
+
+def timings(configured: Mapping[str, Mapping[str, object]], once: Collection[str]) -> dict[str, Timing]:
+    """Return action name -> its bounds, by the robot's `actions`; the others have the defaults.
+
+    What must not be repeated (`once`) is retried only if that is configured.
+    """
+    careful = {name: {"retries": 0} for name in once}
+    return {
+        name: _timing({**careful.get(name, {}), **_given(configured.get(name, {}))})
+        for name in {*configured, *once}
+    }
+
+
+def _given(value: Mapping[str, object]) -> dict[str, object]:
+    return {key: one for key, one in value.items() if one is not None}
+
+
+def _timing(value: Mapping[str, object]) -> Timing:
+    names = {"timeout_s": "action_timeout_s", "effect_timeout_s": "effect_timeout_s", "retries": "retries"}
+    given = {name: value[key] for key, name in names.items() if key in value}
+    return Timing(**given)  # type: ignore[arg-type]  # checked by the wire model

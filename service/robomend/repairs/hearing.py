@@ -2,64 +2,100 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterable
 from functools import partial
 
 from robomend.observations.language import parse
-from robomend.observations.obs import Observed, consequences
+from robomend.observations.obs import consequences
+from robomend.repairs.conclusions import Silent
+from robomend.repairs.record import RepairRecord
+from robomend.repairs.signals import Signals
+from robomend.repairs.states import RepairTrigger
 from robomend.robots.boards import SOURCE
 from robomend.robots.robot import Robot
 from robomend.robots.robots import Robots
 from robomend.store import Store, View, observations
 from robomend.store.records import Page, Paging, StoredBatch
-from robomend_client.literals import Atom, Literal
+from robomend_client.literals import Atom
 
-
-class LiveSight:
-    """OBS of a robot in memory; another instance's observations are read from the store as they come."""
-
-    def __init__(self, robots: Robots, state: Robot) -> None:
-        self._robots = robots
-        self._state = state
-
-    @property
-    def revision(self) -> int:
-        return self._state.revision
-
-    def value(self, atom: Atom) -> bool | None:
-        return self._state.value(atom)
-
-    async def changed(self, revision: int, timeout_s: float) -> int:
-        await self._state.changed(revision, timeout_s)
-        if self._state.stale:
-            await self._robots.robot(self._state.id)
-        return self._state.revision
+LOOK_S = 0.25
+"""How often a wait for OBS looks at the clock as well: what grows stale wakes nobody."""
 
 
 class Hearing:
     """Which atoms of the robot's `observed` list OBS has, and after a crash, which were reported since."""
 
-    def __init__(self, store: Store, robots: Robots, state: Robot, since: int | None) -> None:
+    def __init__(
+        self,
+        store: Store,
+        robots: Robots,
+        state: Robot,
+        record: RepairRecord,
+        signals: Signals,
+        since: int | None,
+    ) -> None:
         """`since`: after a crash, the revision of OBS up to which observations do not count; else None."""
-        self.anew = since is not None
-        """Whether what was reported before does not count; until all were heard."""
         self.observed = frozenset(
             literal.atom
             for sentence in state.config.observed
             for literal in parse(sentence, state.system.vocabulary)
         )
+        self._anew = since is not None  # what was reported before does not count, until all were heard
         self._store = store
         self._robots = robots
         self._state = state
+        self._record = record
+        self._signals = signals
         self._since = since or 0
         self._heard: set[Atom] = set()  # reported since then
 
+    async def hear_all(self) -> bool:
+        """Wait until OBS holds each literal that the observers will report; return whether we had to.
+
+        A person who asked for the repair is not kept waiting; what is unknown then is assumed, and shown.
+        """
+        asked = bool(self._record.data.get("asked")) and not self._anew
+        deadline = self._deadline()
+        told: list[str] = []
+        while missing := await self.unheard():
+            names = [str(atom) for atom in missing]
+            if asked:
+                return False
+            if time.monotonic() >= deadline:
+                raise Silent(
+                    f"nobody reported {', '.join(names)} within {self._state.config.observed_timeout_s:g} s: "
+                    "start the observers, or take them off the robot's `observed` list"
+                )
+            if names != told:
+                told = names
+                await self._record.update(RepairTrigger.UNHEARD, reason="for observers", waiting_for=names)
+            await self._next_news()
+        self._anew = False
+        return bool(told)
+
+    async def still_silent(self, atoms: Iterable[Atom], since: int) -> list[Atom]:
+        """Return those of the configured atoms whose observer stays silent, since a revision of OBS."""
+        atoms = list(atoms)
+        deadline = self._deadline()
+        while silent := await self._silent_since(atoms, since):
+            if time.monotonic() >= deadline:
+                return silent
+            await self._next_news()
+        return []
+
+    def _deadline(self) -> float:
+        return time.monotonic() + self._state.config.observed_timeout_s
+
+    async def _next_news(self) -> None:
+        await self._signals.unless_halted(self._state.changed(self._state.revision, LOOK_S))
+
     async def unheard(self) -> list[Atom]:
         """Return the configured atoms that are unknown or, after a crash, were not reported since."""
-        if self.anew:
+        if self._anew:
             await self._hear_since()
         silent = {atom for atom in self.observed if self._state.value(atom) is None}
-        if self.anew:
+        if self._anew:
             board = (await self._robots.board(self._state.id)) if self._state.config.board else None
             silent |= {
                 atom
@@ -73,7 +109,7 @@ class Hearing:
         entry = self._state.obs.get(atom)
         return None if entry is None else entry.source
 
-    async def silent_since(self, atoms: Iterable[Atom], since: int) -> list[Atom]:
+    async def _silent_since(self, atoms: Iterable[Atom], since: int) -> list[Atom]:
         """Return those of the configured atoms whose observer has said nothing since a revision of OBS.
 
         An observer that speaks of other things is alive. A board's link knows when it is not.
@@ -112,8 +148,4 @@ def _history(robot: str, paging: Paging, view: View) -> Page[StoredBatch]:
 
 def _atoms(batch: StoredBatch) -> set[Atom]:
     """Return the atoms that a batch says something of; a trend denies the other trends."""
-    return {
-        said.literal.atom
-        for entry in batch.entries
-        for said in consequences(Observed(Literal(entry.atom, entry.positive), entry.source, entry.time_ns))
-    }
+    return {said.atom for entry in batch.entries for said in consequences(entry)}

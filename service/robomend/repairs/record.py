@@ -7,13 +7,24 @@ over, the store refuses (Fenced) and the case ends at once, without sending anyt
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import Any
 
-from robomend.planning.plan import Plan, Step
+from robomend.planning.plan import Plan
 from robomend.repairs.execution_values import StepReport, Withheld
+from robomend.repairs.repair_json import repair_json, report_json, step_json, step_number
+from robomend.repairs.signals import NO_REASON
+from robomend.repairs.states import ENDS, INITIAL, REPAIR, RepairState, RepairTrigger
 from robomend.store import Store, Transaction, attempts, global_stop, journal, repairs
-from robomend.store.records import AuditEntry, Fence, Quarantine, StepRecord, StoredAttempt, StoredRepair
+from robomend.store.records import (
+    AuditEntry,
+    Fence,
+    Paging,
+    Quarantine,
+    StoredAttempt,
+    StoredRepair,
+)
+from robomend.transitions import after
 from robomend_client.actions import Action, ActionResult
 from robomend_client.events import Kind
 
@@ -21,6 +32,41 @@ Json = Mapping[str, Any]
 
 LOOP = "robomend"
 """The actor in the audit log when nobody asked."""
+
+
+def new_repair(
+    tx: Transaction,
+    robot: str,
+    policy: str,
+    *,
+    by: str = LOOP,
+    reason: str = "",
+    fence: Fence | None = None,
+    asked: bool = False,
+    wanted: Sequence[str] | None = None,
+) -> StoredRepair:
+    """Write a new repair with its event and audit entry; its owner takes it up.
+
+    Args:
+        asked: a person asks for it, who looks at the robot: observers that are silent are not waited for.
+        wanted: the diagnosis to be repaired; None: to be chosen.
+    """
+    last = repairs.page(tx, robot, Paging(limit=1)).items
+    data = {
+        "policy": policy,
+        "by": by,
+        "asked": asked,
+        "wanted": None if wanted is None else list(wanted),
+        "reason": reason,
+        # What the last one asked a person, or left to ask, and nobody answered.
+        "question": last[0].data.get("question") if last else None,
+    }
+    repair = repairs.create(tx, robot, state=INITIAL, data=data, fence=fence)
+    tx.emit(Kind.REPAIR, robot, repair_json(repair))
+    why = reason if asked else "the diagnosis is not healthy"
+    after_ = {"bad": data["wanted"]} if asked else None
+    tx.note(AuditEntry(by, "repair.create", repair.id, robot, why, after=after_))
+    return repair
 
 
 class RepairRecord:
@@ -48,9 +94,9 @@ class RepairRecord:
         return self._repair.robot
 
     @property
-    def state(self) -> str:
-        """What the repair is in; see docs/repair.md."""
-        return self._repair.state
+    def state(self) -> RepairState:
+        """What the repair is in."""
+        return RepairState(self._repair.state)
 
     @property
     def data(self) -> Json:
@@ -59,23 +105,23 @@ class RepairRecord:
 
     async def update(
         self,
-        state: str,
+        what: RepairTrigger,
         *,
         reason: str = "",
         by: str = LOOP,
-        open: bool = True,
         answers: Sequence[int] = (),
         also: Callable[[Transaction], None] | None = None,
         **changes: Any,
     ) -> None:
-        """Note a new state, with the event and the audit entry that tell of it.
+        """Note what happened and the state after it, with the event and the audit entry that tell of it.
 
         Args:
-            answers: the requests that this state answers: what somebody asked for is done with when what
+            answers: the requests that this answers: what somebody asked for is done with when what
                 came of it is on disk, and not before.
             also: further changes of the same transaction.
         """
-        before = self._repair.state
+        before = self.state
+        state = after(REPAIR, before, what)
         data = {**self._data, **changes, "reason": reason}
         entry = AuditEntry(
             actor=by,
@@ -83,12 +129,13 @@ class RepairRecord:
             subject=self.id,
             robot=self.robot,
             reason=reason,
-            before={"state": before},
-            after={"state": state, "diagnosis": data.get("diagnosis"), "round": data.get("round")},
+            before={"state": str(before)},
+            after={"state": str(state), "diagnosis": data.get("diagnosis"), "round": data.get("round")},
         )
 
         def write(tx: Transaction) -> StoredRepair:
-            updated = repairs.update(tx, self.id, state=state, data=data, open=open, fence=self._fence)
+            still_open = state not in ENDS
+            updated = repairs.update(tx, self.id, state=state, data=data, open=still_open, fence=self._fence)
             tx.emit(Kind.REPAIR, self.robot, repair_json(updated))
             if state != before or reason:
                 tx.note(entry)
@@ -115,7 +162,7 @@ class RepairRecord:
         rounds.append({"diagnosis": diagnosis, "plan": steps, "why": why, "ending": None})
         self._why = f"{why}; {'; '.join(conflicts)}" if conflicts else why
         await self.update(
-            "planning",
+            RepairTrigger.PLANNED,
             reason=why,
             round=len(rounds),
             rounds=rounds,
@@ -148,7 +195,14 @@ class RepairRecord:
                 self._set_aside(tx, entry)
 
         # What was approved is done with: a new plan is a new question.
-        await self.update("verifying", reason=reason, rounds=rounds, approved=None, also=remember)
+        await self.update(
+            RepairTrigger.ROUND_ENDED,
+            reason=reason,
+            rounds=rounds,
+            approved=None,
+            waiting_for=[],
+            also=remember,
+        )
 
     def _set_aside(self, tx: Transaction, entry: Quarantine) -> None:
         attempts.put_quarantine(tx, entry, fence=self._fence)
@@ -159,7 +213,9 @@ class RepairRecord:
     async def interrupted(self) -> None:
         """Close the round that a crash or a shutdown cut short, if there is one."""
         rounds = self.rounds_closed("interrupted", "the service ended in the middle of it")
-        await self.update("waiting", reason="taken up again, with fresh observations", rounds=rounds)
+        await self.update(
+            RepairTrigger.TAKEN_UP, reason="taken up again, with fresh observations", rounds=rounds
+        )
 
     def rounds_closed(self, ending: str, reason: str) -> list[Json]:
         """Return the rounds, the last one ended like this if it has no ending yet."""
@@ -193,7 +249,7 @@ class RepairRecord:
                 return f"global stop: {stop.reason}"
             for request in repairs.requests(tx, self.robot):
                 if request.what == "cancel" and request.repair == self.id:
-                    return request.reason or "cancelled"
+                    return request.reason or NO_REASON
             journal.intend(
                 tx,
                 self.id,
@@ -243,68 +299,6 @@ class RepairRecord:
         tx.emit(Kind.ACTION, self.robot, {"repair": self.id, "round": self._data.get("round"), **data})
 
 
-def step_number(action_id: str) -> int:
-    """Return the step of an action id: 2 for `r-1:2` and for its retry `r-1:2.1`."""
-    return int(action_id.rpartition(":")[2].partition(".")[0])
-
-
-def step_json(step: Step, first: int) -> dict[str, Any]:
-    """Return a step of a plan, numbered within its repair."""
-    return {
-        "index": first + step.index,
-        "name": step.name,
-        "parameters": list(step.parameters),
-        "after": [first + before for before in step.after],
-        "cost": step.cost,
-        "text": str(step),
-    }
-
-
-def report_json(report: StepReport, number: int) -> dict[str, Any]:
-    """Return how far a step came."""
-    return {
-        "id": report.action_id,
-        "index": number,
-        "name": report.step.name,
-        "parameters": list(report.step.parameters),
-        "text": str(report.step),
-        "state": str(report.state),
-        "result": None if report.result is None else report.result.code,
-        "message": report.reason or (report.result.message if report.result else ""),
-        "seen": [str(literal) for literal in report.seen],
-        "missing": [str(literal) for literal in report.missing],
-        "sent_ns": report.sent_ns,
-        "ended_ns": report.ended_ns,
-    }
-
-
-def repair_json(repair: StoredRepair, steps: Sequence[StepRecord] = ()) -> dict[str, Any]:
-    """Return a repair as HTTP and events show it; the steps of its present plan carry how far they came."""
-    data = dict(repair.data)
-    reports = {record.step: record.data for record in steps}
-    waiting = {"state": "waiting", "result": None, "message": ""}
-    plan = [{**waiting, **step, **reports.get(step["index"], {})} for step in data.get("plan", ())]
-    rounds = [
-        {**one, "plan": [{**step, **reports.get(step["index"], {})} for step in one["plan"]]}
-        for one in data.get("rounds", ())
-    ]
-    return {
-        "id": repair.id,
-        "robot": repair.robot,
-        "state": repair.state,
-        "policy": data.get("policy"),
-        "round": data.get("round", 0),
-        "diagnosis": data.get("diagnosis"),
-        "plan": plan,
-        "rounds": rounds,
-        "cost": data.get("cost"),
-        "assumed": data.get("assumed", []),
-        "unreachable": data.get("unreachable", []),
-        "waiting_for": data.get("waiting_for", []),
-        "probe": data.get("probe"),
-        "reason": data.get("reason", ""),
-        "by": data.get("by"),
-        "created_ns": repair.created_ns,
-        "updated_ns": repair.updated_ns,
-        "finished_ns": None if repair.open else repair.updated_ns,
-    }
+def approval(by: str, steps: Iterable[str]) -> dict[str, object]:
+    """Return the record of a yes: who said it, and to which actions."""
+    return {"by": by, "steps": list(steps)}

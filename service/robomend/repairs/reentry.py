@@ -17,18 +17,20 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import time
 from dataclasses import dataclass
 
 from robomend.errors import NotFound
+from robomend.repairs.agent_queue import AgentQueue
 from robomend.repairs.choosing import Chooser
-from robomend.repairs.execution_values import MAY_HAVE_ACTED, StepState
-from robomend.repairs.executors.agent import AgentQueue
-from robomend.repairs.live_repair import approval
-from robomend.repairs.record import LOOP, RepairRecord
+from robomend.repairs.execution_values import MAY_HAVE_ACTED
+from robomend.repairs.record import LOOP, RepairRecord, approval
 from robomend.repairs.signals import Declined, Halted, Signals
+from robomend.repairs.states import STEP, RepairState, RepairTrigger, StepState, StepTrigger
 from robomend.robots.robot import Robot
-from robomend.store import Store, Transaction, View, agent_actions, journal, observations, repairs
-from robomend.store.records import AuditEntry, Fence, Intent, Paging
+from robomend.store import Store, Transaction, agent_actions, attempts, journal, observations, repairs
+from robomend.store.records import AuditEntry, Fence, Intent
+from robomend.transitions import after
 from robomend_client.actions import OK, TIMED_OUT
 from robomend_client.events import Kind
 
@@ -95,13 +97,13 @@ class Reentry:
 
         if new:
             self._signals.ask()
-        await self._record.update("awaiting-approval", reason=question, question=question, also=settle)
+        await self._record.update(RepairTrigger.QUESTIONED, reason=question, question=question, also=settle)
         if not await self._signals.decided():
             cancelled = self._signals.halted_by
             raise Halted if cancelled is None or cancelled in early else Declined
         by = self._signals.by
         await self._record.update(
-            "waiting",
+            RepairTrigger.GO_ON,
             by=by,
             reason=f"{by} looked, and said to go on",
             question=None,
@@ -110,9 +112,15 @@ class Reentry:
         await self._record.interrupted()
         return await self._store.read(observations.revision, self._record.robot)
 
+    async def next_try(self) -> int | None:
+        """Return when the first back-off ends of the components that are in quarantine now."""
+        entries = await self._store.read(attempts.quarantine, self._record.robot)
+        ends = [entry.until_ns for entry in entries if entry.until_ns and entry.until_ns > time.time_ns()]
+        return min(ends, default=None)
+
     async def left_open(self, state: Robot, why: str, *, patient: bool = False) -> LeftOpen:
         """Return the actions that the journal has without an outcome; `patient`: see `_fate`."""
-        once = self._chooser.not_idempotent(state)
+        once = self._chooser.not_idempotent(state, await self._chooser.actions(state))
         intents = await self._store.read(journal.unsettled, self._record.robot)
         fates = [(intent, *await self._fate(intent, why, patient)) for intent in intents]
         return LeftOpen(tuple(fates), once, self._record.id, self._fence)
@@ -128,11 +136,11 @@ class Reentry:
         requests = await self._store.read(repairs.requests, self._record.robot)
         yes = [r for r in requests if r.repair == self._record.id and r.what == "approve"]
         numbers = [request.number for request in yes]
-        if yes and self._record.state == "awaiting-approval":
+        if yes and self._record.state is RepairState.AWAITING_APPROVAL:
             given = approval(yes[-1].by, (step["text"] for step in self._record.data.get("plan", ())))
-            await self._record.update("waiting", by=yes[-1].by, also=keep, approved=given)
+            await self._record.update(RepairTrigger.TAKEN_UP, by=yes[-1].by, also=keep, approved=given)
         else:
-            await self._record.update("waiting", also=keep)
+            await self._record.update(RepairTrigger.TAKEN_UP, also=keep)
 
     async def _fate(self, intent: Intent, why: str, patient: bool) -> tuple[int, str]:
         """Return what is known of an action whose outcome was not written.
@@ -187,21 +195,16 @@ class LeftOpen:
             tx.note(AuditEntry(LOOP, "action.result", text, intent.robot, message, after={"result": code}))
             outcomes[intent.id] = (code, message)
         for step in repairs.steps(tx, self.repair):
-            if step.state == str(StepState.RUNNING):
+            if StepState(step.state) is StepState.RUNNING:
                 # Answered already, if it has no fate: then it was its effect that was awaited.
                 seen = (step.data["result"], "nobody waited for its effect any more")
                 code, message = outcomes.get(step.data["id"], seen)
-                state = str(StepState.DONE if code == OK else StepState.FAILED)
+                what = StepTrigger.EFFECT_SEEN if code == OK else StepTrigger.WENT_WRONG
+                state = after(STEP, StepState.RUNNING, what)
                 data = {**step.data, "state": state, "result": code, "message": message}
                 data["ended_ns"] = tx.now_ns
                 repairs.put_step(tx, self.repair, step.step, state=state, data=data, fence=self.fence)
                 tx.emit(Kind.ACTION, self.fence.robot, {"repair": self.repair, **data})
-
-
-def open_question(view: View, robot: str) -> str | None:
-    """Return what the robot's last repair asked a person, or left to ask, and nobody answered."""
-    last = repairs.page(view, robot, Paging(limit=1)).items
-    return last[0].data.get("question") if last else None
 
 
 def look_first(doubt: str) -> str:

@@ -11,7 +11,8 @@ Every mapping that comes back holds JSON values only and is served as it is, in 
     repair      {"id", "robot", "state", "policy", "round", "diagnosis": {"bad", "good"} | null,
                  "plan": [step…], "cost", "assumed": [literal…], "waiting_for": [literal…], "reason", "by",
                  "created_ns", "updated_ns", "finished_ns" | null}
-    step        {"index", "name", "parameters", "after", "cost", "state", "result" | null, "message"}
+    step        {"index", "name", "parameters", "after", "cost", "state", "result" | null, "message",
+                 "feedback": {"code", "message", "time_ns"} | null}
     action      {"id", "name", "parameters", "timeout_s", "host" | null}
 
 Errors are those of robomend.errors: NotFound (no such robot, repair or action), StateConflict (not
@@ -30,11 +31,13 @@ import structlog
 from robomend.errors import NotFound, Refused, RobomendError, StateConflict
 from robomend.oneshots.oneshots import OneShots
 from robomend.planning.planner_pool import PlannerPool
+from robomend.repairs.agent_queue import AgentQueue
 from robomend.repairs.choosing import Chooser
-from robomend.repairs.executors.agent import AgentQueue
-from robomend.repairs.record import repair_json
-from robomend.repairs.reentry import open_question
+from robomend.repairs.record import new_repair
+from robomend.repairs.repair_json import repair_json
 from robomend.repairs.robot_repairs import Dependencies, RobotRepairs
+from robomend.repairs.states import RepairState
+from robomend.repairs.stop_switch import StopSwitch, written
 from robomend.robots.robots import Robots
 from robomend.settings import Settings
 from robomend.store import Store, Transaction, View, agent_actions, attempts, global_stop, repairs, robots
@@ -59,9 +62,10 @@ def make_repairs(
     store: Store, robots: Robots, planners: PlannerPool, one_shots: OneShots, settings: Settings
 ) -> Repairs:
     """Return the repair loops of one instance, over the parts that it has."""
-    agents = AgentQueue(store)
-    chooser = Chooser(store, planners, one_shots)
-    return Repairs(Dependencies(store, robots, agents, chooser, settings.programs))
+    switch = StopSwitch(store)
+    agents = AgentQueue(store, lambda: switch.active)
+    chooser = Chooser(store, planners, one_shots, robots.readers)
+    return Repairs(Dependencies(store, robots, agents, chooser, switch, settings.programs))
 
 
 class Repairs:
@@ -70,9 +74,9 @@ class Repairs:
     def __init__(self, needs: Dependencies) -> None:
         self._needs = needs
         self._store = needs.store
+        self.switch = needs.switch
         self._loops: dict[str, RobotRepairs] = {}
         self._tasks: dict[str, asyncio.Task[None]] = {}
-        self._stop_changes = 0  # so that what was read before a change does not undo it
         self._look = asyncio.Event()
         self._let_go: set[str] = set()  # robots whose loop ended: released before they are kept again
         self._seeker: asyncio.Task[None] | None = None
@@ -88,8 +92,9 @@ class Repairs:
             self._store.ownership.on_lost(self._lost),
         ]
         # After following began, so that a stop in between is not missed.
-        self._needs.stop = await self._store.read(global_stop.get)
-        self._needs.robots.on_diagnosis(self._poke)
+        await self.switch.start()
+        self.switch.on_change(self._stop_changed)
+        self._needs.robots.diagnosing.on_diagnosis(self._poke)
         self._seeker = asyncio.create_task(self._seek(), name="looking for robots without an owner")
 
     async def close(self) -> None:
@@ -103,14 +108,15 @@ class Repairs:
         tasks = [*self._tasks.values(), *([self._seeker] if self._seeker else [])]
         if tasks:
             await asyncio.wait(tasks, timeout=CLOSE_S)
-        self._needs.agents.close()
+        await self.switch.close()
+        await self._needs.agents.close()
 
     async def _seek(self) -> None:
         """Acquire what nobody owns, again and again; the database may be away for a while."""
         while True:
             self._look.clear()
             try:
-                await self._read_stop()
+                await self.switch.look()
                 await self._acquire()
             except RobomendError as error:
                 log.warning("looking for robots", code=error.code, detail=str(error))
@@ -119,13 +125,6 @@ class Repairs:
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(ORPHANS_S):
                     await self._look.wait()
-
-    async def _read_stop(self) -> None:
-        """Read the global stop, for an event that was lost with its database connection."""
-        changes = self._stop_changes
-        stop = await self._store.read(global_stop.get)
-        if stop.active != self._needs.stop.active and changes == self._stop_changes:
-            self._set(stop)
 
     async def _acquire(self) -> None:
         """Make a loop for each robot that nobody owns, and for each of ours that has none."""
@@ -164,8 +163,7 @@ class Repairs:
     def _follow(self, events: Sequence[Event]) -> None:
         for event in events:
             if event.kind is Kind.STOP:
-                data = event.data
-                self._set(Stop(bool(data.get("active")), data.get("by"), data.get("reason", "")))
+                self.switch.heard(_stop_of(event.data))
             elif event.robot is not None and event.kind in {Kind.REPAIR, Kind.ROBOT, Kind.DIAGNOSIS}:
                 if event.kind is Kind.ROBOT and event.data.get("what") == "deleted":
                     task = self._tasks.get(event.robot)
@@ -180,9 +178,7 @@ class Repairs:
                 else:
                     self._loops[event.robot].poke()
 
-    def _set(self, stop: Stop) -> None:
-        self._stop_changes += 1
-        self._needs.stop = stop
+    def _stop_changed(self) -> None:
         for loop in self._loops.values():
             loop.stopped()
 
@@ -196,7 +192,7 @@ class Repairs:
         Returns {"choice": {"bad", "good", "probability"}, "plan": a Plan as JSON, "alternatives": […],
         "probe": … | null}.
         """
-        state = await self._needs.robots.latest(robot)
+        state = await self._needs.robots.memory.latest(robot)
         return await self._needs.chooser.describe(
             state, bad=bad, planner=planner, timeout_s=timeout_s, pddl=pddl
         )
@@ -206,7 +202,7 @@ class Repairs:
 
         Under the policy `approve` the asker's word is no approval: it must still be approved.
         """
-        state = await self._needs.robots.latest(robot)
+        state = await self._needs.robots.memory.latest(robot)
         if state.config.policy == "observe":
             raise Refused(f"the policy of robot {robot!r} is 'observe': it is never acted on")
         if state.system.parts is None:
@@ -215,26 +211,16 @@ class Repairs:
         for component in bad or ():
             if component not in known:
                 raise NotFound(f"the model has no component {component!r}")
-        wanted = None if bad is None else list(bad)
 
         def begin(tx: Transaction) -> StoredRepair:
-            stop = global_stop.hold(tx)  # not as we heard of it: another instance may have lifted it just now
+            # As it is on disk, where another instance may have lifted it just now; or ours, on its way there.
+            stop = global_stop.hold(tx) if self.switch.settled else self.switch.stop
             if stop.active:
                 raise Refused(f"the global stop is active, set by {stop.by}: {stop.reason}")
             if repairs.page(tx, robot, Paging(limit=1), open_only=True).items:
                 raise StateConflict(f"a repair of robot {robot!r} is open already")
-            data = {
-                "policy": state.config.policy,
-                "by": by,
-                "asked": True,
-                "wanted": wanted,
-                "reason": reason,
-                "question": open_question(tx, robot),
-            }
-            repair = repairs.create(tx, robot, state="waiting", data=data)
-            tx.emit(Kind.REPAIR, robot, repair_json(repair))
-            tx.note(AuditEntry(by, "repair.create", repair.id, robot, reason, after={"bad": wanted}))
-            return repair
+            policy = state.config.policy
+            return new_repair(tx, robot, policy, by=by, reason=reason, asked=True, wanted=bad)
 
         return repair_json(await self._store.write(begin, robots=(robot,)))
 
@@ -267,7 +253,7 @@ class Repairs:
             repair = repairs.get(tx, repair_id)
             if not repair.open:
                 raise StateConflict(f"repair {repair_id} has ended already ({repair.state})")
-            if what == "approve" and repair.state != "awaiting-approval":
+            if what == "approve" and repair.state != RepairState.AWAITING_APPROVAL:
                 raise StateConflict(f"repair {repair_id} awaits no approval; it is {repair.state}")
             if any(r.what == what and r.repair == repair_id for r in repairs.requests(tx, repair.robot)):
                 raise StateConflict(f"repair {repair_id}: somebody said {what!r} already")
@@ -309,7 +295,7 @@ class Repairs:
         An action is handed out again until its first feedback or result comes in, so that an answer lost on
         the way loses no action; the agent knows an id that it has had.
         """
-        await self._needs.robots.robot(robot)
+        await self._needs.robots.memory.robot(robot)
         action = await self._needs.agents.take(robot, host, wait_s, agent=agent, can=can)
         if action is None:
             return None
@@ -326,8 +312,8 @@ class Repairs:
         return await self._store.read(lambda view: agent_actions.get(view, action_id).robot)
 
     async def feedback(self, action_id: str, *, code: int, message: str, by: str) -> None:
-        """Note how far an action is; after its result this is a StateConflict."""
-        await self._needs.agents.answered(action_id)
+        """Note how far an action is, for its step and whoever watches; after its result a StateConflict."""
+        await self._needs.agents.feedback(action_id, code, message)
 
     async def result(self, action_id: str, *, code: int, message: str, by: str) -> Json:
         """Take an action's result; a repeated one is answered with the first: {"code", "message"}."""
@@ -337,33 +323,21 @@ class Repairs:
     # --- the global stop, quarantine
 
     async def stopped(self) -> Json:
-        """Return {"active": bool, "by": str | null, "reason": str, "since_ns": int | null}."""
-        return _stop_json(await self._store.read(global_stop.get))
+        """Return {"active", "by", "reason", "since_ns", "written", "detail"}."""
+        await self.switch.look()
+        return self.switch.json(written=self.switch.settled)
 
     async def stop(self, *, by: str, reason: str) -> Json:
         """The global stop: no action starts anywhere and running ones are cancelled. Survives a restart."""
-        return await self._set_stop(True, by, reason)
+        return await self._change_stop(True, by, reason)
 
     async def resume(self, *, by: str, reason: str) -> Json:
         """Lift the global stop."""
-        return await self._set_stop(False, by, reason)
+        return await self._change_stop(False, by, reason)
 
-    async def _set_stop(self, active: bool, by: str, reason: str) -> Json:
-        if active:  # here at once, before it is on disk; other instances hear of it by the event
-            self._set(Stop(True, by, reason))
-
-        def change(tx: Transaction) -> Stop:
-            stop = global_stop.put(tx, active, by=by, reason=reason)
-            tx.emit(Kind.STOP, None, _stop_json(stop))
-            tx.note(AuditEntry(by, "stop.set" if active else "stop.lifted", "all robots", None, reason))
-            return stop
-
-        try:
-            stop = await self._store.write(change)
-        finally:
-            self._stop_changes += 1
-        self._set(stop)
-        return _stop_json(stop)
+    async def _change_stop(self, active: bool, by: str, reason: str) -> Json:
+        change = self.switch.ask(active, by=by, reason=reason)
+        return self.switch.json(written=await written(change, None))
 
     async def quarantined(self, robot: str) -> Mapping[str, str]:
         """Return component -> why it is not tried again."""
@@ -382,5 +356,5 @@ class Repairs:
         await self._store.write(let_go, robots=(robot,))
 
 
-def _stop_json(stop: Stop) -> dict[str, object]:
-    return {"active": stop.active, "by": stop.by, "reason": stop.reason, "since_ns": stop.since_ns}
+def _stop_of(data: Json) -> Stop:
+    return Stop(bool(data.get("active")), data.get("by"), data.get("reason", ""), data.get("since_ns"))

@@ -7,10 +7,26 @@ written (`RepairRecord.update(answers=…)`), so that a crash in between loses n
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable
+import contextlib
+from collections.abc import Awaitable, Callable
+from functools import partial
 from typing import TypeVar
 
+import structlog
+
+from robomend.errors import RobomendError
+from robomend.store import Store, Transaction, repairs
+from robomend.store.records import Fence
+
+log = structlog.get_logger("robomend.repairs.signals")
+
 T = TypeVar("T")
+
+LOOK_AGAIN_S = 1.0
+"""An event tells of a request; this is for one that was lost."""
+
+NO_REASON = "cancelled"
+"""The reason of a cancellation that gives none."""
 
 
 class Halted(Exception):  # what happened, not what went wrong
@@ -21,15 +37,32 @@ class Declined(Halted):
     """A person answered a question with a cancellation."""
 
 
+class Halt(asyncio.Event):
+    """Set when a repair is to send nothing more; also while the global stop is active.
+
+    Whoever asks sees the stop from the moment on in which it was set, in whatever thread that was; those who
+    wait are woken by the event loop, when it comes to it.
+    """
+
+    def __init__(self, stopped: Callable[[], bool]) -> None:
+        super().__init__()
+        self._stopped = stopped
+
+    def is_set(self) -> bool:
+        return super().is_set() or self._stopped()
+
+
 class Signals:
     """See the module; one per repair that is carried out."""
 
-    def __init__(self) -> None:
-        self.halt = asyncio.Event()  # cancelled, or the global stop
+    def __init__(self, stopped: Callable[[], bool] = lambda: False) -> None:
+        """`stopped` tells whether the global stop is active, at any moment."""
+        self.halt = Halt(stopped)  # cancelled, or the global stop
         self.by = ""  # who approved, then who halted
         self.reason = ""  # of the halt
         self.stopped = False  # by the global stop
         self.halted_by: int | None = None  # the cancellation, None: the global stop
+        self._ended = False
         self._yes = asyncio.Event()
         self._approval: int | None = None  # the request that a yes came with
         self._seen: set[int] = set()
@@ -39,8 +72,9 @@ class Signals:
         """Send nothing more, and cut off what runs."""
         if request is not None:
             self._note(request)
-        if not self.halt.is_set():
+        if not self._ended:
             self.by, self.reason, self.stopped, self.halted_by = by, reason, stop, request
+            self._ended = True
             self.halt.set()
 
     def approve(self, *, by: str, request: int) -> None:
@@ -90,3 +124,39 @@ class Signals:
         numbers = tuple(sorted(self._unanswered))
         self._unanswered.clear()
         return numbers
+
+
+class Requests:
+    """Hands what somebody asked for, through whichever instance, to the repair that runs; one per robot."""
+
+    def __init__(self, store: Store, fence: Fence) -> None:
+        self.arrived = asyncio.Event()  # there may be one
+        self._store = store
+        self._fence = fence
+
+    async def listen(self, repair: str, signals: Signals) -> None:
+        """Hand requests from the store to a running repair, for ever."""
+        while True:
+            self.arrived.clear()
+            try:
+                await self._hand_over(repair, signals)
+            except RobomendError as error:
+                log.warning("requests", robot=self._fence.robot, code=error.code, detail=str(error))
+            except Exception:  # else nobody could cancel any more
+                log.exception("requests", robot=self._fence.robot)
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(LOOK_AGAIN_S):
+                    await self.arrived.wait()
+
+    async def _hand_over(self, repair: str, signals: Signals) -> None:
+        for request in await self._store.read(repairs.requests, self._fence.robot):
+            if request.repair != repair:  # that one has ended
+                await self._store.write(partial(_answer, request.number, self._fence))
+            elif request.what == "approve":
+                signals.approve(by=request.by, request=request.number)
+            else:
+                signals.end(by=request.by, reason=request.reason or NO_REASON, request=request.number)
+
+
+def _answer(request: int, fence: Fence, tx: Transaction) -> None:
+    repairs.answer(tx, request, fence=fence)

@@ -1,37 +1,66 @@
-"""What comes in as sentences, read in a robot's vocabulary: literals with source and time, and assertions."""
+"""What comes in as sentences, read in a robot's vocabulary: entries for OBS, and assertions.
+
+    Batch (text) ──read──► Update (literals with who and when) ──⊕──► entries of OBS, which the store keeps
+
+Each is another type because it means something else; nothing is copied from one to the next otherwise.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import structlog
 
+from robomend.entry import Entry
 from robomend.errors import InputError, ObservationError
 from robomend.model.clauses import Assertion
 from robomend.model.system import System
-from robomend.observations.language import Unknown, parse, read, read_assertion
-from robomend.observations.obs import Observed
-from robomend.robots.boards import SOURCE as BOARD
-from robomend.robots.clock import CLOCK
+from robomend.model.vocabulary import Vocabulary
+from robomend.observations.language import Unknown, parse
+from robomend.robots.clock import AHEAD_NS, CLOCK
 from robomend.robots.configuration import RobotConfig
-from robomend.robots.robot import AHEAD_NS, Robot
-from robomend.store import records
-from robomend_client.literals import Atom, Literal
+from robomend.robots.readers import Readers
+from robomend.store.records import StoredAssertion, StoredModel
+from robomend.turns import Turns
+from robomend_client.literals import Atom
 
 log = structlog.get_logger("robomend.robots.batches")
 
+MAX_REFUSED = 100
+"""Bad sentences of one batch of which the good ones are kept."""
 
-@dataclass(frozen=True, slots=True)
+
+@dataclass(frozen=True)
 class Batch:
-    """Sentences of one source at one time."""
+    """Sentences of one source at one time, as they come in."""
 
-    observations: tuple[str, ...] = ()
+    observations: Sequence[str] = ()
     assertions: Mapping[str, str] = field(default_factory=dict)
     time_ns: int | None = None  # None: now
     source: str = "http"
     lifetime_s: float | None = None
     together: bool = True  # one bad sentence refuses the batch
+    since: Sequence[int | None] = ()  # for each observation the beginning of what it rests on
+    onset: Sequence[int | None] = ()  # … and the last good sample before it turned bad
+    unknown: Sequence[str] = ()  # atoms that are unknown from now on
+    settled: int | None = None  # the number of the `settle` that this answers
+
+
+@dataclass(frozen=True, slots=True)
+class Update:
+    """What OBS is to take in: entries in the order in which they came, and what else changes."""
+
+    entries: Sequence[Entry] = ()
+    asserted: Sequence[tuple[Assertion, StoredAssertion]] = ()
+    withdrawn: Sequence[str] = ()  # names of assertions
+    forgotten: Sequence[Atom] = ()
+    refused: Sequence[ObservationError] = ()  # sentences that are not in it
+
+    @property
+    def empty(self) -> bool:
+        """Whether there is nothing to keep."""
+        return not (self.entries or self.asserted or self.withdrawn or self.forgotten)
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,93 +68,87 @@ class Acknowledged:
     """What became of a batch."""
 
     revision: int
-    changed: tuple[str, ...]
-    refused: tuple[ObservationError, ...] = ()
+    changed: Sequence[str]
+    refused: Sequence[ObservationError] = ()
 
 
 @dataclass(frozen=True, slots=True)
-class ReadBatch:
-    """A batch that was read, ready for OBS."""
+class Words:
+    """In which sentences are read: a version's vocabulary, and what becomes of names that are not in it."""
 
-    observed: tuple[Observed, ...] = ()
-    asserted: tuple[tuple[Assertion, records.StoredAssertion], ...] = ()
-    withdrawn: tuple[str, ...] = ()
-    forgotten: tuple[Atom, ...] = ()
-    refused: tuple[ObservationError, ...] = ()
+    version: str  # names the vocabulary, which a worker keeps
+    vocabulary: Vocabulary
+    unknown: Unknown
 
-    @property
-    def empty(self) -> bool:
-        """Whether there is nothing to keep."""
-        return not (self.observed or self.asserted or self.withdrawn or self.forgotten)
+    @classmethod
+    def of(cls, model: StoredModel, system: System, config: RobotConfig) -> Words:
+        """Return those of a robot that follows this version."""
+        unknown: Unknown = "keep" if config.keep_unknown else "refuse"
+        return cls(f"{model.name}@{model.version}", system.vocabulary, unknown)
 
 
-def read_batch(state: Robot, batch: Batch) -> ReadBatch:
-    """Read a batch's sentences.
+async def read_batches(words: Words, batches: Iterable[Batch], readers: Readers) -> Update:
+    """Read the sentences of batches, as one update; in turns, and long ones in a worker.
 
     Raises:
-        ObservationError: the sentence at fault, where the batch is kept or refused together.
-        InputError: the batch is from too far in the future.
+        ObservationError: the sentence at fault, where its batch is kept or refused together.
+        InputError: a batch is from too far in the future.
     """
-    now = CLOCK.now_ns()
-    at = now if batch.time_ns is None else batch.time_ns
-    if at > now + AHEAD_NS:
-        ahead_s = (at - now) / 1e9
-        raise InputError(f"time: {at} is {ahead_s:.0f} s ahead of this service's clock; 60 are allowed")
-    expires = None if batch.lifetime_s is None else at + round(batch.lifetime_s * 1e9)
-    vocabulary, unknown = state.system.vocabulary, _unknown(state.config)
-    observed: list[Observed] = []
-    asserted: list[tuple[Assertion, records.StoredAssertion]] = []
+    now_ns, turns = CLOCK.now_ns(), Turns()
+    vocabulary, unknown = words.vocabulary, words.unknown
+    entries: list[Entry] = []
+    asserted: list[tuple[Assertion, StoredAssertion]] = []
     refused: list[ObservationError] = []
-    for sentence in batch.observations:
-        try:
-            for literal in parse(sentence, vocabulary, unknown=unknown):
-                observed.append(Observed(literal, batch.source, at, expires))
-        except ObservationError as error:
-            if batch.together:
-                raise
-            refused.append(error)
-    for name, sentence in batch.assertions.items():
-        record = records.StoredAssertion(name, sentence, batch.source, at, expires)
-        try:
-            said = read(sentence, vocabulary, name=name, unknown=unknown)
-            if not isinstance(said, Assertion):
-                said = read_assertion(name, sentence, vocabulary, unknown=unknown)
-            asserted.append((said, record))
-        except ObservationError as error:
-            if batch.together:
-                raise
-            refused.append(error)
-    return ReadBatch(tuple(observed), tuple(asserted), refused=tuple(refused))
+    for batch in batches:
+        at_ns, expires_ns = _times(batch, now_ns)
+        for sentence in batch.observations:
+            try:
+                for literal in parse(sentence, vocabulary, unknown=unknown):
+                    entries.append(Entry(literal, batch.source, at_ns, expires_ns))
+            except ObservationError as error:
+                _refuse(batch, refused, error)
+            await turns.rest()
+        for name, sentence in batch.assertions.items():
+            record = StoredAssertion(name, sentence, batch.source, at_ns, expires_ns)
+            try:
+                said = await readers.assertion(words.version, vocabulary, name, sentence, unknown=unknown)
+                asserted.append((said, record))
+            except ObservationError as error:
+                _refuse(batch, refused, error)
+            await turns.rest()
+    return Update(entries, asserted, refused=refused)
 
 
-def board_batch(state: Robot, said: frozenset[Literal], time_ns: int) -> ReadBatch:
-    """Return what a board changes in OBS by saying this: what is new, and to forget what it says no more."""
-    declares = state.system.vocabulary.declares
-    observed = tuple(
-        Observed(literal, BOARD, time_ns)
-        for literal in sorted(said)
-        if declares(literal.atom)
-        and ((held := state.obs.get(literal.atom)) is None or held.literal != literal)
-    )
-    atoms = {literal.atom for literal in said}
-    forgotten = tuple(
-        entry.literal.atom
-        for entry in state.obs.entries()
-        if entry.source == BOARD and entry.literal.atom not in atoms
-    )
-    return ReadBatch(observed=observed, forgotten=forgotten)
+def _refuse(batch: Batch, refused: list[ObservationError], error: ObservationError) -> None:
+    """Note a bad sentence where the others are kept. Many are no slips, and each takes time to explain."""
+    if batch.together:
+        raise error
+    if len(refused) >= MAX_REFUSED:
+        raise ObservationError(
+            f"{MAX_REFUSED} sentences of this batch are refused already; is it meant for another model?",
+            error.sentence,
+            error.position,
+        )
+    refused.append(error)
 
 
-def stored_assertion(
-    record: records.StoredAssertion, system: System, config: RobotConfig
+def _times(batch: Batch, now_ns: int) -> tuple[int, int | None]:
+    """Return when a batch was observed, and until when it may be believed."""
+    at_ns = now_ns if batch.time_ns is None else batch.time_ns
+    if at_ns > now_ns + AHEAD_NS:
+        ahead_s = (at_ns - now_ns) / 1e9
+        raise InputError(f"time: {at_ns} is {ahead_s:.0f} s ahead of this service's clock; 60 are allowed")
+    return at_ns, None if batch.lifetime_s is None else at_ns + round(batch.lifetime_s * 1e9)
+
+
+async def stored_assertion(
+    robot: str, record: StoredAssertion, words: Words, readers: Readers
 ) -> Assertion | None:
     """Return a stored assertion in the present model's vocabulary; None if that has no words for it."""
     try:
-        return read_assertion(record.name, record.sentence, system.vocabulary, unknown=_unknown(config))
+        return await readers.assertion(
+            words.version, words.vocabulary, record.name, record.sentence, unknown=words.unknown
+        )
     except ObservationError as error:
-        log.warning("assertion set aside", robot=config.id, assertion=record.name, detail=str(error))
+        log.warning("assertion set aside", robot=robot, assertion=record.name, detail=str(error))
         return None
-
-
-def _unknown(config: RobotConfig) -> Unknown:
-    return "keep" if config.keep_unknown else "refuse"

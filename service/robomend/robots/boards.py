@@ -14,9 +14,15 @@ from collections.abc import Awaitable, Callable, Mapping
 
 from robomend.board.link import BoardLink, LinkState
 from robomend.board.snapshot import Snapshot
+from robomend.entry import Entry
 from robomend.errors import NotFound, Refused
 from robomend.model.components import ComponentModel
+from robomend.model.vocabulary import Vocabulary
+from robomend.observations.obs import Obs
+from robomend.robots.batches import Update
 from robomend.robots.configuration import BoardConfig
+from robomend.store import Store
+from robomend.store.records import AuditEntry
 from robomend_client.literals import Literal
 from robomend_client.observers import BOARD, HardwareObserver, Measurements, Wiring
 
@@ -33,6 +39,7 @@ class WiredBoard:
 
     def __init__(
         self,
+        store: Store,
         robot: str,
         config: BoardConfig,
         parts: ComponentModel | None,
@@ -52,6 +59,7 @@ class WiredBoard:
             {name: _wiring(channel, config) for channel, name in self.components.items()},
             Measurements(rate_hz=config.rate_hz, lifetime_s=max(3.0, 3 / config.rate_hz)),
         )
+        self._store = store
         self._report = report
         self._told: frozenset[Literal] | None = None  # None: what OBS holds is from before this link
         self._task: asyncio.Task[None] | None = None
@@ -82,8 +90,21 @@ class WiredBoard:
             await asyncio.wait([self._task], timeout=1.0)
         await self.link.close()
 
-    async def switch(self, channel: int, on: bool) -> None:
-        """Switch a channel. Refused for switching off a protected one; BoardError as the link has it."""
+    async def switch(self, channel: int, on: bool, *, by: str, reason: str) -> None:
+        """Switch a channel, with an entry in the audit log before it is sent.
+
+        Refused for switching off a protected one; BoardError as the link has it.
+        """
+        if self.link.channels is not None and channel >= self.link.channels:
+            raise NotFound(f"the board of {self.robot!r} has channels 0 to {self.link.channels - 1}")
+        entry = AuditEntry(
+            actor=by,
+            action="channel.on" if on else "channel.off",
+            subject=f"channel {channel}",
+            robot=self.robot,
+            reason=reason,
+        )
+        await self._store.write(lambda tx: tx.note(entry))
         if not on and channel in self.protected:
             raise Refused(f"channel {channel} is protected: nothing switches it off")
         await self.link.wait_connected(CONNECT_S)
@@ -101,6 +122,19 @@ class WiredBoard:
             self._told = said
 
 
+def board_update(obs: Obs, vocabulary: Vocabulary, said: frozenset[Literal], time_ns: int) -> Update:
+    """Return what a board changes in OBS by saying this: what is new, and to forget what it says no more."""
+    entries = [
+        Entry(literal, SOURCE, time_ns)
+        for literal in sorted(said)
+        if vocabulary.declares(literal.atom)
+        and ((held := obs.get(literal.atom)) is None or held.literal != literal)
+    ]
+    atoms = {literal.atom for literal in said}
+    gone = [entry.atom for entry in obs.entries() if entry.source == SOURCE and entry.atom not in atoms]
+    return Update(entries, forgotten=gone)
+
+
 def _wiring(channel: int, config: BoardConfig) -> Wiring:
     expected = config.expected_currents.get(channel)
     if expected is None:
@@ -111,7 +145,8 @@ def _wiring(channel: int, config: BoardConfig) -> Wiring:
 class Boards:
     """The boards by robot."""
 
-    def __init__(self, report: Report, on_state: Callable[[str, LinkState, str], None]) -> None:
+    def __init__(self, store: Store, report: Report, on_state: Callable[[str, LinkState, str], None]) -> None:
+        self._store = store
         self._report = report
         self._on_state = on_state
         self._boards: dict[str, WiredBoard] = {}
@@ -126,7 +161,9 @@ class Boards:
     async def put(self, robot: str, config: BoardConfig | None, parts: ComponentModel | None) -> None:
         """Make the robot's board what is configured; the link stays if nothing about it changed."""
         old = self._boards.get(robot)
-        new = None if config is None else WiredBoard(robot, config, parts, self._report, self._on_state)
+        new = None
+        if config is not None:
+            new = WiredBoard(self._store, robot, config, parts, self._report, self._on_state)
         if (
             old is not None
             and new is not None

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import asyncio
-
 from robomend.diagnosis.engines import ENGINES
 from robomend.errors import InputError, OptionRefused
 from robomend.model.system import System
 from robomend.observations.language import parse
-from robomend.planning.domain.loading import load_domain
 from robomend.planning.planners import PLANNERS
 from robomend.robots.configuration import RobotConfig, covered, uncovered
+from robomend.robots.readers import Readers
 from robomend.store import Transaction, records, robots
 from robomend.store.records import AuditEntry, Json
+from robomend.turns import Turns
 from robomend_client.events import Kind
 
 
@@ -46,21 +45,24 @@ def delete(tx: Transaction, robot: str, *, expected: str, by: str) -> None:
     tx.note(AuditEntry(actor=by, action="robot.delete", subject=robot, robot=robot, before=before))
 
 
-async def check(config: RobotConfig, system: System) -> None:
+async def check(config: RobotConfig, system: System, readers: Readers) -> None:
     """Refuse a configuration that speaks of what the model or this installation does not have."""
-    try:
-        what = "diagnosis.engine"
-        ENGINES.check(config.engine)
-        what = "planner"
-        PLANNERS.check(config.planner)
-    except OptionRefused as error:
-        raise OptionRefused(f"{what}: {error}") from error
+    for what, parts, name in (
+        ("diagnosis.engine", ENGINES, config.engine),
+        ("planner", PLANNERS, config.planner),
+    ):
+        try:
+            parts.check(name)
+        except OptionRefused as error:
+            raise OptionRefused(f"{what}: {error}") from error
     if config.domain is not None:
-        await asyncio.to_thread(load_domain, config.domain, "domain")
+        await readers.actions(config.domain)
     known = frozenset(system.cnf.components)
     for what, names in (("expected.stopped", config.expected_stopped), ("protected", config.protected)):
         for name in names:
             if name not in known:
                 raise InputError(f"{what}: the model {config.model!r} has no component {name!r}")
+    turns = Turns()
     for sentence in config.observed:
         parse(sentence, system.vocabulary)
+        await turns.rest()

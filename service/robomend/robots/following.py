@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 
-from robomend.robots.diagnosing import Diagnosing, published
+from robomend.robots.diagnosing import Diagnosing
 from robomend.robots.robot import Robot
 from robomend_client.events import Event, Kind
 
@@ -42,23 +42,19 @@ class Following:
                 and event.data.get("version") not in (None, state.model.version)
                 and not state.stale
             ):
-                state.stale = True
+                state.changed_elsewhere()
                 self._diagnosing.wake(state)
 
     def _robot(self, state: Robot, event: Event) -> None:
         data = event.data
         if event.kind is Kind.OBSERVATIONS and data["revision"] > state.head:
-            state.stale = True
-            state.observed.wake()  # whoever waits for OBS looks, and reads it anew
+            state.changed_elsewhere()
             if state.diagnosed.awaited:  # there is no event if the other's diagnosis says nothing new
                 self._diagnosing.wake(state)
         elif event.kind is Kind.ROBOT and data.get("etag") not in (None, state.stored.etag):
-            state.stale = True
+            state.changed_elsewhere()
             self._diagnosing.wake(state)
         elif event.kind is Kind.ROBOT and data.get("what") == "deleted":
             self._deleted(state.id)
         elif event.kind is Kind.DIAGNOSIS:
-            known = -1 if state.announced is None else state.announced.revision
-            if data["revision"] > known:  # ours are announced before they are written
-                state.current = state.announced = published(data["revision"], event.time_ns, data)
-                state.diagnosed.advance(state.diagnosed.value + 1)
+            state.diagnosed_elsewhere(data["revision"], event.time_ns, data)

@@ -13,8 +13,8 @@ from collections.abc import Awaitable, Callable
 from weakref import WeakValueDictionary
 
 from robomend.errors import NotFound
-from robomend.robots.batches import stored_assertion
-from robomend.robots.diagnosing import published
+from robomend.robots.batches import Words, stored_assertion
+from robomend.robots.configuration import RobotConfig
 from robomend.robots.robot import Robot
 from robomend.robots.systems import Systems
 from robomend.store import Store, View, diagnoses, models, observations, records, robots
@@ -83,7 +83,7 @@ class Memory:
                 return state
             left = until - time.monotonic()
             if not as_configured or asked.revision > state.head or left <= 0:
-                state.stale = True
+                state.changed_elsewhere()
             else:  # a write of ours is under way: it is this revision, or another instance was faster
                 await state.observed.beyond(state.revision, left)
             newest = await self._newest(robot)
@@ -101,12 +101,7 @@ class Memory:
         state = self.states.pop(robot, None)
         await self._left(robot)
         if state is not None:
-            state.gone = True
-            state.cancel_timers()
-            if state.task is not None:
-                state.task.cancel()
-            state.diagnosed.wake()
-            state.observed.wake()
+            state.deleted()
 
     async def _load(self, robot: str) -> Robot:
         """Read a robot from the store into memory, keeping those who wait for it."""
@@ -130,21 +125,17 @@ class Memory:
             await self.drop(robot)
             raise
         system = await self._models.compiled(model)
-        fresh = Robot(stored, model, system)
+        config = RobotConfig.from_json(robot, stored.config)
+        words = Words.of(model, system, config)
         assertions = [
             assertion
             for record in obs.assertions
-            if (assertion := stored_assertion(record, system, fresh.config)) is not None
+            if (assertion := await stored_assertion(robot, record, words, self._models.readers)) is not None
         ]
         state = self.states.get(robot)
         if state is None:
-            state = self.states[robot] = fresh
-        else:
-            state.stored, state.config, state.model, state.system = stored, fresh.config, model, system
+            state = self.states[robot] = Robot(stored, model, system, self.robot)
         self._use(state)
-        state.reload(obs, assertions)
-        if diagnosed is not None and (state.current is None or state.current.revision < diagnosed.revision):
-            state.current = published(diagnosed.revision, diagnosed.time_ns, diagnosed.result)
-            state.announced = state.current
+        state.read(stored, model, system, obs, assertions, diagnosed)
         await self._taken_up(state)
         return state

@@ -2,58 +2,40 @@
 
 A cache of the store, keyed by revision. A batch is applied here first and written then; writes of one robot
 may be under way side by side, since the store commits them in the order of the calls. When one fails, or
-another instance was faster, the state is `stale` and is read again before its next use.
+another instance was faster, what is held is `stale` and is read again before its next use.
+
+What happens to a robot is what its methods are called; the tables of states.py say what follows from what,
+and nobody assigns a state from outside.
 """
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterable, Sequence
+import time
+from collections.abc import Awaitable, Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
+from robomend.entry import Entry
 from robomend.model.clauses import Assertion
 from robomend.model.system import System, variant
-from robomend.observations.obs import Obs, Observed, consequences
-from robomend.robots.clock import CLOCK
+from robomend.observations.obs import Obs, consequences
+from robomend.robots.batches import Update, Words
+from robomend.robots.clock import AHEAD_NS, CLOCK
 from robomend.robots.configuration import RobotConfig
-from robomend.robots.diagnoser import Diagnosed
+from robomend.robots.current import Current
+from robomend.robots.states import HELD, SEARCH, Held, HeldTrigger, Search, SearchTrigger
 from robomend.robots.turnstile import Turnstile
 from robomend.store import records
+from robomend.transitions import after
 from robomend_client.literals import Atom, Literal
 
-AHEAD_NS = 60 * 10**9
-"""How far in the future a client's clock may be: an entry from the future outlives everything older."""
-
 
 @dataclass(frozen=True, slots=True)
-class Current:
-    """The diagnosis that was published last."""
+class Writing:
+    """A batch on its way to the disk."""
 
-    revision: int
-    model_version: str
-    time_ns: int
-    result: dict[str, Any] | None  # JSON
-    fault: dict[str, Any] | None  # why there is none
-    answer: Diagnosed | None  # None: made by another instance, or before a restart
-    expected_stopped: tuple[str, ...] = ()  # what the diagnosis does not expect to run
-
-
-@dataclass(frozen=True, slots=True)
-class Changes:
-    """What a batch changes in OBS, as the store keeps it."""
-
-    accepted: tuple[records.Entry, ...]
-    changed: tuple[records.Entry, ...]
-    kept: tuple[records.Entry, ...]  # changed, or with a renewed lifetime
-    forgotten: tuple[Atom, ...]
-    asserted: tuple[records.StoredAssertion, ...]
-    withdrawn: tuple[str, ...]
-
-    @property
-    def text(self) -> list[str]:
-        """The changed literals as sentences."""
-        return [str(Literal(entry.atom, entry.positive)) for entry in self.changed]
+    generation: int  # of what was held when it began
+    began: float  # perf_counter
 
 
 class Robot:
@@ -61,55 +43,89 @@ class Robot:
 
     __slots__ = (
         "__weakref__",
+        "_announced",
+        "_changed_at",
+        "_generation",
+        "_head",
+        "_held",
         "_own",
-        "again",
-        "announced",
+        "_read_again",
+        "_search",
+        "_task",
+        "_timers",
+        "_waiting_since",
         "assertion_records",
-        "changed_at",
         "config",
         "current",
         "diagnosed",
-        "generation",
-        "gone",
-        "head",
         "model",
         "obs",
         "observed",
-        "stale",
         "stored",
         "system",
-        "task",
-        "timers",
-        "waiting_since",
     )
 
-    def __init__(self, stored: records.StoredRobot, model: records.StoredModel, system: System) -> None:
-        self.stored = stored
-        self.config = RobotConfig.from_json(stored.id, stored.config)
-        self.model = model
-        self.system = system
+    def __init__(
+        self,
+        stored: records.StoredRobot,
+        model: records.StoredModel,
+        system: System,
+        read_again: Callable[[str], Awaitable[Robot]],
+    ) -> None:
+        """`read_again` calls `read` on the robot of this id, if it is stale. NotFound."""
+        self._configure(stored, model, system)
         self.obs = Obs()
         self.assertion_records: dict[str, records.StoredAssertion] = {}
         self.observed = Turnstile()  # committed revisions
         self.diagnosed = Turnstile()  # publications and confirmations, counted
-        self.head = 0  # the revision after the writes that are under way
-        self.generation = 0  # grows with each reload, so that a late write notices
-        self.stale = False
         self.current: Current | None = None
-        self.announced: Current | None = None  # the latest that is published or being written
-        self.task: asyncio.Task[None] | None = None  # the diagnosis in flight
-        self.again = False  # … and the one pending
-        self.waiting_since: float | None = None  # perf_counter of the oldest change not diagnosed
-        self.changed_at = 0.0  # perf_counter of the latest change
-        self.gone = False  # deleted; whoever still holds this lets go
-        self.timers: dict[str, asyncio.TimerHandle] = {}
+        self._read_again = read_again
+        self._held = Held.UNREAD
+        self._head = 0  # the revision after the writes that are under way
+        self._generation = 0  # grows with each reading, so that a late write notices
+        self._search = Search.IDLE
+        self._task: asyncio.Task[None] | None = None  # the diagnosis under way
+        self._announced: Current | None = None  # the latest that is published or being written
+        self._waiting_since: float | None = None  # perf_counter of the oldest change not diagnosed
+        self._changed_at = 0.0  # perf_counter of the latest change
+        self._timers: dict[str, asyncio.TimerHandle] = {}
         self._own: tuple[tuple[str, tuple[Assertion, ...], tuple[str, ...]], str, System] | None = None
 
     @property
     def id(self) -> str:
         return self.stored.id
 
-    # --- what the repair loop reads (its Sight)
+    @property
+    def stale(self) -> bool:
+        """Whether the store may know more."""
+        return self._held is Held.STALE
+
+    @property
+    def gone(self) -> bool:
+        """Whether the robot is deleted."""
+        return self._held is Held.GONE
+
+    @property
+    def head(self) -> int:
+        """The revision after the writes that are under way."""
+        return self._head
+
+    @property
+    def writing(self) -> bool:
+        """Whether memory is ahead of the disk."""
+        return self._head != self.observed.value
+
+    @property
+    def generation(self) -> int:
+        """How often it was read from the store."""
+        return self._generation
+
+    @property
+    def diagnosing(self) -> bool:
+        """Whether a diagnosis is under way."""
+        return self._search is not Search.IDLE
+
+    # --- what the repair loop looks at (its Sight)
 
     @property
     def revision(self) -> int:
@@ -121,12 +137,27 @@ class Robot:
         return self.obs.known(atom, CLOCK.now_ns())
 
     async def changed(self, revision: int, timeout_s: float) -> int:
-        """Return the revision once it is above `revision`, or the present one after the time-out."""
-        return await self.observed.beyond(revision, timeout_s)
+        """Return the revision once it is above `revision`, or the present one after the time-out.
+
+        What another instance took in is read from the store first.
+        """
+        await self.observed.beyond(revision, timeout_s)
+        await self.refreshed()
+        return self.revision
+
+    async def refreshed(self) -> None:
+        """Return when what is held is what the store had a moment ago. NotFound."""
+        if self.stale:
+            await self._read_again(self.id)
 
     def literals(self) -> tuple[Literal, ...]:
         """Return what is known now."""
         return self.obs.literals(CLOCK.now_ns())
+
+    @property
+    def words(self) -> Words:
+        """In which sentences about it are read."""
+        return Words.of(self.model, self.system, self.config)
 
     # --- what the engine is asked
 
@@ -149,66 +180,169 @@ class Robot:
 
     # --- OBS ⊕ o
 
-    def apply(
-        self,
-        observed: Sequence[Observed],
-        *,
-        asserted: Iterable[tuple[Assertion, records.StoredAssertion]] = (),
-        withdrawn: Sequence[str] = (),
-        forgotten: Sequence[Atom] = (),
-    ) -> Changes:
-        """Take a batch into OBS and return what the store must keep.
-        ObservationError if OBS would grow too large.
+    def apply(self, update: Update) -> tuple[Sequence[Entry], Sequence[Entry]]:
+        """Take an update into OBS. Return the entries that changed what is known, and all that the store must
+        keep: a renewed lifetime must survive a restart as well. ObservationError if OBS would grow too large.
         """
-        changed = self.obs.update(observed) if observed else ()
-        kept = {entry.literal.atom: entry for entry in changed}
-        for given in observed:
-            if given.expires_ns is not None:  # a renewed lifetime must survive a restart as well
+        changed = self.obs.update(update.entries) if update.entries else ()
+        kept = {entry.atom: entry for entry in changed}
+        for given in update.entries:
+            if given.expires_ns is not None:
                 for entry in consequences(given):
-                    if self.obs.get(entry.literal.atom) == entry:
-                        kept[entry.literal.atom] = entry
-        for assertion, record in asserted:
+                    if self.obs.get(entry.atom) == entry:
+                        kept[entry.atom] = entry
+        for assertion, record in update.asserted:
             self.obs.add(assertion)
             self.assertion_records[assertion.name] = record
-        for name in withdrawn:
+        for name in update.withdrawn:
             self.obs.withdraw(name)
             self.assertion_records.pop(name, None)
-        if forgotten:
-            self.obs.forget(forgotten)
-        return Changes(
-            accepted=tuple(map(_entry, observed)),
-            changed=tuple(map(_entry, changed)),
-            kept=tuple(map(_entry, kept.values())),
-            forgotten=tuple(forgotten),
-            asserted=tuple(record for _, record in asserted),
-            withdrawn=tuple(withdrawn),
-        )
+        if update.forgotten:
+            self.obs.forget(update.forgotten)
+        return changed, tuple(kept.values())
 
-    def reload(self, stored: records.StoredObs, assertions: Iterable[Assertion]) -> None:
-        """Replace OBS by what the store has."""
-        entries = (
-            Observed(Literal(entry.atom, entry.positive), entry.source, entry.time_ns, entry.expires_ns)
-            for entry in stored.entries
-        )
-        self.obs = Obs(entries, assertions)
-        newest_ns = max((entry.time_ns for entry in stored.entries), default=0)
+    # --- what happens to what is held
+
+    def read(
+        self,
+        stored: records.StoredRobot,
+        model: records.StoredModel,
+        system: System,
+        obs: records.StoredObs,
+        assertions: Iterable[Assertion],
+        diagnosis: records.StoredDiagnosis | None,
+    ) -> None:
+        """It was read from the store: configuration, model, OBS, and the diagnosis if it is a newer one."""
+        self._held = after(HELD, self._held, HeldTrigger.READ)
+        self._configure(stored, model, system)
+        self.obs = Obs(obs.entries, assertions)
+        newest_ns = max((entry.time_ns for entry in obs.entries), default=0)
         if newest_ns > CLOCK.now_ns() + AHEAD_NS:  # no client's clock may be so far ahead: ours went back
             CLOCK.no_earlier_than(newest_ns)
-        self.assertion_records = {assertion.name: assertion for assertion in stored.assertions}
-        self.head = stored.revision
-        self.generation += 1
-        self.stale = False
-        self.observed.advance(stored.revision)
+        self.assertion_records = {assertion.name: assertion for assertion in obs.assertions}
+        self._head = obs.revision
+        self._generation += 1
+        self.observed.advance(obs.revision)
+        if diagnosis is not None and (self.current is None or self.current.revision < diagnosis.revision):
+            self.current = self._announced = Current.stored(diagnosis)
+
+    def _configure(self, stored: records.StoredRobot, model: records.StoredModel, system: System) -> None:
+        self.stored = stored
+        self.config = RobotConfig.from_json(stored.id, stored.config)
+        self.model = model
+        self.system = system
+
+    def accepted(self) -> Writing:
+        """A batch was applied, and its write begins."""
+        self._held = after(HELD, self._held, HeldTrigger.ACCEPTED)
+        self._head += 1
+        return Writing(self._generation, time.perf_counter())
+
+    def kept(self, writing: Writing, revision: int, *, repeated: bool) -> None:
+        """A write is on disk; `repeated`: an earlier one was, of a request with the same key."""
+        self.observed.advance(revision)
+        self._changed_at = writing.began
+        if repeated or writing.generation != self._generation:
+            # What memory has is not what the store has, or is from before the write: read it again first.
+            self._held = after(HELD, self._held, HeldTrigger.NOT_KEPT)
+            self._announced = None
+        else:
+            self._held = after(HELD, self._held, HeldTrigger.KEPT)
+
+    def half_applied(self) -> None:
+        """A batch was refused in the middle: a part of it may be in OBS here."""
+        self._held = after(HELD, self._held, HeldTrigger.NOT_KEPT)
+
+    def not_kept(self) -> None:
+        """A write failed, or nobody knows whether it did: memory is ahead of the disk."""
+        self._held = after(HELD, self._held, HeldTrigger.NOT_KEPT)
+        self._announced = None
+        self.observed.wake()  # whoever waits for the write looks, and reads it anew
+
+    def changed_elsewhere(self) -> None:
+        """The store has what is not here: another instance's batch, a configuration, a model."""
+        self._held = after(HELD, self._held, HeldTrigger.CHANGED)
+        self.observed.wake()
+
+    def deleted(self) -> None:
+        """The robot is no more: whoever waits is let go, nothing wakes it again."""
+        self._held = after(HELD, self._held, HeldTrigger.DELETED)
+        self.cancel_timers()
+        if self._task is not None:
+            self._task.cancel()
+        self.diagnosed.wake()
+        self.observed.wake()
+
+    # --- what happens to its diagnosis
+
+    def woken(self, diagnose: Callable[[], asyncio.Task[None]], since: float | None = None) -> None:
+        """Something changed, at `since` (perf_counter): diagnose, once more after a diagnosis under way."""
+        if since is not None and self._waiting_since is None:
+            self._waiting_since = since
+        before, self._search = self._search, after(SEARCH, self._search, SearchTrigger.WOKEN)
+        if before is Search.IDLE:
+            self._task = diagnose()
+
+    def quiet_at(self, quiet_s: float) -> float:
+        """Return when OBS has been quiet for so long (perf_counter), if nothing changes until then."""
+        return self._changed_at + quiet_s
+
+    def diagnosis_began(self) -> float | None:
+        """OBS is read for a diagnosis. Return since when a change has waited for it (perf_counter)."""
+        self._search = after(SEARCH, self._search, SearchTrigger.BEGAN)
+        since, self._waiting_since = self._waiting_since, None
+        return since
+
+    def diagnosis_came(self) -> None:
+        """A diagnosis under way has come; what changed meanwhile is pending, and is diagnosed now."""
+        self._search = after(SEARCH, self._search, SearchTrigger.CAME)
+
+    def diagnosis_gave_up(self) -> None:
+        """A diagnosis under way came to nothing."""
+        self._search = after(SEARCH, self._search, SearchTrigger.GAVE_UP)
+
+    def announces(self, current: Current) -> bool:
+        """A diagnosis is about to be published. Return whether it is news, or confirms the last one."""
+        if current.says_the_same_as(self._announced):
+            return False
+        self._announced = current
+        return True
+
+    def not_announced(self) -> None:
+        """What was about to be published was not: it is still news."""
+        self._announced = None
+
+    def is_diagnosed(self, current: Current) -> None:
+        """A diagnosis was published, or confirmed."""
+        if self.current is None or current.revision >= self.current.revision:
+            self.current = current
+        self.diagnosed.advance(self.diagnosed.value + 1)
+
+    def diagnosed_elsewhere(self, revision: int, time_ns: int, data: records.Json) -> None:
+        """A diagnosis was published: by another instance, unless it is the one that we have announced."""
+        if self._announced is None or revision > self._announced.revision:
+            self.current = self._announced = Current.published(revision, time_ns, data)
+            self.diagnosed.advance(self.diagnosed.value + 1)
+
+    def looked_up(self, current: Current) -> None:
+        """Somebody asked for a diagnosis that is to be had at once; it is published later."""
+        self.current = current
+
+    # --- what wakes it later
+
+    def wake_later(self, name: str, delay_s: float, wake: Callable[[], None]) -> None:
+        """Call back later; a timer of this name that runs already is cancelled."""
+        self.cancel_timer(name)
+        if not self.gone:
+            self._timers[name] = asyncio.get_running_loop().call_later(delay_s, wake)
+
+    def cancel_timer(self, name: str) -> None:
+        """Stop a timer, if it runs."""
+        timer = self._timers.pop(name, None)
+        if timer is not None:
+            timer.cancel()
 
     def cancel_timers(self) -> None:
         """Stop whatever would wake this robot later."""
-        for timer in self.timers.values():
-            timer.cancel()
-        self.timers.clear()
-
-
-def _entry(observed: Observed) -> records.Entry:
-    literal = observed.literal
-    return records.Entry(
-        literal.atom, literal.positive, observed.source, observed.time_ns, observed.expires_ns
-    )
+        for name in tuple(self._timers):
+            self.cancel_timer(name)

@@ -9,9 +9,10 @@ from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Any, cast
 
+from robomend.entry import Entry
 from robomend.errors import InputError
-from robomend.store.records import Entry, Json, StoredAssertion
-from robomend_client.literals import Atom
+from robomend.store.records import Json, StoredAssertion
+from robomend_client.literals import Atom, Literal
 
 _COMPACT = json.JSONEncoder(separators=(",", ":"), allow_nan=False)
 _CANONICAL = json.JSONEncoder(separators=(",", ":"), allow_nan=False, sort_keys=True)
@@ -127,6 +128,8 @@ def batch_to_text(
 def batch_from_text(text: str) -> tuple[tuple[Entry, ...], tuple[StoredAssertion, ...], tuple[str, ...]]:
     """Return entries, assertions and withdrawn names of a batch."""
     rows = cast(dict[str, Any], json.loads(text))
-    entries = tuple(Entry(Atom(p, tuple(args)), *rest) for p, args, *rest in rows["e"])
+    entries = tuple(
+        Entry(Literal(Atom(p, tuple(args)), positive), *rest) for p, args, positive, *rest in rows["e"]
+    )
     asserted = tuple(StoredAssertion(*row) for row in rows.get("a", ()))
     return entries, asserted, tuple(rows.get("w", ()))

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from sqlalchemy import select
 
+from robomend.entry import Entry
 from robomend.errors import NotFound, StateConflict
 from robomend.store import schema
 from robomend.store.encoding import (
@@ -18,7 +19,6 @@ from robomend.store.encoding import (
 )
 from robomend.store.records import (
     FIRST_PAGE,
-    Entry,
     Page,
     Paging,
     StoredAssertion,
@@ -27,7 +27,7 @@ from robomend.store.records import (
 )
 from robomend.store.transaction import Transaction
 from robomend.store.view import AnyRow, View
-from robomend_client.literals import Atom
+from robomend_client.literals import Atom, Literal
 
 
 def revision(view: View, robot: str) -> int:
@@ -43,7 +43,7 @@ def obs(view: View, robot: str) -> StoredObs:
     return StoredObs(
         revision(view, robot),
         tuple(
-            Entry(atom_from_text(row.atom), row.positive, row.source, row.time_ns, row.expires_ns)
+            Entry(Literal(atom_from_text(row.atom), row.positive), row.source, row.time_ns, row.expires_ns)
             for row in view.rows(select(entries).where(entries.c.robot == robot).order_by(entries.c.atom))
         ),
         tuple(

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar
 
-from robomend_client.literals import Atom
+from robomend.entry import Entry
 
 T = TypeVar("T")
 
@@ -76,17 +76,6 @@ class StoredRobot:
         """The model that the robot follows."""
         model = self.config.get("model")
         return model if isinstance(model, str) else None
-
-
-@dataclass(frozen=True, slots=True)
-class Entry:
-    """A literal of OBS with where it came from, when, and until when it may be believed."""
-
-    atom: Atom
-    positive: bool
-    source: str
-    time_ns: int
-    expires_ns: int | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,8 +10,9 @@ import pytest
 from tests.store.examples import with_robots
 
 from robomend.errors import StateConflict
-from robomend.repairs.executors.agent import AgentExecutor, AgentQueue
-from robomend.store import Store
+from robomend.repairs.agent_queue import AgentQueue
+from robomend.repairs.executors.agent import AgentExecutor
+from robomend.store import Store, agent_actions, events, global_stop
 from robomend_client.actions import CANCELLED, OK, TIMED_OUT, UNREACHABLE, Action, ActionResult
 
 pytestmark = pytest.mark.anyio
@@ -31,7 +32,7 @@ async def queue(store: Store) -> AsyncIterator[AgentQueue]:
     queue = AgentQueue(store)
     queue.start()
     yield queue
-    queue.close()
+    await queue.close()
 
 
 def quiet(code: int, message: str) -> None:
@@ -40,7 +41,7 @@ def quiet(code: int, message: str) -> None:
 
 def sent(store: Store, queue: AgentQueue, timeout_s: float, id: str = "r-1:0") -> asyncio.Task[ActionResult]:
     """Send start_node(driver) to the agent on nuc."""
-    executor = AgentExecutor(queue, store, "r1", {"driver": "nuc"})
+    executor = AgentExecutor(queue, "r1", {"driver": "nuc"})
     return asyncio.create_task(executor.execute(Action(id, "start_node", ("driver",), timeout_s), quiet))
 
 
@@ -52,7 +53,7 @@ async def test_the_agent_on_the_component_s_host_gets_it_and_its_answer_counts(
     action = await queue.take("r1", "nuc", 5.0)
     assert action is not None
     assert (action.id, action.name, action.parameters) == ("r-1:0", "start_node", ("driver",))
-    await queue.answered(action.id)
+    await queue.feedback(action.id, 0, "begun")
     await queue.finish(action.id, OK, "started")
     assert await result == ActionResult(OK, "started")
 
@@ -97,7 +98,7 @@ async def test_nobody_there_means_that_it_did_not_act(store: Store, queue: Agent
     assert result.message == "the agent on nuc did not ask for such work in 0.2 s"
     assert await queue.take("r1", "nuc", 0.1) is None  # withdrawn: too late
     with pytest.raises(StateConflict):
-        await queue.answered("r-1:0")
+        await queue.feedback("r-1:0", 0, "begun")
 
 
 async def test_an_agent_that_begins_and_never_reports_leaves_the_outcome_unknown(
@@ -106,22 +107,22 @@ async def test_an_agent_that_begins_and_never_reports_leaves_the_outcome_unknown
     result = sent(store, queue, 0.6)
     action = await queue.take("r1", "nuc", 5.0)
     assert action is not None
-    await queue.answered(action.id)
+    await queue.feedback(action.id, 0, "begun")
     assert (await result).code == TIMED_OUT
 
 
 async def test_halting_tells_the_agent_that_is_at_it(store: Store, queue: AgentQueue) -> None:
     halt = asyncio.Event()
-    executor = AgentExecutor(queue, store, "r1", {}, halt)
+    executor = AgentExecutor(queue, "r1", {}, halt)
     result = asyncio.create_task(executor.execute(Action("r-1:0", "start_node", ("driver",), 10.0), quiet))
     await queue.take("r1", "nuc", 5.0)
-    await queue.answered("r-1:0")
-    await queue.answered("r-1:0")  # a second later, still wanted
+    await queue.feedback("r-1:0", 0, "begun")
+    await queue.feedback("r-1:0", 0, "begun")  # a second later, still wanted
     halt.set()
     result.cancel()
     await asyncio.wait({result})
     with pytest.raises(StateConflict):
-        await queue.answered("r-1:0")
+        await queue.feedback("r-1:0", 0, "begun")
     late = await queue.finish("r-1:0", OK, "started after all")
     assert late.code == CANCELLED
 
@@ -131,10 +132,10 @@ async def test_an_agent_that_is_at_it_goes_on_when_only_the_service_ends(
 ) -> None:
     result = sent(store, queue, 10.0)
     await queue.take("r1", "nuc", 5.0)
-    await queue.answered("r-1:0")
+    await queue.feedback("r-1:0", 0, "begun")
     result.cancel()
     await asyncio.wait({result})
-    assert (await queue.answered("r-1:0")).code is None
+    await queue.feedback("r-1:0", 0, "at it")  # is not told that it is withdrawn
     assert (await queue.finish("r-1:0", OK, "started")).code == OK
 
 
@@ -144,4 +145,58 @@ async def test_cancelling_withdraws_what_nobody_has_begun(store: Store, queue: A
     result.cancel()
     await asyncio.wait({result})
     with pytest.raises(StateConflict):
-        await queue.answered("r-1:0")
+        await queue.feedback("r-1:0", 0, "begun")
+
+
+async def test_feedback_reaches_who_sent_the_action_and_the_latest_is_never_left_out(
+    store: Store, queue: AgentQueue, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(queue._telling, "_period_s", 0.3)
+    heard: list[tuple[int, str]] = []
+    news = asyncio.Event()
+
+    def hear(code: int, message: str) -> None:
+        heard.append((code, message))
+        news.set()
+
+    executor = AgentExecutor(queue, "r1", {})
+    result = asyncio.create_task(executor.execute(Action("r-1:0", "start_node", ("driver",), 30.0), hear))
+    await queue.take("r1", "nuc", 5.0)
+    for percent in range(101):
+        await queue.feedback("r-1:0", percent, f"{percent} %")
+    async with asyncio.timeout(10):
+        while heard[-1:] != [(100, "100 %")]:
+            news.clear()
+            await news.wait()
+    await queue.finish("r-1:0", OK, "started")
+    assert (await result).ok
+    assert len(heard) < 50  # of a hundred
+    kept = await store.read(events.after, 0, limit=1000)
+    told = [event.data["feedback"]["code"] for event in kept if event.data.get("feedback")]
+    assert told == sorted(set(told))  # in order, none twice
+    assert len(told) < 50
+
+
+async def test_a_feedback_that_is_only_repeated_is_told_once(store: Store, queue: AgentQueue) -> None:
+    """Agents repeat it, to hear whether the action is withdrawn."""
+    result = sent(store, queue, 10.0)
+    await queue.take("r1", "nuc", 5.0)
+    for _ in range(20):
+        await queue.feedback("r-1:0", 1, "process 4711")
+    await queue.finish("r-1:0", OK, "started")
+    await result
+    kept = await store.read(events.after, 0, limit=1000)
+    assert len([event for event in kept if event.data.get("feedback")]) == 1
+
+
+async def test_nothing_is_handed_out_while_the_global_stop_is_active(store: Store, queue: AgentQueue) -> None:
+    """An agent may be faster than the owner, who withdraws what waits: after a crash, say."""
+    result = sent(store, queue, 60.0)
+    while not await store.read(agent_actions.waiting, "r1"):
+        await asyncio.sleep(0.01)
+    await store.write(lambda tx: global_stop.put(tx, True, by="bob", reason="smoke"))
+    assert await queue.take("r1", "nuc", 0.2) is None
+    await store.write(lambda tx: global_stop.put(tx, False, by="bob", reason=""))
+    assert await queue.take("r1", "nuc", 30.0) is not None
+    await queue.finish("r-1:0", OK, "started")
+    assert (await result).ok

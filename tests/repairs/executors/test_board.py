@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from robomend.board.link import LinkState
 from robomend.errors import BoardError, BoardRefused, BoardTimeout, BoardUnreachable
 from robomend.repairs.executors.board import BoardExecutor
 from robomend_client.actions import FAILED, OK, REFUSED, TIMED_OUT, UNREACHABLE, Action
@@ -17,6 +18,7 @@ class Board:
     def __init__(self, failure: BoardError | None = None) -> None:
         self.failure = failure
         self.told: list[tuple[int, bool]] = []
+        self.state = LinkState.CONNECTED
 
     async def wait_connected(self, timeout_s: float) -> None:
         pass
@@ -69,3 +71,16 @@ async def test_what_a_board_cannot_do_is_refused(action: tuple[str, tuple[str, .
     name, parameters = action
     done = await executor(Board()).execute(Action("r-1:0", name, parameters, 1.0), quiet)
     assert done.code == REFUSED
+
+
+async def test_whoever_watches_hears_that_the_link_is_waited_for() -> None:
+    heard: list[str] = []
+    board = Board()
+    board.state = LinkState.DISCONNECTED
+    action = Action("r-1:0", "power_up", ("jaguar",), 1.0)
+    assert (await executor(board).execute(action, lambda _, message: heard.append(message))).ok
+    assert heard == ["the board's link is disconnected; waiting for it"]
+    heard.clear()
+    board.state = LinkState.CONNECTED
+    await executor(board).execute(action, lambda _, message: heard.append(message))
+    assert heard == []

@@ -100,6 +100,16 @@ async def test_much_output_neither_blocks_the_program_nor_fills_memory() -> None
     assert len(done.message) <= 4096
 
 
+async def test_what_a_program_prints_is_its_feedback_line_by_line() -> None:
+    heard: list[str] = []
+    script = "import sys; [(print(word, flush=True), sys.stdin.read(0)) for word in ('one', 'two')]"
+    executor = ProcessExecutor({"talk": [sys.executable, "-c", script]})
+    done = await executor.execute(action("talk"), lambda _, message: heard.append(message))
+    assert done.message == "one\ntwo"
+    assert heard[0].endswith("started")
+    assert heard[-1] == "two"
+
+
 async def test_cancelling_ends_the_program() -> None:
     started: list[int] = []
     executor = ProcessExecutor({"hang": [sys.executable, "-c", "import time; time.sleep(60)"]})

@@ -47,7 +47,7 @@ async def poll(request: Request, robot: RobotPath, body: PollBody, parts: PartsD
 
 async def _next_action(request: Request, parts: Parts, robot: str, *, wait_s: float, **who: Any) -> Any:
     request.scope["robomend.waits"] = wait_s > 0
-    async with parts.robots.diagnosing.waiting():
+    async with parts.robots.waiting.counted():
         action = await parts.repairs.next_action(robot, wait_s=min(wait_s, parts.settings.max_wait_s), **who)
     return Response(status_code=204) if action is None else ActionOut.model_validate(action)
 

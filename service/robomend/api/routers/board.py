@@ -29,4 +29,5 @@ async def switch_channel(
     robot: RobotPath, channel: ChannelPath, body: ChannelBody, parts: PartsDep, principal: PrincipalDep
 ) -> None:
     """Switch a channel; returns when the board has acknowledged. A protected channel is not switched off."""
-    await parts.robots.switch(robot, channel, body.on, by=principal.name, reason=body.reason)
+    board = await parts.robots.board(robot)
+    await board.switch(channel, body.on, by=principal.name, reason=body.reason)

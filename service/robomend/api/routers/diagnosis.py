@@ -37,7 +37,7 @@ async def get_diagnosis(
     state = await parts.robots.diagnosed(robot)
     if wait_s > 0:
         request.scope["robomend.waits"] = True
-        await parts.robots.diagnosing.wait(state, after, min(wait_s, parts.settings.max_wait_s))
+        await parts.robots.waiting.beyond(state, after, min(wait_s, parts.settings.max_wait_s))
     return diagnosis_response(state)
 
 
@@ -46,6 +46,6 @@ async def get_probes(
     robot: RobotPath, parts: PartsDep, limit: Annotated[int, Query(ge=1, le=100)] = 5
 ) -> ProbesOut:
     """Return the observations worth making next: expected information per cost, best first."""
-    state = await parts.robots.latest(robot)
+    state = await parts.robots.memory.latest(robot)
     found = await parts.one_shots.probes(*state.question(), state.config.engine, limit)
     return probes_out(state.revision, found)

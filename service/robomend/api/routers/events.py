@@ -53,5 +53,5 @@ async def robot_events(
     robot: RobotPath, parts: PartsDep, still: StillDep, last_event_id: LastEventId = None
 ) -> EventStream:
     """Follow what happens to one robot."""
-    await parts.robots.robot(robot)
+    await parts.robots.memory.robot(robot)
     return EventStream(parts.hub, parts.hub.open(robot, last_event_id), parts.settings.send_timeout_s, still)

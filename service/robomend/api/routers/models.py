@@ -64,7 +64,7 @@ async def put_model(
     """Create a model, or add a version; replacing needs If-Match.
     The robots that follow it are diagnosed anew.
     """
-    body = await read_model(request, parts.settings)
+    body = await read_model(request, parts.settings, parts.robots.readers)
     expected = expected_etag(if_match, if_none_match)
     model, system = await parts.robots.models.put(
         name, body.source, format=body.format, expected=expected, by=principal.name

@@ -14,7 +14,8 @@ from robomend.api.body import content_type
 from robomend.api.deps import IdempotencyKey, PartsDep, RobotPath, parts_of, principal_of
 from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
-from robomend.api.ingestion import NDJSON, OPENAPI_BODY, ingest, read_batch
+from robomend.api.ingestion import NDJSON, OPENAPI_BODY, read_batch
+from robomend.api.ndjson import ingest
 from robomend.api.schemas.observations import Accepted, Ingested, ObsOut
 from robomend.api.views import accepted_response, obs_out
 from robomend.security import API
@@ -48,7 +49,7 @@ async def post_observations(
 @router.get("/observations", responses=problems(404))
 async def get_observations(robot: RobotPath, parts: PartsDep) -> ObsOut:
     """Return OBS now: each literal with its source, its time, and whether it is still fresh."""
-    return obs_out(await parts.robots.latest(robot))
+    return obs_out(await parts.robots.memory.latest(robot))
 
 
 @router.delete("/assertions/{assertion}", responses=problems(404))

@@ -20,6 +20,7 @@ from robomend.api.gate import GuardedRoute
 from robomend.api.schemas.base import Items
 from robomend.api.schemas.robots import RobotBody, RobotLine, RobotOut
 from robomend.api.views import robot_line, robot_out
+from robomend.repairs.executors.registry import check as check_executors
 from robomend.security import API
 from robomend.store import robots
 from robomend.store.records import ABSENT
@@ -57,9 +58,9 @@ async def put_robot(
 ) -> RobotOut:
     """Create a robot, or replace its configuration; replacing needs If-Match. OBS stays."""
     expected = expected_etag(if_match, if_none_match)
-    state = await parts.robots.put_robot(
-        robot, body.model_dump(mode="json"), expected=expected, by=principal.name
-    )
+    config = body.model_dump(mode="json")
+    check_executors(config["actions"])
+    state = await parts.robots.put_robot(robot, config, expected=expected, by=principal.name)
     response.status_code = 201 if expected in (None, ABSENT) else 200
     response.headers["ETag"] = quoted(state.stored.etag)
     return robot_out(state)

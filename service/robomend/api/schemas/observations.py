@@ -4,41 +4,67 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import Field
+from pydantic import ConfigDict, Field, TypeAdapter
+from pydantic.dataclasses import dataclass
 
-from robomend.api.schemas.base import MAX_INT, In, Nanoseconds, Out, Sentence
+from robomend.api.schemas.base import MAX_INT, Nanoseconds, Out, Sentence
+from robomend.robots.batches import Batch
 
 
-class ObservationsBody(In):
-    """One batch of sentences, observed by one source at one time."""
+@dataclass(frozen=True, config=ConfigDict(extra="forbid", allow_inf_nan=False))
+class ObservationsBody(Batch):
+    """One batch of sentences, observed by one source at one time."""  # within the limits of the wire
 
     observations: list[Sentence] = Field(
-        default=[], max_length=10_000, examples=[["not ok(scan)", "on(hokuyo)"]]
+        default_factory=list,
+        max_length=10_000,
+        examples=[["not ok(scan)", "on(hokuyo)"]],
+        json_schema_extra={"default": []},
     )
     assertions: dict[Annotated[str, Field(min_length=1, max_length=200)], Sentence] = Field(
-        default={}, max_length=1000, description="named sentences, kept until they are withdrawn"
+        default_factory=dict,
+        max_length=1000,
+        description="named sentences, kept until they are withdrawn",
+        json_schema_extra={"default": {}},
     )
-    time: Nanoseconds | None = Field(default=None, description="nanoseconds since the epoch; null: now")
+    time_ns: Nanoseconds | None = Field(
+        default=None, alias="time", strict=True, description="nanoseconds since the epoch; null: now"
+    )
     source: str = Field(default="http", min_length=1, max_length=200, examples=["general_observer"])
     lifetime_s: float | None = Field(
-        default=None, gt=0, le=10 * 365 * 86400, description="after it the literals are unknown"
+        default=None,
+        gt=0,
+        le=10 * 365 * 86400,
+        strict=True,
+        description="after it the literals are unknown",
     )
     together: bool = Field(
-        default=True, description="false: keep the good sentences of the batch, report the rest"
+        default=True, strict=True, description="false: keep the good sentences of the batch, report the rest"
     )
-    # What an agent's observers say beside their verdicts: taken, and not used yet. docs/observers.md.
     since: list[Nanoseconds | None] = Field(
-        default=[], max_length=10_000, description="for each observation the beginning of what it rests on"
+        default_factory=list,
+        max_length=10_000,
+        description="for each observation the beginning of what it rests on, by the clock of `time`",
+        json_schema_extra={"default": []},
     )
     onset: list[Nanoseconds | None] = Field(
-        default=[], max_length=10_000, description="for each observation the last good sample before it"
+        default_factory=list,
+        max_length=10_000,
+        description="for each observation the last good sample before it",
+        json_schema_extra={"default": []},
     )
     unknown: list[Sentence] = Field(
-        default=[], max_length=10_000, description="atoms that are unknown from now on"
+        default_factory=list,
+        max_length=10_000,
+        description="atoms that are unknown from now on, to this source",
+        json_schema_extra={"default": []},
     )
     settled: int | None = Field(
-        default=None, ge=0, le=MAX_INT, description="the `n` of the `settle` that this answers"
+        default=None, ge=0, le=MAX_INT, strict=True, description="the `n` of the `settle` that this answers"
     )
+
+
+OBSERVATIONS = TypeAdapter(ObservationsBody)
 
 
 class RefusedSentence(Out):

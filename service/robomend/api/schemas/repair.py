@@ -127,6 +127,8 @@ class StopOut(Out):
     by: str | None = None
     reason: str = ""
     since_ns: int | None = None
+    written: bool = Field(default=True, description="false: not on disk yet; a restart would not know of it")
+    detail: str = Field(default="", description="what that means, where it is not written")
 
 
 class ChannelOut(Out):

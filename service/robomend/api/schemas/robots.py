@@ -56,7 +56,12 @@ class DiagnosisOptionsBody(In):
 class ExecutorBody(In):
     """Who carries out an action: what the kind needs is in `options`."""
 
-    kind: Literal["board", "process", "agent", "webhook"]
+    kind: str = Field(
+        min_length=1,
+        max_length=64,
+        examples=["agent"],
+        description="board, agent, process, webhook, or one that another distribution adds",
+    )
     options: dict[Annotated[str, Field(max_length=64)], Any] = Field(default={}, max_length=32)
 
 

@@ -1,7 +1,4 @@
-"""Who carries out the actions of a plan: board, process, agent, webhook, all by one signature.
+"""Who carries out the actions of a plan, all by one signature: robomend_client.actions.Executor.
 
-The signature is robomend_client.actions.Executor.
-
-To add an executor, write a class with `execute` in a file of its own here, wrap it in `Once`, and name it in
-`robomend.repairs.executors.configured`.
+registry.py has them by kind, and says how to add one.
 """

@@ -1,150 +1,33 @@
-"""Actions that an agent on the robot pulls, carries out and reports; they wait in the store.
+"""Actions that an agent on the robot pulls, carries out and reports, through the queue (agent_queue.py).
 
-    execute ──► queue_action ──► POST …/actions/next hands it out ──► POST …/result ──► execute returns
-                    │ event                                              │ event
-                    └──── wakes the agent's long poll                    └──── wakes execute, anywhere
-
-While an agent acts it sends feedback every second; 409 tells it that the action has been withdrawn.
-
-The queue is durable and the result is kept with the action, so that neither a restart of the service nor a
-second instance loses an answer; a repeated id gets the first result.
+While it acts, an agent sends feedback twice a second or more; 409 tells it that the action is withdrawn.
 """
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from robomend.errors import RobomendError, StoreError
-from robomend.store import Store, Transaction, agent_actions
+from robomend.repairs.agent_queue import LOOK_AGAIN_S, AgentQueue, wait_for
+from robomend.repairs.executors.registry import Surroundings
 from robomend.store.records import AgentAction
-from robomend_client.actions import CANCELLED, TIMED_OUT, UNREACHABLE, Action, ActionResult, Feedback
-from robomend_client.events import Event, Kind
+from robomend_client.actions import (
+    CANCELLED,
+    TIMED_OUT,
+    UNREACHABLE,
+    Action,
+    ActionResult,
+    Executor,
+    Feedback,
+)
 
-LOOK_AGAIN_S = 1.0
-"""Events wake us; this is for an event that was lost with its database connection."""
 
-
-class AgentQueue:
-    """The agents' side of one store: what waits for whom, and who waits for what. One per instance."""
-
-    def __init__(self, store: Store) -> None:
-        self._store = store
-        self._changed: dict[str, asyncio.Event] = {}  # robot -> something about its actions changed
-        self._end: Callable[[], None] | None = None
-        self._ending = False
-
-    def start(self) -> None:
-        """Follow the store's events, whichever instance wrote them."""
-        self._end = self._store.subscribe(self._notice)
-
-    def end_waits(self) -> None:
-        """Let every waiting agent go with nothing to do: a server that ends need not wait for them."""
-        self._ending = True
-        for change in self._changed.values():
-            change.set()
-
-    def close(self) -> None:
-        """Stop following."""
-        if self._end is not None:
-            self._end()
-
-    def _notice(self, events: tuple[Event, ...]) -> None:
-        for event in events:
-            if event.kind is Kind.ACTION and event.robot is not None:
-                waiting = self._changed.pop(event.robot, None)
-                if waiting is not None:
-                    waiting.set()
-
-    def watch(self, robot: str) -> asyncio.Event:
-        """Return what will be set at the next change of the robot's actions: watch first, then look."""
-        return self._changed.setdefault(robot, asyncio.Event())
-
-    async def put(self, robot: str, host: str | None, action: Action) -> AgentAction:
-        """Queue an action for the agent on `host` (None: any of the robot's)."""
-
-        def queue(tx: Transaction) -> AgentAction:
-            queued = agent_actions.queue(
-                tx,
-                action.id,
-                robot,
-                host=host,
-                name=action.name,
-                parameters=action.parameters,
-                timeout_s=action.timeout_s,
-            )
-            tx.emit(Kind.ACTION, robot, describe(queued, "queued"))
-            return queued
-
-        return await self._store.write(queue, robots=(robot,))
-
-    async def take(
-        self,
-        robot: str,
-        host: str | None,
-        wait_s: float,
-        *,
-        agent: str | None = None,
-        can: Collection[str] | None = None,
-    ) -> AgentAction | None:
-        """Hand out the next action that an agent can do (None: anything), waiting up to `wait_s`."""
-        name = agent or host or "agent"
-        deadline = asyncio.get_running_loop().time() + wait_s
-        while True:
-            change = self.watch(robot)
-            queued = await self._store.read(agent_actions.waiting, robot)
-            if any(agent_actions.meant_for(a, host, can) for a in queued if not a.answered):
-                taken = await self._store.write(
-                    lambda tx: agent_actions.take(tx, robot, host=host, agent=name, can=can),
-                    robots=(robot,),
-                )
-                if taken is not None:
-                    return taken
-            left = deadline - asyncio.get_running_loop().time()
-            if left <= 0 or self._ending:
-                return None
-            await _wait(change, min(left, 5 * LOOK_AGAIN_S))
-
-    async def answered(self, action_id: str) -> AgentAction:
-        """Note that an agent has begun; Conflict after the result, also when that is a cancellation."""
-        known = await self._store.read(agent_actions.get, action_id)
-        if known.answered and known.code is None:
-            return known  # each second of a long action; nothing new to write
-
-        def answer(tx: Transaction) -> AgentAction:
-            action = agent_actions.answer(tx, action_id)
-            tx.emit(Kind.ACTION, action.robot, describe(action, "running"))
-            return action
-
-        return await self._store.write(answer)
-
-    async def finish(self, action_id: str, code: int, message: str) -> AgentAction:
-        """Keep the agent's result; a second one gets the first."""
-
-        def finish(tx: Transaction) -> AgentAction:
-            first = agent_actions.get(tx, action_id).code is None
-            action = agent_actions.finish(tx, action_id, code, message)
-            if first:
-                tx.emit(Kind.ACTION, action.robot, describe(action, "done"))
-            return action
-
-        return await self._store.write(finish)
-
-    async def withdraw(self, action_id: str, why: str) -> AgentAction:
-        """Take back an action that no agent has begun; one that has begun is returned as it is.
-
-        One that an agent has taken, without having said so far that it begins, may be acted on all the same:
-        it gets TIMED_OUT (unknown); the others UNREACHABLE (did not act).
-        """
-
-        def take_back(tx: Transaction) -> AgentAction:
-            action = agent_actions.get(tx, action_id)
-            code = UNREACHABLE if action.taken_by is None else TIMED_OUT
-            return action if action.answered else agent_actions.withdraw(tx, action_id, code, why)
-
-        return await self._store.write(take_back)
+def make(action: str, options: Mapping[str, Any], around: Surroundings) -> Executor:
+    """Return the robot's agents, on whichever host a component is (robomend.repairs.executors.registry)."""
+    return AgentExecutor(around.agents, around.robot, around.hosts, around.halt)
 
 
 class AgentExecutor:
@@ -153,7 +36,6 @@ class AgentExecutor:
     def __init__(
         self,
         queue: AgentQueue,
-        store: Store,
         robot: str,
         hosts: Mapping[str, str | None],
         halt: asyncio.Event | None = None,
@@ -165,7 +47,6 @@ class AgentExecutor:
                 whoever takes over asks for its result.
         """
         self._queue = queue
-        self._store = store
         self._robot = robot
         self._hosts = dict(hosts)
         self._halt = halt
@@ -176,16 +57,17 @@ class AgentExecutor:
         deadline = loop.time() + action.timeout_s
         change = self._queue.watch(self._robot)
         state = await self._queue.put(self._robot, host, action)
-        told = False
+        told: tuple[int, str] | None = None
         try:
             while state.code is None and (left := deadline - loop.time()) > 0:
-                await _wait(change, min(left, LOOK_AGAIN_S))
+                await wait_for(change, min(left, LOOK_AGAIN_S))
                 change = self._queue.watch(self._robot)
                 with contextlib.suppress(StoreError):  # it may come back within our time
-                    state = await self._store.read(agent_actions.get, action.id)
-                if state.answered and not told:
-                    told = True
-                    feedback(0, f"{state.taken_by or 'an agent'} has begun")
+                    state = await self._queue.action(action.id)
+                said = self._queue.said.get(action.id, told)
+                if said is not None and said != told:
+                    told = said
+                    feedback(*said)
         except asyncio.CancelledError:
             with contextlib.suppress(RobomendError):  # then the agent's own time-out ends it
                 await asyncio.shield(self._cut_off(action))
@@ -207,22 +89,3 @@ class AgentExecutor:
 
     async def _take_back(self, action: Action) -> AgentAction:
         return await self._queue.withdraw(action.id, "withdrawn: nobody asked for it in time")
-
-
-async def _wait(change: asyncio.Event, timeout_s: float) -> None:
-    with contextlib.suppress(TimeoutError):
-        async with asyncio.timeout(timeout_s):
-            await change.wait()
-
-
-def describe(action: AgentAction, state: str) -> dict[str, Any]:
-    """Return the data of an ACTION event."""
-    return {
-        "id": action.id,
-        "name": action.name,
-        "parameters": list(action.parameters),
-        "host": action.host,
-        "state": state,
-        "result": action.code,
-        "message": action.message,
-    }

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Protocol
+from typing import Any, Protocol
 
+from robomend.board.link import LinkState
 from robomend.errors import BoardError, BoardRefused, BoardTimeout, BoardUnreachable
+from robomend.repairs.executors.registry import Surroundings
 from robomend_client.actions import (
     FAILED,
     OK,
@@ -14,6 +16,7 @@ from robomend_client.actions import (
     UNREACHABLE,
     Action,
     ActionResult,
+    Executor,
     Feedback,
 )
 
@@ -27,9 +30,20 @@ CONNECT_S = 2.0
 class Switch(Protocol):
     """What this executor needs of a board link."""
 
+    state: LinkState
+
     async def wait_connected(self, timeout_s: float) -> None: ...
 
     async def switch(self, channel: int, on: bool, timeout_s: float | None = None) -> None: ...
+
+
+def make(action: str, options: Mapping[str, Any], around: Surroundings) -> Executor | None:
+    """Return the robot's power board for what that can do, if it has one (see registry.MakeExecutor)."""
+    board = around.board
+    if board is None or action not in SWITCHES:
+        return None
+    channels = {name: channel for channel, name in board.components.items()}
+    return BoardExecutor(board.link, channels, board.protected)
 
 
 class BoardExecutor:
@@ -50,6 +64,8 @@ class BoardExecutor:
             return ActionResult(REFUSED, f"{action.parameters[0]} has no channel on this board")
         if not on and channel in self._protected:
             return ActionResult(REFUSED, f"channel {channel} ({action.parameters[0]}) is protected")
+        if self._link.state is not LinkState.CONNECTED:
+            feedback(0, f"the board's link is {self._link.state}; waiting for it")
         try:
             await self._link.wait_connected(min(CONNECT_S, action.timeout_s))
             await self._link.switch(channel, on, action.timeout_s)

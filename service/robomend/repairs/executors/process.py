@@ -16,8 +16,12 @@ import os
 import re
 import signal
 import subprocess
-from collections.abc import AsyncIterator, Mapping, Sequence
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from functools import partial
+from typing import Any
 
+from robomend.errors import InputError
+from robomend.repairs.executors.registry import Surroundings
 from robomend_client.actions import (
     FAILED,
     OK,
@@ -26,6 +30,7 @@ from robomend_client.actions import (
     UNREACHABLE,
     Action,
     ActionResult,
+    Executor,
     Feedback,
 )
 
@@ -36,6 +41,18 @@ GRACE_S = 0.5
 """From SIGTERM to SIGKILL, and from there to giving up; and from a program's end to that of its output."""
 
 PLACE = re.compile(r"\{(\d+)\}")
+
+
+def make(action: str, options: Mapping[str, Any], around: Surroundings) -> Executor:
+    """Return the program of the service's settings that the options name (see registry.MakeExecutor)."""
+    name = options.get("program", action)
+    if name not in around.programs:
+        known = ", ".join(sorted(around.programs)) or "none"
+        raise InputError(
+            f"actions.{action}: the service's settings name no program {name!r} (programs: {known}); "
+            "add it there, or let the robot's agent run it"
+        )
+    return ProcessExecutor({action: around.programs[name]})
 
 
 class ProcessExecutor:
@@ -68,7 +85,7 @@ class ProcessExecutor:
         kept = bytearray()
         async with _ended(process) as ended:
             feedback(process.pid, f"{arguments[0]} started")
-            reading = asyncio.create_task(_keep_tail(process, kept))
+            reading = asyncio.create_task(_keep_tail(process, kept, partial(feedback, process.pid)))
             try:
                 async with asyncio.timeout(action.timeout_s):
                     await ended.wait()
@@ -108,8 +125,8 @@ async def _ended(process: subprocess.Popen[bytes]) -> AsyncIterator[asyncio.Even
             process.poll()
 
 
-async def _keep_tail(process: subprocess.Popen[bytes], kept: bytearray) -> None:
-    """Read to the end; keep the last of what a program prints."""
+async def _keep_tail(process: subprocess.Popen[bytes], kept: bytearray, say: Callable[[str], None]) -> None:
+    """Read to the end; keep the last of what a program prints, and say its latest line."""
     reader = asyncio.StreamReader()
     transport, _ = await asyncio.get_running_loop().connect_read_pipe(
         lambda: asyncio.StreamReaderProtocol(reader), process.stdout
@@ -118,5 +135,8 @@ async def _keep_tail(process: subprocess.Popen[bytes], kept: bytearray) -> None:
         while chunk := await reader.read(OUTPUT_BYTES):
             kept += chunk
             del kept[:-OUTPUT_BYTES]
+            line = kept.decode(errors="replace").rstrip().rpartition("\n")[2]
+            if line:
+                say(line)
     finally:
         transport.close()

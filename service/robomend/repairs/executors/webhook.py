@@ -24,10 +24,13 @@ import socket
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 from urllib.parse import urlsplit
 
 import httpx
 
+from robomend.errors import InputError
+from robomend.repairs.executors.registry import Surroundings
 from robomend_client.actions import (
     FAILED,
     OK,
@@ -36,6 +39,7 @@ from robomend_client.actions import (
     UNREACHABLE,
     Action,
     ActionResult,
+    Executor,
     Feedback,
 )
 
@@ -70,6 +74,17 @@ class Webhook:
 
     def __repr__(self) -> str:
         return f"Webhook(url={self.url!r}, secret=…, allow_private={self.allow_private})"
+
+
+def make(action: str, options: Mapping[str, Any], around: Surroundings) -> Executor:
+    """Return the receiver that the options name (see registry.MakeExecutor)."""
+    unknown = set(options) - {"url", "secret", "allow_private"}
+    url, secret = options.get("url"), options.get("secret")
+    if unknown or not isinstance(url, str) or not isinstance(secret, str):
+        raise InputError(f"actions.{action}: a webhook needs url and secret (and may have allow_private)")
+    if not url.startswith(("http://", "https://")):
+        raise InputError(f"actions.{action}: {url!r} is no http or https address")
+    return WebhookExecutor({action: Webhook(url, secret, bool(options.get("allow_private", False)))})
 
 
 def signature(secret: str, timestamp: str, body: bytes) -> str:

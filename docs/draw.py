@@ -1,0 +1,44 @@
+"""Write the diagrams of the pages beside this file, from the tables in the code.
+
+    ./dev run python docs/draw.py
+
+A diagram stands between `<!-- drawn: NAME -->` and `<!-- end -->`; tests/test_drawn_docs.py holds the pages
+to what this writes.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from robomend.repairs import states
+from robomend.robots import states as held
+from robomend.transitions import diagram
+
+PAGES = Path(__file__).parent
+
+DIAGRAMS = {
+    "repair": diagram(states.REPAIR, states.INITIAL, together=("any open state", states.OPEN)),
+    "step": diagram(states.STEP, states.StepState.WAITING),
+    "held": diagram(held.HELD, held.Held.UNREAD),
+    "search": diagram(held.SEARCH, held.Search.IDLE),
+}
+
+BLOCK = re.compile(r"(<!-- drawn: (?P<name>\S+) -->\n).*?(<!-- end -->)", re.DOTALL)
+
+
+def drawn(page: str) -> str:
+    """Return the text of a page with its diagrams as the code has them."""
+    return BLOCK.sub(lambda block: f"{block[1]}```mermaid\n{DIAGRAMS[block['name']]}\n```\n{block[3]}", page)
+
+
+def main() -> None:
+    """Write them."""
+    for path in sorted(PAGES.glob("*.md")):
+        text = path.read_text(encoding="utf-8")
+        if text != drawn(text):
+            path.write_text(drawn(text), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

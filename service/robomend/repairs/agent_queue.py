@@ -1,0 +1,211 @@
+"""The actions that wait for robots' agents, in the store, and who waits for what.
+
+    put ──► POST …/actions/next hands it out ──► POST …/feedback, now and then ──► POST …/result
+     │ event                                            │ event                       │ event
+     └──── wakes the agent's long poll                  └─────────────────────────────┴──► wakes who put it
+
+The queue is durable and the result is kept with the action, so that neither a restart of the service nor a
+second instance loses an answer; a repeated id gets the first result.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections import OrderedDict
+from collections.abc import Callable, Collection
+from functools import partial
+from typing import Any
+
+from robomend.errors import StateConflict
+from robomend.repairs.execution_values import MOST_FEEDBACK
+from robomend.repairs.states import QueueState
+from robomend.repairs.throttle import Throttle
+from robomend.store import Store, Transaction, agent_actions, global_stop
+from robomend.store.records import AgentAction
+from robomend_client.actions import TIMED_OUT, UNREACHABLE, Action
+from robomend_client.events import Event, Kind
+
+FEEDBACK_S = 1.0
+"""Between two feedbacks of one action that are told."""
+
+REMEMBERED = 1024
+"""Actions of which the latest feedback is remembered."""
+
+LOOK_AGAIN_S = 1.0
+"""Events wake us; this is for an event that was lost with its database connection."""
+
+
+class AgentQueue:
+    """The agents' side of one store: what waits for whom, and who waits for what. One per instance."""
+
+    def __init__(self, store: Store, stopped: Callable[[], bool] = lambda: False) -> None:
+        """`stopped` tells whether the global stop is in force here, also before it is on disk."""
+        self._store = store
+        self._stopped = stopped
+        self._changed: dict[str, asyncio.Event] = {}  # robot -> something about its actions changed
+        self._end: Callable[[], None] | None = None
+        self._ending = False
+        self.said: OrderedDict[str, tuple[int, str]] = OrderedDict()  # action -> its latest feedback, told
+        self._coming: dict[str, tuple[int, str]] = {}  # … and one that is not told yet
+        self._telling = Throttle(FEEDBACK_S, self._tell)
+
+    def start(self) -> None:
+        """Follow the store's events, whichever instance wrote them."""
+        self._end = self._store.subscribe(self._notice)
+
+    def end_waits(self) -> None:
+        """Let every waiting agent go with nothing to do: a server that ends need not wait for them."""
+        self._ending = True
+        for change in self._changed.values():
+            change.set()
+
+    async def close(self) -> None:
+        """Stop following, and telling."""
+        if self._end is not None:
+            self._end()
+        await self._telling.close()
+
+    def _notice(self, events: tuple[Event, ...]) -> None:
+        for event in events:
+            if event.kind is Kind.ACTION and event.robot is not None:
+                waiting = self._changed.pop(event.robot, None)
+                if waiting is not None:
+                    waiting.set()
+                said = event.data.get("feedback")
+                if said is not None and "repair" not in event.data:
+                    self.said[event.data["id"]] = (said["code"], said["message"])
+                    while len(self.said) > REMEMBERED:
+                        self.said.popitem(last=False)
+
+    def watch(self, robot: str) -> asyncio.Event:
+        """Return what will be set at the next change of the robot's actions: watch first, then look."""
+        return self._changed.setdefault(robot, asyncio.Event())
+
+    async def put(self, robot: str, host: str | None, action: Action) -> AgentAction:
+        """Queue an action for the agent on `host` (None: any of the robot's)."""
+
+        def queue(tx: Transaction) -> AgentAction:
+            queued = agent_actions.queue(
+                tx,
+                action.id,
+                robot,
+                host=host,
+                name=action.name,
+                parameters=action.parameters,
+                timeout_s=action.timeout_s,
+            )
+            tx.emit(Kind.ACTION, robot, describe(queued))
+            return queued
+
+        return await self._store.write(queue, robots=(robot,))
+
+    async def action(self, action_id: str) -> AgentAction:
+        """Return an action as it is now. NotFound."""
+        return await self._store.read(agent_actions.get, action_id)
+
+    async def take(
+        self,
+        robot: str,
+        host: str | None,
+        wait_s: float,
+        *,
+        agent: str | None = None,
+        can: Collection[str] | None = None,
+    ) -> AgentAction | None:
+        """Hand out the next action that an agent can do (None: anything), waiting up to `wait_s`."""
+        take = partial(self._take, robot, host, agent or host or "agent", can)
+        deadline = asyncio.get_running_loop().time() + wait_s
+        while True:
+            change = self.watch(robot)
+            queued = await self._store.read(agent_actions.waiting, robot)
+            if any(agent_actions.meant_for(a, host, can) for a in queued if not a.answered):
+                taken = await self._store.write(take, robots=(robot,))
+                if taken is not None:
+                    return taken
+            left = deadline - asyncio.get_running_loop().time()
+            if left <= 0 or self._ending:
+                return None
+            await wait_for(change, min(left, 5 * LOOK_AGAIN_S))
+
+    def _take(
+        self, robot: str, host: str | None, agent: str, can: Collection[str] | None, tx: Transaction
+    ) -> AgentAction | None:
+        """Hand out an action, but none while the global stop is active: its owner withdraws what waits."""
+        if self._stopped() or global_stop.hold(tx).active:
+            return None
+        return agent_actions.take(tx, robot, host=host, agent=agent, can=can)
+
+    async def feedback(self, action_id: str, code: int, message: str) -> None:
+        """Note how far an action is; StateConflict after the result, also when that is a cancellation.
+
+        The first one says that the agent has begun, and is on disk when this returns. Of the others the
+        latest is told, at most every FEEDBACK_S, and nothing where it says the same again: agents repeat it
+        to hear whether the action is withdrawn.
+        """
+        known = await self.action(action_id)
+        said = (code, message[:MOST_FEEDBACK])
+        if not known.answered or known.code is not None:
+            await self._store.write(partial(_answer, action_id, said))
+        elif self.said.get(action_id) != said:
+            self._coming[action_id] = said
+            self._telling.ask(action_id)
+
+    async def _tell(self, action_id: str) -> None:
+        said = self._coming.pop(action_id, None)
+        if said is not None and self.said.get(action_id) != said:
+            with contextlib.suppress(StateConflict):  # the result was faster
+                await self._store.write(partial(_answer, action_id, said))
+
+    async def finish(self, action_id: str, code: int, message: str) -> AgentAction:
+        """Keep the agent's result; a second one gets the first."""
+
+        def finish(tx: Transaction) -> AgentAction:
+            first = agent_actions.get(tx, action_id).code is None
+            action = agent_actions.finish(tx, action_id, code, message)
+            if first:
+                tx.emit(Kind.ACTION, action.robot, describe(action))
+            return action
+
+        return await self._store.write(finish)
+
+    async def withdraw(self, action_id: str, why: str) -> AgentAction:
+        """Take back an action that no agent has begun; one that has begun is returned as it is.
+
+        One that an agent has taken, without having said so far that it begins, may be acted on all the same:
+        it gets TIMED_OUT (unknown); the others UNREACHABLE (did not act).
+        """
+
+        def take_back(tx: Transaction) -> AgentAction:
+            action = agent_actions.get(tx, action_id)
+            code = UNREACHABLE if action.taken_by is None else TIMED_OUT
+            return action if action.answered else agent_actions.withdraw(tx, action_id, code, why)
+
+        return await self._store.write(take_back)
+
+
+def _answer(action_id: str, said: tuple[int, str], tx: Transaction) -> None:
+    action = agent_actions.answer(tx, action_id)
+    code, message = said
+    feedback = {"code": code, "message": message, "time_ns": tx.now_ns}
+    tx.emit(Kind.ACTION, action.robot, {**describe(action), "feedback": feedback})
+
+
+async def wait_for(change: asyncio.Event, timeout_s: float) -> None:
+    """Wait for a change, but not longer."""
+    with contextlib.suppress(TimeoutError):
+        async with asyncio.timeout(timeout_s):
+            await change.wait()
+
+
+def describe(action: AgentAction) -> dict[str, Any]:
+    """Return the data of an ACTION event."""
+    return {
+        "id": action.id,
+        "name": action.name,
+        "parameters": list(action.parameters),
+        "host": action.host,
+        "state": str(QueueState.of(action)),
+        "result": action.code,
+        "message": action.message,
+    }

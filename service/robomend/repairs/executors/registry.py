@@ -1,0 +1,113 @@
+"""The executors by kind: who carries out which action of a robot.
+
+    board     power_up and shutdown by the robot's power board; the default for these
+    agent     the robot pulls, on the host of the component; the default for the rest
+    process   a program of the service's own settings
+    webhook   a signed POST
+
+To add one: 1. a class with `execute` (robomend_client.actions.Executor) and a function that makes it (see
+MakeExecutor), in a module of its own here; 2. its line in EXECUTORS; 3. its row in docs/repair.md.
+One of your own needs no change here: its module, and in your distribution
+
+    [project.entry-points."robomend.executors"]
+    mine = "my_package:make"
+
+A program that the service runs itself must be named in the service's own settings: whoever may configure a
+robot over HTTP must not thereby choose programs for this computer.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from robomend.errors import InputError, OptionRefused
+from robomend.planning.policy import POWER_ACTIONS
+from robomend.repairs.agent_queue import AgentQueue
+from robomend.repairs.executors.once import Once
+from robomend.robots.boards import WiredBoard
+from robomend_client.actions import Executor
+from robomend_client.registry import Registry
+
+
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """What an executor of one robot may need."""
+
+    robot: str
+    board: WiredBoard | None  # None: the robot has none
+    agents: AgentQueue
+    hosts: Mapping[str, str | None]  # component -> the host that acts on it; None: any of the robot's
+    programs: Mapping[str, Sequence[str]]  # of the service's settings: name -> argument list
+    halt: asyncio.Event  # set when an action is cut off because nobody wants it any more
+
+
+class MakeExecutor(Protocol):
+    """Makes the executor of one action of one robot."""
+
+    def __call__(self, action: str, options: Mapping[str, Any], around: Surroundings) -> Executor | None:
+        """Return it; None: nobody can carry this action out.
+
+        Args:
+            action: the name of the action; its parameters come with each call.
+            options: what the robot's configuration says under `actions.ACTION.executor.options`.
+
+        Raises:
+            InputError: options that do not fit.
+        """
+        ...
+
+
+EXECUTORS = Registry[MakeExecutor](
+    "executor",
+    "robomend.executors",
+    {
+        "board": "robomend.repairs.executors.board:make",
+        "agent": "robomend.repairs.executors.agent:make",
+        "process": "robomend.repairs.executors.process:make",
+        "webhook": "robomend.repairs.executors.webhook:make",
+    },
+    unknown=OptionRefused,
+    broken=InputError,
+)
+
+
+def check(configured: Mapping[str, Mapping[str, Any]]) -> None:
+    """Refuse (OptionRefused) the `actions` of a robot that name an executor which nobody registered."""
+    for action in configured:
+        try:
+            EXECUTORS.check(_configured(action, configured)[0])
+        except OptionRefused as error:
+            raise OptionRefused(f"actions.{action}.executor.kind: {error}") from error
+
+
+def executors(
+    actions: Iterable[str], configured: Mapping[str, Mapping[str, Any]], around: Surroundings
+) -> dict[str, Executor]:
+    """Return action name -> executor; an action that nobody can carry out is absent.
+
+    Args:
+        actions: the action names of the robot's repair domain.
+        configured: the robot's `actions`, name -> {"executor": {"kind", "options"} | None, …}.
+
+    Raises:
+        OptionRefused: a kind that nobody registered.
+        InputError: options that do not fit their kind, or a kind that cannot be loaded.
+    """
+    found: dict[str, Executor] = {}
+    for action in actions:
+        kind, options = _configured(action, configured)
+        made = EXECUTORS.load(kind)(action, options, around)
+        if made is not None:
+            found[action] = Once(made)
+    return found
+
+
+def _configured(action: str, configured: Mapping[str, Mapping[str, Any]]) -> tuple[str, Mapping[str, Any]]:
+    """Return kind and options of an action, those of the configuration or the usual ones."""
+    executor = (configured.get(action) or {}).get("executor")
+    if executor is not None:
+        return executor["kind"], executor.get("options") or {}
+    return ("board" if action in POWER_ACTIONS else "agent"), {}

@@ -1,0 +1,122 @@
+"""Looking at OBS while a plan runs: what is there before a step, what its effect is, what breaks meanwhile.
+
+Awaited are the literals that a step makes expected (robomend.planning.prediction) and that somebody observes:
+on/off, running/stopped, and ok(t) once all that t rests on is predicted good.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Sequence
+from typing import TypeVar
+
+from robomend.planning.plan import Step
+from robomend.planning.prediction import OBSERVED_FACTS, observable
+from robomend.repairs.execution_values import Setting, Timing
+from robomend_client.literals import Atom, Literal
+
+T = TypeVar("T")
+
+LOOK_S = 0.25
+"""How often OBS is looked at unasked: observations also grow stale, which is no change."""
+
+
+class Looking:
+    """OBS, as the execution of one plan sees it."""
+
+    def __init__(self, setting: Setting) -> None:
+        self._sight = setting.sight
+        self._observed = setting.observed
+        self._prediction = setting.prediction
+        self._hold_s = setting.default_timing.hold_s
+        self._agreed: set[Literal] = set()  # expected literals that OBS has shown
+
+    def visible(self, step: Step) -> bool:
+        """Return whether OBS shows each on/off and running/stopped that the step brings about."""
+        facts = {
+            observable(effect)
+            for effect in step.effects
+            if effect.positive and observable(effect).atom.predicate in OBSERVED_FACTS
+        }
+        return bool(facts) and all(self._sight.value(f.atom) == f.positive for f in facts)
+
+    def known(self, atom: Atom) -> bool:
+        """Return whether OBS holds the atom, with either sign."""
+        return self._sight.value(atom) is not None
+
+    async def becomes_visible(self, step: Step, timeout_s: float) -> bool:
+        """Return whether OBS shows the step's effect within the time."""
+        return await self._until_none(lambda: None if self.visible(step) else step, timeout_s) is None
+
+    async def wrong_before(self, step: Step, timing: Timing) -> Literal | None:
+        """Return a precondition that OBS contradicts, or that its observer no longer reports.
+
+        It gets a moment to clear up.
+        """
+        conditions = [observable(p) for p in step.preconditions]
+        conditions = [p for p in conditions if p.atom.predicate not in {"good", "bad"}]
+
+        def wrong() -> Literal | None:
+            for literal in conditions:
+                value = self._sight.value(literal.atom)
+                if value is None and literal.atom in self._observed:
+                    return literal
+                if value is not None and value != literal.positive:
+                    return literal
+            return None
+
+        unknown = any(p.atom in self._observed and not self.known(p.atom) for p in conditions)
+        return await self._until_none(wrong, timing.effect_timeout_s if unknown else timing.hold_s)
+
+    async def effect(
+        self, wanted: Iterable[Literal], timeout_s: float
+    ) -> tuple[Sequence[Literal], Sequence[Literal]]:
+        """Await what a step makes expected; return what of it OBS showed, and what it did not.
+
+        Awaited is what somebody observes: the robot's `observed` list names it, or OBS knows it already.
+        """
+        awaited = {
+            literal for literal in wanted if literal.atom in self._observed or self.known(literal.atom)
+        }
+
+        def missing() -> frozenset[Literal] | None:
+            return frozenset(w for w in awaited if self._sight.value(w.atom) != w.positive) or None
+
+        left = await self._until_none(missing, timeout_s) or frozenset()
+        # Another step may have begun meanwhile and taken away what this one gave: not missing.
+        left &= self._prediction.expected()
+        seen = sorted(awaited - left)
+        self._agreed.update(seen)
+        return tuple(seen), tuple(sorted(left))
+
+    async def contradiction(self) -> Literal:
+        """Return a literal that the plan predicts and that OBS contradicts for longer than a flutter.
+
+        Only what OBS once agreed with can break: what a step still has to bring about is that step's
+        business.
+        """
+        agreed = self._agreed
+        since: dict[Literal, float] = {}
+        while True:
+            revision = self._sight.revision
+            expected = self._prediction.expected()
+            agreed.intersection_update(expected)
+            agreed.update(e for e in expected if self._sight.value(e.atom) == e.positive)
+            broken = {e for e in agreed if self._sight.value(e.atom) == (not e.positive)}
+            now = time.monotonic()
+            since = {e: since.get(e, now) for e in broken}
+            lasting = sorted(e for e, begun in since.items() if now - begun >= self._hold_s)
+            if lasting:
+                return lasting[0]
+            await self._sight.changed(revision, self._hold_s / 2 if broken else 1.0)
+
+    async def _until_none(self, wrong: Callable[[], T | None], timeout_s: float) -> T | None:
+        """Wait until `wrong()` is None, looking at each change of OBS; return its last answer."""
+        deadline = time.monotonic() + timeout_s
+        while True:
+            revision = self._sight.revision
+            answer = wrong()
+            left = deadline - time.monotonic()
+            if answer is None or left <= 0:
+                return answer
+            await self._sight.changed(revision, min(left, LOOK_S))

@@ -1,0 +1,83 @@
+"""Whether there is a reason to begin a repair by itself, and what is not tried again for now.
+
+A reason is: the policy is `approve` or `auto`, the diagnosis is not healthy and has held for `hold_s`, no
+stop is active, the time is inside a maintenance window, and it is not what the last repair gave up on. That
+is tried again when the diagnosis changes, a person releases a component, the robot is configured anew, or
+the back-off of a quarantine ends.
+"""
+
+from __future__ import annotations
+
+import time
+
+from robomend.planning.policy import Policy
+from robomend.repairs.conclusions import BadSets, situation_of
+from robomend.robots.robot import Robot
+from robomend.store import View, audit, repairs
+from robomend.store.records import Paging, Stop, StoredRepair
+
+IDLE_S = 30.0
+"""An event wakes us; this is for one that was lost."""
+
+RECONSIDERED = frozenset({"quarantine.release", "robot.put"})
+"""Entries of the audit log after which what a repair gave up on is worth another try."""
+
+
+class Reasons:
+    """Of one robot."""
+
+    def __init__(self) -> None:
+        self.given_up: BadSets | None = None  # the diagnoses that the last repair could not mend
+        self.retry_ns: int | None = None  # when they may be tried again
+        self._unhealthy: tuple[BadSets, float] | None = None  # and since when, monotonic
+
+    def recall(self, view: View, robot: str) -> None:
+        """Learn from the store what the last repair gave up on, unless a person changed something since."""
+        page = repairs.page(view, robot, Paging(limit=1))
+        if not page.items or page.items[0].open or reconsidered(view, page.items[0]):
+            return
+        data = page.items[0].data
+        if data.get("given_up") is not None:
+            self.given_up = frozenset(tuple(bad) for bad in data["given_up"])
+            self.retry_ns = data.get("retry_ns")
+
+    def reconsider(self) -> None:
+        """A person changed something: what was given up on may be worth another try."""
+        self.given_up = None
+
+    def gave_up(self, situation: BadSets | None, retry_ns: int | None) -> None:
+        """A repair has ended; `situation` is what it could not mend."""
+        self.given_up, self.retry_ns = situation, retry_ns
+
+    def wait_s(self, state: Robot, policy: Policy, stop: Stop) -> float:
+        """Return 0 if there is a reason to begin a repair now, else after how long to look again."""
+        situation = situation_of(state)
+        if situation is None:
+            self._unhealthy = None
+            if state.current is not None and state.current.healthy:
+                self.given_up = None
+            return IDLE_S
+        now = time.monotonic()
+        if self._unhealthy is None or self._unhealthy[0] != situation:
+            self._unhealthy = (situation, now)
+        held_s = now - self._unhealthy[1]
+        if self.retry_ns is not None and time.time_ns() >= self.retry_ns:
+            self.given_up = self.retry_ns = None
+        acts = state.config.policy != "observe" and state.system.parts is not None
+        if not acts or stop.active or situation == self.given_up:
+            return IDLE_S
+        if held_s < policy.hold_s:
+            return policy.hold_s - held_s + 0.001
+        return 0.0 if policy.may_begin(time.time_ns()) else IDLE_S
+
+
+def reconsidered(view: View, ended: StoredRepair) -> bool:
+    """Return whether a person changed something since the repair ended; by the audit log, as its order is
+    that of the writes and not of clocks.
+    """
+    for entry in audit.page(view, Paging(limit=1000), robot=ended.robot).items:  # the newest first
+        if entry.subject == ended.id:
+            return False
+        if entry.action in RECONSIDERED:
+            return True
+    return False

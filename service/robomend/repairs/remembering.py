@@ -1,0 +1,143 @@
+"""What is remembered of a robot's repairs: what was tried, whether it helped, and what is left alone now."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from robomend.planning.choice import Attempt, Choice, Patience, attempt
+from robomend.planning.policy import HOUR_NS
+from robomend.planning.quarantine import quarantined
+from robomend.repairs.execution_values import Execution, StepReport
+from robomend.repairs.states import StepState
+from robomend.robots.robot import Robot
+from robomend.store import View, attempts
+from robomend.store.records import Quarantine, StoredAttempt
+from robomend_client.literals import Atom, Literal
+
+
+@dataclass(frozen=True, slots=True)
+class Remembered:
+    """What the store remembers of a robot's repairs."""
+
+    tried: tuple[Attempt, ...]
+    quarantined: tuple[str, ...]
+    useless: Mapping[
+        frozenset[str], frozenset[str]
+    ]  # diagnosis -> actions that were done, and did not cure it
+    attempts: Mapping[str, int]  # component -> actions on it in the last hour
+
+
+def remembered(view: View, robot: str, patience: Patience) -> Remembered:
+    """Return what was tried lately and what is left alone now."""
+    now = time.time_ns()
+    records = attempts.tried(view, robot)
+    return Remembered(
+        tuple(map(_attempt_of, records)),
+        tuple(
+            entry.component
+            for entry in attempts.quarantine(view, robot)
+            if entry.until_ns is None or entry.until_ns > now
+        ),
+        useless_of(records, since_ns=now - int(patience.memory_s * 1e9)),
+        attempts.counted(view, robot, now - HOUR_NS),
+    )
+
+
+def useless_of(tried: Iterable[StoredAttempt], *, since_ns: int) -> dict[frozenset[str], frozenset[str]]:
+    """Return, for each diagnosis, the actions that were done for it lately and did not cure it."""
+    found: dict[frozenset[str], frozenset[str]] = {}
+    for one in tried:
+        if not one.helped and one.time_ns >= since_ns:
+            bad = frozenset(one.bad)
+            found[bad] = found.get(bad, frozenset()) | frozenset(one.data.get("direct", ()))
+    return found
+
+
+def judged(
+    state: Robot,
+    repair: str,
+    choice: Choice,
+    execution: Execution,
+    memory: Remembered,
+    patience: Patience,
+    *,
+    helped: bool,
+) -> tuple[StoredAttempt, list[Quarantine]]:
+    """Return what is to be kept of a round, and the components that it puts into quarantine."""
+    assert choice.plan is not None
+    assert choice.diagnosis is not None
+    now = time.time_ns()
+    finished = {StepState.DONE, StepState.ALREADY}
+    tried = attempt(
+        choice.diagnosis,
+        choice.plan,
+        done=[report.step.index for report in execution.steps if report.state in finished or report.seen],
+        time_ns=now,
+        effect_seen=execution.effect_seen,
+        helped=helped,
+    )
+    ended = {
+        "ending": str(execution.ending),
+        "reason": execution.reason,
+        "direct": direct(execution.steps, choice.diagnosis.bad),
+    }
+    # Whoever allows many actions an hour means to mend what breaks often.
+    relapses = max(patience.attempts, state.config.limits.attempts_per_hour // 2)
+    left_alone = quarantined(
+        [*memory.tried, tried], now_ns=now, patience=replace(patience, relapses=relapses)
+    )
+    new = [
+        Quarantine(
+            robot=state.id,
+            component=name,
+            reason=f"{entry.reason}; last: {execution.reason}" if execution.reason else entry.reason,
+            failures=entry.failures,
+            since_ns=now,
+            until_ns=entry.until_ns,
+        )
+        for name, entry in left_alone.items()
+        if name not in memory.quarantined
+    ]
+    return _stored(tried, state.id, repair, ended), new
+
+
+def direct(reports: Iterable[StepReport], bad: Collection[str]) -> list[str]:
+    """Return the actions that were done and should have made a component of the diagnosis good.
+
+    Where they did not help, another way is planned before the same is done again.
+    """
+    cures = {Literal(Atom("good", (name,))) for name in bad}
+    return [
+        str(report.step)
+        for report in reports
+        if report.result is not None and report.result.ok and cures & set(report.step.effects)
+    ]
+
+
+def _attempt_of(record: StoredAttempt) -> Attempt:
+    """Return an attempt as choosing sees it."""
+    return Attempt(
+        bad=frozenset(record.bad),
+        repaired=frozenset(record.data.get("repaired", ())),
+        time_ns=record.time_ns,
+        effect_seen=record.effect_seen,
+        helped=record.helped,
+        actions=record.actions,
+    )
+
+
+def _stored(tried: Attempt, robot: str, repair: str, data: Mapping[str, Any]) -> StoredAttempt:
+    """Return an attempt as the store keeps it."""
+    return StoredAttempt(
+        robot=robot,
+        bad=tuple(sorted(tried.bad)),
+        actions=tried.actions,
+        helped=tried.helped,
+        effect_seen=tried.effect_seen,
+        repair=repair,
+        time_ns=tried.time_ns,
+        data={**data, "repaired": sorted(tried.repaired)},
+    )

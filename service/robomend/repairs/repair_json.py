@@ -1,0 +1,80 @@
+"""A repair and its steps as JSON: what is written of them, and what HTTP and events show."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
+
+from robomend.planning.plan import Step
+from robomend.repairs.execution_values import StepReport
+from robomend.repairs.states import StepState
+from robomend.store.records import StepRecord, StoredRepair
+
+
+def step_number(action_id: str) -> int:
+    """Return the step of an action id: 2 for `r-1:2` and for its retry `r-1:2.1`."""
+    return int(action_id.rpartition(":")[2].partition(".")[0])
+
+
+def step_json(step: Step, first: int) -> dict[str, Any]:
+    """Return a step of a plan, numbered within its repair."""
+    return {
+        "index": first + step.index,
+        "name": step.name,
+        "parameters": list(step.parameters),
+        "after": [first + before for before in step.after],
+        "cost": step.cost,
+        "text": str(step),
+    }
+
+
+def report_json(report: StepReport, number: int) -> dict[str, Any]:
+    """Return how far a step came."""
+    return {
+        "id": report.action_id,
+        "index": number,
+        "name": report.step.name,
+        "parameters": list(report.step.parameters),
+        "text": str(report.step),
+        "state": str(report.state),
+        "result": None if report.result is None else report.result.code,
+        "message": report.reason or (report.result.message if report.result else ""),
+        "seen": [str(literal) for literal in report.seen],
+        "missing": [str(literal) for literal in report.missing],
+        "feedback": None if report.feedback is None else asdict(report.feedback),
+        "sent_ns": report.sent_ns,
+        "ended_ns": report.ended_ns,
+    }
+
+
+def repair_json(repair: StoredRepair, steps: Sequence[StepRecord] = ()) -> dict[str, Any]:
+    """Return a repair as HTTP and events show it; the steps of its present plan carry how far they came."""
+    data = dict(repair.data)
+    reports = {record.step: record.data for record in steps}
+    waiting = {"state": StepState.WAITING, "result": None, "message": "", "feedback": None}
+    plan = [{**waiting, **step, **reports.get(step["index"], {})} for step in data.get("plan", ())]
+    rounds = [
+        {**one, "plan": [{**step, **reports.get(step["index"], {})} for step in one["plan"]]}
+        for one in data.get("rounds", ())
+    ]
+    return {
+        "id": repair.id,
+        "robot": repair.robot,
+        "state": repair.state,
+        "policy": data.get("policy"),
+        "round": data.get("round", 0),
+        "diagnosis": data.get("diagnosis"),
+        "plan": plan,
+        "rounds": rounds,
+        "cost": data.get("cost"),
+        "assumed": data.get("assumed", []),
+        "unreachable": data.get("unreachable", []),
+        "waiting_for": data.get("waiting_for", []),
+        "probe": data.get("probe"),
+        "reason": data.get("reason", ""),
+        "by": data.get("by"),
+        "created_ns": repair.created_ns,
+        "updated_ns": repair.updated_ns,
+        "finished_ns": None if repair.open else repair.updated_ns,
+    }

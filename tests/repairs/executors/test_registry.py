@@ -1,0 +1,95 @@
+"""Who carries out which action, from a robot's configuration."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, cast
+
+import pytest
+
+from robomend.board.link import BoardLink
+from robomend.errors import InputError, OptionRefused
+from robomend.repairs.agent_queue import AgentQueue
+from robomend.repairs.executors.agent import AgentExecutor
+from robomend.repairs.executors.board import BoardExecutor
+from robomend.repairs.executors.process import ProcessExecutor
+from robomend.repairs.executors.registry import EXECUTORS, Surroundings, check, executors
+from robomend.repairs.executors.webhook import WebhookExecutor
+from robomend.robots.boards import WiredBoard
+
+NAMES = ("power_up", "shutdown", "start_node", "stop_node", "reset_usb")
+
+
+class Board:
+    """What an executor asks of a wired board."""
+
+    components: Mapping[int, str] = {3: "lidar"}
+    protected = frozenset({2})
+    link = cast(BoardLink, None)
+
+
+AROUND = Surroundings(
+    robot="r1",
+    board=cast(WiredBoard, Board()),
+    agents=cast(AgentQueue, None),
+    hosts={},
+    programs={"usb-reset": ("usbreset", "{0}")},
+    halt=asyncio.Event(),
+)
+
+
+def by(kind: str, **options: Any) -> dict[str, Any]:
+    return {"reset_usb": {"executor": {"kind": kind, "options": options}}}
+
+
+def kinds(configured: Mapping[str, Any], around: Surroundings = AROUND) -> dict[str, type]:
+    """Return action name -> class of its executor, below what answers a repeated id."""
+    return {name: type(one._executor) for name, one in executors(NAMES, configured, around).items()}  # type: ignore[attr-defined]  # every one is a Once
+
+
+def test_power_goes_to_the_board_and_the_rest_to_the_agent() -> None:
+    power = dict.fromkeys(("power_up", "shutdown"), BoardExecutor)
+    assert kinds({}) == {**power, **dict.fromkeys(("start_node", "stop_node", "reset_usb"), AgentExecutor)}
+
+
+def test_without_a_board_nobody_switches_power() -> None:
+    assert set(kinds({}, replace(AROUND, board=None))) == {"start_node", "stop_node", "reset_usb"}
+
+
+def test_a_board_carries_out_nothing_but_power() -> None:
+    assert "reset_usb" not in kinds(by("board"))
+
+
+@pytest.mark.parametrize(
+    ("configured", "said"),
+    [
+        (by("process"), "the service's settings name no program 'reset_usb' \\(programs: usb-reset\\)"),
+        (by("process", program="rm"), "name no program 'rm'"),
+        (by("webhook"), "a webhook needs url and secret"),
+        (by("webhook", url="https://h", secret="s", method="GET"), "a webhook needs url and secret"),
+        (by("webhook", url="file:///etc/passwd", secret="s"), "is no http or https address"),
+    ],
+)
+def test_options_that_do_not_fit_are_refused(configured: dict[str, Any], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        executors(NAMES, configured, AROUND)
+
+
+def test_a_program_of_the_settings_and_a_webhook_are_taken() -> None:
+    assert kinds(by("process", program="usb-reset"))["reset_usb"] is ProcessExecutor
+    assert kinds(by("webhook", url="https://h", secret="s"))["reset_usb"] is WebhookExecutor
+
+
+def test_a_kind_that_nobody_registered_is_refused_by_name_and_never_taken_for_the_agent() -> None:
+    said = "no executor is named 'agnet': choose one of board, agent, process, webhook"
+    with pytest.raises(OptionRefused, match=f"actions.reset_usb.executor.kind: {said}"):
+        check(by("agnet"))
+    with pytest.raises(OptionRefused, match=said):  # one that is stored already, say
+        executors(NAMES, by("agnet"), AROUND)
+
+
+def test_every_kind_of_ours_can_be_loaded() -> None:
+    for kind in EXECUTORS.built_in:
+        assert callable(EXECUTORS.load(kind))
