@@ -103,6 +103,20 @@ def test_lines_arrive_whole_however_they_are_split(messages: list[tuple[str, Any
     assert heard == messages
 
 
+def test_a_connection_that_is_made_while_the_bus_closes_is_ended() -> None:
+    async def test(broker: Broker, heard: Heard) -> None:
+        late = broker_module._Peer(broker)
+        closing = asyncio.create_task(broker.close())
+        await asyncio.sleep(0)
+        client, accepted = socket.socketpair()
+        transport, _ = await asyncio.get_running_loop().connect_accepted_socket(lambda: late, accepted)
+        await until(transport.is_closing)
+        client.close()
+        await closing
+
+    with_broker("tcp:127.0.0.1:0", test)
+
+
 def test_a_subscriber_that_does_not_read_loses_messages_and_holds_up_nobody() -> None:
     async def test(broker: Broker, heard: Heard) -> None:
         sleeper, talker = await connect(broker), await connect(broker)

@@ -69,6 +69,7 @@ class Broker:
         self._peers: set[_Peer] = set()
         self._subscribers: dict[str, set[_Peer]] = {}
         self._server: asyncio.Server | None = None
+        self._closing = False
 
     async def open(self) -> None:
         """Listen.
@@ -99,6 +100,7 @@ class Broker:
     async def close(self) -> None:
         if self._server is None:
             return
+        self._closing = True
         self._server.close()
         for peer in tuple(self._peers):
             peer.transport.abort()
@@ -112,6 +114,8 @@ class Broker:
     # --- called by the peers ------------------------------------------------------------------------
 
     def joined(self, peer: _Peer) -> bool:
+        if self._closing:  # it was accepted just before
+            return False
         if len(self._peers) >= MOST_CLIENTS:
             log.warning("the bus has %d clients already; one more was turned away", MOST_CLIENTS)
             return False
