@@ -291,6 +291,7 @@ def test_the_kind_of_action_of_the_manual_does_what_it_says(
     group = re.findall(r'"(robomend\.\w+)"\]', entry)[0]
     monkeypatch.syspath_prepend(str(install(tmp_path / "site", "my_robot", code, {group: points})))
     monkeypatch.setattr(KINDS, "_loaded", {})
+    monkeypatch.delitem(sys.modules, "my_robot", raising=False)
     (tmp_path / "agent.yaml").write_text(example.replace("/dev/horn", f"{tmp_path}/horn"))
     (spec,) = read_actions(read(tmp_path / "agent.yaml"), tmp_path)
     executor = spec.make()

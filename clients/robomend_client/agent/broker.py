@@ -101,6 +101,10 @@ class Broker:
         if self._server is None:
             return
         self._closing = True
+        loop = asyncio.get_running_loop()
+        for listening in self._server.sockets:
+            loop.remove_reader(listening.fileno())
+        await asyncio.sleep(0)  # what was accepted gets its transport, or Python 3.13 trips over it
         self._server.close()
         for peer in tuple(self._peers):
             peer.transport.abort()

@@ -202,6 +202,7 @@ def test_an_observer_of_another_distribution_is_found_by_its_name(
     (info / "entry_points.txt").write_text(f"[{group}]\n{line.replace(chr(34), '')}\n")
     monkeypatch.syspath_prepend(str(tmp_path / "site"))
     monkeypatch.setattr(KINDS, "_loaded", {})
+    monkeypatch.delitem(sys.modules, "my_robot", raising=False)
     (spec,) = specs(tmp_path, 'observers: {v: {kind: steady, source: "battery:voltage", most: 1}}')
     assert said(spec, 1.0, 1.5) == ["ok(v)"]
     sys.modules.pop("my_robot.steady", None)
