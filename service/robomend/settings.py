@@ -12,11 +12,15 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, SecretStr, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, SecretStr, ValidationError, field_validator
 
+from robomend import programs
 from robomend.errors import InputError
 
 ENVIRONMENT_PREFIX = "ROBOMEND_"
+
+LISTS = frozenset({"allowed_hosts", "webhook_hosts"})
+"""In the environment, with commas."""
 
 
 class SettingsError(InputError):
@@ -55,6 +59,10 @@ class Settings(BaseModel):
     programs: dict[str, tuple[str, ...]] = Field(
         default_factory=dict,
         description="name -> argument list: what a robot's `process` executors may run on this computer",
+    )
+    webhook_hosts: tuple[str, ...] = Field(
+        (),
+        description="hosts (`name` or `name:port`) that webhooks may call at private addresses, too",
     )
 
     max_head_bytes: int = Field(64 << 10, ge=1 << 10, description="of a request's line and headers; a 431")
@@ -116,6 +124,16 @@ class Settings(BaseModel):
     log_level: Literal["debug", "info", "warning", "error"] = "info"
     log_format: Literal["json", "text"] = "json"
 
+    @field_validator("programs")
+    @classmethod
+    def _templates(cls, value: dict[str, tuple[str, ...]]) -> dict[str, tuple[str, ...]]:
+        for name, template in value.items():
+            try:
+                programs.check_template(template)
+            except programs.Unfit as error:
+                raise ValueError(f"program {name!r}: {error}") from error
+        return value
+
     @property
     def database_url(self) -> str:
         """The URL of the database, password included: as set, or SQLite in the data folder."""
@@ -171,7 +189,7 @@ def _from_environment(environment: Mapping[str, str]) -> dict[str, Any]:
     for name in Settings.model_fields:
         text = environment.get(f"{ENVIRONMENT_PREFIX}{name.upper()}")
         if text is not None:
-            found[name] = tuple(filter(None, text.split(","))) if name == "allowed_hosts" else text
+            found[name] = tuple(filter(None, text.split(","))) if name in LISTS else text
     return found
 
 

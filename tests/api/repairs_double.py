@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Collection, Mapping, Sequence
-from typing import Any
+from typing import Any, cast
 
 from robomend.errors import NotFound, StateConflict
+from robomend.repairs.agent_queue import AgentQueue
+from robomend.repairs.executors.registry import Surroundings, check
 from robomend.repairs.repairs import Json
 from robomend.repairs.stop_switch import StopSwitch
+from robomend.robots.reporters import Reporter
 from robomend.store import Store
 
 REPAIR = {"id": "r-1", "robot": "r1", "state": "awaiting-approval", "plan": [], "by": "local"}
@@ -34,6 +37,10 @@ class RepairsDouble:
 
     def end_waits(self) -> None:
         self.calls.append(("end_waits",))
+
+    def check_actions(self, robot: str, configured: Mapping[str, Mapping[str, Any]]) -> None:
+        around = Surroundings(robot, None, cast(AgentQueue, None), {}, {}, (), asyncio.Event())
+        check(configured, around)
 
     async def plan(
         self, robot: str, *, bad: Sequence[str] | None, planner: str | None, timeout_s: float, pddl: bool
@@ -70,6 +77,7 @@ class RepairsDouble:
         *,
         host: str | None,
         wait_s: float,
+        by: Reporter,
         agent: str | None = None,
         can: Collection[str] | None = None,
     ) -> Json | None:
@@ -83,13 +91,13 @@ class RepairsDouble:
             raise NotFound(f"there is no action {action_id!r}")
         return self.owners[action_id]
 
-    async def feedback(self, action_id: str, *, code: int, message: str, by: str) -> None:
+    async def feedback(self, action_id: str, *, code: int, message: str) -> None:
         await self.action_robot(action_id)
-        self.calls.append(("feedback", action_id, code, message, by))
+        self.calls.append(("feedback", action_id, code, message))
 
-    async def result(self, action_id: str, *, code: int, message: str, by: str) -> Json:
+    async def result(self, action_id: str, *, code: int, message: str, by: Reporter) -> Json:
         await self.action_robot(action_id)
-        self.calls.append(("result", action_id, code, message, by))
+        self.calls.append(("result", action_id, code, message, by.name))
         return self.first.setdefault(action_id, {"code": code, "message": message})
 
     async def quarantined(self, robot: str) -> Mapping[str, str]:

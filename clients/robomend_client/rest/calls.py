@@ -217,17 +217,12 @@ def read_orders(response: httpx.Response) -> Orders:
 
 
 def next_action(robot: str, agent: str, host: str | None, wait_s: float) -> Call[Action | None]:
-    """Ask for an action as agents did before they said what they can do; see `poll`.
+    """Ask for an action, without saying what the agent can do; see `poll`.
 
     `host` asks for the actions of that host only; without it the agent is the robot's only one.
     """
-    return Call(
-        "GET",
-        path("robots", robot, "actions", "next"),
-        read_action,
-        params=given(agent=agent, host=host, wait_s=wait_s),
-        wait_s=wait_s,
-    )
+    value = {"agent": agent, "host": host, "wait_s": wait_s}
+    return Call("POST", path("robots", robot, "actions", "next"), read_action, json=value, wait_s=wait_s)
 
 
 def read_action(response: httpx.Response) -> Action | None:

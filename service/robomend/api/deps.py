@@ -19,8 +19,9 @@ from robomend.errors import PreconditionRequired
 from robomend.metrics import Metrics
 from robomend.oneshots.oneshots import OneShots
 from robomend.repairs.repairs import Repairs
+from robomend.robots.reporters import Reporter
 from robomend.robots.robots import Robots
-from robomend.security import Principal
+from robomend.security import LOCAL, Principal, Role
 from robomend.settings import Settings
 from robomend.store import Store
 from robomend.store.records import ABSENT, ANY, Paging
@@ -65,6 +66,11 @@ def principal_of(request: Request) -> Principal:
     return principal
 
 
+def reporter_of(principal: Principal) -> Reporter:
+    """Return who reports. Without keys nobody can be told from the robot."""
+    return Reporter(principal.name, principal.role is Role.ROBOT or principal is LOCAL)
+
+
 async def _still(request: Request) -> Callable[[], Awaitable[bool]]:
     return partial(request.app.state.gate.still, request)
 
@@ -107,6 +113,11 @@ IdempotencyKey = Annotated[
         pattern=r"^[\x21-\x7e]+$",
         description="a repeat with the same key has the first one's effect and answer",
     ),
+]
+
+
+ReasonQuery = Annotated[
+    str, Query(alias="reason", max_length=1000, description="why; it goes to the audit log")
 ]
 
 

@@ -19,6 +19,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from robomend.api.express import Express
 from robomend.api.loop_watch import timed
+from robomend.api.origin import foreign
 from robomend.api.problems import Problem, unforeseen
 from robomend.metrics import Metrics
 
@@ -63,7 +64,7 @@ class Edge:
 
         structlog.contextvars.bind_contextvars(request=request_id)
         try:
-            problem = refusal(scope, headers)
+            problem = refusal(scope)
             if problem is not None:
                 await problem.response(request_id)(scope, receive, answer)
             elif self._express is not None and self._express.takes(scope, headers):
@@ -99,17 +100,10 @@ async def _coroutine(app: ASGIApp, scope: Scope, receive: Receive, send: Send) -
     await app(scope, receive, send)
 
 
-def refusal(scope: Scope, headers: dict[bytes, bytes]) -> Problem | None:
+def refusal(scope: Scope) -> Problem | None:
     """Return why this request is not even looked at, or None."""
-    if scope["method"] in SAFE:
+    if scope["method"] in SAFE or (header := foreign(scope)) is None:
         return None
-    origin = headers.get(b"origin")
-    if origin is not None:
-        kind, _, authority = origin.lower().partition(b"://")
-        # A secure page may come through a proxy that ends TLS; a plain one is foreign to a secure service.
-        downgraded = kind == b"http" and scope["scheme"] == "https"
-        if downgraded or authority != headers.get(b"host", b"").lower():
-            return Problem(403, "a change may not come from a page of another origin", code="cross-origin")
-    elif headers.get(b"sec-fetch-site", b"none") not in {b"none", b"same-origin"}:
-        return Problem(403, "a change may not come from a page of another site", code="cross-origin")
-    return None
+    return Problem(
+        403, f"a change may not come from a page of another origin ({header})", code="cross-origin"
+    )

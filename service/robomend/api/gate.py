@@ -21,6 +21,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from robomend.api.body import StrictRequest
+from robomend.api.origin import foreign
 from robomend.api.problems import Problem
 from robomend.api.rates import Bucket
 from robomend.api.sign_in import SignIns
@@ -135,8 +136,7 @@ class Admission:
         header = request.headers.get("authorization")
         if header is None:
             if self.ring.empty:
-                self._check_host(request)
-                return LOCAL
+                return self._at_this_computer(request)
             found = self.sign_ins.known(request)
         else:
             scheme, _, key = header.partition(" ")
@@ -182,8 +182,7 @@ class Admission:
         header = request.headers.get("authorization")
         if header is None:
             if self.ring.empty:
-                self._check_host(request)
-                return LOCAL
+                return self._at_this_computer(request)
             signed_in = await self.sign_ins.find(request)
             if signed_in is not None:
                 return signed_in
@@ -202,10 +201,12 @@ class Admission:
             )
         return found
 
-    def _check_host(self, request: Request) -> None:
-        """Without keys, whoever reaches the port is admin: a page whose name was pointed here must not.
+    def _at_this_computer(self, request: Request) -> Principal:
+        """Return the person at this computer: without keys, whoever reaches the port is admin.
 
-        Such a name is in the Host header (DNS rebinding), so only names of this computer are served.
+        A page that their browser shows is not. It may have pointed its own name here (DNS rebinding), which
+        is in the Host header then, so only names of this computer are served. Or it asks from its own origin,
+        with an image, say: the browser tells (robomend.api.origin), and not even reads are answered.
         """
         host = request.headers.get("host", "")
         name = host_name(host)
@@ -215,6 +216,14 @@ class Admission:
                 f"Host {host[:100]!r} is no name of this computer; see the setting allowed_hosts",
                 code="unknown-host",
             )
+        header = foreign(request.scope)
+        if header is not None:
+            raise Problem(
+                403,
+                f"without keys, no page of another origin is answered ({header}); see `robomend keys`",
+                code="cross-origin",
+            )
+        return LOCAL
 
     def _not_too_often(self, principal: Principal) -> None:
         bucket = self._rates.get(principal.name)

@@ -15,7 +15,7 @@ from starlette.responses import Response
 
 from robomend.api import strict_json
 from robomend.api.body import read_chunks
-from robomend.api.deps import Parts
+from robomend.api.deps import Parts, reporter_of
 from robomend.api.ingestion import batch_of, once_of
 from robomend.api.problems import Problem, of_error
 from robomend.errors import RobomendError
@@ -32,6 +32,7 @@ async def ingest(
 ) -> Response:
     """Take in an NDJSON body group by group; the answer says how far it came."""
     request.scope["robomend.waits"] = True
+    by = reporter_of(principal)
     revision = (await parts.robots.memory.robot(robot)).revision
     lines = accepted = groups = 0
     group: list[Batch] = []
@@ -43,7 +44,7 @@ async def ingest(
     async def keep() -> None:
         nonlocal revision, lines, accepted, groups, sentences, raw
         once = None if key is None else once_of(request, principal, f"{key}#{groups}", raw.hexdigest())
-        outcome = await parts.robots.observe(robot, *group, once=once)
+        outcome = await parts.robots.observe(robot, *group, by=by, once=once)
         revision = outcome.revision
         accepted += sentences
         lines = number

@@ -7,8 +7,8 @@ The cookie is 256 random bits, of which the store has the SHA-256. It is asked e
 so a sign-out or a revoked key counts at once, on every instance.
 
 A browser sends cookies on its own, whoever made the page that asks. Three things keep other pages out:
-SameSite=Strict; a change needs an Origin header (the edge has compared it with Host) or Sec-Fetch-Site:
-same-origin; and what the browser itself calls cross-origin is refused for reads as well.
+SameSite=Strict; a change needs an Origin header that is ours or Sec-Fetch-Site: same-origin; and what the
+browser itself calls cross-origin is refused for reads as well.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from collections import OrderedDict
 from starlette.requests import Request
 from starlette.responses import Response
 
+from robomend.api.origin import foreign
 from robomend.api.problems import Problem
 from robomend.api.rates import Bucket
 from robomend.errors import NotFound
@@ -139,7 +140,7 @@ def _check_origin(request: Request) -> None:
     """Refuse a cookie that the browser may have sent for another origin's page."""
     site = request.headers.get("sec-fetch-site")
     told = site == "same-origin" or (site is None and "origin" in request.headers)
-    if told or (request.method in SAFE and site in {None, "none"}):
+    if foreign(request.scope) is None and (told or request.method in SAFE):
         return
     raise Problem(
         403,

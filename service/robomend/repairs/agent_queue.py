@@ -21,8 +21,9 @@ from robomend.errors import StateConflict
 from robomend.repairs.execution_values import MOST_FEEDBACK
 from robomend.repairs.states import QueueState
 from robomend.repairs.throttle import Throttle
+from robomend.robots.reporters import OURSELVES, Reporter
 from robomend.store import Store, Transaction, agent_actions, global_stop
-from robomend.store.records import AgentAction
+from robomend.store.records import AgentAction, AuditEntry
 from robomend_client.actions import TIMED_OUT, UNREACHABLE, Action
 from robomend_client.events import Event, Kind
 
@@ -109,12 +110,13 @@ class AgentQueue:
         robot: str,
         host: str | None,
         wait_s: float,
+        by: Reporter = OURSELVES,
         *,
         agent: str | None = None,
         can: Collection[str] | None = None,
     ) -> AgentAction | None:
         """Hand out the next action that an agent can do (None: anything), waiting up to `wait_s`."""
-        take = partial(self._take, robot, host, agent or host or "agent", can)
+        take = partial(self._take, robot, host, agent or host or "agent", can, by)
         deadline = asyncio.get_running_loop().time() + wait_s
         while True:
             change = self.watch(robot)
@@ -129,12 +131,22 @@ class AgentQueue:
             await wait_for(change, min(left, 5 * LOOK_AGAIN_S))
 
     def _take(
-        self, robot: str, host: str | None, agent: str, can: Collection[str] | None, tx: Transaction
+        self,
+        robot: str,
+        host: str | None,
+        agent: str,
+        can: Collection[str] | None,
+        by: Reporter,
+        tx: Transaction,
     ) -> AgentAction | None:
         """Hand out an action, but none while the global stop is active: its owner withdraws what waits."""
         if self._stopped() or global_stop.hold(tx).active:
             return None
-        return agent_actions.take(tx, robot, host=host, agent=agent, can=can)
+        waiting = {action.id for action in agent_actions.waiting(tx, robot) if action.taken_by is None}
+        taken = agent_actions.take(tx, robot, host=host, agent=agent, can=can)
+        if taken is not None and taken.id in waiting:  # else it has been told that it was taken
+            tx.note(_noted(taken, by, "action.taken"))
+        return taken
 
     async def feedback(self, action_id: str, code: int, message: str) -> None:
         """Note how far an action is; StateConflict after the result, also when that is a cancellation.
@@ -157,13 +169,16 @@ class AgentQueue:
             with contextlib.suppress(StateConflict):  # the result was faster
                 await self._store.write(partial(_answer, action_id, said))
 
-    async def finish(self, action_id: str, code: int, message: str) -> AgentAction:
-        """Keep the agent's result; a second one gets the first."""
+    async def finish(self, action_id: str, code: int, message: str, by: Reporter = OURSELVES) -> AgentAction:
+        """Keep the agent's result; a second one gets the first. Its message says who gave it in its place."""
+        said = message if by.own else f"{message} (said by {by.name} in the robot's place)".lstrip()
 
         def finish(tx: Transaction) -> AgentAction:
             first = agent_actions.get(tx, action_id).code is None
-            action = agent_actions.finish(tx, action_id, code, message)
+            action = agent_actions.finish(tx, action_id, code, said)
             if first:
+                if by is not OURSELVES:
+                    tx.note(_noted(action, by, "action.reported", message))
                 tx.emit(Kind.ACTION, action.robot, describe(action))
             return action
 
@@ -182,6 +197,14 @@ class AgentQueue:
             return action if action.answered else agent_actions.withdraw(tx, action_id, code, why)
 
         return await self._store.write(take_back)
+
+
+def _noted(action: AgentAction, by: Reporter, what: str, message: str = "") -> AuditEntry:
+    """Return the entry of the audit log about an action that an agent takes or reports."""
+    after = {"action": action.id, "host": action.host, "result": action.code}
+    after["in_place_of_the_robot"] = not by.own
+    text = f"{action.name}({', '.join(action.parameters)})"
+    return AuditEntry(by.name, what, text, action.robot, message, after=after)
 
 
 def _answer(action_id: str, said: tuple[int, str], tx: Transaction) -> None:

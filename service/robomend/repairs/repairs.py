@@ -33,11 +33,13 @@ from robomend.oneshots.oneshots import OneShots
 from robomend.planning.planner_pool import PlannerPool
 from robomend.repairs.agent_queue import AgentQueue
 from robomend.repairs.choosing import Chooser
+from robomend.repairs.executors.registry import Surroundings, check
 from robomend.repairs.record import new_repair
 from robomend.repairs.repair_json import repair_json
 from robomend.repairs.robot_repairs import Dependencies, RobotRepairs
 from robomend.repairs.states import RepairState
 from robomend.repairs.stop_switch import StopSwitch, written
+from robomend.robots.reporters import OURSELVES, Reporter
 from robomend.robots.robots import Robots
 from robomend.settings import Settings
 from robomend.store import Store, Transaction, View, agent_actions, attempts, global_stop, repairs, robots
@@ -65,7 +67,7 @@ def make_repairs(
     switch = StopSwitch(store)
     agents = AgentQueue(store, lambda: switch.active)
     chooser = Chooser(store, planners, one_shots, robots.readers)
-    return Repairs(Dependencies(store, robots, agents, chooser, switch, settings.programs))
+    return Repairs(Dependencies(store, robots, agents, chooser, switch, settings))
 
 
 class Repairs:
@@ -184,6 +186,20 @@ class Repairs:
 
     # --- repairs
 
+    def check_actions(self, robot: str, configured: Mapping[str, Mapping[str, Any]]) -> None:
+        """Refuse (InputError) the `actions` of a robot's configuration that cannot work."""
+        settings = self._needs.settings
+        around = Surroundings(
+            robot=robot,
+            board=None,
+            agents=self._needs.agents,
+            hosts={},
+            programs=settings.programs,
+            webhook_hosts=settings.webhook_hosts,
+            halt=asyncio.Event(),
+        )
+        check(configured, around)
+
     async def plan(
         self, robot: str, *, bad: Sequence[str] | None, planner: str | None, timeout_s: float, pddl: bool
     ) -> Json:
@@ -285,6 +301,7 @@ class Repairs:
         *,
         host: str | None,
         wait_s: float,
+        by: Reporter = OURSELVES,
         agent: str | None = None,
         can: Collection[str] | None = None,
     ) -> Json | None:
@@ -296,7 +313,7 @@ class Repairs:
         the way loses no action; the agent knows an id that it has had.
         """
         await self._needs.robots.memory.robot(robot)
-        action = await self._needs.agents.take(robot, host, wait_s, agent=agent, can=can)
+        action = await self._needs.agents.take(robot, host, wait_s, by, agent=agent, can=can)
         if action is None:
             return None
         return {
@@ -311,13 +328,13 @@ class Repairs:
         """Return the robot that an action belongs to, so that a robot's key opens its own actions only."""
         return await self._store.read(lambda view: agent_actions.get(view, action_id).robot)
 
-    async def feedback(self, action_id: str, *, code: int, message: str, by: str) -> None:
+    async def feedback(self, action_id: str, *, code: int, message: str) -> None:
         """Note how far an action is, for its step and whoever watches; after its result a StateConflict."""
         await self._needs.agents.feedback(action_id, code, message)
 
-    async def result(self, action_id: str, *, code: int, message: str, by: str) -> Json:
+    async def result(self, action_id: str, *, code: int, message: str, by: Reporter) -> Json:
         """Take an action's result; a repeated one is answered with the first: {"code", "message"}."""
-        action = await self._needs.agents.finish(action_id, code, message)
+        action = await self._needs.agents.finish(action_id, code, message, by)
         return {"code": action.code, "message": action.message}
 
     # --- the global stop, quarantine

@@ -12,8 +12,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import structlog
 
@@ -32,6 +31,7 @@ from robomend.repairs.states import RepairTrigger
 from robomend.repairs.stop_switch import StopSwitch
 from robomend.robots.robot import Robot
 from robomend.robots.robots import Robots
+from robomend.settings import Settings
 from robomend.store import Store, Transaction, repairs, robots
 from robomend.store.records import Fence, Paging, StoredRepair
 from robomend_client.actions import Executor
@@ -51,7 +51,7 @@ class Dependencies:
     agents: AgentQueue
     chooser: Chooser
     switch: StopSwitch
-    programs: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    settings: Settings
 
 
 class RobotRepairs:
@@ -64,7 +64,7 @@ class RobotRepairs:
         self._news = asyncio.Event()  # something may have changed
         self._look_up = True  # there may be an open repair in the store that we do not know of
         self._reasons = Reasons()
-        self._signals = Signals(self._stop_active)
+        self._signals = Signals(lambda: needs.switch.active)
         self._requests = Requests(needs.store, fence)
 
     # --- what wakes it
@@ -90,9 +90,6 @@ class RobotRepairs:
         if stop.active:
             self._signals.end(by=stop.by or LOOP, reason=f"global stop: {stop.reason}", stop=True)
         self._news.set()
-
-    def _stop_active(self) -> bool:
-        return self._needs.switch.active
 
     async def run(self) -> None:
         """Look after the robot until it is lost, deleted, or the service ends."""
@@ -170,7 +167,7 @@ class RobotRepairs:
     async def _carry_out(self, repair: StoredRepair) -> None:
         state = await self._needs.robots.memory.robot(self._robot)
         record = RepairRecord(self._needs.store, repair, self.fence, state.system.cnf.components)
-        signals = self._signals = Signals(self._stop_active)
+        signals = self._signals = Signals(lambda: self._needs.switch.active)
         self.stopped()
         entry = Reentry(
             self._needs.store, self._needs.agents, self._needs.chooser, record, signals, self.fence
@@ -258,7 +255,8 @@ class RobotRepairs:
             board=None if state.config.board is None else await needs.robots.board(state.id),
             agents=needs.agents,
             hosts={name: node.host for name, node in parts.nodes.items()},
-            programs=needs.programs,
+            programs=needs.settings.programs,
+            webhook_hosts=needs.settings.webhook_hosts,
             halt=self._signals.halt,
         )
         return executors(await needs.chooser.actions(state), state.config.actions, around)

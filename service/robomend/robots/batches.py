@@ -13,14 +13,17 @@ from dataclasses import dataclass, field
 import structlog
 
 from robomend.entry import Entry
-from robomend.errors import InputError, ObservationError
+from robomend.errors import InputError, ObservationError, TooLarge
+from robomend.model.budget import check_steps
 from robomend.model.clauses import Assertion
 from robomend.model.system import System
 from robomend.model.vocabulary import Vocabulary
 from robomend.observations.language import Unknown, parse
+from robomend.observations.obs import Obs
 from robomend.robots.clock import AHEAD_NS, CLOCK
 from robomend.robots.configuration import RobotConfig
 from robomend.robots.readers import Readers
+from robomend.settings import Settings
 from robomend.store.records import StoredAssertion, StoredModel
 from robomend.turns import Turns
 from robomend_client.literals import Atom
@@ -38,7 +41,7 @@ class Batch:
     observations: Sequence[str] = ()
     assertions: Mapping[str, str] = field(default_factory=dict)
     time_ns: int | None = None  # None: now
-    source: str = "http"
+    source: str | None = None  # None: the name of whoever reports it
     lifetime_s: float | None = None
     together: bool = True  # one bad sentence refuses the batch
     since: Sequence[int | None] = ()  # for each observation the beginning of what it rests on
@@ -61,6 +64,26 @@ class Update:
     def empty(self) -> bool:
         """Whether there is nothing to keep."""
         return not (self.entries or self.asserted or self.withdrawn or self.forgotten)
+
+    async def ready(self, _: object) -> Update:
+        """Return it: how to read what is read already."""
+        return self
+
+    def check_room(self, obs: Obs, settings: Settings) -> None:
+        """Refuse what there is no room for, beside what is in OBS.
+
+        Raises:
+            TooLarge: too many literals.
+            ObservationError: too many steps of richer sentences.
+        """
+        room = settings.max_observed
+        if len(obs) >= room and len(obs) + len(self.entries) > room:
+            raise TooLarge(f"OBS of this robot holds {room} literals; max_observed is reached")
+        if self.asserted:
+            steps = {name: assertion.steps for name, assertion in obs.assertions.items()}
+            for assertion, _ in self.asserted:
+                steps[assertion.name] = assertion.steps
+                check_steps(sum(steps.values()), settings.max_assertion_steps, assertion.text)
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +110,7 @@ class Words:
         return cls(f"{model.name}@{model.version}", system.vocabulary, unknown)
 
 
-async def read_batches(words: Words, batches: Iterable[Batch], readers: Readers) -> Update:
+async def read_batches(words: Words, batches: Iterable[Batch], readers: Readers, by: str) -> Update:
     """Read the sentences of batches, as one update; in turns, and long ones in a worker.
 
     Raises:
@@ -101,15 +124,16 @@ async def read_batches(words: Words, batches: Iterable[Batch], readers: Readers)
     refused: list[ObservationError] = []
     for batch in batches:
         at_ns, expires_ns = _times(batch, now_ns)
+        source = batch.source or by
         for sentence in batch.observations:
             try:
                 for literal in parse(sentence, vocabulary, unknown=unknown):
-                    entries.append(Entry(literal, batch.source, at_ns, expires_ns))
+                    entries.append(Entry(literal, source, at_ns, expires_ns))
             except ObservationError as error:
                 _refuse(batch, refused, error)
             await turns.rest()
         for name, sentence in batch.assertions.items():
-            record = StoredAssertion(name, sentence, batch.source, at_ns, expires_ns)
+            record = StoredAssertion(name, sentence, source, at_ns, expires_ns)
             try:
                 said = await readers.assertion(words.version, vocabulary, name, sentence, unknown=unknown)
                 asserted.append((said, record))

@@ -11,11 +11,12 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import replace
 
 from robomend.board.link import BoardLink, LinkState
 from robomend.board.snapshot import Snapshot
 from robomend.entry import Entry
-from robomend.errors import NotFound, Refused
+from robomend.errors import NotFound, Refused, RobomendError
 from robomend.model.components import ComponentModel
 from robomend.model.vocabulary import Vocabulary
 from robomend.observations.obs import Obs
@@ -91,7 +92,7 @@ class WiredBoard:
         await self.link.close()
 
     async def switch(self, channel: int, on: bool, *, by: str, reason: str) -> None:
-        """Switch a channel, with an entry in the audit log before it is sent.
+        """Switch a channel, with an entry in the audit log before it is sent, and one if it did not work.
 
         Refused for switching off a protected one; BoardError as the link has it.
         """
@@ -105,10 +106,17 @@ class WiredBoard:
             reason=reason,
         )
         await self._store.write(lambda tx: tx.note(entry))
-        if not on and channel in self.protected:
-            raise Refused(f"channel {channel} is protected: nothing switches it off")
-        await self.link.wait_connected(CONNECT_S)
-        await self.link.switch(channel, on)
+        try:
+            if not on and channel in self.protected:
+                raise Refused(f"channel {channel} is protected: nothing switches it off")
+            await self.link.wait_connected(CONNECT_S)
+            await self.link.switch(channel, on)
+        except RobomendError as error:
+            failed = replace(
+                entry, action=f"{entry.action}.failed", after={"error": f"{error.code}: {error}"}
+            )
+            await self._store.write(lambda tx: tx.note(failed))
+            raise
 
     async def _listen(self) -> None:
         async for snapshot in self.link.measurements():

@@ -15,7 +15,9 @@ from robomend.turns import Turns
 from robomend_client.events import Kind
 
 
-def put(tx: Transaction, robot: str, config: Json, *, expected: str | None, by: str) -> None:
+def put(
+    tx: Transaction, robot: str, config: Json, *, expected: str | None, by: str, reason: str = ""
+) -> None:
     """Create or replace a robot."""
     created = expected in (None, records.ABSENT)
     before = None if created else robots.get(tx, robot).config
@@ -31,18 +33,19 @@ def put(tx: Transaction, robot: str, config: Json, *, expected: str | None, by: 
             action="robot.put",
             subject=robot,
             robot=robot,
+            reason=reason,
             before=None if before is None else covered(before),
             after=covered(config),
         )
     )
 
 
-def delete(tx: Transaction, robot: str, *, expected: str, by: str) -> None:
+def delete(tx: Transaction, robot: str, *, expected: str, by: str, reason: str = "") -> None:
     """Delete a robot; Conflict while a repair is open."""
     before = covered(robots.get(tx, robot).config)
     robots.delete(tx, robot, expected=expected)
     tx.emit(Kind.ROBOT, robot, {"what": "deleted", "by": by})
-    tx.note(AuditEntry(actor=by, action="robot.delete", subject=robot, robot=robot, before=before))
+    tx.note(AuditEntry(by, "robot.delete", robot, robot, reason, before=before))
 
 
 async def check(config: RobotConfig, system: System, readers: Readers) -> None:

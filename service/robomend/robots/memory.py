@@ -62,6 +62,16 @@ class Memory:
             self._loading.pop(robot, None)  # also for names that are no robot, of which there is no end
         return state
 
+    async def take_up_working(self) -> None:
+        """Read the robots that work without being asked: those with a board or a period."""
+        paging: records.Paging | None = records.Paging(limit=1000)
+        while paging is not None:
+            page = await self._store.read(robots.page, paging)
+            for stored in page.items:
+                if stored.config.get("board") or stored.config.get("period_s"):
+                    await self.robot(stored.id)
+            paging = records.Paging(page.next, 1000) if page.next is not None else None
+
     def _use(self, state: Robot) -> None:
         """Keep a state in memory, and let go of the one that nobody asked for longest."""
         self._used[state.id] = state

@@ -12,22 +12,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Awaitable, Callable
-from functools import partial
 
 import structlog
 
 from robomend.board.link import LinkState
-from robomend.errors import (
-    InputError,
-    NotFound,
-    ObservationError,
-    Overloaded,
-    RobomendError,
-    StateConflict,
-    TooLarge,
-)
+from robomend.errors import InputError, NotFound, ObservationError, Overloaded, RobomendError, StateConflict
 from robomend.metrics import Metrics
-from robomend.model.budget import check_steps
 from robomend.robots import configuring
 from robomend.robots.background import Background
 from robomend.robots.batches import Acknowledged, Batch, Update, read_batches
@@ -39,12 +29,13 @@ from robomend.robots.diagnosing import Diagnosing
 from robomend.robots.following import Following
 from robomend.robots.memory import Memory
 from robomend.robots.readers import Readers
+from robomend.robots.reporters import OURSELVES, Reporter, Reports, note
 from robomend.robots.robot import Robot
 from robomend.robots.systems import Systems
 from robomend.robots.waiting import Waiting
 from robomend.settings import Settings
-from robomend.store import Store, Transaction, View, observations, robots
-from robomend.store.records import IdempotencyKey, Json, Page, Paging, StoredRobot
+from robomend.store import Store, Transaction, observations
+from robomend.store.records import IdempotencyKey, Json
 from robomend_client.events import Kind
 from robomend_client.literals import Literal
 
@@ -72,6 +63,7 @@ class Robots:
         self._settings = settings
         self._metrics = metrics
         self._background = Background()
+        self._reports = Reports()
         self._unsubscribe: Callable[[], None] | None = None
         self.models.on_change(self._model_changed)
         metrics.on_demand("robomend_robots", "robots in memory", (), lambda: [((), len(self.memory.states))])
@@ -84,7 +76,9 @@ class Robots:
 
     # --- observations
 
-    async def observe(self, robot: str, *batches: Batch, once: IdempotencyKey | None = None) -> Acknowledged:
+    async def observe(
+        self, robot: str, *batches: Batch, by: Reporter = OURSELVES, once: IdempotencyKey | None = None
+    ) -> Acknowledged:
         """Take in batches as one revision; when this returns, they are on disk.
 
         Raises:
@@ -93,28 +87,32 @@ class Robots:
         """
 
         async def read(state: Robot) -> Update:
-            return await read_batches(state.words, batches, self.readers)
+            return await read_batches(state.words, batches, self.readers, by.name)
 
         state = await self.memory.robot(robot)
         generation = state.generation
         try:
-            return await self._accept(state, read, once)
+            return await self._accept(state, read, by, once)
         except ObservationError:
             latest = await self.memory.latest(robot)
             if latest is state and state.generation == generation:
                 raise
         # Another instance has given it a model that may well have this word.
-        return await self._accept(latest, read, once)
+        return await self._accept(latest, read, by, once)
 
-    async def withdraw(self, robot: str, assertion: str) -> Acknowledged:
+    async def withdraw(self, robot: str, assertion: str, *, by: Reporter = OURSELVES) -> Acknowledged:
         """Withdraw a named assertion."""
         state = await self.memory.latest(robot)
         if assertion not in state.assertion_records:
             raise NotFound(f"robot {robot!r} has no assertion {assertion!r}")
-        return await self._accept(state, _ready(Update(withdrawn=(assertion,))))
+        return await self._accept(state, Update(withdrawn=(assertion,)).ready, by)
 
     async def _accept(
-        self, state: Robot, read: Callable[[Robot], Awaitable[Update]], once: IdempotencyKey | None = None
+        self,
+        state: Robot,
+        read: Callable[[Robot], Awaitable[Update]],
+        by: Reporter,
+        once: IdempotencyKey | None = None,
     ) -> Acknowledged:
         """Take an update into OBS and onto the disk; again, on fresh OBS, if another instance was faster."""
         for _ in range(ATTEMPTS):
@@ -126,12 +124,9 @@ class Robots:
                     continue
             if update.empty:
                 return Acknowledged(state.revision, (), update.refused)
-            room = self._settings.max_observed
-            if len(state.obs) >= room and len(state.obs) + len(update.entries) > room:
-                raise TooLarge(f"OBS of robot {state.id!r} holds {room} literals; max_observed is reached")
-            _check_steps(state, update, self._settings.max_assertion_steps)
+            update.check_room(state.obs, self._settings)
             try:
-                said = await self._keep(state, update, once)
+                said = await self._keep(state, update, by, once)
             except StateConflict as error:
                 if error.code != "stale-revision":
                     raise
@@ -142,7 +137,7 @@ class Robots:
             return Acknowledged(said["revision"], said["changed"], update.refused)
         raise Overloaded(f"robot {state.id!r} is written to by too many instances at once")
 
-    async def _keep(self, state: Robot, update: Update, once: IdempotencyKey | None) -> Json:
+    async def _keep(self, state: Robot, update: Update, by: Reporter, once: IdempotencyKey | None) -> Json:
         """Take an update into OBS in memory, and write it with its event and, if possible, its diagnosis."""
         before, accepted_ns = state.head, time.time_ns()
         try:
@@ -152,6 +147,7 @@ class Robots:
             raise
         texts = [str(entry.literal) for entry in changed]
         forgotten = [str(atom) for atom in update.forgotten]
+        reports = self._reports.due(state.id, by, update)
 
         def keep(tx: Transaction) -> Json:
             revision = observations.observe(
@@ -163,20 +159,24 @@ class Robots:
                 asserted=[record for _, record in update.asserted],
                 withdrawn=update.withdrawn,
                 expected=before,
+                by=by.name,
             )
+            note(tx, state.id, by, update, revision, reports)
             said = {"revision": revision, "changed": texts}
             told = {**said, "forgotten": forgotten, "accepted_ns": accepted_ns}
             tx.emit(Kind.OBSERVATIONS, state.id, told)
             return said
 
-        return await self.diagnosing.write(state, keep, once)
+        written = await self.diagnosing.write(state, keep, once)
+        self._reports.noted(state.id, by, update)
+        return written
 
     async def _hear_board(self, robot: str, said: frozenset[Literal], time_ns: int) -> None:
         """Take what a board says into OBS."""
         try:
             state = await self.memory.robot(robot)
             update = board_update(state.obs, state.system.vocabulary, said, CLOCK.now_ns())
-            await self._accept(state, _ready(update))
+            await self._accept(state, update.ready, OURSELVES)
         except RobomendError as error:
             log.warning("board observation not kept", robot=robot, code=error.code, detail=str(error))
 
@@ -193,7 +193,9 @@ class Robots:
         await self.memory.latest(robot)
         return self.boards.get(robot)
 
-    async def put_robot(self, robot: str, config: Json, *, expected: str | None, by: str) -> Robot:
+    async def put_robot(
+        self, robot: str, config: Json, *, expected: str | None, by: str, reason: str = ""
+    ) -> Robot:
         """Create or replace a robot's configuration; OBS stays.
 
         Raises:
@@ -203,17 +205,19 @@ class Robots:
         _, system = await self.models.current(config["model"])
         await configuring.check(RobotConfig.from_json(robot, config), system, self.readers)
         await self._store.write(
-            lambda tx: configuring.put(tx, robot, config, expected=expected, by=by), robots=(robot,)
+            lambda tx: configuring.put(tx, robot, config, expected=expected, by=by, reason=reason),
+            robots=(robot,),
         )
         state = self.memory.states.get(robot)
         if state is not None:
             state.changed_elsewhere()
         return await self.memory.robot(robot)
 
-    async def delete_robot(self, robot: str, *, expected: str, by: str) -> None:
+    async def delete_robot(self, robot: str, *, expected: str, by: str, reason: str = "") -> None:
         """Delete a robot; StateConflict while a repair is open."""
         await self._store.write(
-            lambda tx: configuring.delete(tx, robot, expected=expected, by=by), robots=(robot,)
+            lambda tx: configuring.delete(tx, robot, expected=expected, by=by, reason=reason),
+            robots=(robot,),
         )
         await self.memory.drop(robot)
 
@@ -223,13 +227,7 @@ class Robots:
         """Take up the robots that work without being asked: those with a board or a period."""
         following = Following(self.memory.states, self.diagnosing, self._deleted_elsewhere)
         self._unsubscribe = self._store.subscribe(following.follow)
-        paging: Paging | None = Paging(limit=1000)
-        while paging is not None:
-            page = await self._store.read(partial(_page, paging))
-            for stored in page.items:
-                if stored.config.get("board") or stored.config.get("period_s"):
-                    await self.memory.robot(stored.id)
-            paging = Paging(page.next, 1000) if page.next is not None else None
+        await self.memory.take_up_working()
 
     def end_waits(self) -> None:
         """Let every long poll go, with what there is: the service shuts down."""
@@ -272,25 +270,3 @@ class Robots:
             data = {"link": str(link), "reason": reason}
             writing = self._store.write(lambda tx: tx.emit(Kind.BOARD, robot, data))
             self._background.begin(writing, "board event")
-
-
-def _check_steps(state: Robot, update: Update, most: int) -> None:
-    """Refuse an update with which the robot's assertions take too many steps together."""
-    if update.asserted:
-        steps = {name: assertion.steps for name, assertion in state.obs.assertions.items()}
-        for assertion, _ in update.asserted:
-            steps[assertion.name] = assertion.steps
-            check_steps(sum(steps.values()), most, assertion.text)
-
-
-def _ready(update: Update) -> Callable[[Robot], Awaitable[Update]]:
-    """Return how to read what is read already."""
-
-    async def read(_: Robot) -> Update:
-        return update
-
-    return read
-
-
-def _page(paging: Paging, view: View) -> Page[StoredRobot]:
-    return robots.page(view, paging)

@@ -102,7 +102,14 @@ class Systems:
         return together(spoken, assertions, opposites="refuse")
 
     async def put(
-        self, name: str, source: str, *, format: str | None, expected: str | None, by: str
+        self,
+        name: str,
+        source: str,
+        *,
+        format: str | None,
+        expected: str | None,
+        by: str,
+        reason: str = "",
     ) -> tuple[StoredModel, System]:
         """Check a model and add it as a new version.
 
@@ -115,7 +122,8 @@ class Systems:
         def put(tx: Transaction) -> StoredModel:
             model = models.put(tx, name, source, format=system.format, by=by, expected=expected)
             tx.emit(Kind.MODEL, None, {"name": name, "version": model.version, "number": model.number})
-            tx.note(AuditEntry(actor=by, action="model.put", subject=name, after={"version": model.version}))
+            after = {"version": model.version}
+            tx.note(AuditEntry(by, "model.put", name, None, reason, after=after))
             return model
 
         model = await self._store.write(put)
@@ -124,13 +132,13 @@ class Systems:
             callback(name)
         return model, system
 
-    async def delete(self, name: str, *, expected: str, by: str) -> None:
+    async def delete(self, name: str, *, expected: str, by: str, reason: str = "") -> None:
         """Delete a model; Conflict while a robot follows it."""
 
         def delete(tx: Transaction) -> None:
             models.delete(tx, name, expected=expected)
             tx.emit(Kind.MODEL, None, {"name": name, "version": None})
-            tx.note(AuditEntry(actor=by, action="model.delete", subject=name))
+            tx.note(AuditEntry(by, "model.delete", name, None, reason))
 
         await self._store.write(delete)
 

@@ -6,12 +6,13 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request, Response
 
-from robomend.api.deps import ActionPath, Parts, PartsDep, PrincipalDep, RobotPath
+from robomend.api.deps import ActionPath, Parts, PartsDep, PrincipalDep, RobotPath, reporter_of
 from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
 from robomend.api.ownership import check_own_action
+from robomend.api.problems import Problem
 from robomend.api.schemas.repair import ActionOut, ActionResultBody, FeedbackBody, FirstResult, PollBody
-from robomend.security import API
+from robomend.security import API, Principal
 
 router = APIRouter(prefix=API, tags=["agent"], route_class=GuardedRoute)
 
@@ -19,17 +20,26 @@ router = APIRouter(prefix=API, tags=["agent"], route_class=GuardedRoute)
 @router.get(
     "/robots/{robot}/actions/next",
     response_model=ActionOut,
-    responses={**problems(404), 204: {"description": "Nothing to do"}},
+    responses={**problems(404, 405), 204: {"description": "Nothing to do"}},
+    deprecated=True,
 )
 async def next_action(
     request: Request,
+    response: Response,
     robot: RobotPath,
     parts: PartsDep,
+    principal: PrincipalDep,
     wait_s: Annotated[float, Query(ge=0, le=3600, description="wait this long for one")] = 0.0,
     host: Annotated[str | None, Query(max_length=253, description="which of the robot's agents asks")] = None,
 ) -> Any:
-    """Agents of the version before: as POST, without saying what the agent can do."""
-    return await _next_action(request, parts, robot, host=host, wait_s=wait_s)
+    """Agents of the version before: as POST, without saying what the agent can do. With a key in the header
+    only: a browser sends GETs for any page that it shows.
+    """
+    if "authorization" not in request.headers:
+        headers = {"Allow": "POST"}
+        raise Problem(405, "actions are taken by POST, so that no page can take one", headers=headers)
+    response.headers["Deprecation"] = "true"
+    return await _next_action(request, parts, robot, principal, host=host, wait_s=wait_s)
 
 
 @router.post(
@@ -37,18 +47,23 @@ async def next_action(
     response_model=ActionOut,
     responses={**problems(404, body=True), 204: {"description": "Nothing to do"}},
 )
-async def poll(request: Request, robot: RobotPath, body: PollBody, parts: PartsDep) -> Any:
-    """Return the next action that the agent can do; the same again until its first feedback or result."""
+async def poll(
+    request: Request, robot: RobotPath, body: PollBody, parts: PartsDep, principal: PrincipalDep
+) -> Any:
+    """Take the next action that the agent can do; the same again until its first feedback or result."""
     can = None if body.can is None else frozenset(body.can)
     return await _next_action(
-        request, parts, robot, agent=body.agent, host=body.host, can=can, wait_s=body.wait_s
+        request, parts, robot, principal, agent=body.agent, host=body.host, can=can, wait_s=body.wait_s
     )
 
 
-async def _next_action(request: Request, parts: Parts, robot: str, *, wait_s: float, **who: Any) -> Any:
+async def _next_action(
+    request: Request, parts: Parts, robot: str, principal: Principal, *, wait_s: float, **who: Any
+) -> Any:
     request.scope["robomend.waits"] = wait_s > 0
+    wait_s = min(wait_s, parts.settings.max_wait_s)
     async with parts.robots.waiting.counted():
-        action = await parts.repairs.next_action(robot, wait_s=min(wait_s, parts.settings.max_wait_s), **who)
+        action = await parts.repairs.next_action(robot, wait_s=wait_s, by=reporter_of(principal), **who)
     return Response(status_code=204) if action is None else ActionOut.model_validate(action)
 
 
@@ -58,7 +73,7 @@ async def post_feedback(
 ) -> None:
     """Say how far an action is; after its result this is a conflict."""
     await check_own_action(parts.repairs, principal, action)
-    await parts.repairs.feedback(action, code=body.code, message=body.message, by=principal.name)
+    await parts.repairs.feedback(action, code=body.code, message=body.message)
 
 
 @router.post("/actions/{action}/result", responses=problems(404, body=True))
@@ -67,5 +82,6 @@ async def post_result(
 ) -> FirstResult:
     """Report an action's end; a repeat is answered with the first report, which counts."""
     await check_own_action(parts.repairs, principal, action)
-    first = await parts.repairs.result(action, code=body.code, message=body.message, by=principal.name)
+    by = reporter_of(principal)
+    first = await parts.repairs.result(action, code=body.code, message=body.message, by=by)
     return FirstResult(code=first["code"], message=first["message"])

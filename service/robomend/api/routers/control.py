@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Path, Query, Response
+from fastapi import APIRouter, Path, Response
 
-from robomend.api.deps import Parts, PartsDep, PrincipalDep, RobotPath
+from robomend.api.deps import Parts, PartsDep, PrincipalDep, ReasonQuery, RobotPath
 from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
 from robomend.api.schemas.repair import ReasonBody, StopOut
@@ -24,8 +24,6 @@ ComponentPath = Annotated[str, Path(min_length=1, max_length=200)]
 UNWRITTEN: dict[int | str, dict[str, Any]] = {
     202: {"model": StopOut, "description": "Taken, and not on disk yet: `detail` tells what that means"}
 }
-
-ResumeReason = Annotated[str, Query(max_length=1000, description="why; it goes to the audit log")]
 
 
 @router.get("/stop", responses=problems())
@@ -48,7 +46,7 @@ async def stop(body: ReasonBody, parts: PartsDep, principal: PrincipalDep, respo
 
 @router.delete("/stop", responses={**problems(507), **UNWRITTEN})
 async def resume(
-    parts: PartsDep, principal: PrincipalDep, response: Response, reason: ResumeReason = ""
+    parts: PartsDep, principal: PrincipalDep, response: Response, reason: ReasonQuery = ""
 ) -> StopOut:
     """Lift the stop. It is lifted when that is on disk, which a 202 says it is not yet."""
     return await _change(parts, response, False, principal.name, reason)

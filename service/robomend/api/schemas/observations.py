@@ -30,7 +30,9 @@ class ObservationsBody(Batch):
     time_ns: Nanoseconds | None = Field(
         default=None, alias="time", strict=True, description="nanoseconds since the epoch; null: now"
     )
-    source: str = Field(default="http", min_length=1, max_length=200, examples=["general_observer"])
+    source: Annotated[str, Field(min_length=1, max_length=200)] | None = Field(
+        default=None, examples=["general_observer"], description="null: the name of the key"
+    )
     lifetime_s: float | None = Field(
         default=None,
         gt=0,
