@@ -263,9 +263,13 @@ class Grounder:
                         found[id(action)] = action
         return list(found.values())
 
+    def _tied(self, node: str, others: Iterable[str]) -> bool:
+        """Whether the node must restart after one of these restarts."""
+        return any(("tied", node, other) in self.problem.initial for other in others)
+
     def refusal(self, action: GroundAction) -> str | None:
         """Return why an action may not be taken, or None: it takes power or process from a protected
-        component, changes one that is set aside, or was tried in vain.
+        component or breaks one that is tied to it, changes one that is set aside, or was tried in vain.
         """
         problem = self.problem
         if problem.avoided and str(action) in problem.avoided:
@@ -276,10 +280,11 @@ class Grounder:
                 continue
             predicate, name = fact
             if name in problem.protected and (
-                (number > 0 and predicate in DARK) or (number < 0 and predicate in GIVING)
+                (number > 0 and predicate in DARK)
+                or (number < 0 and predicate in GIVING)
+                or (number > 0 and predicate == "bad" and self._tied(name, action.parameters))
             ):
-                saved = problem.protected[name]
-                return f"{saved} is protected" if saved == name else f"{saved}, which it feeds, is protected"
+                return problem.protected[name]
             if name in problem.excluded and predicate in DARK | GIVING:
                 if name in problem.idle and action.name not in OWN_ACTIONS:
                     continue

@@ -28,6 +28,7 @@ from dataclasses import dataclass, field
 from robomend.errors import DomainError, UnknownComponent
 from robomend.model.components import ComponentModel, Hardware, Node
 from robomend.planning.domain.values import Declared, Domain
+from robomend.planning.protection import protection
 from robomend_client.literals import Atom, Literal
 
 Fact = tuple[str, ...]
@@ -46,7 +47,7 @@ class RepairProblem:
     assumed: tuple[Literal, ...] = ()  # facts of bad components that nobody observed
     excluded: tuple[str, ...] = ()  # left out of the goal, and left alone
     idle: frozenset[str] = frozenset()  # of these, those meant to be off: the user's actions may use them
-    protected: Mapping[str, str] = field(default_factory=dict)  # never shut down -> itself, or what it feeds
+    protected: Mapping[str, str] = field(default_factory=dict)  # never shut down -> why
     avoided: frozenset[str] = frozenset()  # ground actions, as text, that must not be used
     costs: Mapping[str, float] = field(default_factory=dict)  # factor for actions on this component
 
@@ -124,8 +125,6 @@ def repair_problem(
     _add_observed(facts, domain, objects, seen)
     excluded = tuple(name for name in components if name in aside or name in frozenset(quarantined))
     parts: dict[str, Hardware | Node] = {**model.hardware, **model.nodes}
-    marked = {name for name, part in parts.items() if part.protected}
-    marked |= {name for name, part in model.hardware.items() if part.channel in model.protected_channels}
     return RepairProblem(
         name=model.name,
         objects=objects,
@@ -135,7 +134,7 @@ def repair_problem(
         assumed=tuple(assumed),
         excluded=excluded,
         idle=aside,
-        protected=_with_feeders(model, marked | set(protected)),
+        protected=protection(model, protected),
         avoided=frozenset(avoided),
         costs={name: part.cost for name, part in parts.items() if part.cost is not None},
     )
@@ -206,22 +205,6 @@ def _feeders(model: ComponentModel, device: Hardware) -> list[str]:
         feeder = model.hardware[name]
         if feeder.channel is None:
             found.extend(other for other in feeder.fed_by if other not in found)
-    return found
-
-
-def _with_feeders(model: ComponentModel, protected: set[str]) -> dict[str, str]:
-    """Return the protected components and all that feeds them (a feeder's shutdown is theirs too), each with
-    the one that it is protected for.
-    """
-    found = {name: name for name in sorted(protected)}
-    pending = list(found)
-    while pending:
-        name = pending.pop()
-        hardware = model.hardware.get(name)
-        for feeder in hardware.fed_by if hardware else ():
-            if feeder not in found:
-                found[feeder] = found[name]
-                pending.append(feeder)
     return found
 
 

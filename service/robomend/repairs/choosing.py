@@ -29,7 +29,7 @@ from robomend.planning.planner_pool import PlannerPool
 from robomend.planning.planning import PlanOptions
 from robomend.planning.policy import HOUR_NS, NODE_ACTIONS, POWER_ACTIONS, Policy
 from robomend.repairs.remembering import Remembered, remembered
-from robomend.robots.configuration import policy_of
+from robomend.robots.configuration import policy_of, protected_of
 from robomend.robots.robot import Robot
 from robomend.store import Store, attempts
 
@@ -53,15 +53,7 @@ class Chooser:
 
     def policy(self, state: Robot) -> Policy:
         """Return the robot's policy, with what the model and its board protect."""
-        parts = state.system.parts
-        protected: set[str] = set()
-        if parts is not None:
-            protected = {hardware.name for hardware in parts.hardware.values() if hardware.protected}
-            protected |= {node.name for node in parts.nodes.values() if node.protected}
-            if state.config.board is not None:
-                guarded = frozenset(state.config.board.protected)
-                protected |= {h.name for h in parts.hardware.values() if h.channel in guarded}
-        return policy_of(state.config, protected)
+        return policy_of(state.config, state.system.parts)
 
     def actions(self, state: Robot) -> tuple[str, ...]:
         """Return the action names of the robot's repair domain."""
@@ -135,7 +127,7 @@ class Chooser:
             domain=state.config.domain,
             expected_stopped=state.config.expected_stopped,
             quarantined=tuple(name for name in memory.quarantined if name in parts.components),
-            protected=tuple(policy.protected & set(parts.components)),
+            protected=protected_of(state.config, parts),
             pddl=pddl,
         )
         plans = await self._plans(situation, options, memory.useless)

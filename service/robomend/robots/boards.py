@@ -20,10 +20,11 @@ from robomend.errors import NotFound, Refused
 from robomend.model.components import ComponentModel
 from robomend.model.vocabulary import Vocabulary
 from robomend.observations.obs import Obs
+from robomend.planning.protection import Protection, protected_channels
 from robomend.robots.batches import Update
-from robomend.robots.configuration import BoardConfig
-from robomend.store import Store
-from robomend.store.records import AuditEntry
+from robomend.robots.configuration import BoardConfig, RobotConfig, protection_of
+from robomend.store import Store, Transaction, global_stop
+from robomend.store.records import AuditEntry, Stop
 from robomend_client.literals import Literal
 
 SOURCE = "board"
@@ -42,6 +43,7 @@ class WiredBoard:
         store: Store,
         robot: str,
         config: BoardConfig,
+        protected: Protection,
         parts: ComponentModel | None,
         report: Report,
         on_state: Callable[[str, LinkState, str], None],
@@ -52,9 +54,11 @@ class WiredBoard:
         self.components: Mapping[int, str] = {
             device.channel: name for name, device in hardware.items() if device.channel is not None
         }
-        self.protected = frozenset(config.protected) | {
-            device.channel for device in hardware.values() if device.protected and device.channel is not None
-        }
+        self.protected = (
+            dict.fromkeys(config.protected, "it is protected")
+            if parts is None
+            else protected_channels(parts, protected, config.protected)
+        )
         self._observer = HardwareObserver(
             {name: _wiring(channel, config) for channel, name in self.components.items()}
         )
@@ -92,7 +96,7 @@ class WiredBoard:
     async def switch(self, channel: int, on: bool, *, by: str, reason: str) -> None:
         """Switch a channel, with an entry in the audit log before it is sent.
 
-        Refused for switching off a protected one; BoardError as the link has it.
+        Refused for switching off a protected one, and during the global stop; BoardError as the link has it.
         """
         if self.link.channels is not None and channel >= self.link.channels:
             raise NotFound(f"the board of {self.robot!r} has channels 0 to {self.link.channels - 1}")
@@ -103,10 +107,16 @@ class WiredBoard:
             robot=self.robot,
             reason=reason,
         )
-        await self._store.write(lambda tx: tx.note(entry))
+
+        def note(tx: Transaction) -> None:
+            _check_stop(global_stop.hold(tx))
+            tx.note(entry)
+
+        await self._store.write(note)
         if not on and channel in self.protected:
-            raise Refused(f"channel {channel} is protected: nothing switches it off")
+            raise Refused(f"channel {channel} is protected: {self.protected[channel]}")
         await self.link.wait_connected(CONNECT_S)
+        _check_stop(await self._store.read(global_stop.get))  # it may have come while the link came up
         await self.link.switch(channel, on)
 
     async def _listen(self) -> None:
@@ -133,6 +143,11 @@ def board_update(obs: Obs, vocabulary: Vocabulary, said: frozenset[Literal], tim
     return Update(entries, forgotten=gone)
 
 
+def _check_stop(stop: Stop) -> None:
+    if stop.active:
+        raise Refused(f"the global stop is active, set by {stop.by}: {stop.reason}")
+
+
 def _wiring(channel: int, config: BoardConfig) -> Wiring:
     expected = config.expected_currents.get(channel)
     if expected is None:
@@ -156,12 +171,13 @@ class Boards:
             raise NotFound(f"robot {robot!r} has no board configured")
         return board
 
-    async def put(self, robot: str, config: BoardConfig | None, parts: ComponentModel | None) -> None:
+    async def put(self, robot: str, config: RobotConfig, parts: ComponentModel | None) -> None:
         """Make the robot's board what is configured; the link stays if nothing about it changed."""
         old = self._boards.get(robot)
         new = None
-        if config is not None:
-            new = WiredBoard(self._store, robot, config, parts, self._report, self._on_state)
+        if config.board is not None:
+            protected = protection_of(config, parts)
+            new = WiredBoard(self._store, robot, config.board, protected, parts, self._report, self._on_state)
         if (
             old is not None
             and new is not None

@@ -7,12 +7,14 @@ docs/http.md.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from robomend.errors import InputError
+from robomend.model.components import ComponentModel
 from robomend.planning.policy import Mode, Policy, Window
+from robomend.planning.protection import marked, protection
 
 POLICIES = ("observe", "approve", "auto")
 
@@ -161,18 +163,27 @@ def _board(values: Mapping[str, Any] | None) -> BoardConfig | None:
     )
 
 
-def policy_of(config: RobotConfig, protected: Iterable[str]) -> Policy:
-    """Return the policy that a robot's configuration describes.
+def protected_of(config: RobotConfig, parts: ComponentModel | None) -> tuple[str, ...]:
+    """Return the components that a robot protects: by its model, its board's channels, its configuration."""
+    if parts is None:
+        return ()
+    known = {name for name in config.protected if name in parts.hardware or name in parts.nodes}
+    return tuple(sorted(known | marked(parts, () if config.board is None else config.board.protected)))
 
-    Args:
-        protected: what the model and the board's protected channels add to the configuration's own.
-    """
+
+def protection_of(config: RobotConfig, parts: ComponentModel | None) -> dict[str, str]:
+    """Return all that nothing switches off or stops on this robot, and why (robomend.planning.protection)."""
+    return {} if parts is None else protection(parts, protected_of(config, parts))
+
+
+def policy_of(config: RobotConfig, parts: ComponentModel | None) -> Policy:
+    """Return the policy that a robot's configuration describes, with what its model protects."""
     modes = {name: Mode(value["policy"]) for name, value in config.actions.items() if value.get("policy")}
     return Policy(
         mode=Mode(config.policy),
         actions=modes,
         allowed=None if config.allow is None else frozenset(config.allow),
-        protected=frozenset(config.protected) | frozenset(protected),
+        protected=protection_of(config, parts),
         attempts_per_hour=config.limits.attempts_per_hour,
         rounds=config.limits.rounds,
         hold_s=config.hold_s,

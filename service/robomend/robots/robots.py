@@ -238,7 +238,7 @@ class Robots:
 
     async def _taken_up(self, state: Robot) -> None:
         """Connect the board of a robot that was read from the store, and diagnose it."""
-        await self.boards.put(state.id, state.config.board, state.system.parts)
+        await self.boards.put(state.id, state.config, state.system.parts)
         self.diagnosing.set_period(state)
         self.diagnosing.wake(state)
 

@@ -34,7 +34,7 @@ def quiet(code: int, message: str) -> None:
 
 
 def executor(board: Board) -> BoardExecutor:
-    return BoardExecutor(board, {"jaguar": 7, "pc": 2}, frozenset({2}))
+    return BoardExecutor(board, {"jaguar": 7, "pc": 2}, {2: "nothing switches it off"})
 
 
 @pytest.mark.parametrize(("name", "on"), [("power_up", True), ("shutdown", False)])
