@@ -138,3 +138,20 @@ def test_the_global_stop_stops_a_person_s_switch_too(start: StartService, board:
     stop(False)
     assert switch_off(service, 7) == (204, "")
     until(service, "not on(jaguar)", "not on(hokuyo)")  # what was asked during the stop was not done later
+
+
+def test_a_person_does_not_switch_a_channel_unless_the_robot_is_seen_as_the_model_demands(
+    start: StartService, board: int
+) -> None:
+    service = start()
+    service.api("PUT", "/models/fed", json={"source": FED + "properties: [parked]\nact_when: ok(parked)\n"})
+    config = {"model": "fed", "board": {"host": "127.0.0.1", "port": board, "rate_hz": 20, "protected": []}}
+    assert service.api("PUT", "/robots/r1", json=config).status_code == 201
+    until(service, "on(rail)")
+    refused = "act_when of the model, `ok(parked)`, is not what is observed: "
+    assert switch_off(service, 4) == (403, refused + "nobody reports ok(parked)")
+    service.observe("not ok(parked)")
+    on = service.api("PUT", "/robots/r1/board/channels/4", json={"on": True})
+    assert (on.status_code, on.json()["detail"]) == (403, refused + "not ok(parked) is observed")
+    service.observe("ok(parked)")
+    assert switch_off(service, 4) == (204, "")

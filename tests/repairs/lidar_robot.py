@@ -162,6 +162,7 @@ def setting(robot: Robot) -> Setting:
         journal=robot,
         permit=permit_all,
         halt=asyncio.Event(),
+        interlocked=lambda: None,
         observed=frozenset({ON, RUNNING, SCAN}),
         default_timing=QUICK,
     )

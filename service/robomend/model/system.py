@@ -12,6 +12,7 @@ from robomend.errors import UnknownComponent
 from robomend.model.clauses import Assertion, extend, without_running
 from robomend.model.cnf import HealthCnf
 from robomend.model.components import ComponentModel
+from robomend.model.interlock import Interlock
 from robomend.model.vocabulary import Vocabulary
 
 
@@ -28,6 +29,7 @@ class System:
     )  # None: a circuit or five-key model, which says nothing of what can be repaired
     vocabulary: Vocabulary
     warnings: tuple[str, ...] = ()
+    act_when: Interlock | None = None  # None: actions may be sent at any time
 
     def extended(self, assertions: Iterable[Assertion] = (), expected_stopped: Iterable[str] = ()) -> System:
         """Return the system with assertions as further rules, for a robot on which these components are

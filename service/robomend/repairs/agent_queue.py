@@ -102,13 +102,16 @@ class AgentQueue:
         """Return an action as it is now. NotFound."""
         return await self._store.read(agent_actions.get, action_id)
 
-    async def take(self, robot: str, host: str | None, wait_s: float) -> AgentAction | None:
-        """Hand out the next action for an agent, waiting up to `wait_s`."""
+    async def take(
+        self, robot: str, host: str | None, wait_s: float, interlocked: Callable[[], object] = lambda: None
+    ) -> AgentAction | None:
+        """Hand out the next action for an agent, waiting up to `wait_s`; none while it is interlocked."""
         deadline = asyncio.get_running_loop().time() + wait_s
         while True:
             change = self.watch(robot)
             queued = await self._store.read(agent_actions.waiting, robot)
-            if any(a.host is None or host is None or a.host == host for a in queued if not a.answered):
+            mine = any(a.host is None or host is None or a.host == host for a in queued if not a.answered)
+            if mine and interlocked() is None:
                 taken = await self._store.write(partial(_take, robot, host), robots=(robot,))
                 if taken is not None:
                     return taken

@@ -157,6 +157,7 @@ class Setting:
     journal: Journal
     permit: Callable[[Step], Awaitable[str | None]]  # None, or why not
     halt: asyncio.Event  # set by cancel and by the global stop
+    interlocked: Callable[[], str | None]  # asked right before an action is sent: None, or why it is not
     observed: frozenset[Atom]  # atoms that some observer of this robot reports
     timing: Mapping[str, Timing] = field(default_factory=dict)
     default_timing: Timing = Timing()

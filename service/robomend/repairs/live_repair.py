@@ -30,6 +30,9 @@ from robomend.robots.robots import Robots
 from robomend.store import Store
 from robomend_client.actions import Action, ActionResult, Executor
 
+INTERLOCK_S = 2.0
+"""How long an action waits for OBS to show the model's `act_when`, before a person hears of it."""
+
 
 class LiveRepair:
     """See the module; implements robomend.cycle.Repair, and the journal of its executions."""
@@ -127,6 +130,8 @@ class LiveRepair:
         refusal = self._policy.plan_refusal(steps, self._attempts, self._components)
         if refusal is not None:
             raise NotPermitted(refusal)
+        if (why := await self._signals.unless_halted(self._interlocked())) is not None:
+            raise NotPermitted(why)
         if self._policy.mode_for(steps) is not Mode.APPROVE or self._covered(steps):
             await self._record.update(RepairTrigger.PERMITTED)
             return not self._signals.halt.is_set()
@@ -147,6 +152,13 @@ class LiveRepair:
         )
         return not self._signals.halt.is_set()
 
+    async def _interlocked(self) -> str | None:
+        """Return why nothing may be sent, after a moment in which that may change; None: it may."""
+        deadline = time.monotonic() + INTERLOCK_S
+        while (why := self._state.interlocked()) is not None and time.monotonic() < deadline:
+            await self._state.changed(self._state.revision, LOOK_S)
+        return why
+
     def _covered(self, steps: Sequence[Step]) -> bool:
         """Whether a yes that was given before a crash covers the plan that is left."""
         given = self._record.data.get("approved")
@@ -166,7 +178,8 @@ class LiveRepair:
         once = self._chooser.not_idempotent(self._state)
 
         async def permit(step: Step) -> str | None:
-            return self._policy.refusal(step, self._attempts, self._components)
+            refusal = self._policy.refusal(step, self._attempts, self._components)
+            return refusal or await self._interlocked()
 
         async def report(report: StepReport) -> None:
             await self._record.report(report, self._first)
@@ -180,6 +193,7 @@ class LiveRepair:
             journal=self,
             permit=permit,
             halt=self._signals.halt,
+            interlocked=self._state.interlocked,
             observed=self._hearing.observed,
             timing=timings(self._state.config.actions, once),
             not_idempotent=once,

@@ -290,8 +290,8 @@ class Repairs:
         An action is handed out again until its first feedback or result comes in, so that an answer lost on
         the way loses no action; the agent knows an id that it has had.
         """
-        await self._needs.robots.memory.robot(robot)
-        action = await self._needs.agents.take(robot, host, wait_s)
+        state = await self._needs.robots.memory.robot(robot)
+        action = await self._needs.agents.take(robot, host, wait_s, state.interlocked)
         if action is None:
             return None
         return {

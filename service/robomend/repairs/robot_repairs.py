@@ -221,7 +221,8 @@ class RobotRepairs:
             reason += f"; {left.in_doubt} was under way: nothing else is sent before a person has looked"
         gives_up = end is not RepairTrigger.HEALTHY and not signals.stopped
         retry_ns = await entry.next_try() if end is RepairTrigger.NEEDS_PERSON else None
-        self._reasons.gave_up(situation if gives_up else None, retry_ns)
+        interlocked = end is RepairTrigger.NEEDS_PERSON and state.interlocked() is not None
+        self._reasons.gave_up(situation if gives_up else None, retry_ns, interlocked=interlocked)
         given_up = self._reasons.given_up
         await record.update(
             end,
@@ -234,6 +235,7 @@ class RobotRepairs:
             also=left.settle,
             given_up=None if given_up is None else [list(bad) for bad in sorted(given_up)],
             retry_ns=retry_ns,
+            interlocked=interlocked,
         )
 
     async def _live(self, state: Robot, record: RepairRecord, heard_since: int | None) -> LiveRepair:

@@ -93,10 +93,13 @@ class WiredBoard:
             await asyncio.wait([self._task], timeout=1.0)
         await self.link.close()
 
-    async def switch(self, channel: int, on: bool, *, by: str, reason: str) -> None:
+    async def switch(
+        self, channel: int, on: bool, interlocked: Callable[[], str | None], *, by: str, reason: str
+    ) -> None:
         """Switch a channel, with an entry in the audit log before it is sent.
 
-        Refused for switching off a protected one, and during the global stop; BoardError as the link has it.
+        Refused for switching off a protected one, while the robot is interlocked, and during the global
+        stop; BoardError as the link has it.
         """
         if self.link.channels is not None and channel >= self.link.channels:
             raise NotFound(f"the board of {self.robot!r} has channels 0 to {self.link.channels - 1}")
@@ -116,6 +119,8 @@ class WiredBoard:
         if not on and channel in self.protected:
             raise Refused(f"channel {channel} is protected: {self.protected[channel]}")
         await self.link.wait_connected(CONNECT_S)
+        if (why := interlocked()) is not None:
+            raise Refused(why)
         _check_stop(await self._store.read(global_stop.get))  # it may have come while the link came up
         await self.link.switch(channel, on)
 

@@ -136,6 +136,10 @@ class Robot:
         """Return whether the atom is observed to hold; None: unknown, or stale."""
         return self.obs.known(atom, CLOCK.now_ns())
 
+    def interlocked(self) -> str | None:
+        """Return why nothing may be sent to the robot now (`act_when` of its model), or None."""
+        return None if self.system.act_when is None else self.system.act_when.why_not(self.value)
+
     async def changed(self, revision: int, timeout_s: float) -> int:
         """Return the revision once it is above `revision`, or the present one after the time-out.
 
