@@ -15,10 +15,12 @@ OK = 0
 """The result of an action that did what its name says. Every other integer is a failure; see FAILURES."""
 
 FAILED = 1
-REFUSED = 2  # by policy, allow-list or protection: never sent
+REFUSED = 2  # by policy, allow-list or protection, or by who should act (a faulty channel): it did not act
 TIMED_OUT = 3  # no answer in time: whether it acted is unknown
 UNREACHABLE = 4  # nobody there to act: it did not act
 CANCELLED = 5
+NOT_EXECUTABLE = 126  # as a shell says: the program may not be executed
+NO_PROGRAM = 127  # … there is no such program
 
 FAILURES = {
     FAILED: "failed",
@@ -26,7 +28,16 @@ FAILURES = {
     TIMED_OUT: "timed out",
     UNREACHABLE: "unreachable",
     CANCELLED: "cancelled",
+    NOT_EXECUTABLE: "not executable",
+    NO_PROGRAM: "no such program",
 }
+
+
+def not_started(error: BaseException | None) -> int:
+    """Return the result for a program that could not be started."""
+    if isinstance(error, FileNotFoundError):
+        return NO_PROGRAM
+    return NOT_EXECUTABLE if isinstance(error, PermissionError) else UNREACHABLE
 
 
 @dataclass(frozen=True, slots=True)

@@ -163,6 +163,7 @@ def setting(robot: Robot) -> Setting:
         permit=permit_all,
         halt=asyncio.Event(),
         interlocked=lambda: None,
+        again=lambda step: None,
         observed=frozenset({ON, RUNNING, SCAN}),
         default_timing=QUICK,
     )

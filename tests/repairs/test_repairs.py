@@ -166,8 +166,8 @@ async def test_a_node_that_dies_at_its_start_is_escalated_by_name(tmp_path: Path
         repair = await the_repair(runtime)
     assert repair["state"] == "escalated"
     assert repair["reason"] == (
-        "start_node(mapping) failed (3 times); "
-        "no known repair: mapping left alone for a while, as its repairs keep failing"
+        "start_node(mapping) failed (2 times); no known repair: mapping: start_node(mapping) is refused: "
+        "it was done 3 times in this repair, and nothing else was observed since"
     )
 
 

@@ -19,7 +19,16 @@ import time
 from collections.abc import Callable, Mapping
 from enum import StrEnum
 
-from robomend_client.actions import FAILED, OK, TIMED_OUT, ActionResult, Feedback
+from robomend_client.actions import (
+    FAILED,
+    NO_PROGRAM,
+    NOT_EXECUTABLE,
+    OK,
+    TIMED_OUT,
+    ActionResult,
+    Feedback,
+    not_started,
+)
 from robomend_client.agent.config import ProcessSpec
 from robomend_client.agent.readiness import Notification
 from robomend_client.agent.spawn import Handle, NotStarted, spawn
@@ -81,7 +90,9 @@ class SupervisedProcess:
                 feedback(1, f"{self.spec.name} has process {pid}; waiting for evidence: {self.spec.ready}")
                 return await self._evidence(began)
             except NotStarted as error:
-                return ActionResult(FAILED, f"{self.spec.name} cannot be started: {error}")
+                return ActionResult(
+                    not_started(error.__cause__), f"{self.spec.name} cannot be started: {error}"
+                )
             finally:
                 if notification is not None:
                     notification.close()
@@ -138,8 +149,10 @@ class SupervisedProcess:
             for wait in waits:
                 wait.cancel()
         if self._ended.is_set():
+            plain = self.exit_code in {NO_PROGRAM, NOT_EXECUTABLE}  # of a shell between us and the program
+            code = self.exit_code if plain and self.exit_code is not None else FAILED
             return ActionResult(
-                FAILED, f"{self.spec.name} ended at once, exit code {self.exit_code}{self._quoted()}"
+                code, f"{self.spec.name} ended at once, exit code {self.exit_code}{self._quoted()}"
             )
         if not self._ready.is_set():
             return ActionResult(

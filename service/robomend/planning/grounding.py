@@ -269,11 +269,11 @@ class Grounder:
 
     def refusal(self, action: GroundAction) -> str | None:
         """Return why an action may not be taken, or None: it takes power or process from a protected
-        component or breaks one that is tied to it, changes one that is set aside, or was tried in vain.
+        component or breaks one that is tied to it, changes one that is set aside, or is to be avoided.
         """
         problem = self.problem
-        if problem.avoided and str(action) in problem.avoided:
-            return "it was tried, and it did not help"
+        if problem.avoided and (why := problem.avoided.get(str(action))) is not None:
+            return why
         for number in sorted(action.effects):
             fact = self.fact(number)
             if len(fact) != 2:

@@ -48,7 +48,7 @@ class RepairProblem:
     excluded: tuple[str, ...] = ()  # left out of the goal, and left alone
     idle: frozenset[str] = frozenset()  # of these, those meant to be off: the user's actions may use them
     protected: Mapping[str, str] = field(default_factory=dict)  # never shut down -> why
-    avoided: frozenset[str] = frozenset()  # ground actions, as text, that must not be used
+    avoided: Mapping[str, str] = field(default_factory=dict)  # ground action as text -> why it is not used
     costs: Mapping[str, float] = field(default_factory=dict)  # factor for actions on this component
 
 
@@ -61,7 +61,7 @@ def repair_problem(
     expected_stopped: Collection[str] = (),
     quarantined: Collection[str] = (),
     protected: Collection[str] = (),
-    avoided: Collection[str] = (),
+    avoided: Iterable[tuple[str, str]] = (),
 ) -> RepairProblem:
     """Return the problem of making every component good, starting from OBS and one diagnosis.
 
@@ -72,7 +72,7 @@ def repair_problem(
             nothing but the user's own actions (a spare that stands in).
         quarantined: components that must not be tried again now: no goal, never touched.
         protected: components that nothing may shut down or stop, besides those that the model marks.
-        avoided: ground actions, as `power_up(lidar)`, that were tried, did not help and must not be used.
+        avoided: ground actions, as `power_up(lidar)`, that must not be used, each with the reason.
 
     Raises:
         UnknownComponent: a name above is no component of the model.
@@ -135,7 +135,7 @@ def repair_problem(
         excluded=excluded,
         idle=aside,
         protected=protection(model, protected),
-        avoided=frozenset(avoided),
+        avoided=dict(avoided),
         costs={name: part.cost for name, part in parts.items() if part.cost is not None},
     )
 

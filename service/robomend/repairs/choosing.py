@@ -77,12 +77,19 @@ class Chooser:
         since = time.time_ns() - HOUR_NS
         return await self._store.read(attempts.counted, robot, since)
 
-    async def choose_in_turn(self, state: Robot, result: DiagnosisResult, *, looks: bool) -> Choice:
+    async def choose_in_turn(
+        self,
+        state: Robot,
+        result: DiagnosisResult,
+        *,
+        looks: bool,
+        avoided: tuple[tuple[str, str], ...] = (),
+    ) -> Choice:
         """Choose; where the planners are busy with other robots, wait for a turn, but not for ever."""
         deadline, pause_s = time.monotonic() + BUSY_S, 0.2
         while True:
             try:
-                return await self.choose(state, result, looks=looks)
+                return await self.choose(state, result, looks=looks, avoided=avoided)
             except Overloaded:
                 if time.monotonic() >= deadline:
                     raise
@@ -95,6 +102,7 @@ class Chooser:
         result: DiagnosisResult,
         *,
         looks: bool,
+        avoided: tuple[tuple[str, str], ...] = (),
         planner: str | None = None,
         timeout_s: float = PLAN_TIMEOUT_S,
         pddl: bool = False,
@@ -104,6 +112,7 @@ class Chooser:
 
         Args:
             looks: whether somebody can be asked to look first.
+            avoided: actions as text that must not be used, each with the reason.
             permitted: whether only what the policy allows comes into question.
 
         Raises:
@@ -128,6 +137,7 @@ class Chooser:
             expected_stopped=state.config.expected_stopped,
             quarantined=tuple(name for name in memory.quarantined if name in parts.components),
             protected=protected_of(state.config, parts),
+            avoided=avoided,
             pddl=pddl,
         )
         plans = await self._plans(situation, options, memory.useless)
@@ -150,7 +160,8 @@ class Chooser:
         for position, diagnosis in enumerate(situation.leading):
             in_vain = useless.get(frozenset(diagnosis.bad))
             if in_vain:
-                other = replace(options, avoided=tuple(sorted(in_vain)))
+                vain = tuple((text, "it was tried, and it did not help") for text in sorted(in_vain))
+                other = replace(options, avoided=(*vain, *options.avoided))
                 [way] = await self._planners.plans(
                     situation.model, situation.observed, [diagnosis.bad], other
                 )

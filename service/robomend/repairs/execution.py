@@ -177,7 +177,7 @@ class _Run:
             if attempt:
                 await asyncio.sleep(timing.backoff_s * 2 ** (attempt - 1))
                 await self._check_permitted(step)
-                if self._looking.visible(step):
+                if self._looking.visible(step) or self._setting.again(step) is not None:
                     break
             result = await self._send(step, attempt, timing)
             if result.ok or result.code == REFUSED:

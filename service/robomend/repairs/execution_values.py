@@ -158,6 +158,7 @@ class Setting:
     permit: Callable[[Step], Awaitable[str | None]]  # None, or why not
     halt: asyncio.Event  # set by cancel and by the global stop
     interlocked: Callable[[], str | None]  # asked right before an action is sent: None, or why it is not
+    again: Callable[[Step], str | None]  # asked before a failed action is sent again: None, or why not
     observed: frozenset[Atom]  # atoms that some observer of this robot reports
     timing: Mapping[str, Timing] = field(default_factory=dict)
     default_timing: Timing = Timing()

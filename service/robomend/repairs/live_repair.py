@@ -23,6 +23,7 @@ from robomend.repairs.execution_values import Ending, Execution, Setting, StepRe
 from robomend.repairs.hearing import LOOK_S, Hearing
 from robomend.repairs.record import RepairRecord, approval
 from robomend.repairs.remembering import judged
+from robomend.repairs.repeating import Repeats
 from robomend.repairs.signals import Signals
 from robomend.repairs.states import RepairTrigger
 from robomend.robots.robot import Robot
@@ -47,6 +48,7 @@ class LiveRepair:
         executors: Mapping[str, Executor],
         signals: Signals,
         heard_since: int | None,
+        repeats: Repeats,
     ) -> None:
         """`heard_since`: after a crash, the revision of OBS up to which observations do not count."""
         self._robots = robots
@@ -54,6 +56,7 @@ class LiveRepair:
         self._state = state
         self._record = record
         self._executors = executors
+        self._repeats = repeats
         self._signals = signals
         self._hearing = Hearing(store, robots, state, record, signals, heard_since)
         # A crash does not give a repair new rounds, but it may always finish.
@@ -117,7 +120,12 @@ class LiveRepair:
 
     async def _planned(self, result: DiagnosisResult, *, looks: bool) -> Choice:
         return await self._signals.unless_halted(
-            self._chooser.choose_in_turn(self._state, result, looks=looks)
+            self._chooser.choose_in_turn(
+                self._state,
+                result,
+                looks=looks,
+                avoided=self._repeats.exhausted(self._state.literals()),
+            )
         )
 
     # --- approve
@@ -184,6 +192,9 @@ class LiveRepair:
         async def report(report: StepReport) -> None:
             await self._record.report(report, self._first)
 
+        def again(step: Step) -> str | None:
+            return self._repeats.why_not(str(step), step.parameters, self._state.literals())
+
         return Setting(
             repair=self._record.id,
             first_step=self._first,
@@ -194,6 +205,7 @@ class LiveRepair:
             permit=permit,
             halt=self._signals.halt,
             interlocked=self._state.interlocked,
+            again=again,
             observed=self._hearing.observed,
             timing=timings(self._state.config.actions, once),
             not_idempotent=once,
@@ -203,11 +215,16 @@ class LiveRepair:
     async def intend(self, action: Action, report: StepReport) -> None:
         """Write an intent (see Journal in execution_values), and count it for the limit per hour."""
         await self._record.intend(action, report)
+        self._repeats.sent(action, self._state.literals())
         self._attempts.update(self._components.intersection(action.parameters))
 
     async def settle(self, action: Action, result: ActionResult, report: StepReport) -> None:
         """Write an outcome (robomend.repairs.execution_values.Journal)."""
         self._settled = self._state.revision
+        if report.sent_ns is None:
+            self._repeats.not_sent(action)
+        else:
+            self._repeats.answered(action, result)
         await self._record.settle(action, result, report)
 
     # --- look, remember

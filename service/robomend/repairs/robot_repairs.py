@@ -27,6 +27,7 @@ from robomend.repairs.live_repair import LiveRepair
 from robomend.repairs.reasons import IDLE_S, Reasons
 from robomend.repairs.record import LOOP, RepairRecord, new_repair
 from robomend.repairs.reentry import Reentry
+from robomend.repairs.repeating import Repeats
 from robomend.repairs.signals import Declined, Requests, Signals
 from robomend.repairs.states import RepairTrigger
 from robomend.robots.robot import Robot
@@ -241,7 +242,11 @@ class RobotRepairs:
     async def _live(self, state: Robot, record: RepairRecord, heard_since: int | None) -> LiveRepair:
         needs, signals = self._needs, self._signals
         who = await self._executors(state)
-        return LiveRepair(needs.store, needs.robots, needs.chooser, state, record, who, signals, heard_since)
+        steps = await needs.store.read(repairs.steps, record.id)
+        repeats = Repeats(step.data for step in steps)
+        return LiveRepair(
+            needs.store, needs.robots, needs.chooser, state, record, who, signals, heard_since, repeats
+        )
 
     async def _executors(self, state: Robot) -> dict[str, Executor]:
         """Return who carries out what for this robot, as it is configured now."""

@@ -55,7 +55,7 @@ async def test_a_protected_channel_is_never_switched_off() -> None:
 @pytest.mark.parametrize(
     ("failure", "code"),
     [
-        (BoardRefused("channel faulty"), FAILED),
+        (BoardRefused("channel faulty"), REFUSED),
         (BoardTimeout("no acknowledge"), TIMED_OUT),
         (BoardUnreachable("no connection"), UNREACHABLE),
         (BoardError("something else"), FAILED),

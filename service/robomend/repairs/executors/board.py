@@ -71,8 +71,8 @@ class BoardExecutor:
         try:
             await self._link.wait_connected(min(CONNECT_S, action.timeout_s))
             await self._link.switch(channel, on, action.timeout_s)
-        except BoardRefused as error:
-            return ActionResult(FAILED, str(error))
+        except BoardRefused as error:  # a faulty channel, a channel that it does not have
+            return ActionResult(REFUSED, str(error))
         except BoardTimeout as error:
             return ActionResult(TIMED_OUT, str(error))
         except BoardUnreachable as error:

@@ -27,11 +27,11 @@ from robomend_client.actions import (
     OK,
     REFUSED,
     TIMED_OUT,
-    UNREACHABLE,
     Action,
     ActionResult,
     Executor,
     Feedback,
+    not_started,
 )
 
 OUTPUT_BYTES = 4096
@@ -81,7 +81,7 @@ class ProcessExecutor:
                 start_new_session=True,  # so that a time-out ends its children too
             )
         except (OSError, ValueError) as error:
-            return ActionResult(UNREACHABLE, f"{arguments[0]}: {error}")
+            return ActionResult(not_started(error), f"{arguments[0]}: {error}")
         kept = bytearray()
         async with _ended(process) as ended:
             feedback(process.pid, f"{arguments[0]} started")
