@@ -28,6 +28,7 @@ from robomend.planning.plan import Plan
 from robomend.planning.planner_pool import PlannerPool
 from robomend.planning.planning import PlanOptions
 from robomend.planning.policy import HOUR_NS, NODE_ACTIONS, POWER_ACTIONS, Policy
+from robomend.repairs.left_off import NOTHING, LeftOff, unknown
 from robomend.repairs.remembering import Remembered, remembered
 from robomend.robots.configuration import policy_of, protected_of
 from robomend.robots.robot import Robot
@@ -84,12 +85,13 @@ class Chooser:
         *,
         looks: bool,
         avoided: tuple[tuple[str, str], ...] = (),
+        left_off: LeftOff = NOTHING,
     ) -> Choice:
         """Choose; where the planners are busy with other robots, wait for a turn, but not for ever."""
         deadline, pause_s = time.monotonic() + BUSY_S, 0.2
         while True:
             try:
-                return await self.choose(state, result, looks=looks, avoided=avoided)
+                return await self.choose(state, result, looks=looks, avoided=avoided, left_off=left_off)
             except Overloaded:
                 if time.monotonic() >= deadline:
                     raise
@@ -103,6 +105,7 @@ class Chooser:
         *,
         looks: bool,
         avoided: tuple[tuple[str, str], ...] = (),
+        left_off: LeftOff = NOTHING,
         planner: str | None = None,
         timeout_s: float = PLAN_TIMEOUT_S,
         pddl: bool = False,
@@ -113,6 +116,7 @@ class Chooser:
         Args:
             looks: whether somebody can be asked to look first.
             avoided: actions as text that must not be used, each with the reason.
+            left_off: what a repair switched off or stopped, to be brought back, in quarantine or not.
             permitted: whether only what the policy allows comes into question.
 
         Raises:
@@ -123,7 +127,7 @@ class Chooser:
         memory = await self.remembered(state.id)
         situation = Situation(
             parts,
-            state.literals(),
+            (*state.literals(), *unknown(state, left_off)),
             result,
             memory.tried,
             now_ns=time.time_ns(),
@@ -135,7 +139,9 @@ class Chooser:
             timeout_s=timeout_s,
             domain=state.config.domain,
             expected_stopped=state.config.expected_stopped,
-            quarantined=tuple(name for name in memory.quarantined if name in parts.components),
+            quarantined=tuple(
+                name for name in memory.quarantined if name in parts.components and name not in left_off
+            ),
             protected=protected_of(state.config, parts),
             avoided=avoided,
             pddl=pddl,

@@ -15,17 +15,28 @@ from robomend.cycle import stands_no_more
 from robomend.diagnosis.result import DiagnosisResult
 from robomend.planning.choice import Choice
 from robomend.planning.plan import Plan, Step
-from robomend.planning.policy import Mode, Policy
+from robomend.planning.policy import TAKES_AWAY, Mode, Policy
 from robomend.planning.prediction import Prediction, theory_of
 from robomend.repairs.choosing import Chooser
 from robomend.repairs.conclusions import NotPermitted, Overtaken, Silent
-from robomend.repairs.execution_values import Ending, Execution, Setting, StepReport, Timing, timings
+from robomend.repairs.execution_values import (
+    MAY_HAVE_ACTED,
+    Ending,
+    Execution,
+    Setting,
+    StepReport,
+    Timing,
+    Withheld,
+    timings,
+)
 from robomend.repairs.hearing import LOOK_S, Hearing
+from robomend.repairs.left_off import given_by, still, taken_by
 from robomend.repairs.record import RepairRecord, approval
 from robomend.repairs.remembering import judged
 from robomend.repairs.repeating import Repeats
 from robomend.repairs.signals import Signals
 from robomend.repairs.states import RepairTrigger
+from robomend.robots.clock import CLOCK
 from robomend.robots.robot import Robot
 from robomend.robots.robots import Robots
 from robomend.store import Store
@@ -119,12 +130,14 @@ class LiveRepair:
         return found
 
     async def _planned(self, result: DiagnosisResult, *, looks: bool) -> Choice:
+        self._record.leave_off(still(self._state, self._record.left_off))
         return await self._signals.unless_halted(
             self._chooser.choose_in_turn(
                 self._state,
                 result,
                 looks=looks,
                 avoided=self._repeats.exhausted(self._state.literals()),
+                left_off=self._record.left_off,
             )
         )
 
@@ -214,7 +227,15 @@ class LiveRepair:
 
     async def intend(self, action: Action, report: StepReport) -> None:
         """Write an intent (see Journal in execution_values), and count it for the limit per hour."""
-        await self._record.intend(action, report)
+        before = self._record.left_off
+        taken = taken_by(report.step, self._state, self._state.config.expected_stopped)
+        if taken is not None:
+            self._record.leave_off({**before, taken: CLOCK.now_ns()})
+        try:
+            await self._record.intend(action, report)
+        except Withheld:
+            self._record.leave_off(before)
+            raise
         self._repeats.sent(action, self._state.literals())
         self._attempts.update(self._components.intersection(action.parameters))
 
@@ -225,6 +246,12 @@ class LiveRepair:
             self._repeats.not_sent(action)
         else:
             self._repeats.answered(action, result)
+        back = given_by(report.step) if result.ok else frozenset[str]()
+        if not result.ok and (report.sent_ns is None or result.code not in MAY_HAVE_ACTED):
+            back = frozenset(action.parameters) if action.name in TAKES_AWAY else back
+        left = self._record.left_off
+        if back & left.keys():
+            self._record.leave_off({name: when for name, when in left.items() if name not in back})
         await self._record.settle(action, result, report)
 
     # --- look, remember

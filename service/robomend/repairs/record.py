@@ -60,6 +60,9 @@ def new_repair(
         "reason": reason,
         # What the last one asked a person, or left to ask, and nobody answered.
         "question": last[0].data.get("question") if last else None,
+        "left_off": last[0].data.get("left_off")
+        if last
+        else None,  # what it switched off and did not bring back
     }
     repair = repairs.create(tx, robot, state=INITIAL, data=data, fence=fence)
     tx.emit(Kind.REPAIR, robot, repair_json(repair))
@@ -102,6 +105,19 @@ class RepairRecord:
     def data(self) -> Json:
         """What is written of the repair besides its state."""
         return self._data
+
+    @property
+    def left_off(self) -> dict[str, int]:
+        """Component -> when this repair, or one before it, switched it off or stopped it (left_off.py)."""
+        return dict(self._data.get("left_off") or {})
+
+    def leave_off(self, left: Mapping[str, int]) -> None:
+        """Change what is left off; it is on disk with the next intent, outcome or state."""
+        self._data = {**self._data, "left_off": dict(left)}
+
+    def _keep_left_off(self, tx: Transaction) -> None:
+        if self.left_off != (self._repair.data.get("left_off") or {}):
+            repairs.update(tx, self.id, state=self.state, data=self._data, open=True, fence=self._fence)
 
     async def update(
         self,
@@ -264,6 +280,7 @@ class RepairRecord:
                 attempts.count(tx, self.robot, component, self.id, fence=self._fence)
             tx.note(entry)
             self._put_step(tx, report, number)
+            self._keep_left_off(tx)
             return None
 
         refusal = await self._store.write(write, robots=(self.robot,))
@@ -285,6 +302,7 @@ class RepairRecord:
             journal.settle(tx, action.id, result.code, result.message, fence=self._fence)
             tx.note(entry)
             self._put_step(tx, report, step_number(action.id))
+            self._keep_left_off(tx)
 
         await self._store.write(write, robots=(self.robot,))
 

@@ -23,6 +23,7 @@ from robomend.repairs.agent_queue import AgentQueue
 from robomend.repairs.choosing import Chooser
 from robomend.repairs.conclusions import BadSets, conclusion, end_of, in_doubt, nobodys_fault, situation_of
 from robomend.repairs.executors.registry import Surroundings, executors
+from robomend.repairs.left_off import in_words
 from robomend.repairs.live_repair import LiveRepair
 from robomend.repairs.reasons import IDLE_S, Reasons
 from robomend.repairs.record import LOOP, RepairRecord, new_repair
@@ -222,6 +223,7 @@ class RobotRepairs:
             reason += f"; {left.in_doubt} was under way: nothing else is sent before a person has looked"
         gives_up = end is not RepairTrigger.HEALTHY and not signals.stopped
         retry_ns = await entry.next_try() if end is RepairTrigger.NEEDS_PERSON else None
+        reason += in_words(state, record.left_off)
         interlocked = end is RepairTrigger.NEEDS_PERSON and state.interlocked() is not None
         self._reasons.gave_up(situation if gives_up else None, retry_ns, interlocked=interlocked)
         given_up = self._reasons.given_up
