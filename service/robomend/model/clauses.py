@@ -144,18 +144,21 @@ def extend(cnf: HealthCnf, assertions: Iterable[Assertion]) -> HealthCnf:
     )
 
 
+OF_WHAT_WORKS = frozenset({"scheme 1", "scheme 2", "scheme 3", "scheme 4", "scheme 5", "feed"})
+"""Sources of rules that say what a component does while it works."""
+
+
 def without_running(cnf: HealthCnf, names: Iterable[str]) -> HealthCnf:
     """Return the system description for a robot on which these components are expected to be stopped or off.
 
     A node's clause of scheme 5 (that it runs) is suspended, and a device's clause that it is on, of scheme 1
-    or of its feed; the rest of what the model says of them stays.
+    or of its feed; with them what they publish, schemes 2 to 4, so that the silence of a topic that nobody
+    else publishes blames nobody. The user's own rules, of modes and of related values stay.
     """
     stopped = {-cnf.health[name] for name in names if name in cnf.health}
     if not stopped:
         return cnf
-    suspended = {
-        index for index, rule in enumerate(cnf.rules) if rule.source in {"scheme 1", "scheme 5", "feed"}
-    }
+    suspended = {index for index, rule in enumerate(cnf.rules) if rule.source in OF_WHAT_WORKS}
     kept = [
         index
         for index, clause in enumerate(cnf.clauses)
