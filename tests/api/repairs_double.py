@@ -36,6 +36,9 @@ class RepairsDouble:
         self.calls.append(("plan", robot, bad, planner, timeout_s, pddl))
         return {"choice": {"bad": bad or []}, "plan": {"steps": []}, "alternatives": [], "probe": None}
 
+    async def findings(self, robot: str) -> Sequence[str]:
+        return [f"nobody looks at {robot}"]
+
     async def create(self, robot: str, *, bad: Sequence[str] | None, by: str, reason: str) -> Json:
         self.calls.append(("create", robot, bad, by, reason))
         if robot != "r1":

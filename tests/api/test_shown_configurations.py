@@ -27,5 +27,5 @@ def test_a_configuration_on_the_page_is_taken_and_kept(shown: dict[str, Any]) ->
 
 
 def test_the_page_shows_some() -> None:
-    assert len(CONFIGURATIONS) == 3
+    assert len(CONFIGURATIONS) == 4
     assert any(action.get("idempotent") for one in CONFIGURATIONS for action in one["actions"].values())

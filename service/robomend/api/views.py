@@ -85,7 +85,7 @@ def robot_line(robot: StoredRobot) -> RobotLine:
     )
 
 
-def robot_out(state: Robot) -> RobotOut:
+def robot_out(state: Robot, findings: Sequence[str]) -> RobotOut:
     """Return a robot's configuration and how it is."""
     return RobotOut(
         id=state.id,
@@ -96,6 +96,7 @@ def robot_out(state: Robot) -> RobotOut:
         revision=state.revision,
         model_version=state.model.version,
         healthy=None if state.current is None else state.current.healthy,
+        findings=list(findings),
     )
 
 

@@ -30,6 +30,7 @@ from robomend.model.components import ComponentModel, Hardware, Node
 from robomend.planning.domain.values import Declared, Domain
 from robomend.planning.protection import protection
 from robomend_client.literals import Atom, Literal
+from robomend_client.near import did_you_mean
 
 Fact = tuple[str, ...]
 """A ground atom as (predicate, arguments…): cheaper to hash than Atom by far."""
@@ -244,7 +245,10 @@ def _add_facts(facts: set[Fact], domain: Domain, objects: Mapping[str, str]) -> 
             name = word if word in objects or quoted else folded.get(word, word)
             if name not in objects:
                 raise DomainError(
-                    f"{word!r} is neither a component of the model nor in (:objects …)", one.file, one.line
+                    f"{word!r} is neither a component of the model nor in (:objects …)"
+                    f"{did_you_mean(word, objects)}",
+                    one.file,
+                    one.line,
                 )
             if not domain.is_a(objects[name], wanted):
                 raise DomainError(

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import time
 from collections import OrderedDict
 from collections.abc import Callable
 from functools import partial
@@ -46,6 +47,7 @@ class AgentQueue:
         self._ending = False
         self.said: OrderedDict[str, tuple[int, str]] = OrderedDict()  # action -> its latest feedback, told
         self._coming: dict[str, tuple[int, str]] = {}  # … and one that is not told yet
+        self.asked: dict[str, dict[str | None, float]] = {}  # robot -> host -> when its agent asked for work
         self._telling = Throttle(FEEDBACK_S, self._tell)
 
     def start(self) -> None:
@@ -108,6 +110,7 @@ class AgentQueue:
         """Hand out the next action for an agent, waiting up to `wait_s`; none while it is interlocked."""
         deadline = asyncio.get_running_loop().time() + wait_s
         while True:
+            self.asked.setdefault(robot, {})[host] = time.monotonic()
             change = self.watch(robot)
             queued = await self._store.read(agent_actions.waiting, robot)
             mine = any(a.host is None or host is None or a.host == host for a in queued if not a.answered)

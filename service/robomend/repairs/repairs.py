@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -33,6 +34,7 @@ from robomend.oneshots.oneshots import OneShots
 from robomend.planning.planner_pool import PlannerPool
 from robomend.repairs.agent_queue import AgentQueue
 from robomend.repairs.choosing import Chooser
+from robomend.repairs.foresight import Asked, findings, surroundings
 from robomend.repairs.record import new_repair
 from robomend.repairs.repair_json import repair_json
 from robomend.repairs.robot_repairs import Dependencies, RobotRepairs
@@ -52,6 +54,9 @@ ORPHANS_S = 1.0
 
 CLOSE_S = 3.0
 """For the loops to let go at shutdown."""
+
+ASKED_S = 60.0
+"""An agent that has not asked for work for so long is taken to be gone: it asks at least twice a minute."""
 
 DECIDED_S = 1.5
 """How long `approve` and `cancel` wait for the owner, so that their answer shows the effect."""
@@ -202,6 +207,16 @@ class Repairs:
         return await self._needs.chooser.describe(
             state, bad=bad, planner=planner, timeout_s=timeout_s, pddl=pddl
         )
+
+    async def findings(self, robot: str) -> Sequence[str]:
+        """Return what will not work or not be noticed on a robot, in sentences (foresight.py)."""
+        needs = self._needs
+        state = await needs.robots.memory.robot(robot)
+        board = None if state.config.board is None else await needs.robots.board(robot)
+        around = surroundings(robot, board, needs.agents, needs.programs)
+        since = time.monotonic() - ASKED_S
+        hosts = [host for host, when in needs.agents.asked.get(robot, {}).items() if when > since]
+        return await asyncio.to_thread(findings, state, around, Asked(hosts, ASKED_S))
 
     async def create(self, robot: str, *, bad: Sequence[str] | None, by: str, reason: str) -> Json:
         """Begin a repair on request. StateConflict if one is open.

@@ -176,13 +176,17 @@ class Boards:
             raise NotFound(f"robot {robot!r} has no board configured")
         return board
 
+    def made(self, robot: str, config: RobotConfig, parts: ComponentModel | None) -> WiredBoard | None:
+        """Return the board that is configured, not connected yet."""
+        if config.board is None:
+            return None
+        protected = protection_of(config, parts)
+        return WiredBoard(self._store, robot, config.board, protected, parts, self._report, self._on_state)
+
     async def put(self, robot: str, config: RobotConfig, parts: ComponentModel | None) -> None:
         """Make the robot's board what is configured; the link stays if nothing about it changed."""
         old = self._boards.get(robot)
-        new = None
-        if config.board is not None:
-            protected = protection_of(config, parts)
-            new = WiredBoard(self._store, robot, config.board, protected, parts, self._report, self._on_state)
+        new = self.made(robot, config, parts)
         if (
             old is not None
             and new is not None

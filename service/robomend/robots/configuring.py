@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import asyncio
-from typing import Any
 
 from robomend.diagnosis.engines import ENGINES
 from robomend.errors import InputError, OptionRefused
 from robomend.model.system import System
 from robomend.observations.language import parse
 from robomend.planning.domain.loading import load_domain
+from robomend.planning.foresight import check_domain, check_names
 from robomend.planning.planners import PLANNERS
 from robomend.robots.configuration import RobotConfig, covered, uncovered
 from robomend.store import Transaction, records, robots
 from robomend.store.records import AuditEntry, Json
 from robomend_client.events import Kind
-from robomend_client.registry import Registry
+from robomend_client.near import did_you_mean
 
 
 def put(tx: Transaction, robot: str, config: Json, *, expected: str | None, by: str) -> None:
@@ -58,19 +58,33 @@ async def check(config: RobotConfig, system: System) -> None:
             parts.check(name)
         except OptionRefused as error:
             raise OptionRefused(f"{what}: {error}") from error
-    if config.domain is not None:
-        await asyncio.to_thread(load_domain, config.domain, "domain")
+    await asyncio.to_thread(actions_of, config, system)
+    names_of(config, system)
+
+
+def actions_of(config: RobotConfig, system: System) -> None:
+    """Refuse PDDL that no plan can be made with, and actions that there are not.
+
+    Raises:
+        DomainError, InputError: name the place and the remedy.
+    """
+    domain = load_domain() if config.domain is None else check_domain(config.domain, system.parts)
+    check_names("allow", config.allow or (), domain)
+    check_names("actions", config.actions, domain)
+
+
+def names_of(config: RobotConfig, system: System) -> None:
+    """Refuse names that the model does not have.
+
+    Raises:
+        InputError, ObservationError: name the place and the remedy.
+    """
     known = frozenset(system.cnf.components)
     for what, names in (("expected.stopped", config.expected_stopped), ("protected", config.protected)):
         for name in names:
             if name not in known:
-                raise InputError(f"{what}: the model {config.model!r} has no component {name!r}")
+                raise InputError(
+                    f"{what}: the model {config.model!r} has no component {name!r}{did_you_mean(name, known)}"
+                )
     for sentence in config.observed:
         parse(sentence, system.vocabulary)
-
-
-def _check_part(what: str, parts: Registry[Any], name: str) -> None:
-    try:
-        parts.check(name)
-    except OptionRefused as error:
-        raise OptionRefused(f"{what}: {error}") from error

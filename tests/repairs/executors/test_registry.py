@@ -72,9 +72,12 @@ def test_a_board_carries_out_nothing_but_power() -> None:
         (by("webhook", url="file:///etc/passwd", secret="s"), "is no http or https address"),
     ],
 )
-def test_options_that_do_not_fit_are_refused(configured: dict[str, Any], said: str) -> None:
-    with pytest.raises(InputError, match=said):
-        executors(NAMES, configured, AROUND)
+def test_options_that_do_not_fit_are_refused_also_when_they_are_configured(
+    configured: dict[str, Any], said: str
+) -> None:
+    for door in (lambda: executors(NAMES, configured, AROUND), lambda: check(configured, AROUND)):
+        with pytest.raises(InputError, match=said):
+            door()
 
 
 def test_a_program_of_the_settings_and_a_webhook_are_taken() -> None:
@@ -85,7 +88,7 @@ def test_a_program_of_the_settings_and_a_webhook_are_taken() -> None:
 def test_a_kind_that_nobody_registered_is_refused_by_name_and_never_taken_for_the_agent() -> None:
     said = "no executor is named 'agnet': choose one of board, agent, process, webhook"
     with pytest.raises(OptionRefused, match=f"actions.reset_usb.executor.kind: {said}"):
-        check(by("agnet"))
+        check(by("agnet"), AROUND)
     with pytest.raises(OptionRefused, match=said):  # one that is stored already, say
         executors(NAMES, by("agnet"), AROUND)
 

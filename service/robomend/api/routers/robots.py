@@ -20,7 +20,9 @@ from robomend.api.gate import GuardedRoute
 from robomend.api.schemas.base import Items
 from robomend.api.schemas.robots import RobotBody, RobotLine, RobotOut
 from robomend.api.views import robot_line, robot_out
+from robomend.repairs.agent_queue import AgentQueue
 from robomend.repairs.executors.registry import check as check_executors
+from robomend.repairs.foresight import surroundings
 from robomend.security import API
 from robomend.store import robots
 from robomend.store.records import ABSENT
@@ -40,7 +42,7 @@ async def get_robot(robot: RobotPath, parts: PartsDep, response: Response) -> Ro
     """Return a robot's configuration, its revision and whether it is healthy."""
     state = await parts.robots.diagnosed(robot)
     response.headers["ETag"] = quoted(state.stored.etag)
-    return robot_out(state)
+    return robot_out(state, await parts.repairs.findings(robot))
 
 
 @router.put(
@@ -59,11 +61,12 @@ async def put_robot(
     """Create a robot, or replace its configuration; replacing needs If-Match. OBS stays."""
     expected = expected_etag(if_match, if_none_match)
     config = body.model_dump(mode="json")
-    check_executors(config["actions"])
+    around = surroundings(robot, None, AgentQueue(parts.store), parts.settings.programs)
+    check_executors(config["actions"], around)
     state = await parts.robots.put_robot(robot, config, expected=expected, by=principal.name)
     response.status_code = 201 if expected in (None, ABSENT) else 200
     response.headers["ETag"] = quoted(state.stored.etag)
-    return robot_out(state)
+    return robot_out(state, await parts.repairs.findings(robot))
 
 
 @router.delete("/{robot}", status_code=204, responses=problems(404, 409, 412, 428))

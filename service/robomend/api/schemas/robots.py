@@ -141,6 +141,9 @@ class RobotOut(Out):
     revision: int = Field(description="of OBS; each accepted batch raises it")
     model_version: str | None = None
     healthy: bool | None = Field(default=None, description="null: not diagnosed yet")
+    findings: list[str] = Field(
+        default=[], description="what will not work or not be noticed as the robot is configured and observed"
+    )
 
 
 class RobotLine(Out):

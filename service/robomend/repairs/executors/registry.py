@@ -74,13 +74,17 @@ EXECUTORS = Registry[MakeExecutor](
 )
 
 
-def check(configured: Mapping[str, Mapping[str, Any]]) -> None:
-    """Refuse (OptionRefused) the `actions` of a robot that name an executor which nobody registered."""
+def check(configured: Mapping[str, Mapping[str, Any]], around: Surroundings) -> None:
+    """Refuse the `actions` of a robot that name an executor which nobody registered (OptionRefused), or
+    options that do not fit it, such as a program that the settings do not name (InputError).
+    """
     for action in configured:
+        kind, options = kind_of(action, configured)
         try:
-            EXECUTORS.check(_configured(action, configured)[0])
+            EXECUTORS.check(kind)
         except OptionRefused as error:
             raise OptionRefused(f"actions.{action}.executor.kind: {error}") from error
+        EXECUTORS.load(kind)(action, options, around)
 
 
 def executors(
@@ -98,14 +102,14 @@ def executors(
     """
     found: dict[str, Executor] = {}
     for action in actions:
-        kind, options = _configured(action, configured)
+        kind, options = kind_of(action, configured)
         made = EXECUTORS.load(kind)(action, options, around)
         if made is not None:
             found[action] = Once(made)
     return found
 
 
-def _configured(action: str, configured: Mapping[str, Mapping[str, Any]]) -> tuple[str, Mapping[str, Any]]:
+def kind_of(action: str, configured: Mapping[str, Mapping[str, Any]]) -> tuple[str, Mapping[str, Any]]:
     """Return kind and options of an action, those of the configuration or the usual ones."""
     executor = (configured.get(action) or {}).get("executor")
     if executor is not None:
