@@ -65,6 +65,24 @@ class ActionResult:
         return self.code == OK
 
 
+@dataclass(frozen=True, slots=True)
+class Settle:
+    """The service asks the observers of these atoms to drop their samples, judge anew, and say so with
+    `n`.
+    """
+
+    n: int
+    atoms: tuple[str, ...]  # sentences, e.g. "ok(scan)"
+
+
+@dataclass(frozen=True, slots=True)
+class Orders:
+    """What the service answers an agent that asks for something to do."""
+
+    action: Action | None = None
+    settle: Settle | None = None
+
+
 Feedback = Callable[[int, str], None]
 """Called on the way with (feedback integer, sentence); may be called from the event loop only."""
 

@@ -95,6 +95,7 @@ RULES: dict[tuple[str, str], frozenset[Role] | None] = {
     ("GET", f"{API}/robots/{{robot}}/board"): READ | OWN,
     ("PUT", f"{API}/robots/{{robot}}/board/channels/{{channel}}"): ACT,
     ("GET", f"{API}/robots/{{robot}}/actions/next"): OWN | frozenset({Role.ADMIN}),
+    ("POST", f"{API}/robots/{{robot}}/actions/next"): OWN | frozenset({Role.ADMIN}),
     ("POST", f"{API}/actions/{{action}}/feedback"): OWN | frozenset({Role.ADMIN}),
     ("POST", f"{API}/actions/{{action}}/result"): OWN | frozenset({Role.ADMIN}),
     ("GET", f"{API}/robots/{{robot}}/history"): READ,

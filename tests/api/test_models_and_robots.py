@@ -148,7 +148,7 @@ def test_replacing_a_robot_keeps_obs_and_tells_its_followers(start: StartService
         service.api("GET", "/robots/r1/observations").json()["observations"][0]["literal"] == "not ok(scan)"
     )
     noted = service.api("GET", "/audit", params={"robot": "r1"}).json()["items"]
-    assert [entry["action"] for entry in noted] == ["robot.put", "robot.put"]
+    assert [entry["action"] for entry in noted] == ["robot.put", "observations.report", "robot.put"]
     assert noted[0]["before"]["policy"] == "approve"
 
 

@@ -10,8 +10,8 @@ import pytest
 
 from robomend_client.agent.config import AgentConfig, load
 from robomend_client.agent.main import main
-from robomend_client.agent.yaml_reader import ConfigError, Section
 from robomend_client.observers import Rate
+from robomend_client.yaml_reader import ConfigError, Section
 
 ROOT = Path(__file__).parents[2]
 

@@ -24,7 +24,7 @@ Heard = list[tuple[str, object]]
 def with_broker(address: str, test: Callable[[Broker, Heard], Awaitable[None]]) -> None:
     async def run() -> None:
         heard: Heard = []
-        broker = Broker(address, lambda topic, time_ns, data: heard.append((topic, data)))
+        broker = Broker(address, lambda message: heard.append((message.topic, message.data)))
         await broker.open()
         try:
             await asyncio.wait_for(test(broker, heard), 20)
@@ -64,7 +64,17 @@ def test_messages_reach_the_observers_and_those_who_asked(kind: str, tmp_path: P
 
 @pytest.mark.parametrize(
     "rubbish",
-    [b"x\n", b"[]\n", b'{"topic": 3, "data": 1}\n', b'{"topic": "a"}\n', b"[" * 5000 + b"\n", b"z" * 70000],
+    [
+        b"x\n",
+        b"[]\n",
+        b'{"topic": 3, "data": 1}\n',
+        b'{"data": 1}\n',
+        b'{"topic": "a", "time": "now"}\n',
+        b'{"topic": "a", "time": 1.5}\n',
+        b'{"topic": "a", "fields": []}\n',
+        b"[" * 5000 + b"\n",
+        b"z" * 70000,
+    ],
 )
 def test_rubbish_ends_its_own_connection_only(rubbish: bytes) -> None:
     async def test(broker: Broker, heard: Heard) -> None:
@@ -86,7 +96,7 @@ def test_rubbish_ends_its_own_connection_only(rubbish: bytes) -> None:
 )
 def test_lines_arrive_whole_however_they_are_split(messages: list[tuple[str, Any]], size: int) -> None:
     heard: Heard = []
-    peer = broker_module._Peer(Broker("unix:x", lambda topic, time_ns, data: heard.append((topic, data))))
+    peer = broker_module._Peer(Broker("unix:x", lambda message: heard.append((message.topic, message.data))))
     data = b"".join(json.dumps({"topic": topic, "data": value}).encode() + b"\n" for topic, value in messages)
     for start in range(0, len(data), size):
         peer.data_received(data[start : start + size])
@@ -127,10 +137,10 @@ def test_an_agent_elsewhere_listens_in_and_comes_back(tmp_path: Path) -> None:
     async def test() -> None:
         heard: Heard = []
         address = f"unix:{tmp_path}/bus"
-        tap = Tap(address, ["scan"], lambda topic, time_ns, data: heard.append((topic, data)))
+        tap = Tap(address, ["scan"], lambda message: heard.append((message.topic, message.data)))
         listening = asyncio.create_task(tap.run())
         for number in range(2):
-            broker = Broker(address, lambda topic, time_ns, data: None)
+            broker = Broker(address, lambda message: None)
             await broker.open()
             await until(lambda broker=broker: broker._subscribers)  # type: ignore[misc]  # bound for this round
             talker = await connect(broker)

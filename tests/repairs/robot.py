@@ -20,6 +20,7 @@ from robomend.oneshots.oneshots import OneShots
 from robomend.planning.planner_pool import PlannerPool
 from robomend.repairs.repairs import Repairs, make_repairs
 from robomend.robots.batches import Batch
+from robomend.robots.reporters import Reporter
 from robomend.robots.robots import Robots
 from robomend.settings import Settings
 from robomend.store import Store
@@ -143,14 +144,14 @@ class Robot:
                 continue
             [parameter] = action["parameters"]
             self.ids.append(action["id"])
-            await self.repairs.feedback(action["id"], code=0, message="begun", by="robot")
+            await self.repairs.feedback(action["id"], code=0, message="begun")
             code = await self.spoil(self, action["name"], parameter) if self.spoil else None
             if code is None:
                 self.do(action["name"], parameter)
                 code = 0
             self.done.append(f"{action['name']}({parameter})")
             await self.report()
-            await self.repairs.result(action["id"], code=code, message="", by="robot")
+            await self.repairs.result(action["id"], code=code, message="", by=Reporter("robot"))
 
 
 @asynccontextmanager

@@ -79,7 +79,7 @@ async def test_a_robot_that_drives_off_in_the_middle_of_a_plan_gets_no_further_a
 async def sent(runtime: Runtime) -> bool:
     """Return whether an action of the robot's repair waits for its agent."""
     found = await runtime.repairs.repairs("r1", before=None, limit=1)
-    return bool(found) and any(step["sent_ns"] for step in found[0]["plan"])
+    return bool(found) and any(step.get("sent_ns") for step in found[0]["plan"])
 
 
 async def test_an_action_that_waits_for_its_agent_is_not_handed_out_after_the_robot_drove_off(

@@ -245,6 +245,7 @@ def _history_line(item: StoredBatch | StoredDiagnosis | StoredRepair) -> History
         return HistoryLine(kind="repair", time_ns=item.created_ns, data=data)
     data = {
         "revision": item.revision,
+        "by": item.by,
         "observations": [
             {"literal": str(e.literal), "source": e.source, "time_ns": e.time_ns} for e in item.entries
         ],

@@ -22,7 +22,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from time import perf_counter
 
-from robomend.diagnosis.base import MAX_DIAGNOSES
 from robomend.diagnosis.conflicts import Conflicts, Known
 from robomend.diagnosis.explanations import clear_suspects, explain_conflict, resolves
 from robomend.diagnosis.guided import AnyHittingSets, CheapestHittingSets
@@ -32,6 +31,7 @@ from robomend.diagnosis.observed import ObservationReader, SignedObs, Supposed, 
 from robomend.diagnosis.oracle import Deadline, Oracle, OutOfTime, solver_name
 from robomend.diagnosis.reasons import Reasons
 from robomend.diagnosis.result import Conflict, Diagnosis, DiagnosisResult, Options, StoppedBy
+from robomend.diagnosis.search import MAX_DIAGNOSES
 from robomend.errors import ContradictoryModel, OptionRefused
 from robomend.model.cnf import HealthCnf
 from robomend_client.literals import Atom, Literal
@@ -47,8 +47,8 @@ class SnapshotEngine:
         self._clock = Deadline()
         self._oracle = Oracle(cnf.clauses, self._clock, solver_name(solver))
         self._reader = ObservationReader(cnf)
-        self._reasons = Reasons(cnf)
-        self._conflicts = Conflicts(cnf, self._reasons)
+        self._reasons = Reasons(cnf, self._clock)
+        self._conflicts = Conflicts(cnf, self._reasons, self._clock)
 
     def diagnose(
         self, snapshots: Iterable[Iterable[Literal]], options: Options = DEFAULTS

@@ -15,6 +15,7 @@ Source of the form: F. Brglez, H. Fujiwara, ISCAS 1985; F. Brglez, D. Bryan, K. 
 from __future__ import annotations
 
 import re
+from collections import Counter, deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import product
@@ -125,12 +126,12 @@ def _gate_clauses(kind: str, ab: int, out: int, ins: list[int], last: int, claus
         clauses.append((ab, -out, *ins))
     else:
         # a net that comes twice cancels itself in a parity
-        ins = [net for net in dict.fromkeys(ins) if ins.count(net) % 2]
-        while len(ins) > DIRECT_PARITY:
+        waiting = deque(net for net, times in Counter(ins).items() if times % 2)
+        while len(waiting) > DIRECT_PARITY:
             last += 1
-            clauses.extend(_parity(ab, last, ins[: DIRECT_PARITY - 1]))
-            ins = [*ins[DIRECT_PARITY - 1 :], last]
-        clauses.extend(_parity(ab, out, ins))
+            clauses.extend(_parity(ab, last, [waiting.popleft() for _ in range(DIRECT_PARITY - 1)]))
+            waiting.append(last)
+        clauses.extend(_parity(ab, out, [*waiting]))
     return last
 
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 from itertools import zip_longest
 
 from robomend.errors import ModelError
+from robomend.model.budget import MODEL_STEPS, scheme_steps
 from robomend.model.clauses import Modes, compile_rules
 from robomend.model.cnf import Rule
 from robomend.model.components import ComponentModel, Hardware, Node
@@ -18,12 +19,25 @@ from robomend.model.vocabulary import Vocabulary, for_robot
 from robomend_client.literals import Atom
 
 
-def compile_robot(model: ComponentModel, *, source: str = "", file: str | None = None) -> System:
+def compile_robot(
+    model: ComponentModel, *, source: str = "", file: str | None = None, most: int = MODEL_STEPS
+) -> System:
     """Return a checked component model, ready to use.
 
+    Args:
+        most: steps that this may take (robomend.model.budget).
+
     Raises:
-        ModelError: a rule of the user's that cannot be read, or names what the model does not have.
+        ModelError: a rule of the user's that cannot be read, or names what the model does not have; more
+            steps than that.
     """
+    spent = scheme_steps(model)
+    if spent > most:
+        raise ModelError(
+            f"the clause schemes take {spent:,} steps; at most {most:,} are taken: most are for nodes with "
+            "many devices and topics, for related values of topics with many publishers, or for fault modes",
+            file,
+        )
     rules = [
         Sentence(text, f"rule {number}", line)
         for number, (text, line) in enumerate(
@@ -39,7 +53,11 @@ def compile_robot(model: ComponentModel, *, source: str = "", file: str | None =
     ]
     act_when = [] if model.act_when is None else [Sentence(model.act_when, "act_when", model.act_when_line)]
     formulas, vocabulary, warnings = read_rules(
-        [*rules, *(sentence for _, _, sentence in mode_sentences), *act_when], vocabulary_of(model), file
+        [*rules, *(sentence for _, _, sentence in mode_sentences), *act_when],
+        vocabulary_of(model),
+        file,
+        most,
+        spent,
     )
     user = [
         (formula, Rule(rule.text, f"user rule {number}", rule.line))

@@ -7,6 +7,7 @@ are the whole format; docs and the starter model of `robomend init` follow them.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable
 from typing import NoReturn, TypeVar
 
@@ -276,7 +277,7 @@ class _Reader:
             return (self.name(tree),)
         names = self.list_of(self.name)(tree)
         if len(set(names)) < len(names):
-            twice = next(name for name in names if names.count(name) > 1)
+            twice = next(name for name, times in Counter(names).items() if times > 1)
             self.fail(f"{shown(twice)} is in the list twice", tree.line)
         return names
 

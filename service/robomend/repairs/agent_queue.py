@@ -1,6 +1,6 @@
 """The actions that wait for robots' agents, in the store, and who waits for what.
 
-    put ──► GET …/actions/next hands it out ──► POST …/feedback, now and then ──► POST …/result
+    put ──► POST …/actions/next hands it out ──► POST …/feedback, now and then ──► POST …/result
      │ event                                            │ event                       │ event
      └──── wakes the agent's long poll                  └─────────────────────────────┴──► wakes who put it
 
@@ -22,8 +22,9 @@ from robomend.errors import StateConflict
 from robomend.repairs.execution_values import MOST_FEEDBACK
 from robomend.repairs.states import QueueState
 from robomend.repairs.throttle import Throttle
+from robomend.robots.reporters import OURSELVES, Reporter
 from robomend.store import Store, Transaction, agent_actions, global_stop
-from robomend.store.records import AgentAction
+from robomend.store.records import AgentAction, AuditEntry
 from robomend_client.actions import TIMED_OUT, UNREACHABLE, Action
 from robomend_client.events import Event, Kind
 
@@ -40,8 +41,10 @@ LOOK_AGAIN_S = 1.0
 class AgentQueue:
     """The agents' side of one store: what waits for whom, and who waits for what. One per instance."""
 
-    def __init__(self, store: Store) -> None:
+    def __init__(self, store: Store, stopped: Callable[[], bool] = lambda: False) -> None:
+        """`stopped` tells whether the global stop is in force here, also before it is on disk."""
         self._store = store
+        self._stopped = stopped
         self._changed: dict[str, asyncio.Event] = {}  # robot -> something about its actions changed
         self._end: Callable[[], None] | None = None
         self._ending = False
@@ -105,7 +108,12 @@ class AgentQueue:
         return await self._store.read(agent_actions.get, action_id)
 
     async def take(
-        self, robot: str, host: str | None, wait_s: float, interlocked: Callable[[], object] = lambda: None
+        self,
+        robot: str,
+        host: str | None,
+        wait_s: float,
+        by: Reporter = OURSELVES,
+        interlocked: Callable[[], object] = lambda: None,
     ) -> AgentAction | None:
         """Hand out the next action for an agent, waiting up to `wait_s`; none while it is interlocked."""
         deadline = asyncio.get_running_loop().time() + wait_s
@@ -115,13 +123,23 @@ class AgentQueue:
             queued = await self._store.read(agent_actions.waiting, robot)
             mine = any(a.host is None or host is None or a.host == host for a in queued if not a.answered)
             if mine and interlocked() is None:
-                taken = await self._store.write(partial(_take, robot, host), robots=(robot,))
+                taken = await self._store.write(partial(self._take, robot, host, by), robots=(robot,))
                 if taken is not None:
                     return taken
             left = deadline - asyncio.get_running_loop().time()
             if left <= 0 or self._ending:
                 return None
             await wait_for(change, min(left, 5 * LOOK_AGAIN_S))
+
+    def _take(self, robot: str, host: str | None, by: Reporter, tx: Transaction) -> AgentAction | None:
+        """Hand out an action, but none while the global stop is active: its owner withdraws what waits."""
+        if self._stopped() or global_stop.hold(tx).active:
+            return None
+        waiting = {action.id for action in agent_actions.waiting(tx, robot) if action.taken_by is None}
+        taken = agent_actions.take(tx, robot, host=host, agent=host or "agent")
+        if taken is not None and taken.id in waiting:  # else it has been told that it was taken
+            tx.note(_noted(taken, by, "action.taken"))
+        return taken
 
     async def feedback(self, action_id: str, code: int, message: str) -> None:
         """Note how far an action is; StateConflict after the result, also when that is a cancellation.
@@ -144,13 +162,16 @@ class AgentQueue:
             with contextlib.suppress(StateConflict):  # the result was faster
                 await self._store.write(partial(_answer, action_id, said))
 
-    async def finish(self, action_id: str, code: int, message: str) -> AgentAction:
-        """Keep the agent's result; a second one gets the first."""
+    async def finish(self, action_id: str, code: int, message: str, by: Reporter = OURSELVES) -> AgentAction:
+        """Keep the agent's result; a second one gets the first. Its message says who gave it in its place."""
+        said = message if by.own else f"{message} (said by {by.name} in the robot's place)".lstrip()
 
         def finish(tx: Transaction) -> AgentAction:
             first = agent_actions.get(tx, action_id).code is None
-            action = agent_actions.finish(tx, action_id, code, message)
+            action = agent_actions.finish(tx, action_id, code, said)
             if first:
+                if by is not OURSELVES:
+                    tx.note(_noted(action, by, "action.reported", message))
                 tx.emit(Kind.ACTION, action.robot, describe(action))
             return action
 
@@ -171,13 +192,12 @@ class AgentQueue:
         return await self._store.write(take_back)
 
 
-def _take(robot: str, host: str | None, tx: Transaction) -> AgentAction | None:
-    """Hand out an action, but none while the global stop is active: its owner withdraws what waits."""
-    return (
-        None
-        if global_stop.hold(tx).active
-        else agent_actions.take(tx, robot, host=host, agent=host or "agent")
-    )
+def _noted(action: AgentAction, by: Reporter, what: str, message: str = "") -> AuditEntry:
+    """Return the entry of the audit log about an action that an agent takes or reports."""
+    after = {"action": action.id, "host": action.host, "result": action.code}
+    after["in_place_of_the_robot"] = not by.own
+    text = f"{action.name}({', '.join(action.parameters)})"
+    return AuditEntry(by.name, what, text, action.robot, message, after=after)
 
 
 def _answer(action_id: str, said: tuple[int, str], tx: Transaction) -> None:

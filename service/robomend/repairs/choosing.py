@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -23,7 +23,6 @@ from robomend.oneshots.plan_json import choice_json
 from robomend.oneshots.question import given_diagnosis
 from robomend.planning.advice import Situation
 from robomend.planning.choice import Choice, Patience
-from robomend.planning.domain.loading import load_domain
 from robomend.planning.plan import Plan
 from robomend.planning.planner_pool import PlannerPool
 from robomend.planning.planning import PlanOptions
@@ -31,6 +30,7 @@ from robomend.planning.policy import HOUR_NS, NODE_ACTIONS, POWER_ACTIONS, Polic
 from robomend.repairs.left_off import NOTHING, LeftOff, unknown
 from robomend.repairs.remembering import Remembered, remembered
 from robomend.robots.configuration import policy_of, protected_of
+from robomend.robots.readers import Readers
 from robomend.robots.robot import Robot
 from robomend.store import Store, attempts
 
@@ -45,9 +45,15 @@ class Chooser:
     """One per instance; knows no robot, everything comes with the call."""
 
     def __init__(
-        self, store: Store, planners: PlannerPool, one_shots: OneShots, patience: Patience | None = None
+        self,
+        store: Store,
+        planners: PlannerPool,
+        one_shots: OneShots,
+        readers: Readers,
+        patience: Patience | None = None,
     ) -> None:
         self._store = store
+        self._readers = readers
         self._planners = planners
         self._one_shots = one_shots
         self.patience = patience or Patience()
@@ -56,15 +62,17 @@ class Chooser:
         """Return the robot's policy, with what the model and its board protect."""
         return policy_of(state.config, state.system.parts)
 
-    def actions(self, state: Robot) -> tuple[str, ...]:
+    async def actions(self, state: Robot) -> tuple[str, ...]:
         """Return the action names of the robot's repair domain."""
-        return tuple(load_domain(state.config.domain).schemas)
+        return await self._readers.actions(state.config.domain)
 
-    def not_idempotent(self, state: Robot) -> frozenset[str]:
-        """Return the actions that must not be sent twice: the user's own, unless they say otherwise."""
+    def not_idempotent(self, state: Robot, actions: Iterable[str]) -> frozenset[str]:
+        """Return those of the actions that must not be sent twice: the user's own, unless they say
+        otherwise.
+        """
         return frozenset(
             name
-            for name in self.actions(state)
+            for name in actions
             if name not in POWER_ACTIONS | NODE_ACTIONS
             and not (state.config.actions.get(name) or {}).get("idempotent")
         )

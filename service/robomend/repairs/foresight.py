@@ -7,20 +7,15 @@ GET /robots/{id} and `robomend doctor --robot` list it.
 
 from __future__ import annotations
 
-import asyncio
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 
 from robomend.errors import RobomendError
 from robomend.model.schemes import publishers_of
 from robomend.observations.language import parse
-from robomend.planning.domain.loading import load_domain
 from robomend.planning.policy import NODE_ACTIONS, POWER_ACTIONS
-from robomend.repairs.agent_queue import AgentQueue
 from robomend.repairs.executors.registry import EXECUTORS, Surroundings, kind_of
-from robomend.robots.boards import WiredBoard
 from robomend.robots.configuration import RobotConfig
-from robomend.robots.configuring import actions_of, names_of
 from robomend.robots.robot import Robot
 from robomend_client.literals import Atom
 
@@ -36,42 +31,32 @@ class Asked:
     within_s: float
 
 
-def surroundings(
-    robot: str, board: WiredBoard | None, agents: AgentQueue, programs: Mapping[str, Sequence[str]]
-) -> Surroundings:
-    """Return what executors are made with to see whether they can be; nothing is carried out with it."""
-    return Surroundings(robot, board, agents, {}, programs, asyncio.Event())
-
-
-def findings(state: Robot, around: Surroundings, asked: Asked | None) -> list[str]:
+def findings(
+    state: Robot, faults: Iterable[str], actions: Iterable[str], around: Surroundings, asked: Asked | None
+) -> list[str]:
     """Return what is to be known of a robot before a fault; nothing where all is well.
 
     Args:
+        faults: what would be refused if the robot were configured now (robomend.robots.configuring).
+        actions: the names of its domain's.
         around: with the robot's board, if one is configured.
         asked: None where nobody can know, as the service is not asked.
     """
-    found = [*_configured(state)]
+    found = [*faults]
     if state.config.policy != "observe" and state.system.parts is not None:
-        found += _carried_out(state, around, asked)
+        found += _carried_out(state, actions, around, asked)
         if (why := state.interlocked()) is not None:
             found.append(f"nothing is sent to the robot now: {why}")
     return [*found, *_unobserved(state)]
 
 
-def _configured(state: Robot) -> Iterator[str]:
-    """What was in order when the robot was configured, and is no more as its model has changed."""
-    for look in (actions_of, names_of):
-        try:
-            look(state.config, state.system)
-        except RobomendError as error:
-            yield str(error)
-
-
-def _carried_out(state: Robot, around: Surroundings, asked: Asked | None) -> Iterator[str]:
+def _carried_out(
+    state: Robot, actions: Iterable[str], around: Surroundings, asked: Asked | None
+) -> Iterator[str]:
     config, parts = state.config, state.system.parts
     assert parts is not None
     by_agent: list[str] = []
-    for action in _needed(state):
+    for action in _needed(state, actions):
         kind, options = kind_of(action, config.actions)
         try:
             made = EXECUTORS.load(kind)(action, options, around)
@@ -102,21 +87,16 @@ def _carried_out(state: Robot, around: Surroundings, asked: Asked | None) -> Ite
             )
 
 
-def _needed(state: Robot) -> list[str]:
+def _needed(state: Robot, actions: Iterable[str]) -> list[str]:
     """Return the actions that a plan for this robot may hold."""
     config, parts = state.config, state.system.parts
     assert parts is not None
-    try:
-        actions = load_domain(config.domain).schemas
-    except RobomendError:  # named already
-        return []
     aside: set[str] = set()
     if not any(parts.switchable(name) for name in parts.hardware):
         aside |= POWER_ACTIONS
     if not any(node.restartable for node in parts.nodes.values()):
         aside |= NODE_ACTIONS
-    allowed = actions if config.allow is None else config.allow
-    return [name for name in actions if name not in aside and name in allowed]
+    return [name for name in actions if name not in aside and (config.allow is None or name in config.allow)]
 
 
 def _unobserved(state: Robot) -> Iterator[str]:
@@ -144,7 +124,7 @@ def _observed(config: RobotConfig, state: Robot) -> frozenset[Atom]:
     for sentence in config.observed:
         try:
             found.update(literal.atom for literal in parse(sentence, state.system.vocabulary))
-        except RobomendError:  # a name that the model has lost: `names_of` says so
+        except RobomendError:  # a name that the model has lost: the check of names says so
             continue
     return frozenset(found)
 

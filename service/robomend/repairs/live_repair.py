@@ -196,7 +196,7 @@ class LiveRepair:
     def setting(self, plan: Plan) -> Setting:
         """Return what the execution of this plan needs."""
         _, system, _ = self._state.question()
-        once = self._chooser.not_idempotent(self._state)
+        once = self._chooser.not_idempotent(self._state, self._executors)
 
         async def permit(step: Step) -> str | None:
             refusal = self._policy.refusal(step, self._attempts, self._components)

@@ -12,8 +12,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import structlog
 
@@ -31,10 +30,12 @@ from robomend.repairs.reentry import Reentry
 from robomend.repairs.repeating import Repeats
 from robomend.repairs.signals import Declined, Requests, Signals
 from robomend.repairs.states import RepairTrigger
+from robomend.repairs.stop_switch import StopSwitch
 from robomend.robots.robot import Robot
 from robomend.robots.robots import Robots
+from robomend.settings import Settings
 from robomend.store import Store, Transaction, repairs, robots
-from robomend.store.records import Fence, Paging, Stop, StoredRepair
+from robomend.store.records import Fence, Paging, StoredRepair
 from robomend_client.actions import Executor
 
 log = structlog.get_logger("robomend.repairs.robot_repairs")
@@ -51,8 +52,8 @@ class Dependencies:
     robots: Robots
     agents: AgentQueue
     chooser: Chooser
-    programs: Mapping[str, Sequence[str]] = field(default_factory=dict)
-    stop: Stop = field(default_factory=Stop)
+    switch: StopSwitch
+    settings: Settings
 
 
 class RobotRepairs:
@@ -65,7 +66,7 @@ class RobotRepairs:
         self._news = asyncio.Event()  # something may have changed
         self._look_up = True  # there may be an open repair in the store that we do not know of
         self._reasons = Reasons()
-        self._signals = Signals()
+        self._signals = Signals(lambda: needs.switch.active)
         self._requests = Requests(needs.store, fence)
 
     # --- what wakes it
@@ -87,7 +88,7 @@ class RobotRepairs:
 
     def stopped(self) -> None:
         """The global stop changed."""
-        stop = self._needs.stop
+        stop = self._needs.switch.stop
         if stop.active:
             self._signals.end(by=stop.by or LOOP, reason=f"global stop: {stop.reason}", stop=True)
         self._news.set()
@@ -151,7 +152,7 @@ class RobotRepairs:
     async def _begin(self) -> tuple[StoredRepair | None, float]:
         """Return a new repair if there is a reason for one, and how long to wait if there is none yet."""
         state = await self._needs.robots.memory.robot(self._robot)
-        wait_s = self._reasons.wait_s(state, self._needs.chooser.policy(state), self._needs.stop)
+        wait_s = self._reasons.wait_s(state, self._needs.chooser.policy(state), self._needs.switch.stop)
         if wait_s > 0:
             return None, wait_s
 
@@ -168,7 +169,7 @@ class RobotRepairs:
     async def _carry_out(self, repair: StoredRepair) -> None:
         state = await self._needs.robots.memory.robot(self._robot)
         record = RepairRecord(self._needs.store, repair, self.fence, state.system.cnf.components)
-        signals = self._signals = Signals()
+        signals = self._signals = Signals(lambda: self._needs.switch.active)
         self.stopped()
         entry = Reentry(
             self._needs.store, self._needs.agents, self._needs.chooser, record, signals, self.fence
@@ -183,6 +184,7 @@ class RobotRepairs:
                 heard_since = await entry.ask_about(doubt, state)
                 last = await mend(await self._live(state, record, heard_since))
             situation = situation_of(state)
+            self.stopped()
             end, reason = conclusion(last, signals, record.data)
             if end is RepairTrigger.HEALTHY:
                 reason += nobodys_fault(state)
@@ -191,6 +193,7 @@ class RobotRepairs:
         except Exception as error:  # whatever it is: a person must see it, and the loop lives on
             if await self._is_lost(error):
                 raise
+            self.stopped()  # where the stop is younger than what the loop has heard of it
             end, reason = end_of(error, signals)
             declined = isinstance(error, Declined)
             if end is RepairTrigger.OVERTAKEN:
@@ -261,7 +264,8 @@ class RobotRepairs:
             board=None if state.config.board is None else await needs.robots.board(state.id),
             agents=needs.agents,
             hosts={name: node.host for name, node in parts.nodes.items()},
-            programs=needs.programs,
+            programs=needs.settings.programs,
+            webhook_hosts=needs.settings.webhook_hosts,
             halt=self._signals.halt,
         )
-        return executors(needs.chooser.actions(state), state.config.actions, around)
+        return executors(await needs.chooser.actions(state), state.config.actions, around)

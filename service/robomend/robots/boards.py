@@ -11,12 +11,12 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import replace
 
 from robomend.board.link import BoardLink, LinkState
-from robomend.board.observer import HardwareObserver, Wiring
 from robomend.board.snapshot import Snapshot
 from robomend.entry import Entry
-from robomend.errors import NotFound, Refused
+from robomend.errors import NotFound, Refused, RobomendError
 from robomend.model.components import ComponentModel
 from robomend.model.vocabulary import Vocabulary
 from robomend.observations.obs import Obs
@@ -26,6 +26,7 @@ from robomend.robots.configuration import BoardConfig, RobotConfig, protection_o
 from robomend.store import Store, Transaction, global_stop
 from robomend.store.records import AuditEntry, Stop
 from robomend_client.literals import Literal
+from robomend_client.observers import BOARD, HardwareObserver, Measurements, Wiring
 
 SOURCE = "board"
 CONNECT_S = 2.0
@@ -60,7 +61,8 @@ class WiredBoard:
             else protected_channels(parts, protected, config.protected)
         )
         self._observer = HardwareObserver(
-            {name: _wiring(channel, config) for channel, name in self.components.items()}
+            {name: _wiring(channel, config) for channel, name in self.components.items()},
+            Measurements(rate_hz=config.rate_hz, lifetime_s=max(3.0, 3 / config.rate_hz)),
         )
         self._store = store
         self._report = report
@@ -94,9 +96,16 @@ class WiredBoard:
         await self.link.close()
 
     async def switch(
-        self, channel: int, on: bool, interlocked: Callable[[], str | None], *, by: str, reason: str
+        self,
+        channel: int,
+        on: bool,
+        *,
+        stop: Callable[[], Stop],
+        interlocked: Callable[[], str | None],
+        by: str,
+        reason: str,
     ) -> None:
-        """Switch a channel, with an entry in the audit log before it is sent.
+        """Switch a channel, with an entry in the audit log before it is sent, and one if it did not work.
 
         Refused for switching off a protected one, while the robot is interlocked, and during the global
         stop; BoardError as the link has it.
@@ -112,24 +121,33 @@ class WiredBoard:
         )
 
         def note(tx: Transaction) -> None:
-            _check_stop(global_stop.hold(tx))
+            _check_stop(global_stop.hold(tx))  # another instance's, of which we may not have heard
             tx.note(entry)
 
+        _check_stop(stop())
         await self._store.write(note)
-        if not on and channel in self.protected:
-            raise Refused(f"channel {channel} is protected: {self.protected[channel]}")
-        await self.link.wait_connected(CONNECT_S)
-        if (why := interlocked()) is not None:
-            raise Refused(why)
-        _check_stop(await self._store.read(global_stop.get))  # it may have come while the link came up
-        await self.link.switch(channel, on)
+        try:
+            if not on and channel in self.protected:
+                raise Refused(f"channel {channel} is protected: {self.protected[channel]}")
+            await self.link.wait_connected(CONNECT_S)
+            if (why := interlocked()) is not None:
+                raise Refused(why)
+            _check_stop(stop())  # it may have come while the link came up
+            await self.link.switch(channel, on)
+        except RobomendError as error:
+            failed = replace(
+                entry, action=f"{entry.action}.failed", after={"error": f"{error.code}: {error}"}
+            )
+            await self._store.write(lambda tx: tx.note(failed))
+            raise
 
     async def _listen(self) -> None:
         async for snapshot in self.link.measurements():
             await self._tell(snapshot)
 
     async def _tell(self, snapshot: Snapshot) -> None:
-        said = self._observer.observe(snapshot)
+        self._observer.feed(BOARD, snapshot.time_ns, snapshot.channels)
+        said = frozenset(self._observer.check(snapshot.time_ns))
         if said != self._told:
             await self._report(self.robot, said, snapshot.time_ns)
             self._told = said

@@ -7,6 +7,7 @@ docs/http.md.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -20,6 +21,9 @@ POLICIES = ("observe", "approve", "auto")
 
 COVERED = "**********"
 """What is shown of a webhook's secret. Put back as it is, it leaves the secret as it was."""
+
+SECRET = re.compile(r"secret|token|password|credential|api_?key|(^|_)key$", re.IGNORECASE)
+"""Options of executors with such names are shown to nobody."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,35 +112,77 @@ class RobotConfig:
 
 
 def covered(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a configuration without the secrets of its webhooks, for answers and the audit log."""
-    return _with_secrets(values, lambda _: COVERED)
+    """Return a configuration as it is shown: without secrets, for answers, the audit log and exports."""
+    return _with_options(values, lambda _action, name, value: _shown(name, value))
 
 
 def uncovered(values: Mapping[str, Any], before: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a configuration with the secrets of the one before where they are covered.
+    """Return a configuration with what the one before had where it is covered.
+
+    A secret stays with its receiver: where the kind of the executor or an address changes, it is not known.
 
     Raises:
-        InputError: an action has a covered secret that had none before.
+        InputError: something covered stands for nothing.
     """
+    earlier = before.get("actions") or {}
 
-    def known(action: str) -> str:
-        found: str | None = _options_of((before.get("actions") or {}).get(action)).get("secret")
-        if found is None:
-            raise InputError(f"actions.{action}: there is no secret yet that {COVERED} could stand for")
-        return found
+    def known(action: str, name: str, value: Any) -> Any:
+        if not isinstance(value, str) or COVERED not in value:
+            return value
+        if _receiver(values["actions"][action]) == _receiver(earlier.get(action)):
+            found = _options_of(earlier.get(action)).get(name)
+            if found is not None and _shown(name, found) == value:
+                return found
+        where = f"actions.{action}.executor.options.{name}"
+        raise InputError(
+            f"{where}: {value!r} stands for nothing that is known for this receiver; write it anew"
+        )
 
-    return _with_secrets(values, known, only=COVERED)
+    return _with_options(values, known)
 
 
-def _with_secrets(
-    values: Mapping[str, Any], secret_of: Callable[[str], str], only: str | None = None
-) -> dict[str, Any]:
+def shown_url(url: str) -> str:
+    """Return an address without what may be a credential: its user, query and fragment."""
+    scheme, separator, rest = url.partition("://")
+    if not separator:
+        return url
+    end = min((place for mark in "/?#" if (place := rest.find(mark)) >= 0), default=len(rest))
+    authority, path = rest[:end], rest[end:]
+    if "@" in authority:
+        authority = f"{COVERED}@{authority.rpartition('@')[2]}"
+    for mark in "?#":
+        beginning, found, _ = path.partition(mark)
+        if found:
+            path = f"{beginning}{mark}{COVERED}"
+            break
+    return f"{scheme}://{authority}{path}"
+
+
+def _shown(name: str, value: Any) -> Any:
+    """Return an executor's option as it is shown."""
+    if SECRET.search(name):
+        return COVERED
+    return shown_url(value) if isinstance(value, str) else value
+
+
+def _receiver(action: Mapping[str, Any] | None) -> tuple[Any, tuple[tuple[str, Any], ...]]:
+    """Return whom an action's executor tells: its kind and addresses, as they are shown."""
+    kind = ((action or {}).get("executor") or {}).get("kind")
+    options = _options_of(action).items()
+    addresses = [
+        (name, shown_url(value)) for name, value in options if isinstance(value, str) and "://" in value
+    ]
+    return kind, tuple(sorted(addresses))
+
+
+def _with_options(values: Mapping[str, Any], value_of: Callable[[str, str, Any], Any]) -> dict[str, Any]:
+    """Return a configuration with its executors' options replaced by `value_of(action, name, value)`."""
     actions = dict(values.get("actions") or {})
-    for name, action in actions.items():
-        options = _options_of(action)
-        if "secret" in options and only in (None, options["secret"]):
-            executor = {**action["executor"], "options": {**options, "secret": secret_of(name)}}
-            actions[name] = {**action, "executor": executor}
+    for action, configured in actions.items():
+        options = _options_of(configured)
+        if options:
+            new = {name: value_of(action, name, value) for name, value in options.items()}
+            actions[action] = {**configured, "executor": {**configured["executor"], "options": new}}
     return {**values, "actions": actions} if actions else dict(values)
 
 

@@ -19,7 +19,7 @@ from robomend.entry import Entry
 from robomend.model.clauses import Assertion
 from robomend.model.system import System, variant
 from robomend.observations.obs import Obs, consequences
-from robomend.robots.batches import Update
+from robomend.robots.batches import Update, Words
 from robomend.robots.clock import AHEAD_NS, CLOCK
 from robomend.robots.configuration import RobotConfig
 from robomend.robots.current import Current
@@ -157,6 +157,11 @@ class Robot:
     def literals(self) -> tuple[Literal, ...]:
         """Return what is known now."""
         return self.obs.literals(CLOCK.now_ns())
+
+    @property
+    def words(self) -> Words:
+        """In which sentences about it are read."""
+        return Words.of(self.model, self.system, self.config)
 
     # --- what the engine is asked
 

@@ -71,11 +71,12 @@ def observe(
     asserted: Sequence[StoredAssertion] = (),
     withdrawn: Sequence[str] = (),
     expected: int | None = None,
+    by: str = "",
 ) -> int:
     """Keep one batch and return the robot's new revision, one higher than before.
 
     `accepted` goes into the history; `changed` and `forgotten` are what OBS ⊕ accepted changes in OBS
-    (the store knows nothing of ⊕); `asserted` and `withdrawn` are named assertions.
+    (the store knows nothing of ⊕); `asserted` and `withdrawn` are named assertions; `by` is the reporter.
 
     Raises:
         NotFound: no such robot.
@@ -93,7 +94,7 @@ def observe(
             "robot": robot,
             "revision": revision,
             "time_ns": tx.now_ns,
-            "data": batch_to_text(accepted, asserted, withdrawn),
+            "data": batch_to_text(accepted, asserted, withdrawn, by),
         }
     )
     for entry in changed:

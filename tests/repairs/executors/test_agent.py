@@ -12,7 +12,7 @@ from tests.store.examples import with_robots
 from robomend.errors import StateConflict
 from robomend.repairs.agent_queue import AgentQueue
 from robomend.repairs.executors.agent import AgentExecutor
-from robomend.store import Store, events, global_stop
+from robomend.store import Store, agent_actions, events, global_stop
 from robomend_client.actions import CANCELLED, OK, TIMED_OUT, UNREACHABLE, Action, ActionResult
 
 pytestmark = pytest.mark.anyio
@@ -169,6 +169,8 @@ async def test_a_feedback_that_is_only_repeated_is_told_once(store: Store, queue
 async def test_nothing_is_handed_out_while_the_global_stop_is_active(store: Store, queue: AgentQueue) -> None:
     """An agent may be faster than the owner, who withdraws what waits: after a crash, say."""
     result = sent(store, queue, 60.0)
+    while not await store.read(agent_actions.waiting, "r1"):
+        await asyncio.sleep(0.01)
     await store.write(lambda tx: global_stop.put(tx, True, by="bob", reason="smoke"))
     assert await queue.take("r1", "nuc", 0.2) is None
     await store.write(lambda tx: global_stop.put(tx, False, by="bob", reason=""))

@@ -33,10 +33,10 @@ def action(name: str, *parameters: str, timeout_s: float = 10.0) -> Action:
 async def test_parameters_stay_single_arguments_whatever_they_hold() -> None:
     program = [sys.executable, "-c", "import sys; print(sys.argv[1:])", "--bus={0}", "{1}"]
     done = await ProcessExecutor({"reset_usb": program}).execute(
-        action("reset_usb", "$(reboot); rm -rf /", "a b"), no_feedback
+        action("reset_usb", "$(reboot); rm -rf ~", "a b"), no_feedback
     )
     assert done.code == OK
-    assert done.message == "['--bus=$(reboot); rm -rf /', 'a b']"
+    assert done.message == "['--bus=$(reboot); rm -rf ~', 'a b']"
 
 
 async def test_the_exit_status_is_the_result() -> None:

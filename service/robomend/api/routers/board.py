@@ -33,4 +33,7 @@ async def switch_channel(
     Refused for switching off what is protected, during the global stop, and while OBS does not show the
     model's `act_when`.
     """
-    await parts.robots.switch(robot, channel, body.on, by=principal.name, reason=body.reason)
+    switch = parts.repairs.switch
+    await parts.robots.switch(
+        robot, channel, body.on, stop=lambda: switch.stop, by=principal.name, reason=body.reason
+    )

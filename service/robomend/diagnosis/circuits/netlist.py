@@ -83,7 +83,8 @@ def _gate(
     after = first + len(cnf.atoms)  # auxiliary variables come after the atoms
     sets = [{abs(literal) for literal in clause} for clause in clauses]
     parity = _parity(clauses, after) if any(max(one) >= after for one in sets if one) else None
-    shared = (set.intersection(*sets) if parity is None else parity[0]) - taken.keys()
+    common = set.intersection(*sets) if parity is None else parity[0]
+    shared = {net for net in common if net not in taken}
     named = {
         net
         for net in shared

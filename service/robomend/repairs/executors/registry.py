@@ -19,7 +19,7 @@ robot over HTTP must not thereby choose programs for this computer.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -41,6 +41,7 @@ class Surroundings:
     agents: AgentQueue
     hosts: Mapping[str, str | None]  # component -> the host that acts on it; None: any of the robot's
     programs: Mapping[str, Sequence[str]]  # of the service's settings: name -> argument list
+    webhook_hosts: Collection[str]  # of the settings too: hosts that may have private addresses
     halt: asyncio.Event  # set when an action is cut off because nobody wants it any more
 
 
@@ -48,7 +49,7 @@ class MakeExecutor(Protocol):
     """Makes the executor of one action of one robot."""
 
     def __call__(self, action: str, options: Mapping[str, Any], around: Surroundings) -> Executor | None:
-        """Return it; None: nobody can carry this action out.
+        """Return it; None: nobody can carry this action out. Makes only: configurations are checked so.
 
         Args:
             action: the name of the action; its parameters come with each call.
@@ -75,16 +76,18 @@ EXECUTORS = Registry[MakeExecutor](
 
 
 def check(configured: Mapping[str, Mapping[str, Any]], around: Surroundings) -> None:
-    """Refuse the `actions` of a robot that name an executor which nobody registered (OptionRefused), or
-    options that do not fit it, such as a program that the settings do not name (InputError).
+    """Refuse the `actions` of a robot that cannot work, by making their executors.
+
+    Raises:
+        OptionRefused: they name an executor which nobody registered.
+        InputError: options that do not fit their kind.
     """
     for action in configured:
-        kind, options = kind_of(action, configured)
         try:
-            EXECUTORS.check(kind)
+            EXECUTORS.check(kind_of(action, configured)[0])
         except OptionRefused as error:
             raise OptionRefused(f"actions.{action}.executor.kind: {error}") from error
-        EXECUTORS.load(kind)(action, options, around)
+    executors(configured, configured, around)
 
 
 def executors(

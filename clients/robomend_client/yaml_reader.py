@@ -143,6 +143,10 @@ class Section:
         for name in entries._values:
             yield name, entries.section(name)
 
+    def names(self) -> tuple[str, ...]:
+        """Return the keys that are there."""
+        return tuple(self._values)
+
     def words(self) -> dict[str, str]:
         """Return all of this mapping as texts (environment variables)."""
         return {key: self.text(key) for key in self._values}
@@ -173,4 +177,4 @@ class Section:
         raise ConfigError(self._file, tree.line, self._name(key), message)
 
     def _name(self, key: str) -> str:
-        return f"{self._place}.{key}" if self._place else key
+        return ".".join(name for name in (self._place, key) if name)
