@@ -1,9 +1,11 @@
 """What a repair itself switched off or stopped and did not bring back: remembered, brought back, or named.
 
-shutdown, stop_node ──► left off, on disk with the intent ──► power_up, start_node: not any more
-                            │
-                            └─ the plan ends half-way: the next one knows that it is off, also where
-                               nobody observes it, and in a later repair; else a reason names it
+    shutdown, stop_node ──► left off, on disk with the intent ──► power_up, start_node: not any more
+                                │
+                                └─ the plan ends half-way: the next one knows that it is off, also where
+                                   nobody observes it, and in a later repair; else a reason names it
+
+A user's own action that switches something off means to, and is not counted.
 """
 
 from __future__ import annotations

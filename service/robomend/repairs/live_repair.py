@@ -15,39 +15,25 @@ from robomend.cycle import stands_no_more
 from robomend.diagnosis.result import DiagnosisResult
 from robomend.planning.choice import Choice
 from robomend.planning.plan import Plan, Step
-from robomend.planning.policy import TAKES_AWAY, Mode, Policy
+from robomend.planning.policy import Mode, Policy
 from robomend.planning.prediction import Prediction, theory_of
+from robomend.repairs.acts import Acts
 from robomend.repairs.choosing import Chooser
 from robomend.repairs.conclusions import NotPermitted, Overtaken, Silent
-from robomend.repairs.execution_values import (
-    MAY_HAVE_ACTED,
-    Ending,
-    Execution,
-    Setting,
-    StepReport,
-    Timing,
-    Withheld,
-    timings,
-)
+from robomend.repairs.execution_values import Ending, Execution, Setting, StepReport, Timing, timings
 from robomend.repairs.hearing import LOOK_S, Hearing
-from robomend.repairs.left_off import given_by, still, taken_by
 from robomend.repairs.record import RepairRecord, approval
 from robomend.repairs.remembering import judged
-from robomend.repairs.repeating import Repeats
 from robomend.repairs.signals import Signals
 from robomend.repairs.states import RepairTrigger
-from robomend.robots.clock import CLOCK
 from robomend.robots.robot import Robot
 from robomend.robots.robots import Robots
 from robomend.store import Store
-from robomend_client.actions import Action, ActionResult, Executor
-
-INTERLOCK_S = 2.0
-"""How long an action waits for OBS to show the model's `act_when`, before a person hears of it."""
+from robomend_client.actions import Executor
 
 
 class LiveRepair:
-    """See the module; implements robomend.cycle.Repair, and the journal of its executions."""
+    """See the module; implements robomend.cycle.Repair."""
 
     def __init__(
         self,
@@ -59,7 +45,7 @@ class LiveRepair:
         executors: Mapping[str, Executor],
         signals: Signals,
         heard_since: int | None,
-        repeats: Repeats,
+        acts: Acts,
     ) -> None:
         """`heard_since`: after a crash, the revision of OBS up to which observations do not count."""
         self._robots = robots
@@ -67,15 +53,13 @@ class LiveRepair:
         self._state = state
         self._record = record
         self._executors = executors
-        self._repeats = repeats
+        self._acts = acts
         self._signals = signals
         self._hearing = Hearing(store, robots, state, record, signals, heard_since)
         # A crash does not give a repair new rounds, but it may always finish.
         self.rounds = max(1, self._policy.rounds - len(record.data.get("rounds", ())))
         self._components = frozenset(state.system.cnf.components)
-        self._settled = 0  # the revision of OBS when the last action had answered
         self._first = 0  # number of the present round's first step within the repair
-        self._attempts: Counter[str] = Counter()  # actions by component in the last hour
 
     @property
     def _policy(self) -> Policy:
@@ -130,14 +114,13 @@ class LiveRepair:
         return found
 
     async def _planned(self, result: DiagnosisResult, *, looks: bool) -> Choice:
-        self._record.leave_off(still(self._state, self._record.left_off))
         return await self._signals.unless_halted(
             self._chooser.choose_in_turn(
                 self._state,
                 result,
                 looks=looks,
-                avoided=self._repeats.exhausted(self._state.literals()),
-                left_off=self._record.left_off,
+                avoided=self._acts.exhausted(),
+                left_off=self._acts.left_off(),
             )
         )
 
@@ -147,11 +130,11 @@ class LiveRepair:
         """Ask the policy, and a person where it says so; a yes counts while the plan's diagnosis stands."""
         assert choice.plan is not None
         steps = choice.plan.steps
-        self._attempts = Counter(await self._chooser.attempts(self._state.id))
-        refusal = self._policy.plan_refusal(steps, self._attempts, self._components)
+        self._acts.attempts = Counter(await self._chooser.attempts(self._state.id))
+        refusal = self._policy.plan_refusal(steps, self._acts.attempts, self._components)
         if refusal is not None:
             raise NotPermitted(refusal)
-        if (why := await self._signals.unless_halted(self._interlocked())) is not None:
+        if (why := await self._signals.unless_halted(self._acts.interlocked())) is not None:
             raise NotPermitted(why)
         if self._policy.mode_for(steps) is not Mode.APPROVE or self._covered(steps):
             await self._record.update(RepairTrigger.PERMITTED)
@@ -173,13 +156,6 @@ class LiveRepair:
         )
         return not self._signals.halt.is_set()
 
-    async def _interlocked(self) -> str | None:
-        """Return why nothing may be sent, after a moment in which that may change; None: it may."""
-        deadline = time.monotonic() + INTERLOCK_S
-        while (why := self._state.interlocked()) is not None and time.monotonic() < deadline:
-            await self._state.changed(self._state.revision, LOOK_S)
-        return why
-
     def _covered(self, steps: Sequence[Step]) -> bool:
         """Whether a yes that was given before a crash covers the plan that is left."""
         given = self._record.data.get("approved")
@@ -199,14 +175,11 @@ class LiveRepair:
         once = self._chooser.not_idempotent(self._state, self._executors)
 
         async def permit(step: Step) -> str | None:
-            refusal = self._policy.refusal(step, self._attempts, self._components)
-            return refusal or await self._interlocked()
+            refusal = self._policy.refusal(step, self._acts.attempts, self._components)
+            return refusal or await self._acts.interlocked()
 
         async def report(report: StepReport) -> None:
             await self._record.report(report, self._first)
-
-        def again(step: Step) -> str | None:
-            return self._repeats.why_not(str(step), step.parameters, self._state.literals())
 
         return Setting(
             repair=self._record.id,
@@ -214,45 +187,16 @@ class LiveRepair:
             sight=self._state,
             prediction=Prediction(theory_of(system.cnf), system.cnf.components, plan.initial),
             executors=self._executors,
-            journal=self,
+            journal=self._acts,
             permit=permit,
             halt=self._signals.halt,
             interlocked=self._state.interlocked,
-            again=again,
+            again=self._acts.again,
             observed=self._hearing.observed,
             timing=timings(self._state.config.actions, once),
             not_idempotent=once,
             report=report,
         )
-
-    async def intend(self, action: Action, report: StepReport) -> None:
-        """Write an intent (see Journal in execution_values), and count it for the limit per hour."""
-        before = self._record.left_off
-        taken = taken_by(report.step, self._state, self._state.config.expected_stopped)
-        if taken is not None:
-            self._record.leave_off({**before, taken: CLOCK.now_ns()})
-        try:
-            await self._record.intend(action, report)
-        except Withheld:
-            self._record.leave_off(before)
-            raise
-        self._repeats.sent(action, self._state.literals())
-        self._attempts.update(self._components.intersection(action.parameters))
-
-    async def settle(self, action: Action, result: ActionResult, report: StepReport) -> None:
-        """Write an outcome (robomend.repairs.execution_values.Journal)."""
-        self._settled = self._state.revision
-        if report.sent_ns is None:
-            self._repeats.not_sent(action)
-        else:
-            self._repeats.answered(action, result)
-        back = given_by(report.step) if result.ok else frozenset[str]()
-        if not result.ok and (report.sent_ns is None or result.code not in MAY_HAVE_ACTED):
-            back = frozenset(action.parameters) if action.name in TAKES_AWAY else back
-        left = self._record.left_off
-        if back & left.keys():
-            self._record.leave_off({name: when for name, when in left.items() if name not in back})
-        await self._record.settle(action, result, report)
 
     # --- look, remember
 
@@ -279,7 +223,7 @@ class LiveRepair:
     async def _hear_the_missing(self, execution: Execution) -> None:
         """An effect that nobody could tell us of says nothing of the robot: Silent, unless they speak."""
         missing = [literal.atom for report in execution.steps for literal in report.missing]
-        silent = await self._hearing.still_silent(missing, self._settled)
+        silent = await self._hearing.still_silent(missing, self._acts.settled)
         if silent:
             why = (
                 f"{execution.reason}, and nobody reported {', '.join(map(str, silent))} "

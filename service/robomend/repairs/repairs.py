@@ -34,11 +34,12 @@ from robomend.oneshots.oneshots import OneShots
 from robomend.planning.planner_pool import PlannerPool
 from robomend.repairs.agent_queue import AgentQueue
 from robomend.repairs.choosing import Chooser
+from robomend.repairs.dependencies import Dependencies
 from robomend.repairs.executors.registry import Surroundings, check
 from robomend.repairs.foresight import Asked, findings
 from robomend.repairs.record import new_repair
 from robomend.repairs.repair_json import repair_json
-from robomend.repairs.robot_repairs import Dependencies, RobotRepairs
+from robomend.repairs.robot_repairs import RobotRepairs
 from robomend.repairs.states import RepairState
 from robomend.repairs.stop_switch import StopSwitch, written
 from robomend.robots import configuring
@@ -199,16 +200,7 @@ class Repairs:
 
     def _around(self, robot: str, board: WiredBoard | None) -> Surroundings:
         """Return what executors are made with to see whether they can be; nothing is carried out with it."""
-        needs = self._needs
-        return Surroundings(
-            robot=robot,
-            board=board,
-            agents=needs.agents,
-            hosts={},
-            programs=needs.settings.programs,
-            webhook_hosts=needs.settings.webhook_hosts,
-            halt=asyncio.Event(),
-        )
+        return self._needs.around(robot, board, {}, asyncio.Event())
 
     async def plan(
         self, robot: str, *, bad: Sequence[str] | None, planner: str | None, timeout_s: float, pddl: bool

@@ -12,29 +12,24 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from dataclasses import dataclass
 
 import structlog
 
 from robomend.cycle import mend
 from robomend.errors import NotFound, Refused, RobomendError, StoreError
-from robomend.repairs.agent_queue import AgentQueue
-from robomend.repairs.choosing import Chooser
+from robomend.repairs.acts import Acts
 from robomend.repairs.conclusions import BadSets, conclusion, end_of, in_doubt, nobodys_fault, situation_of
-from robomend.repairs.executors.registry import Surroundings, executors
+from robomend.repairs.dependencies import Dependencies
+from robomend.repairs.executors.registry import executors
 from robomend.repairs.left_off import in_words
 from robomend.repairs.live_repair import LiveRepair
 from robomend.repairs.reasons import IDLE_S, Reasons
 from robomend.repairs.record import LOOP, RepairRecord, new_repair
 from robomend.repairs.reentry import Reentry
-from robomend.repairs.repeating import Repeats
 from robomend.repairs.signals import Declined, Requests, Signals
 from robomend.repairs.states import RepairTrigger
-from robomend.repairs.stop_switch import StopSwitch
 from robomend.robots.robot import Robot
-from robomend.robots.robots import Robots
-from robomend.settings import Settings
-from robomend.store import Store, Transaction, repairs, robots
+from robomend.store import Transaction, repairs, robots
 from robomend.store.records import Fence, Paging, StoredRepair
 from robomend_client.actions import Executor
 
@@ -42,18 +37,6 @@ log = structlog.get_logger("robomend.repairs.robot_repairs")
 
 RETRY_S = 1.0
 """After a failure of the store or of a worker."""
-
-
-@dataclass
-class Dependencies:
-    """What the repairs of all robots share."""
-
-    store: Store
-    robots: Robots
-    agents: AgentQueue
-    chooser: Chooser
-    switch: StopSwitch
-    settings: Settings
 
 
 class RobotRepairs:
@@ -247,10 +230,9 @@ class RobotRepairs:
     async def _live(self, state: Robot, record: RepairRecord, heard_since: int | None) -> LiveRepair:
         needs, signals = self._needs, self._signals
         who = await self._executors(state)
-        steps = await needs.store.read(repairs.steps, record.id)
-        repeats = Repeats(step.data for step in steps)
+        acts = await Acts.of(needs.store, state, record)
         return LiveRepair(
-            needs.store, needs.robots, needs.chooser, state, record, who, signals, heard_since, repeats
+            needs.store, needs.robots, needs.chooser, state, record, who, signals, heard_since, acts
         )
 
     async def _executors(self, state: Robot) -> dict[str, Executor]:
@@ -259,13 +241,7 @@ class RobotRepairs:
         parts = state.system.parts
         if parts is None:
             raise Refused(f"a {state.system.format} model says nothing of what can be repaired")
-        around = Surroundings(
-            robot=state.id,
-            board=None if state.config.board is None else await needs.robots.board(state.id),
-            agents=needs.agents,
-            hosts={name: node.host for name, node in parts.nodes.items()},
-            programs=needs.settings.programs,
-            webhook_hosts=needs.settings.webhook_hosts,
-            halt=self._signals.halt,
-        )
+        board = None if state.config.board is None else await needs.robots.board(state.id)
+        hosts = {name: node.host for name, node in parts.nodes.items()}
+        around = needs.around(state.id, board, hosts, self._signals.halt)
         return executors(await needs.chooser.actions(state), state.config.actions, around)

@@ -35,7 +35,7 @@ from robomend.robots.systems import Systems
 from robomend.robots.waiting import Waiting
 from robomend.settings import Settings
 from robomend.store import Store, Transaction, observations
-from robomend.store.records import IdempotencyKey, Json, Stop
+from robomend.store.records import IdempotencyKey, Json
 from robomend_client.events import Kind
 from robomend_client.literals import Literal
 
@@ -192,14 +192,6 @@ class Robots:
         """Return a robot's board; NotFound if it has none."""
         await self.memory.latest(robot)
         return self.boards.get(robot)
-
-    async def switch(
-        self, robot: str, channel: int, on: bool, *, stop: Callable[[], Stop], by: str, reason: str
-    ) -> None:
-        """Switch a channel of a robot's board for a person; Refused as WiredBoard.switch has it."""
-        state = await self.memory.latest(robot)
-        board = self.boards.get(robot)
-        await board.switch(channel, on, stop=stop, interlocked=state.interlocked, by=by, reason=reason)
 
     async def put_robot(
         self, robot: str, config: Json, *, expected: str | None, by: str, reason: str = ""

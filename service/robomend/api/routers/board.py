@@ -34,6 +34,13 @@ async def switch_channel(
     model's `act_when`.
     """
     switch = parts.repairs.switch
-    await parts.robots.switch(
-        robot, channel, body.on, stop=lambda: switch.stop, by=principal.name, reason=body.reason
+    board = await parts.robots.board(robot)
+    state = await parts.robots.memory.robot(robot)
+    await board.switch(
+        channel,
+        body.on,
+        stop=lambda: switch.stop,
+        interlocked=state.interlocked,
+        by=principal.name,
+        reason=body.reason,
     )
