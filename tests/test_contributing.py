@@ -45,3 +45,13 @@ def test_each_hook_before_a_commit_is_a_step_of_the_checks() -> None:
     tools = {hook["entry"].split()[0].removeprefix(".venv/bin/") for hook in hooks}
     dev = (ROOT / "dev").read_text()
     assert {tool for tool in tools if f"/bin/{tool}" not in dev} == set()
+
+
+def test_the_client_is_tested_on_every_python_that_it_promises() -> None:
+    project = tomllib.loads((ROOT / "clients" / "pyproject.toml").read_text())["project"]
+    promised = [line.rpartition(" ")[2] for line in project["classifiers"] if "Python :: 3." in line]
+    job = yaml.safe_load((ROOT / ".github" / "workflows" / "ci.yml").read_text())["jobs"]["clients"]
+    assert job["strategy"]["matrix"]["python"] == promised
+    assert job["steps"][-1]["run"] == "./dev clients ${{ matrix.python }}"
+    assert f"set -- {' '.join(promised)}\n" in (ROOT / "dev").read_text()
+    assert project["requires-python"] == f">={promised[0]}"

@@ -1,4 +1,4 @@
-"""The recipes: what docs/ say is enough to add an engine or a planner, is enough, and is all."""
+"""The recipes: what docs/ say is enough to add an engine, a planner or a route, is enough, and is all."""
 
 from __future__ import annotations
 
@@ -6,7 +6,9 @@ import json
 import re
 import subprocess
 import tomllib
+from importlib import import_module
 from pathlib import Path
+from pkgutil import iter_modules
 from typing import Any
 
 import httpx
@@ -14,6 +16,8 @@ import pytest
 from tests.api.test_process import command, served
 from tests.distributions import install
 
+from robomend import security
+from robomend.api import routers
 from robomend.diagnosis import engines
 from robomend.diagnosis.engines import ENGINES
 from robomend.planning import planners
@@ -132,3 +136,47 @@ def test_what_comes_with_us_is_named_in_the_places_of_the_recipe_and_nowhere_els
         listed = {"robomend/diagnosis/engines.py", "robomend/planning/planners/__init__.py", registered}
         assert registered in found
         assert found <= listed
+
+
+def test_a_route_is_in_the_places_of_its_recipe() -> None:
+    recipe = (security.__doc__ or "").partition("To add a route:")[2]
+    assert re.findall(r"\b(\d)\. ", recipe) == ["1", "2", "3", "4"]
+    modules = [
+        import_module(f"{routers.__name__}.{module.name}") for module in iter_modules(routers.__path__)
+    ]
+    declared = [
+        (method, route.path)
+        for module in modules
+        for route in (module.router.routes if hasattr(module, "router") else ())
+        for method in route.methods
+    ]
+    assert sorted(declared) == sorted(security.RULES)
+
+
+ROLES = re.findall(
+    r"^\| ((?:GET|PUT|POST|DELETE)[^`]*)(`/[^|]+`) \|.+\| ([^|]+) \|$",
+    (ROOT / "docs" / "http.md").read_text(),
+    re.MULTILINE,
+)
+
+
+@pytest.mark.parametrize("rule", security.RULES, ids=" ".join)
+def test_the_page_says_who_may_call_a_route(rule: tuple[str, str]) -> None:
+    method, path = rule
+    (told,) = (
+        roles
+        for methods, paths, roles in ROLES
+        if method in methods and f"`{path.removeprefix(security.API)}`" in paths
+    )
+    roles = security.RULES[rule]
+    if roles is None:
+        assert told.startswith("no key")
+        return
+    for part in told.split("; "):  # "GET: all", "else operator, admin"
+        if part.startswith((f"{method}: ", "else ")):
+            told = re.sub(rf"^({method}:|else) ", "", part)
+            break
+    words, _, own = told.partition("; robot: its ")
+    everyone = {"viewer", "operator", "admin"} | (set() if "{robot}" in path else {"robot"})
+    said = everyone if words == "all" else set(words.split(", "))
+    assert said | ({"robot"} if own else set()) == {str(role) for role in roles}

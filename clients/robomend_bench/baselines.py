@@ -1,6 +1,8 @@
 """What people would use instead, as they would: on the whole model, without its structure.
 
-    rc2-fresh       RC2(wcnf, solver="g4", exhaust=True, minz=True), a new formula and solver each time
+    rc2             RC2(wcnf): a new formula and solver each time, default options
+    rc2-stratified  RC2Stratified(wcnf), the same
+    rc2-exhaust     RC2(wcnf, solver="g4", exhaust=True, minz=True), the same
     layered-full    one solver for the model; a totalizer over all health literals, bound 0, 1, 2, …
     clingo-domain   one grounding; the solver prefers ¬AB, so that each answer set is subset-minimal
 
@@ -11,15 +13,17 @@ tuples of health variables; the caller counts them.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from typing import Any
 
 import clingo
 from pysat.card import ITotalizer
-from pysat.examples.rc2 import RC2
+from pysat.examples.rc2 import RC2, RC2Stratified
 from pysat.formula import WCNF
 from pysat.solvers import Solver
 
 from robomend.model.cnf import HealthCnf
+from robomend_bench.suite import ONE
 from robomend_client.literals import Literal
 
 Diagnoses = Iterator[tuple[int, ...]]
@@ -30,14 +34,15 @@ def numbers(cnf: HealthCnf, observations: Iterable[Literal]) -> list[int]:
     return [number for literal in observations if (number := cnf.literal(literal)) is not None]
 
 
-class Rc2Fresh:
-    """A MaxSAT call an observation, formula building included."""
+class Rc2:
+    """A MaxSAT call an observation, formula building included, with one set of options."""
 
-    name = "rc2-fresh"
-    modes = ("first", "all", "factored")
+    modes = (*ONE, "all", "factored")
 
-    def __init__(self, cnf: HealthCnf) -> None:
+    def __init__(self, cnf: HealthCnf, name: str, made: Callable[[WCNF], RC2]) -> None:
+        self.name = name
         self._cnf = cnf
+        self._made = made
 
     def diagnoses(self, observations: Iterable[Literal], mode: str, max_size: int) -> Diagnoses:
         """Yield one minimum-cardinality diagnosis, or all."""
@@ -50,7 +55,7 @@ class Rc2Fresh:
         health = range(1, len(cnf.components) + 1)
         for variable in health:
             formula.append([variable], weight=1)
-        with RC2(formula, solver="g4", exhaust=True, minz=True) as search:
+        with self._made(formula) as search:
             least: int | None = None
             while (model := search.compute()) is not None:
                 bad = tuple(variable for variable in health if model[variable - 1] < 0)
@@ -58,7 +63,7 @@ class Rc2Fresh:
                     return
                 least = len(bad)
                 yield bad
-                if mode == "first" or not bad:
+                if mode in ONE or not bad:
                     return
                 search.add_clause(list(bad))
 
@@ -67,7 +72,7 @@ class LayeredFull:
     """Sizes 0, 1, 2, … on one persistent solver; found diagnoses are blocked under a literal of the call."""
 
     name = "layered-full"
-    modes = ("first", "all", "factored", "subset")
+    modes = (*ONE, "all", "factored", "subset")
 
     def __init__(self, cnf: HealthCnf) -> None:
         self._cnf = cnf
@@ -91,7 +96,7 @@ class LayeredFull:
                     bad = tuple(v for v in range(1, n + 1) if model[v - 1] < 0)
                     found = True
                     yield bad
-                    if mode == "first" or not bad:
+                    if mode in ONE or not bad:
                         return
                     self._solver.add_clause([*bad, -call])
                 size += 1
@@ -125,7 +130,7 @@ class ClingoDomain:
     """
 
     name = "clingo-domain"
-    modes = ("first", "all", "factored", "subset")
+    modes = (*ONE, "all", "factored", "subset")
 
     def __init__(self, cnf: HealthCnf) -> None:
         self._cnf = cnf
@@ -165,10 +170,10 @@ class ClingoDomain:
                     least = [bad]
                 elif len(bad) == len(least[0]):
                     least.append(bad)
-                if mode == "first" and len(bad) <= 1:
+                if mode in ONE and len(bad) <= 1:
                     break
             if least:
-                yield from least[:1] if mode == "first" else least
+                yield from least[:1] if mode in ONE else least
                 return
 
     def _bound(self, size: int) -> int:
@@ -197,8 +202,17 @@ class ClingoDomain:
                 yield bad
 
 
-BASELINES: dict[str, Callable[[HealthCnf], Rc2Fresh | LayeredFull | ClingoDomain]] = {
-    "rc2-fresh": Rc2Fresh,
+Baseline = Rc2 | LayeredFull | ClingoDomain
+
+RC2_OPTIONS: dict[str, Callable[[WCNF], RC2]] = {
+    "rc2": RC2,
+    "rc2-stratified": RC2Stratified,
+    "rc2-exhaust": partial(RC2, solver="g4", exhaust=True, minz=True),
+}
+"""Who wins depends on the circuit; a fair comparison is with the fastest of them."""
+
+BASELINES: dict[str, Callable[[HealthCnf], Baseline]] = {
+    **{name: partial(Rc2, name=name, made=made) for name, made in RC2_OPTIONS.items()},
     "layered-full": LayeredFull,
     "clingo-domain": ClingoDomain,
 }

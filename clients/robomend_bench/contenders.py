@@ -3,12 +3,12 @@
 sat, asp, maxsat, hs_dag     robomend's engines
 NAME                         an engine of somebody else, from the entry points "robomend.engines"
 NAME:SOLVER                  either with another solver inside, e.g. sat:glucose4
-rc2-fresh, layered-full, …   see baselines.py
+rc2, layered-full, …         see baselines.py
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import combinations, cycle, islice
 from time import perf_counter
 from typing import Any
@@ -18,20 +18,23 @@ from robomend.diagnosis.result import DiagnosisResult, Options
 from robomend.errors import OptionRefused
 from robomend.model.cnf import HealthCnf
 from robomend_bench.baselines import BASELINES
-from robomend_bench.suite import Answer, Ask, Group, Question, Wish
+from robomend_bench.suite import ONE, Answer, Ask, Group, Question, Wish
 from robomend_client.literals import Literal
 
 MODES = {
     "first": "first minimum-cardinality diagnosis, from literals to answer",
+    "once": "the same from a model: each question is asked of a new engine, whose set-up counts",
+    "cold": "the same from a model's text",
     "all": "all minimum-cardinality diagnoses, each as a row",
     "factored": "all minimum-cardinality diagnoses, factored, with their exact count",
     "subset": "all subset-minimal diagnoses up to --max-size, in order of size",
     "explained": "all minimum-cardinality diagnoses with result objects, conflicts and sentences",
+    "rows": "thousands of rows of the same 20 sensors; the time is that of one row",
     "check": "consistency checks, no two of the same healthy set, after 1000 diagnoses on the same engine",
 }
 
-CIRCUIT_MODES = {name: MODES[name] for name in ("first", "all", "factored", "subset")}
-ROBOT_MODES = {name: MODES[name] for name in ("explained", "first", "all", "subset", "check")}
+CIRCUIT_MODES = {name: MODES[name] for name in (*ONE, "all", "factored", "subset")}
+ROBOT_MODES = {name: MODES[name] for name in ("explained", "first", "all", "subset", "rows", "check")}
 
 CHECKS = 200
 """Calls of `consistent` in one measurement: one takes some microseconds. No two ask the same set."""
@@ -45,7 +48,7 @@ def options_for(mode: str, wish: Wish) -> Options:
     return Options(
         minimal="subset" if mode == "subset" else "cardinality",
         max_size=wish.max_size if mode == "subset" else None,
-        limit=1 if mode == "first" else None,
+        limit=1 if mode in ONE else None,
         timeout_s=wish.timeout_s,
         conflicts=mode == "explained",
         factored=mode == "factored",
@@ -74,6 +77,29 @@ def prepare(contender: str, cnf: HealthCnf, group: Group, wish: Wish) -> Ask:
     return ask
 
 
+def prepare_cold(contender: str, made: Callable[[], HealthCnf], wish: Wish) -> Ask:
+    """Return what answers each question from the beginning, with nothing kept.
+
+    Args:
+        made: returns the model; what that takes counts.
+    """
+    if contender in BASELINES and wish.mode not in BASELINES[contender](made()).modes:
+        raise OptionRefused(f"{contender} has no mode {wish.mode!r}")
+    options = options_for(wish.mode, wish)
+
+    def ask(question: Question) -> Answer:
+        cnf = made()
+        if contender in BASELINES:
+            return _count(BASELINES[contender](cnf), question, wish)
+        engine = _engine(contender, cnf)
+        try:
+            return _counted(engine.diagnose(question.payload, options), wish.mode)
+        finally:
+            engine.close()
+
+    return ask
+
+
 def _engine(contender: str, cnf: HealthCnf) -> Any:
     name, _, solver = contender.partition(":")
     return make_engine(name, cnf, solver=solver or None)
@@ -82,7 +108,7 @@ def _engine(contender: str, cnf: HealthCnf) -> Any:
 def _counted(result: DiagnosisResult, mode: str) -> Answer:
     sizes = [len(diagnosis.bad) for diagnosis in result.diagnoses]
     least = min(sizes, default=None)
-    if mode == "first":
+    if mode in ONE:
         return Answer((least,), complete=bool(sizes), shown=least)
     count = result.count if result.count is not None else len(sizes)
     all_asked_for = result.complete or result.stopped_by == "size"  # larger ones exist, and were not wanted
@@ -97,7 +123,7 @@ def _count(baseline: Any, question: Question, wish: Wish) -> Answer:
         least = len(bad) if least is None else min(least, len(bad))
         if perf_counter() > deadline:
             return Answer((count, least), complete=False)
-    if wish.mode == "first":
+    if wish.mode in ONE:
         return Answer((least,), complete=count > 0, shown=least)
     return Answer((count, least), complete=True, shown=count)
 

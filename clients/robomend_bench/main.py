@@ -27,15 +27,18 @@ from robomend_bench.tables import comparison, markdown
 
 OTHERS = {
     "service": ("robomend_bench.service.command", "load on a running service"),
+    "robots": ("robomend_bench.robots.command", "the robot's side: observers, and an agent under a service"),
     "faults": ("robomend_bench.faults.command", "the score: faults planted into simulated robots"),
 }
 """Commands of their own, without suites, engines or questions: module and summary."""
 
-FAULTS = re.compile(r"(\d+)(?:-(\d+))?\Z")
+RANGE = re.compile(r"(\d+)(?:-(\d+))?\Z")
 
 
-def _faults(context: click.Context, parameter: click.Parameter, value: str) -> tuple[int, int]:
-    match = FAULTS.match(value)
+def _range(context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[int, int] | None:
+    if value is None:
+        return None
+    match = RANGE.match(value)
     if match is None:
         raise click.BadParameter("give a number or a range, e.g. 5 or 1-10")
     low, high = int(match[1]), int(match[2] or match[1])
@@ -53,7 +56,7 @@ def _names(context: click.Context, parameter: click.Parameter, value: str) -> tu
 @click.option("--list", "listing", is_flag=True, help="List suites with their modes, and engines.")
 @click.option("--mode", help="What is measured; the suite's first mode if not given.")
 @click.option(
-    "--engines", callback=_names, default="", help="Contenders, comma-separated: sat,sat:glucose4,rc2-fresh."
+    "--engines", callback=_names, default="", help="Contenders, comma-separated: sat,sat:glucose4,rc2."
 )
 @click.option(
     "--only", callback=_names, default="", help="Groups, comma-separated: circuits, or sizes of robots."
@@ -64,10 +67,18 @@ def _names(context: click.Context, parameter: click.Parameter, value: str) -> tu
 )
 @click.option("--seed", type=int, default=1, show_default=True)
 @click.option(
-    "--faults", callback=_faults, default="1-10", show_default=True, help="How many faults are injected."
+    "--faults",
+    callback=_range,
+    metavar="N or N-M",
+    help="How many faults are injected.  [default: iscas85: 1-10, or as many as --size needs; robots: 1-4]",
 )
 @click.option(
-    "--size", type=click.IntRange(1, 50), help="iscas85: only questions with this minimum cardinality."
+    "--size",
+    "sizes",
+    callback=_range,
+    metavar="K or K-L",
+    help="iscas85: only questions of these minimum cardinalities, equally many of each.  "
+    "[default: 1-20 in modes first, once and cold]",
 )
 @click.option("--max-size", type=click.IntRange(0, 100), default=2, show_default=True, help="In mode subset.")
 @click.option(
@@ -110,8 +121,8 @@ def command(
     instances: int | None,
     repeats: int,
     seed: int,
-    faults: tuple[int, int],
-    size: int | None,
+    faults: tuple[int, int] | None,
+    sizes: tuple[int, int] | None,
     max_size: int,
     timeout: float,
     clock: Clock,
@@ -128,6 +139,7 @@ def command(
     robomend-bench robots-v1 --engines sat,hs_dag --out report/
     robomend-bench --compare old.json new.json
     robomend-bench service --help                         load on a running service
+    robomend-bench robots --help                          observers and agents
     robomend-bench faults --help                          the score: robots that break
     """
     if listing:
@@ -149,7 +161,7 @@ def command(
         instances=instances,
         seed=seed,
         faults=faults,
-        size=size,
+        sizes=sizes,
         max_size=max_size,
         timeout_s=timeout,
         clock=clock,

@@ -99,6 +99,7 @@ class Line:
     asked: int
     solved: int
     median_s: float | None
+    most_s: float | None  # the 90th percentile
     worst_s: float | None
     ratio: float | None  # median over questions of this time / that of the first contender
     shown: str  # how many diagnoses: median and range
@@ -127,6 +128,7 @@ def summarise(run: Run) -> list[Line]:
                     asked=len({s.question for s in mine}),
                     solved=len(times),
                     median_s=median(times.values()) if times else None,
+                    most_s=percentile(times.values(), 0.9),
                     worst_s=max(times.values(), default=None),
                     ratio=median(ratios) if ratios else None,
                     shown=_range([s.shown for s in mine if s.status == "ok" and s.shown is not None]),
@@ -135,6 +137,63 @@ def summarise(run: Run) -> list[Line]:
                 )
             )
     return lines
+
+
+def percentile(values: Iterable[float], share: float) -> float | None:
+    """Return the smallest value that at least this share of them does not exceed; None of none."""
+    ordered = sorted(values)
+    return ordered[max(0, math.ceil(share * len(ordered)) - 1)] if ordered else None
+
+
+@dataclass(frozen=True, slots=True)
+class Duel:
+    """The first contender against the fastest of the others on one group."""
+
+    group: str
+    against: str  # whose median is least, over all questions
+    ratio: float  # median over questions of its time / that of the first
+    most_ratio: float  # of the 90th percentiles
+    lost: int  # questions on which some other one was faster, or alone had an answer
+    asked: int
+    lost_by_s: float  # at most
+
+
+def duels(run: Run) -> list[Duel]:
+    """Return how the first contender stands against the others; what nobody solved does not count.
+
+    What a contender did not solve counts as taking for ever, so that its median tells of all questions.
+    """
+    found = []
+    for group in run.groups:
+        first = run.best(run.contenders[0], group)
+        others = {name: run.best(name, group) for name in run.contenders[1:]}
+        asked = first.keys() | {key for times in others.values() for key in times}
+        if not asked or not any(others.values()):
+            continue
+
+        def over_all(times: Mapping[str, float], asked: Iterable[str] = asked) -> list[float]:
+            return [times.get(key, math.inf) for key in asked]
+
+        against = min(others, key=lambda name: (median(over_all(others[name])), -len(others[name])))
+        rival = others[against]
+        ratios = [rival.get(key, math.inf) / first[key] for key in asked & first.keys() if first[key] > 0]
+        mine, theirs = percentile(over_all(first), 0.9), percentile(over_all(rival), 0.9)
+        behind = [
+            first.get(key, math.inf) - min(times.get(key, math.inf) for times in others.values())
+            for key in asked
+        ]
+        found.append(
+            Duel(
+                group=group,
+                against=against,
+                ratio=median(ratios) if ratios else 0.0,
+                most_ratio=theirs / mine if mine and theirs and mine < math.inf else 0.0,
+                lost=sum(by > 0 for by in behind),
+                asked=len(asked),
+                lost_by_s=max(0.0, *behind),
+            )
+        )
+    return found
 
 
 def ratio_at_least(run: Run, contender: str, group: str) -> tuple[int, float] | None:

@@ -2,7 +2,7 @@
 
     for each group
         start the contenders, each in its process      building is not measured, but reported
-        warm-up: the first question twice, unmeasured
+        warm-up: the first question twice and the last one, unmeasured
         for each repeat, for each question
             ask each contender in turn, in an order that rotates; quick ones run up with the first question
 
@@ -19,8 +19,9 @@ from robomend_bench.results import Built, Run, Sample, Status, disagreements, no
 from robomend_bench.suite import Answer, Group, Suite, Wish
 from robomend_bench.worker import Contestant
 
-WARM_UP = 2
-"""Calls before the first that counts: some structures are built at the second use, when they pay off."""
+WARM_UP = (0, 0, -1)
+"""Questions before the first that counts: some structures are built at the second use, when they pay off,
+and some when a hard question needs them, as the last one may be. Modes once and cold tell what that takes."""
 
 Progress = Callable[[str, int, int], None]
 """Called with what is running now, questions asked so far and in all."""
@@ -83,8 +84,8 @@ def _measure(
     out_of_time: set[tuple[str, int]] = set()
     for contestant in contestants:
         step(f"{group.name} · starting {contestant.name}", 0)
-        for _ in range(WARM_UP):
-            contestant.ask(0)
+        for index in WARM_UP:
+            contestant.ask(index % len(group.questions))
     for repeat in range(repeats):
         for index in range(len(group.questions)):
             turn = (index + repeat) % len(contestants)

@@ -34,6 +34,10 @@ DATA = Path(__file__).resolve().parent / "data"
 """The circuits and instances that come with the package."""
 
 
+ONE = ("first", "once", "cold")
+"""Modes that ask for one minimum-cardinality diagnosis: from a warm engine, from a model, from its text."""
+
+
 @dataclass(frozen=True, slots=True)
 class Wish:
     """What the command line asks of a suite."""
@@ -42,9 +46,11 @@ class Wish:
     only: tuple[str, ...] = ()  # names of groups; empty: the suite's own choice
     instances: int | None = None  # questions a group; None: the suite's own choice
     seed: int = 1
-    faults: tuple[int, int] = (1, 10)  # how many are injected, at least and at most
-    # Only questions whose diagnoses have this minimum cardinality, where a suite can tell.
-    size: int | None = None
+    faults: tuple[int, int] | None = (
+        None  # how many are injected, at least and at most; None: the suite's own
+    )
+    # Only questions of these minimum cardinalities, equally many of each, where a suite can tell.
+    sizes: tuple[int, int] | None = None
     max_size: int = 2  # in mode "subset"
     timeout_s: float = 10.0  # a question
     clock: Clock = "wall"  # or "cpu": the time of the process, for machines that others use too

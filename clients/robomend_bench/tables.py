@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from statistics import median
+from math import inf
+from statistics import geometric_mean, median
 
 from robomend_bench.costs import comparisons
-from robomend_bench.results import Line, Run, ratio_at_least, slope, summarise
+from robomend_bench.results import Line, Run, duels, ratio_at_least, slope, summarise
+from robomend_bench.suite import ONE
 
 
 def seconds(value: float | None) -> str:
@@ -25,17 +27,19 @@ def times(value: float | None) -> str:
     """Return a ratio with about three digits, e.g. `12.4×`."""
     if value is None:
         return "-"
+    if value == inf:
+        return "∞"
     return f"{value:.0f}×" if value >= 99.5 else f"{value:.1f}×" if value >= 9.95 else f"{value:.2f}×"
 
 
 def markdown(run: Run) -> str:
     """Return a report of one run."""
     lines = summarise(run)
-    shown = "size" if run.mode == "first" else _counted(run)
-    head = ["group", "components", "contender", "solved", "median", "worst", shown, "peak memory"]
+    shown = "size" if run.mode in ONE else _counted(run)
+    head = ["group", "components", "contender", "solved", "median", "90 %", "worst", shown, "peak memory"]
     against = len(run.contenders) > 1
     if against:
-        head.insert(6, f"ratio to {run.contenders[0]}")
+        head.insert(7, f"ratio to {run.contenders[0]}")
     rows = []
     for line in lines:
         row = [
@@ -44,12 +48,13 @@ def markdown(run: Run) -> str:
             line.contender,
             f"{line.solved}/{line.asked}",
             seconds(line.median_s),
+            seconds(line.most_s),
             seconds(line.worst_s),
             line.shown or "-",
             f"{line.peak_mib:.0f} MiB" if line.peak_mib else "-",
         ]
         if against:
-            row.insert(6, times(line.ratio))
+            row.insert(7, times(line.ratio))
         rows.append(row)
     parts = [
         f"## {run.suite}, {run.mode}",
@@ -58,13 +63,46 @@ def markdown(run: Run) -> str:
         "",
         _table(head, rows),
         "",
+        *_against_the_fastest(run),
         *_remarks(run, lines),
         f"{CLOCKS[run.clock]}, the fastest of all repeats of a question, in the contender's own process;",
-        "medians, worst cases and ratios are over questions. Building the model is not included.",
+        f"medians, worst cases and ratios are over questions. {BUILDING.get(run.mode, WARM)}",
         "",
         machine_line(run),
     ]
     return "\n".join(parts) + "\n"
+
+
+def _against_the_fastest(run: Run) -> list[str]:
+    """Return the table that holds the first contender against the fastest other one of each group."""
+    if len(run.contenders) < 3:
+        return []
+    found = duels(run)
+    first = run.contenders[0]
+    head = ["group", "fastest other", f"ratio to {first}", "of the 90 %", f"{first} is slower", "by at most"]
+    rows = [
+        [
+            duel.group,
+            duel.against,
+            times(duel.ratio),
+            times(duel.most_ratio),
+            f"{duel.lost}/{duel.asked}",
+            seconds(duel.lost_by_s) if duel.lost else "-",
+        ]
+        for duel in found
+    ]
+    lost, asked = sum(duel.lost for duel in found), sum(duel.asked for duel in found)
+    whole = [duel for duel in found if 0 < duel.ratio < inf and 0 < duel.most_ratio < inf]
+    parts = [_table(head, rows), ""]
+    if len(whole) > 1:
+        medians = times(geometric_mean(duel.ratio for duel in whole))
+        most = times(geometric_mean(duel.most_ratio for duel in whole))
+        parts += [
+            f"Geometric means over groups: {medians}, of the 90th percentiles {most}. "
+            f"Some other contender is faster than {first} on {lost} of {asked} questions.",
+            "",
+        ]
+    return parts
 
 
 def _remarks(run: Run, lines: Sequence[Line]) -> list[str]:
@@ -108,13 +146,18 @@ def _counted(run: Run) -> str:
 
 
 FEW = 10
+WARM = "Building the model is not included."
+BUILDING = {
+    "once": "Each question was asked of a new engine, whose set-up is included.",
+    "cold": "Reading the text and all that is built from it is included, for each question anew.",
+}
 CLOCKS = {"wall": "Times are wall-clock times", "cpu": "Times are CPU times of the process"}
 
 
 def _few(run: Run) -> list[str]:
     """Return medians over questions with few diagnoses, where there are others too."""
     shown = {f"{s.group}/{s.question}": s.shown for s in run.samples if s.shown is not None}
-    if run.mode in ("first", "check") or all(count <= FEW for count in shown.values()):
+    if run.mode in (*ONE, "check") or all(count <= FEW for count in shown.values()):
         return []
     texts = []
     for contender in run.contenders:
@@ -188,6 +231,6 @@ def _changed_answers(old: Run, new: Run) -> list[str]:
 
 
 def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    numeric = ["---" if name in ("group", "contender") else "---:" for name in head]
+    numeric = ["---" if name in ("group", "contender", "fastest other") else "---:" for name in head]
     body = [f"| {' | '.join(row)} |" for row in rows]
     return "\n".join([f"| {' | '.join(head)} |", f"| {' | '.join(numeric)} |", *body])

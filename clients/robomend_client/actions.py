@@ -1,8 +1,8 @@
 """The one signature of everything that can act: a name, a list of strings, an integer result, feedback.
 
 It is the paper's repair action (section IV, b), so that a ROS action server, a power board, a process or a
-webhook are the same to the plan. To add an executor, see robomend/repairs/executors/registry.py; to add an
-action of the agent, robomend_client/agent/actions.py.
+webhook are the same to the plan. To add an executor, write a class with this `execute` in
+robomend/repairs/executors/, or on the robot a handler in robomend_client/agent/.
 """
 
 from __future__ import annotations
@@ -15,10 +15,12 @@ OK = 0
 """The result of an action that did what its name says. Every other integer is a failure; see FAILURES."""
 
 FAILED = 1
-REFUSED = 2  # by policy, allow-list or protection: never sent
+REFUSED = 2  # by policy, allow-list or protection, or by who should act (a faulty channel): it did not act
 TIMED_OUT = 3  # no answer in time: whether it acted is unknown
 UNREACHABLE = 4  # nobody there to act: it did not act
 CANCELLED = 5
+NOT_EXECUTABLE = 126  # as a shell says: the program may not be executed
+NO_PROGRAM = 127  # … there is no such program
 
 FAILURES = {
     FAILED: "failed",
@@ -26,7 +28,16 @@ FAILURES = {
     TIMED_OUT: "timed out",
     UNREACHABLE: "unreachable",
     CANCELLED: "cancelled",
+    NOT_EXECUTABLE: "not executable",
+    NO_PROGRAM: "no such program",
 }
+
+
+def not_started(error: BaseException | None) -> int:
+    """Return the result for a program that could not be started."""
+    if isinstance(error, FileNotFoundError):
+        return NO_PROGRAM
+    return NOT_EXECUTABLE if isinstance(error, PermissionError) else UNREACHABLE
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +63,24 @@ class ActionResult:
     @property
     def ok(self) -> bool:
         return self.code == OK
+
+
+@dataclass(frozen=True, slots=True)
+class Settle:
+    """The service asks the observers of these atoms to drop their samples, judge anew, and say so with
+    `n`.
+    """
+
+    n: int
+    atoms: tuple[str, ...]  # sentences, e.g. "ok(scan)"
+
+
+@dataclass(frozen=True, slots=True)
+class Orders:
+    """What the service answers an agent that asks for something to do."""
+
+    action: Action | None = None
+    settle: Settle | None = None
 
 
 Feedback = Callable[[int, str], None]

@@ -5,11 +5,15 @@ Lines of JSON over one stream socket to the broker, which runs inside the agent
 (robomend_client/agent/broker.py):
 
     {"topic": "scan", "data": …}         publish (node → broker); delivery (broker → subscriber) is the same
+    {"topic": "scan"}                    a tick: there was a message, and nobody needs to know what is in it
+    {"topic": "odom", "time": 1764000012345678901, "fields": {"twist.twist.angular.z": 0.31}}
     {"subscribe": ["scan", "joy"]}       from now on, deliver these
 
-A line has at most LONGEST_LINE bytes. There are no acknowledgements and no history: a subscriber that does
-not keep up loses the newest messages, as on any robot. Addresses are `unix:PATH` or `tcp:HOST:PORT`; the
-agent gives its own to every process that it starts, in ROBOMEND_BUS.
+`time` is when the message was made, in nanoseconds since the epoch by this computer's clock; without it,
+the time of arrival counts. `fields` are what somebody looks at in a message that is too large or too
+foreign to hand on whole. A line has at most LONGEST_LINE bytes. There are no acknowledgements and no
+history: a subscriber that does not keep up loses the newest messages, as on any robot. Addresses are
+`unix:PATH` or `tcp:HOST:PORT`; the agent gives its own to every process that it starts, in ROBOMEND_BUS.
 
 Imports stay few: a node that needs this must be up in a tenth of a second.
 """
@@ -18,7 +22,7 @@ from __future__ import annotations
 
 import json
 import socket
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 LONGEST_LINE = 64 * 1024
 
@@ -69,9 +73,17 @@ class Bus:
         """For select and selectors."""
         return self._socket.fileno()
 
-    def publish(self, topic: str, data: object) -> None:
+    def publish(
+        self,
+        topic: str,
+        data: object = None,
+        *,
+        time_ns: int | None = None,
+        fields: Mapping[str, object] | None = None,
+    ) -> None:
         """Send one message; BusGone if the broker does not take it."""
-        self._send({"topic": topic, "data": data})
+        line = {"topic": topic, "data": data, "time": time_ns, "fields": fields}
+        self._send({key: value for key, value in line.items() if value is not None})
 
     def subscribe(self, *topics: str) -> None:
         """Ask for these topics too."""
@@ -94,7 +106,7 @@ class Bus:
         self._buffer = bytearray(rest)
         for line in lines:
             message = json.loads(line)
-            yield message["topic"], message["data"]
+            yield message["topic"], message.get("data")
 
     def close(self) -> None:
         self._socket.close()

@@ -53,6 +53,30 @@ class Literal:
         return str(self.atom) if self.positive else f"not {self.atom}"
 
 
+_NAME = r'(?:[^\s"(),]+|"(?:[^"\\]|\\.)*")'
+_ATOM = re.compile(rf"\s*({_NAME})\s*(?:\(\s*({_NAME}(?:\s*,\s*{_NAME})*)\s*\))?\s*\Z")
+
+
+def parse_atom(text: str) -> Atom:
+    """Return the atom of `ok(scan)`; a bare name is short for ok(name). Names may stand in double quotes.
+
+    Raises:
+        ValueError: it is neither.
+    """
+    found = _ATOM.match(text)
+    if found is None:
+        raise ValueError(f"{text!r} is no atom; write e.g. ok(scan), or scan for short")
+    names = [_plain(name) for name in re.findall(_NAME, found[2] or found[1])]
+    return Atom(_plain(found[1]) if found[2] else "ok", tuple(names))
+
+
+def _plain(name: str) -> str:
+    """Return a name without its quotes, or without the leading slash that ROS writes."""
+    if name.startswith('"'):
+        return re.sub(r"\\(.)", r"\1", name[1:-1])
+    return name.removeprefix("/")
+
+
 def holds(predicate: str, *args: str) -> Literal:
     """Return the positive literal, e.g. `holds("ok", "scan")`."""
     return Literal(Atom(predicate, args))

@@ -24,6 +24,14 @@ from robomend_client.near import did_you_mean
 T = TypeVar("T")
 
 
+class UnknownKind(LookupError):
+    """No part has this name."""
+
+
+class BrokenKind(ImportError):
+    """The code of a part cannot be loaded."""
+
+
 class Registry(Generic[T]):
     """The parts of one kind. Nothing is imported before it is asked for by its name."""
 
@@ -33,8 +41,8 @@ class Registry(Generic[T]):
         group: str | None,
         built_in: Mapping[str, str],
         *,
-        unknown: Callable[[str], Exception] = LookupError,
-        broken: Callable[[str], Exception] = ImportError,
+        unknown: Callable[[str], Exception] = UnknownKind,
+        broken: Callable[[str], Exception] = BrokenKind,
     ) -> None:
         """Register what comes with us.
 

@@ -21,7 +21,7 @@ from robomend.repairs.execution import execute
 from robomend.repairs.execution_values import Ending, Execution, Setting
 
 
-class Verdict(StrEnum):
+class TurnOutcome(StrEnum):
     """What a turn of the loop came to."""
 
     HEALTHY = "healthy"  # OBS is what a healthy system would show
@@ -33,7 +33,7 @@ class Verdict(StrEnum):
     ASK = "ask"  # an action that must not be repeated has an unknown outcome, or policy said no
 
 
-GO_ON = frozenset({Verdict.HELPED, Verdict.NO_HELP})
+GO_ON = frozenset({TurnOutcome.HELPED, TurnOutcome.NO_HELP})
 """After these the loop turns again."""
 
 
@@ -41,7 +41,7 @@ GO_ON = frozenset({Verdict.HELPED, Verdict.NO_HELP})
 class Turn:
     """The report of one turn."""
 
-    verdict: Verdict
+    outcome: TurnOutcome
     before: DiagnosisResult
     choice: Choice | None = None
     execution: Execution | None = None
@@ -82,19 +82,19 @@ async def turn(repair: Repair) -> Turn:
     """One turn of the loop: diagnose, choose, plan, approve, act, and look whether it helped."""
     result = await repair.diagnose()  # OBS -> conflicts -> minimal diagnoses
     if result.healthy:
-        return Turn(Verdict.HEALTHY, result)
+        return Turn(TurnOutcome.HEALTHY, result)
     choice = await repair.choose(result)  # each planned for; probability over cost
     if choice.plan is None or choice.diagnosis is None:
-        return Turn(Verdict.NOTHING_TO_TRY, result, choice)
+        return Turn(TurnOutcome.NOTHING_TO_TRY, result, choice)
     if not await repair.approved(choice):
-        return Turn(Verdict.NOT_APPROVED, result, choice)
+        return Turn(TurnOutcome.NOT_APPROVED, result, choice)
     execution = await execute(choice.plan, repair.setting(choice.plan))  # each effect awaited in OBS
     if execution.ending is Ending.HALTED:
-        return Turn(Verdict.HALTED, result, choice, execution)
+        return Turn(TurnOutcome.HALTED, result, choice, execution)
     after = await repair.look(choice, execution)
     helped = stands_no_more(choice.diagnosis.bad, after)
     await repair.remember(choice, execution, helped=helped)
-    return Turn(_verdict(execution, after, helped), result, choice, execution, after)
+    return Turn(_outcome(execution, after, helped), result, choice, execution, after)
 
 
 async def mend(repair: Repair) -> Turn:
@@ -105,7 +105,7 @@ async def mend(repair: Repair) -> Turn:
     """
     last = await turn(repair)
     for _ in range(repair.rounds - 1):
-        if last.verdict not in GO_ON:
+        if last.outcome not in GO_ON:
             return last
         last = await turn(repair)
     return last
@@ -116,9 +116,9 @@ def stands_no_more(bad: tuple[str, ...], after: DiagnosisResult) -> bool:
     return not any(set(bad) & set(diagnosis.bad) for diagnosis in after.diagnoses)
 
 
-def _verdict(execution: Execution, after: DiagnosisResult, helped: bool) -> Verdict:
+def _outcome(execution: Execution, after: DiagnosisResult, helped: bool) -> TurnOutcome:
     if after.healthy:
-        return Verdict.HEALTHY
+        return TurnOutcome.HEALTHY
     if execution.ending in {Ending.UNKNOWN_OUTCOME, Ending.NOT_PERMITTED}:
-        return Verdict.ASK
-    return Verdict.HELPED if helped else Verdict.NO_HELP
+        return TurnOutcome.ASK
+    return TurnOutcome.HELPED if helped else TurnOutcome.NO_HELP

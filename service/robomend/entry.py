@@ -1,4 +1,4 @@
-"""An entry of OBS: one literal, who saw it, when, and until when it may be believed.
+"""An entry of OBS: one literal, who saw it, when, what that rests on, and until when it may be believed.
 
 OBS holds it, the history and the store keep it, as it is. Times are integer nanoseconds since the epoch.
 """
@@ -16,8 +16,11 @@ class Entry:
 
     literal: Literal
     source: str
-    time_ns: int
+    time_ns: int  # of the report, by the source's clock: it orders the entries of an atom
     expires_ns: int | None = None  # from then on unknown
+    since_ns: int | None = None  # the beginning of what the verdict rests on, by the service's clock
+    onset_ns: int | None = None  # since when it is so, by the service's clock: the last sample before it was
+    settled: int | None = None  # the number of the `settle` that the source answered with this
 
     @property
     def atom(self) -> Atom:

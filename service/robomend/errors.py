@@ -7,10 +7,12 @@ RobomendError
 │   │   └── ContradictoryModel     SD ∪ OBS has no model, even with every component abnormal
 │   ├── ObservationError           a sentence is malformed, or names what the model does not declare
 │   ├── DomainError                a PDDL domain or the user's part of it is at fault
+│   ├── MalformedJson              no JSON, or what no part of the service could hold
+│   ├── TooDeep                    JSON nested deeper than allowed
 │   ├── OptionRefused              an engine or planner that cannot honour an option
 │   ├── TooLarge                   more than a limit of the service allows
 │   ├── NotFound                   no such robot, model, repair, …
-│   ├── StateConflict                   the resource is not in the state that the request needs
+│   ├── StateConflict              the resource is not in the state that the request needs
 │   │   └── Fenced                 another instance has taken over the robot
 │   ├── PreconditionFailed         If-Match names another version
 │   ├── PreconditionRequired       the change needs If-Match
@@ -133,6 +135,18 @@ class DomainError(InputError):
     def __str__(self) -> str:
         place = ":".join(str(part) for part in (self.file, self.line) if part is not None)
         return f"{place}: {self.message}" if place else self.message
+
+
+class MalformedJson(InputError):
+    """No JSON, or not in UTF-8."""
+
+    code = "malformed-json"
+
+
+class TooDeep(InputError):
+    """JSON nested deeper than allowed."""
+
+    code = "too-deep"
 
 
 class OptionRefused(InputError):

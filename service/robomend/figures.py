@@ -21,6 +21,16 @@ PLACE_BYTES = 16 << 20
 """Of the file, which has holes: only what is written takes room."""
 EVERY_S = 1.0
 
+LARGEST = frozenset(
+    {
+        "robomend_store_oldest_write_seconds",
+        "robomend_store_commit_seconds",
+        "robomend_request_hold_worst_seconds",
+        "robomend_loop_delay_worst_seconds",
+    }
+)
+"""Figures of which the largest counts; the others are added up."""
+
 
 def shared_file() -> int:
     """Return the descriptor of a file for all workers; close it to be rid of it."""
@@ -89,6 +99,6 @@ def added(texts: Iterable[bytes]) -> bytes:
 def _join(family: str, one: float, other: float) -> float:
     if family.endswith("_created"):
         return min(one, other)
-    if family in {"robomend_store_oldest_write_seconds", "robomend_store_commit_seconds"}:
+    if family in LARGEST:
         return max(one, other)
     return one + other

@@ -52,6 +52,22 @@ class Metrics:
             buckets=FINE_S,
             registry=self.registry,
         )
+        self.hold_s = Histogram(
+            "robomend_request_hold_seconds",
+            "the longest that a request held the event loop, in time of the processor",
+            buckets=FINE_S,
+            registry=self.registry,
+        )
+        self.hold_worst_s = Gauge(
+            "robomend_request_hold_worst_seconds", "of all requests since the start", registry=self.registry
+        )
+        self._worst_hold_s = 0.0
+        self.loop_delay_s = Histogram(
+            "robomend_loop_delay_seconds",
+            "what the event loop took to come to a new task, sampled",
+            buckets=FINE_S,
+            registry=self.registry,
+        )
         self._children: dict[tuple[str, str, int], tuple[Counter, Histogram]] = {}
         self.observations = Counter(
             "robomend_observations", "literals accepted and durable", ("way",), registry=self.registry
@@ -97,6 +113,13 @@ class Metrics:
         children[0].inc()
         if elapsed_s is not None:
             children[1].observe(elapsed_s)
+
+    def held(self, held_s: float) -> None:
+        """Note the longest that a request held the event loop."""
+        self.hold_s.observe(held_s)
+        if held_s > self._worst_hold_s:
+            self._worst_hold_s = held_s
+            self.hold_worst_s.set(held_s)
 
     def on_demand(
         self, name: str, text: str, labels: tuple[str, ...], read: Callable[[], list[Reading]]

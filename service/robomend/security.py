@@ -11,7 +11,11 @@ nothing: there is no dictionary to try for 256 random bits, and every request wo
 A browser shows its key once, at sign-in, and then a cookie, for the same rights: see robomend.api.sign_in.
 
 RULES is the policy. A route that is not in it is refused to everyone, so a new route cannot be forgotten;
-tests/api/test_roles.py walks every route × role. To add a route: a line here, a line in docs/http.md.
+tests/api/test_roles.py walks every route × role.
+
+To add a route: 1. its function in a module of robomend/api/routers/ (a new module is included in
+robomend/api/app.py); 2. its line in RULES; 3. its row in docs/http.md; 4. where robots and programs are to
+call it, a method of robomend_client/rest/asynchronous.py (the one for threads is made of it).
 """
 
 from __future__ import annotations
@@ -95,6 +99,7 @@ RULES: dict[tuple[str, str], frozenset[Role] | None] = {
     ("GET", f"{API}/robots/{{robot}}/board"): READ | OWN,
     ("PUT", f"{API}/robots/{{robot}}/board/channels/{{channel}}"): ACT,
     ("GET", f"{API}/robots/{{robot}}/actions/next"): OWN | frozenset({Role.ADMIN}),
+    ("POST", f"{API}/robots/{{robot}}/actions/next"): OWN | frozenset({Role.ADMIN}),
     ("POST", f"{API}/actions/{{action}}/feedback"): OWN | frozenset({Role.ADMIN}),
     ("POST", f"{API}/actions/{{action}}/result"): OWN | frozenset({Role.ADMIN}),
     ("GET", f"{API}/robots/{{robot}}/history"): READ,

@@ -12,11 +12,15 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, SecretStr, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, SecretStr, ValidationError, field_validator
 
+from robomend import programs
 from robomend.errors import InputError
 
 ENVIRONMENT_PREFIX = "ROBOMEND_"
+
+LISTS = frozenset({"allowed_hosts", "webhook_hosts"})
+"""In the environment, with commas."""
 
 
 class SettingsError(InputError):
@@ -56,6 +60,10 @@ class Settings(BaseModel):
         default_factory=dict,
         description="name -> argument list: what a robot's `process` executors may run on this computer",
     )
+    webhook_hosts: tuple[str, ...] = Field(
+        (),
+        description="hosts (`name` or `name:port`) that webhooks may call at private addresses, too",
+    )
 
     max_head_bytes: int = Field(64 << 10, ge=1 << 10, description="of a request's line and headers; a 431")
     head_timeout_s: float = Field(30.0, gt=0, description="from a connection to its first whole head; a 408")
@@ -66,6 +74,12 @@ class Settings(BaseModel):
     max_nesting: int = Field(32, ge=4, le=200, description="of JSON arrays and objects")
     max_components: int = Field(100_000, ge=1, description="of a model")
     max_clauses: int = Field(1_000_000, ge=1, description="of a compiled model")
+    max_model_steps: int = Field(
+        250_000, ge=1, description="to compile a model's rules: ground literals and instances; more are a 422"
+    )
+    max_assertion_steps: int = Field(
+        20_000, ge=1, description="to compile all assertions of a robot, or of a question; more are a 422"
+    )
     max_robots: int = Field(
         50_000,
         ge=1,
@@ -84,6 +98,10 @@ class Settings(BaseModel):
         0.005, gt=0, description="a diagnosis on the event loop that takes longer moves to a worker"
     )
     solver_workers: int = Field(1, ge=1, le=64, description="processes for slow diagnoses and one-shots")
+    reader_workers: int = Field(
+        2, ge=1, le=64, description="processes that read models and long sentences; one-shots leave one free"
+    )
+    reading_timeout_s: float = Field(30.0, gt=0, description="of reading a model; then its process is ended")
     planner_workers: int = Field(1, ge=1, le=64, description="processes for planning")
     one_shots: int = Field(8, ge=1, description="one-shots that may wait for a worker; more are a 503")
 
@@ -105,6 +123,16 @@ class Settings(BaseModel):
     repairs_days: float = Field(365.0, gt=0, description="repairs that ended are kept this long")
     log_level: Literal["debug", "info", "warning", "error"] = "info"
     log_format: Literal["json", "text"] = "json"
+
+    @field_validator("programs")
+    @classmethod
+    def _templates(cls, value: dict[str, tuple[str, ...]]) -> dict[str, tuple[str, ...]]:
+        for name, template in value.items():
+            try:
+                programs.check_template(template)
+            except programs.Unfit as error:
+                raise ValueError(f"program {name!r}: {error}") from error
+        return value
 
     @property
     def database_url(self) -> str:
@@ -161,7 +189,7 @@ def _from_environment(environment: Mapping[str, str]) -> dict[str, Any]:
     for name in Settings.model_fields:
         text = environment.get(f"{ENVIRONMENT_PREFIX}{name.upper()}")
         if text is not None:
-            found[name] = tuple(filter(None, text.split(","))) if name == "allowed_hosts" else text
+            found[name] = tuple(filter(None, text.split(","))) if name in LISTS else text
     return found
 
 

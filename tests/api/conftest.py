@@ -9,7 +9,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import httpx
 import pytest
@@ -17,10 +17,11 @@ from tests.api.repairs_double import RepairsDouble
 
 from robomend.api.runtime import Runtime
 from robomend.api.server import Server, make_server
+from robomend.repairs.repairs import make_repairs
 from robomend.resources import resource
 from robomend.security import digest, new_key
 from robomend.settings import Settings
-from robomend.store import Transaction, api_keys
+from robomend.store import Store, Transaction, api_keys
 
 TEDUSAR = resource("examples", "tedusar.yaml").read_text(encoding="utf-8")
 
@@ -29,11 +30,11 @@ class Service:
     """A running service, and a client of it."""
 
     def __init__(
-        self, url: str, runtime: Runtime, repairs: RepairsDouble, loop: asyncio.AbstractEventLoop
+        self, url: str, runtime: Runtime, repairs: RepairsDouble | None, loop: asyncio.AbstractEventLoop
     ) -> None:
         self.url = url
         self.runtime = runtime
-        self.repairs = repairs
+        self.repairs = cast(RepairsDouble, repairs)
         self.loop = loop
         self.http = httpx.Client(base_url=url, timeout=20)
 
@@ -85,8 +86,8 @@ def bad_sets(diagnosis: dict[str, Any]) -> list[set[str]]:
 
 
 @contextmanager
-def running(settings: Settings) -> Iterator[Service]:
-    """Serve in a thread of its own until the block ends."""
+def running(settings: Settings, *, repairs: bool = False) -> Iterator[Service]:
+    """Serve in a thread of its own until the block ends; `repairs`: with real ones, not their double."""
     ready = threading.Event()
     found: dict[str, Any] = {}
 
@@ -95,8 +96,11 @@ def running(settings: Settings) -> Iterator[Service]:
         ready.set()
 
     async def serve() -> None:
-        found["repairs"] = RepairsDouble()
-        found["runtime"] = Runtime(settings, lambda *_: found["repairs"])
+        def make(store: Store, *_: Any) -> Any:
+            found["repairs"] = RepairsDouble(store)
+            return found["repairs"]
+
+        found["runtime"] = Runtime(settings, make_repairs if repairs else make)
         found["server"] = make_server(found["runtime"], note)
         found["loop"] = asyncio.get_running_loop()
         await found["server"].serve()
@@ -105,7 +109,7 @@ def running(settings: Settings) -> Iterator[Service]:
     thread.start()
     try:
         assert ready.wait(20), "the service did not start"
-        service = Service(found["url"], found["runtime"], found["repairs"], found["loop"])
+        service = Service(found["url"], found["runtime"], found.get("repairs"), found["loop"])
         with service.http:
             yield service
     finally:

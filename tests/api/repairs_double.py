@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any, cast
 
 from robomend.errors import NotFound, StateConflict
+from robomend.repairs.agent_queue import AgentQueue
+from robomend.repairs.executors.registry import Surroundings, check
 from robomend.repairs.repairs import Json
+from robomend.repairs.stop_switch import StopSwitch
+from robomend.robots.reporters import Reporter
+from robomend.store import Store
 
 REPAIR = {"id": "r-1", "robot": "r1", "state": "awaiting-approval", "plan": [], "by": "local"}
 
@@ -15,7 +20,8 @@ REPAIR = {"id": "r-1", "robot": "r1", "state": "awaiting-approval", "plan": [], 
 class RepairsDouble:
     """Stands in for robomend.repairs.repairs.Repairs."""
 
-    def __init__(self) -> None:
+    def __init__(self, store: Store) -> None:
+        self.switch = StopSwitch(store)
         self.calls: list[tuple[Any, ...]] = []
         self.queue: dict[str, Json] = {}
         self.owners: dict[str, str] = {}
@@ -23,18 +29,27 @@ class RepairsDouble:
 
     async def start(self) -> None:
         self.calls.append(("start",))
+        await self.switch.start()
 
     async def close(self) -> None:
         self.calls.append(("close",))
+        await self.switch.close()
 
     def end_waits(self) -> None:
         self.calls.append(("end_waits",))
+
+    def check_actions(self, robot: str, configured: Mapping[str, Mapping[str, Any]]) -> None:
+        around = Surroundings(robot, None, cast(AgentQueue, None), {}, {}, (), asyncio.Event())
+        check(configured, around)
 
     async def plan(
         self, robot: str, *, bad: Sequence[str] | None, planner: str | None, timeout_s: float, pddl: bool
     ) -> Json:
         self.calls.append(("plan", robot, bad, planner, timeout_s, pddl))
         return {"choice": {"bad": bad or []}, "plan": {"steps": []}, "alternatives": [], "probe": None}
+
+    async def findings(self, robot: str) -> Sequence[str]:
+        return [f"nobody looks at {robot}"]
 
     async def create(self, robot: str, *, bad: Sequence[str] | None, by: str, reason: str) -> Json:
         self.calls.append(("create", robot, bad, by, reason))
@@ -59,8 +74,18 @@ class RepairsDouble:
         self.calls.append(("cancel", repair_id, by, reason))
         return {**await self.repair(repair_id), "state": "cancelled"}
 
-    async def next_action(self, robot: str, *, host: str | None, wait_s: float) -> Json | None:
-        self.calls.append(("next_action", robot, host, wait_s))
+    async def orders(
+        self,
+        robot: str,
+        *,
+        host: str | None,
+        wait_s: float,
+        by: Reporter,
+        agent: str | None = None,
+        can: Collection[str] | None = None,
+        **said: object,
+    ) -> Json | None:
+        self.calls.append(("orders", robot, agent, host, can, wait_s))
         if robot not in self.queue and wait_s:
             await asyncio.sleep(min(wait_s, 0.05))  # a long poll of an empty queue
         return self.queue.get(robot)
@@ -70,25 +95,14 @@ class RepairsDouble:
             raise NotFound(f"there is no action {action_id!r}")
         return self.owners[action_id]
 
-    async def feedback(self, action_id: str, *, code: int, message: str, by: str) -> None:
+    async def feedback(self, action_id: str, *, code: int, message: str) -> None:
         await self.action_robot(action_id)
-        self.calls.append(("feedback", action_id, code, message, by))
+        self.calls.append(("feedback", action_id, code, message))
 
-    async def result(self, action_id: str, *, code: int, message: str, by: str) -> Json:
+    async def result(self, action_id: str, *, code: int, message: str, by: Reporter) -> Json:
         await self.action_robot(action_id)
-        self.calls.append(("result", action_id, code, message, by))
+        self.calls.append(("result", action_id, code, message, by.name))
         return self.first.setdefault(action_id, {"code": code, "message": message})
-
-    async def stopped(self) -> Json:
-        return {"active": False, "by": None, "reason": "", "since_ns": None}
-
-    async def stop(self, *, by: str, reason: str) -> Json:
-        self.calls.append(("stop", by, reason))
-        return {"active": True, "by": by, "reason": reason, "since_ns": 1}
-
-    async def resume(self, *, by: str, reason: str) -> Json:
-        self.calls.append(("resume", by, reason))
-        return await self.stopped()
 
     async def quarantined(self, robot: str) -> Mapping[str, str]:
         return {"jaguar": "three attempts did not help"}

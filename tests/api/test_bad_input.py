@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 from tests.api.conftest import Service, StartService
 
-from robomend.api.problems import Problem
 from robomend.api.strict_json import loads
+from robomend.errors import TooDeep
 
 JSON = {"Content-Type": "application/json"}
 PLACE = "/robots/r1/observations"
@@ -175,5 +175,5 @@ def test_good_json_is_read_as_it_is(text: str) -> None:
 def test_brackets_in_strings_do_not_count_as_depth() -> None:
     value: Any = ["[" * 100, '"[{' * 30]
     assert loads(json.dumps(value).encode(), 4) == value
-    with pytest.raises(Problem):
+    with pytest.raises(TooDeep):
         loads(b'["' + b"[" * 100 + b'", [[[[[]]]]]]', 4)

@@ -11,6 +11,8 @@ from collections.abc import Iterator
 import pytest
 from tests.api.conftest import Service, StartService
 
+from robomend.store import global_stop
+
 
 @pytest.fixture
 def board() -> Iterator[int]:
@@ -76,3 +78,80 @@ def test_a_board_that_is_gone_is_unknown_and_does_not_stop_the_service(
         assert time.monotonic() < deadline, "a board that is gone still says what is on"
         time.sleep(0.02)
     assert service.http.get("/readyz").status_code == 200
+
+
+FED = """
+robomend: 1
+name: fed
+protected_channels: [0]
+hardware:
+  rail: {channel: 7}
+  hub: {fed_by: [rail]}
+  camera: {channel: 3, fed_by: [hub]}
+  lamp: {channel: 4, fed_by: [hub]}
+"""
+
+
+def switch_off(service: Service, channel: int) -> tuple[int, str]:
+    """Ask for a channel to be switched off; return the status and what is said."""
+    answer = service.api("PUT", f"/robots/r1/board/channels/{channel}", json={"on": False})
+    return answer.status_code, "" if answer.status_code == 204 else answer.json()["detail"]
+
+
+def test_a_person_does_not_switch_off_what_the_robot_protects_nor_what_feeds_it(
+    start: StartService, board: int
+) -> None:
+    service = start()
+    service.api("PUT", "/models/fed", json={"source": FED})
+    at = {"host": "127.0.0.1", "port": board, "rate_hz": 20, "protected": []}
+    config = {"model": "fed", "protected": ["camera"], "board": at}
+    assert service.api("PUT", "/robots/r1", json=config).status_code == 201
+    until(service, "on(rail)")
+    assert switch_off(service, 3) == (403, "channel 3 is protected: camera is protected")
+    assert switch_off(service, 7) == (403, "channel 7 is protected: camera, which it feeds, is protected")
+    assert switch_off(service, 0) == (403, "channel 0 is protected: nothing switches it off")
+    assert switch_off(service, 4) == (204, "")
+    shown = service.api("GET", "/robots/r1/board").json()["channels"]
+    assert {one["channel"] for one in shown if one["protected"]} == {0, 3, 7}
+    freed = service.api("PUT", "/robots/r1", json={**config, "protected": []}, headers={"If-Match": "*"})
+    assert freed.status_code == 200
+    until(service, "on(rail)")
+    assert switch_off(service, 7) == (204, "")
+
+
+def test_the_global_stop_stops_a_person_s_switch_too(start: StartService, board: int) -> None:
+    service = start()
+    service.with_robot(board={"host": "127.0.0.1", "port": board, "rate_hz": 20, "protected": []})
+    until(service, "on(jaguar)", "not on(hokuyo)")
+
+    def stop(active: bool) -> None:
+        write = service.runtime.store.write
+        service.run(write(lambda tx: global_stop.put(tx, active, by="ann", reason="somebody is inside")))
+
+    stop(True)
+    refused = service.api("PUT", "/robots/r1/board/channels/3", json={"on": True})
+    assert (refused.status_code, refused.json()["detail"]) == (
+        403,
+        "the global stop is active, set by ann: somebody is inside",
+    )
+    assert switch_off(service, 7)[0] == 403
+    stop(False)
+    assert switch_off(service, 7) == (204, "")
+    until(service, "not on(jaguar)", "not on(hokuyo)")  # what was asked during the stop was not done later
+
+
+def test_a_person_does_not_switch_a_channel_unless_the_robot_is_seen_as_the_model_demands(
+    start: StartService, board: int
+) -> None:
+    service = start()
+    service.api("PUT", "/models/fed", json={"source": FED + "properties: [parked]\nact_when: ok(parked)\n"})
+    config = {"model": "fed", "board": {"host": "127.0.0.1", "port": board, "rate_hz": 20, "protected": []}}
+    assert service.api("PUT", "/robots/r1", json=config).status_code == 201
+    until(service, "on(rail)")
+    refused = "act_when of the model, `ok(parked)`, is not what is observed: "
+    assert switch_off(service, 4) == (403, refused + "nobody reports ok(parked)")
+    service.observe("not ok(parked)")
+    on = service.api("PUT", "/robots/r1/board/channels/4", json={"on": True})
+    assert (on.status_code, on.json()["detail"]) == (403, refused + "not ok(parked) is observed")
+    service.observe("ok(parked)")
+    assert switch_off(service, 4) == (204, "")

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from tests.api.conftest import Service
+from tests.api.conftest import Service, StartService, sign_in
+from tests.waiting import until
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -39,27 +40,52 @@ def test_a_conflict_of_the_loop_is_a_409(service: Service) -> None:
 def test_an_agent_pulls_its_action_and_reports(service: Service) -> None:
     loop = service.repairs
     calls: list[Any] = loop.calls
-    assert service.api("GET", "/robots/r1/actions/next").status_code == 204
+    ask = {"agent": "onboard", "host": "pc", "wait_s": 5}
+    assert service.api("POST", "/robots/r1/actions/next", json={"agent": "onboard"}).status_code == 204
     action = {"id": "r-1:2", "name": "start_node", "parameters": ["rviz"], "timeout_s": 5.0, "host": "pc"}
     loop.queue["r1"] = action
     loop.owners["r-1:2"] = "r1"
-    asked = service.api("GET", "/robots/r1/actions/next", params={"wait_s": 5, "host": "pc"})
+    asked = service.api("POST", "/robots/r1/actions/next", json=ask)
     assert asked.json() == action
-    assert calls[-1] == ("next_action", "r1", "pc", 5.0)
+    assert calls[-1] == ("orders", "r1", "onboard", "pc", None, 5.0)
+    poll = {"agent": "onboard", "host": "pc", "can": ["start_node:rviz"], "wait_s": 5}
+    poll["observes"] = [{"atom": "running(rviz)", "detection_s": 0.1, "settling_s": 0.1}]
+    assert service.api("POST", "/robots/r1/actions/next", json=poll).json() == action
+    assert calls[-1] == ("orders", "r1", "onboard", "pc", ["start_node:rviz"], 5.0)
+    assert service.api("POST", "/robots/r1/actions/next", json={"host": "pc"}).status_code == 422
     told = service.api("POST", "/actions/r-1:2/feedback", json={"code": 50, "message": "half"})
     assert told.status_code == 204
-    assert calls[-1] == ("feedback", "r-1:2", 50, "half", "local")
+    assert calls[-1] == ("feedback", "r-1:2", 50, "half")
     first = service.api("POST", "/actions/r-1:2/result", json={"code": 0}).json()
     again = service.api("POST", "/actions/r-1:2/result", json={"code": 1, "message": "late"}).json()
     assert first == again == {"code": 0, "message": ""}
     assert service.api("POST", "/actions/r-1:9/result", json={"code": 0}).status_code == 404
 
 
+def test_no_get_takes_an_action_unless_a_key_is_in_its_header(start: StartService) -> None:
+    service = start()
+    service.with_robot("r1")
+    action = {"id": "r-1:2", "name": "start_node", "parameters": ["rviz"], "timeout_s": 5.0, "host": "pc"}
+    service.repairs.queue["r1"] = action
+    refused = service.api("GET", "/robots/r1/actions/next")
+    assert (refused.status_code, refused.headers["allow"]) == (405, "POST")
+    key = service.key("robot", "r1")
+    cookie = sign_in(service, key).headers["set-cookie"].partition(";")[0]
+    head = {"Cookie": cookie, "Origin": service.url}
+    assert service.api("GET", "/robots/r1/actions/next", headers=head).status_code == 405
+    assert ("next_action", "r1", None, 0.0) not in service.repairs.calls
+    taken = service.api("GET", "/robots/r1/actions/next", headers={"Authorization": f"Bearer {key}"})
+    assert taken.json() == action
+    assert taken.headers["deprecation"] == "true"
+
+
 def test_a_persons_brakes(service: Service) -> None:
     calls: list[Any] = service.repairs.calls
-    assert service.api("POST", "/stop", json={"reason": "fire"}).json()["active"]
-    assert calls[-1] == ("stop", "local", "fire")
-    assert not service.api("DELETE", "/stop").json()["active"]
+    stopped = service.api("POST", "/stop", json={"reason": "fire"}).json()
+    assert (stopped["active"], stopped["by"], stopped["reason"]) == (True, "local", "fire")
+    assert service.api("GET", "/stop").json()["reason"] == "fire"
+    service.api("DELETE", "/stop", params={"reason": "it is out"})
+    until(lambda: not service.api("GET", "/stop").json()["active"], "the stop was not lifted")
     assert service.api("GET", "/robots/r1/quarantine").json() == {"jaguar": "three attempts did not help"}
     freed = service.api("POST", "/robots/r1/quarantine/jaguar/release", json={"reason": "mended"})
     assert freed.status_code == 204

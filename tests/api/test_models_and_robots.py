@@ -148,14 +148,23 @@ def test_replacing_a_robot_keeps_obs_and_tells_its_followers(start: StartService
         service.api("GET", "/robots/r1/observations").json()["observations"][0]["literal"] == "not ok(scan)"
     )
     noted = service.api("GET", "/audit", params={"robot": "r1"}).json()["items"]
-    assert [entry["action"] for entry in noted] == ["robot.put", "robot.put"]
+    assert [entry["action"] for entry in noted] == ["robot.put", "observations.report", "robot.put"]
     assert noted[0]["before"]["policy"] == "approve"
+
+
+CALL_HUMAN = """
+(define (domain robot-repair)
+  (:action call_human
+    :parameters (?c - component)
+    :precondition (bad ?c)
+    :effect (and (good ?c) (not (bad ?c)) (increase (total-cost) 500))))
+"""
 
 
 def test_the_secret_of_a_webhook_is_shown_to_nobody_and_kept(start: StartService) -> None:
     service = start()
     hook = {"executor": {"kind": "webhook", "options": {"url": "https://example.org/", "secret": "s3cr3t"}}}
-    service.with_robot(actions={"call_human": hook})
+    service.with_robot(actions={"call_human": hook}, domain=CALL_HUMAN)
     shown = service.api("GET", "/robots/r1")
     options = shown.json()["config"]["actions"]["call_human"]["executor"]["options"]
     assert options == {"url": "https://example.org/", "secret": "**********"}
@@ -176,6 +185,21 @@ def test_the_secret_of_a_webhook_is_shown_to_nobody_and_kept(start: StartService
     told = service.api("GET", "/audit", params={"robot": "r1"})
     assert len(told.json()["items"]) == 3
     assert "s3cr3t" not in shown.text + put.text + told.text
+
+
+def test_a_program_that_the_settings_do_not_name_is_refused_when_the_robot_is_put(service: Service) -> None:
+    service.api("PUT", "/models/tedusar", json={"source": TEDUSAR})
+    actions = {"start_node": {"executor": {"kind": "process", "options": {"program": "roslaunch"}}}}
+    refused = service.api("PUT", "/robots/programmed", json={"model": "tedusar", "actions": actions})
+    assert (refused.status_code, refused.json()["code"]) == (422, "bad-input")
+    said = "actions.start_node: the service's settings name no program 'roslaunch' (programs: none)"
+    assert refused.json()["detail"].startswith(said)
+    assert service.api("GET", "/robots/programmed").status_code == 404
+
+
+def test_what_is_found_out_about_a_robot_is_said_with_it(service: Service) -> None:
+    service.with_robot("found")
+    assert service.api("GET", "/robots/found").json()["findings"] == ["nobody looks at found"]
 
 
 @pytest.mark.parametrize("kind", ["application/yaml", "text/yaml", "application/x-yaml", "text/plain"])

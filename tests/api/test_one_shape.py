@@ -12,7 +12,7 @@ from tests.api.conftest import TEDUSAR, Service
 from tests.api.test_events import following, take
 
 from robomend.api.schemas.base import Out
-from robomend.api.schemas.diagnosis import ConflictOut, DiagnosisOut, ResultOut
+from robomend.api.schemas.diagnosis import ConflictOut, DiagnosisOut, FactorOut, ResultOut
 from robomend.cli.commands import run
 from robomend.diagnosis.result import Conflict, Diagnosis, DiagnosisResult, Factor
 from robomend.oneshots.result_json import result_json
@@ -115,10 +115,10 @@ FULL = DiagnosisResult(
     (Diagnosis(("a",), 0.5, {"a": "stuck"}, (0,)),),
     True,
     None,
-    (Conflict(("a",), (fails("ok", "x"),), ("rule",), "text"),),
+    (Conflict(("a",), (fails("ok", "x"),), ("rule",), "text", fails("ok", "x")),),
     0.25,
     (fails("on", "y"),),
-    ((Factor("a", ("a", "b")),),),
+    ((Factor("a", ("a", "b"), (("c", "d"),)),),),
     1,
     0.1,
     {"b": "why"},
@@ -131,6 +131,7 @@ def test_every_field_of_a_result_is_described_in_openapi() -> None:
         (values, ResultOut),
         (values["diagnoses"][0], DiagnosisOut),
         (values["conflicts"][0], ConflictOut),
+        (values["factored"][0][0], FactorOut),
     ]
     for found, schema in described:
         assert [*found] == [*schema.model_fields]

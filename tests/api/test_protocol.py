@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
+import gzip
 import json
 import socket
 
 import pytest
 from tests.api.conftest import Service, StartService
+
+from robomend.api import protocol
 
 HOST = b"Host: localhost\r\n"
 
@@ -41,7 +45,7 @@ def ask(service: Service, data: bytes) -> tuple[int, dict[str, object]]:
     [
         b"\x00\x01garbage\r\n\r\n",
         b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n",
-        b"GET /healthz HTTP/1.1\r\n" + HOST + b"Host: evil.example\r\n\r\n",
+        b"GET /version-info HTTP/1.1\r\n" + HOST + b"Host: evil.example\r\n\r\n",
         b"GET /\xff\xfe HTTP/1.1\r\n" + HOST + b"\r\n",
         b"POST /api/v1/stop HTTP/1.1\r\n" + HOST + b"Content-Length: -1\r\n\r\n",
         b"POST /api/v1/stop HTTP/1.1\r\n" + HOST + b"Content-Length: 2\r\nTransfer-Encoding: chunked\r\n\r\n",
@@ -55,7 +59,7 @@ def test_what_is_no_http_is_a_problem(service: Service, data: bytes) -> None:
 
 @pytest.mark.parametrize("line", [b"X: ", b"X" * 100 + b": y\r\n", b"GET /"], ids=["one", "many", "path"])
 def test_an_endless_head_is_cut_off(service: Service, line: bytes) -> None:
-    start = line if line.startswith(b"GET") else b"GET /healthz HTTP/1.1\r\n" + HOST + line
+    start = line if line.startswith(b"GET") else b"GET /version-info HTTP/1.1\r\n" + HOST + line
     more = line * 100 if line.endswith(b"\n") else b"a" * 10_000
     with connect(service) as connection:
         connection.sendall(start)
@@ -71,29 +75,29 @@ def test_an_endless_head_is_cut_off(service: Service, line: bytes) -> None:
 
 def test_a_head_beyond_the_limit_is_a_431(start: StartService) -> None:
     service = start(max_head_bytes=2000)
-    whole = b"GET /healthz HTTP/1.1\r\n" + HOST + b"X: " + b"a" * 2000 + b"\r\n\r\n"
+    whole = b"GET /version-info HTTP/1.1\r\n" + HOST + b"X: " + b"a" * 2000 + b"\r\n\r\n"
     status, body = ask(service, whole)
     assert (status, body["code"]) == (431, "headers-too-large")
     status, body = ask(service, whole[:2040])
     assert (status, body["code"]) == (431, "headers-too-large")
-    assert service.http.get("/healthz", headers={"X": "a" * 1000}).status_code == 200
+    assert service.http.get("/version-info", headers={"X": "a" * 1000}).status_code == 200
 
 
 def test_a_head_that_does_not_end_is_given_up(start: StartService) -> None:
     service = start(head_timeout_s=1.0)
-    status, body = ask(service, b"GET /healthz HTTP/1.1\r\n")
+    status, body = ask(service, b"GET /version-info HTTP/1.1\r\n")
     assert (status, body["code"]) == (408, "request-timeout")
 
 
 def test_a_second_head_that_does_not_end_is_given_up_too(start: StartService) -> None:
     service = start(head_timeout_s=1.0)
     with connect(service) as connection:
-        connection.sendall(b"GET /healthz HTTP/1.1\r\n" + HOST + b"\r\n")
+        connection.sendall(b"GET /version-info HTTP/1.1\r\n" + HOST + b"\r\n")
         answer = b""
         while not answer.endswith(b"}"):
             answer += connection.recv(65536)
         assert answer.startswith(b"HTTP/1.1 200")
-        connection.sendall(b"GET /healthz")
+        connection.sendall(b"GET /version-info")
         assert rest(connection).startswith(b"HTTP/1.1 408")
 
 
@@ -117,10 +121,123 @@ def test_an_answer_may_take_longer_than_a_head(start: StartService) -> None:
 
 
 def test_pipelined_requests_are_answered_in_order(service: Service) -> None:
-    one = b"GET /healthz HTTP/1.1\r\n" + HOST + b"\r\n"
+    one = b"GET /api/v1/robots HTTP/1.1\r\n" + HOST + b"\r\n"
     last = b"GET /version-info HTTP/1.1\r\n" + HOST + b"Connection: close\r\n\r\n"
     with connect(service) as connection:
         connection.sendall(one * 50 + last)
         found = rest(connection)
     assert found.count(b"HTTP/1.1 200") == 51
-    assert found.rindex(b'"status":"ok"') < found.index(b'"robomend"')
+    assert found.rindex(b'"items"') < found.index(b'"robomend"')
+
+
+def test_the_answer_to_a_body_that_is_too_large_can_be_read(start: StartService) -> None:
+    service = start(max_body_bytes=2000, max_model_bytes=3000)
+    for framing in (b"Content-Length: 10000000", b"Transfer-Encoding: chunked"):
+        head = b"POST /api/v1/robots HTTP/1.1\r\n".replace(b"robots", b"robots/r1/observations")
+        body = b"a" * 10_000_000
+        if b"chunked" in framing:
+            body = b"".join(b"2710\r\n" + b"a" * 10_000 + b"\r\n" for _ in range(1000)) + b"0\r\n\r\n"
+        with connect(service) as connection:
+            connection.sendall(head + HOST + b"Content-Type: application/json\r\n" + framing + b"\r\n\r\n")
+            connection.sendall(body)
+            found = b"".join(iter(lambda: connection.recv(65536), b""))  # a reset would raise
+        assert found.startswith(b"HTTP/1.1 413")
+        assert b'"code": "too-large"' in found
+
+
+@pytest.mark.parametrize(
+    ("head", "status", "code"),
+    [
+        (b"GET /version-info HTTP/1.1\r\n\r\n", 400, "bad-request"),
+        (b"GET /version-info HTTP/2.0\r\n" + HOST + b"\r\n", 505, "http-version"),
+    ],
+    ids=["no Host", "another version"],
+)
+def test_heads_that_are_not_as_http_1_1_wants_them(
+    service: Service, head: bytes, status: int, code: str
+) -> None:
+    found, body = ask(service, head)
+    assert (found, body["code"]) == (status, code)
+
+
+def test_http_1_0_needs_no_host(service: Service) -> None:
+    with connect(service) as connection:
+        connection.sendall(b"GET /version-info HTTP/1.0\r\n\r\n")
+        assert rest(connection).startswith(b"HTTP/1.1 200")
+
+
+@pytest.mark.parametrize("before", [b"", b"2\r\n{}\r\n"], ids=["at once", "after a chunk"])
+def test_trailers_are_bounded_and_end_with_their_answer(service: Service, before: bytes) -> None:
+    """Without a key: the answer comes before the trailers do."""
+    head = b"POST /api/v1/nothing HTTP/1.1\r\n" + HOST + b"Transfer-Encoding: chunked\r\n\r\n"
+    trailer = b"X-Filler: " + b"a" * 1000 + b"\r\n"
+    with connect(service) as connection:
+        connection.sendall(head + before + b"0\r\n")
+        sent = 0
+        with contextlib.suppress(OSError):
+            while sent < 100_000_000:
+                connection.sendall(trailer)
+                sent += len(trailer)
+    assert sent < 30_000_000
+
+
+def test_what_a_body_brings_besides_itself_is_bounded(service: Service) -> None:
+    """Chunk extensions and trailers of a request that waits for its body."""
+    service.with_robot("r1")
+    head = b"POST /api/v1/robots/r1/observations HTTP/1.1\r\n" + HOST
+    head += b"Content-Type: application/json\r\nTransfer-Encoding: chunked\r\n\r\n"
+    with connect(service) as connection:
+        connection.sendall(head + b"2;" + b"a=b;" * 30_000)
+        assert rest(connection).startswith(b"HTTP/1.1 431")
+
+
+def test_a_body_that_goes_on_after_its_answer_ends_with_its_time(
+    service: Service, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(protocol, "REST_S", 0.2)
+    monkeypatch.setattr(protocol, "LINGER_S", 0.2)
+    head = b"POST /api/v1/nothing HTTP/1.1\r\n" + HOST + b"Content-Length: 1000\r\n\r\n"
+    with connect(service) as connection:
+        connection.sendall(head)
+        assert connection.recv(65536).startswith(b"HTTP/1.1 404")
+        with contextlib.suppress(OSError):
+            while connection.recv(65536):
+                pass
+            connection.sendall(b"a")
+
+
+def test_a_body_that_drips_is_given_up(start: StartService) -> None:
+    service = start(body_timeout_s=0.3)
+    service.with_robot("r1")
+    head = b"POST /api/v1/robots/r1/observations HTTP/1.1\r\n" + HOST
+    head += b"Content-Type: application/json\r\nContent-Length: 1000\r\n\r\n"
+    with connect(service) as connection:
+        connection.sendall(head)
+        found = b""
+        while not found:
+            connection.sendall(b" ")
+            connection.settimeout(0.1)
+            with contextlib.suppress(TimeoutError):
+                found = connection.recv(65536)
+    assert found.startswith(b"HTTP/1.1 408")
+
+
+def test_a_compressed_body_is_a_415(service: Service) -> None:
+    service.with_robot("r2")
+    body = gzip.compress(b'{"observations": ["ok(scan)"]}')
+    headers = {"Content-Type": "application/json", "Content-Encoding": "gzip"}
+    answer = service.api("POST", "/robots/r2/observations", content=body, headers=headers)
+    assert (answer.status_code, answer.json()["code"]) == (415, "unsupported-media-type")
+    assert answer.headers["accept-encoding"] == "identity"
+
+
+def test_too_many_requests_in_a_row_end_their_connection(service: Service) -> None:
+    one = b"GET /version-info HTTP/1.1\r\n" + HOST + b"\r\n"
+    with connect(service) as connection:
+        connection.sendall(one * 1000)
+        assert rest(connection).count(b"HTTP/1.1 200") < 200
+
+
+def test_a_strangers_body_is_small(service: Service) -> None:
+    answer = service.api("POST", "/session", json={"key": "x" * 10_000})
+    assert (answer.status_code, answer.json()["code"]) == (413, "too-large")

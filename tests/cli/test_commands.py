@@ -131,7 +131,7 @@ def test_diagnose_answers_in_the_agreed_shape(capsys: Capture) -> None:
     assert [d["probability"] for d in found["diagnoses"]] == [None, None]
     assert (found["complete"], found["stopped_by"]) == (True, None)
     (conflict,) = found["conflicts"]
-    assert set(conflict) == {"components", "observations", "rules", "text"}
+    assert set(conflict) == {"components", "observations", "rules", "text", "unmet", "minimal"}
     assert conflict["components"] == ["hokuyo", "hokuyo_node"]
     assert conflict["observations"] == ["not ok(scan)"]
 

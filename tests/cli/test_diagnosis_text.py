@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 
 from robomend.cli.diagnosis_text import WIDTH, leading_first, told
-from robomend.diagnosis.result import Conflict, Diagnosis, DiagnosisResult, Options
+from robomend.diagnosis.result import Conflict, Diagnosis, DiagnosisResult, Factor, Options
 from robomend.model.loading import load_model, load_text
 from robomend.oneshots.warm_model import WarmModel
 from robomend.resources import resource
@@ -35,7 +35,8 @@ def result(*blamed: str, conflicts: int = 0, **more: object) -> DiagnosisResult:
         Conflict((f"c{number}",), (fails("ok", "x"),), (), f"conflict {number}")
         for number in range(conflicts)
     )
-    return DiagnosisResult(components, diagnoses, True, None, found, 0.001, **more)  # type: ignore[arg-type]
+    known: dict[str, object] = {"complete": True, "stopped_by": None, "elapsed_s": 0.001, **more}
+    return DiagnosisResult(components, diagnoses, conflicts=found, **known)  # type: ignore[arg-type]
 
 
 def test_many_alike_are_counted_and_the_next_step_is_said() -> None:
@@ -82,11 +83,44 @@ def test_the_first_line_is_the_answer(sentences: list[str], first: str) -> None:
 def test_what_is_cut_short_says_by_what_and_how_to_get_more() -> None:
     with WarmModel(TEDUSAR, options=Options(limit=1)) as model:
         shown = told(model.ask_line("not ok(scan)").result)
-    assert shown[0] == "at least 1 diagnosis explains what was seen:"
+    assert shown[:4] == [
+        "2 diagnoses, any one of which explains what was seen:",
+        "",
+        "  hokuyo",
+        "  … and 1 more",
+    ]
     assert shown[-1].startswith("incomplete: stopped by limit (see --limit); ")
-    with WarmModel(TEDUSAR, options=Options(timeout_s=0.0)) as model:
-        shown = told(model.ask_line("not ok(scan)").result)
+    shown = told(result(complete=False, stopped_by="time"))
     assert shown[0] == "no diagnosis found: the search was stopped by time"
+
+
+def test_only_of_a_whole_list_is_said_what_all_diagnoses_blame() -> None:
+    assert told(result("a b", "c b", complete=False, stopped_by="limit"))[0] == (
+        "at least 2 diagnoses, any one of which explains what was seen; those found all"
+    )
+    assert not any("blame" in line for line in told(result("a b", complete=False, count=2)))
+
+
+def test_independent_faults_are_told_as_products_with_their_exact_number() -> None:
+    sentences = ("not ok(scan)", "not ok(odom)", "not running(rviz)")
+    with WarmModel(TEDUSAR, options=Options(limit=2)) as model:
+        shown = told(model.ask(model.question(sentences)).result)
+    assert shown[0] == "4 diagnoses, any one of which explains what was seen; all blame rviz:"
+    assert shown[2] == "  {jaguar, jaguar_node} × {hokuyo, hokuyo_node} × {rviz}"
+    assert shown[-1].startswith("complete, as products; ")
+
+
+def test_a_long_product_is_cut_unless_everything_is_asked_for() -> None:
+    row = tuple(Factor(f"a{number}", (f"a{number}",), ((f"b{number}", "c"),)) for number in range(14))
+    bad = " ".join(f"a{number}" for number in range(14))
+    found = result(bad, factored=(row,), count=2**14)
+    assert "{a11, b11 + c} × 2 more factors" in " ".join(line.strip() for line in told(found))
+    assert "{a13, b13 + c}" in " ".join(told(found, everything=True))
+
+
+def test_that_conflicts_are_missing_is_said() -> None:
+    shown = told(result("a", conflicts=1, conflicts_complete=False))
+    assert "not all that these diagnoses rest on: there was no time, or no room" in shown
 
 
 def test_what_cannot_be_supposed_and_what_was_not_looked_at_have_words() -> None:

@@ -1,4 +1,4 @@
-"""`robomend doctor`: what it says of the database."""
+"""`robomend doctor`: what it says of the database, and of a robot."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ import os
 from pathlib import Path
 
 import pytest
+from tests.api.conftest import running
 
 from robomend.cli.commands import run
+from robomend.settings import Settings
 from robomend.store import Store
-
-pytestmark = pytest.mark.anyio
 
 
 async def said_of_the_database(folder: Path, capsys: pytest.CaptureFixture[str]) -> str:
@@ -23,6 +23,7 @@ async def said_of_the_database(folder: Path, capsys: pytest.CaptureFixture[str])
     return str(detail)
 
 
+@pytest.mark.anyio
 async def test_the_database_is_named_with_the_services_that_use_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -34,3 +35,41 @@ async def test_the_database_is_named_with_the_services_that_use_it(
     assert f"(process {os.getpid()})" in await said_of_the_database(tmp_path, capsys)
     await store.close()
     assert "used by" not in await said_of_the_database(tmp_path, capsys)
+
+
+def said_of_the_robot(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> tuple[int, list[str]]:
+    """Return the exit code and what is said of the robot."""
+    code = run(["doctor", "--format", "json", *arguments])
+    [answer] = [
+        line for line in capsys.readouterr().out.splitlines() if line.startswith("{")
+    ]  # beside the log
+    checks = json.loads(answer)["checks"]
+    return code, [check["detail"] for check in checks if check["name"].startswith("robot ")]
+
+
+def test_a_service_that_runs_is_asked_about_a_robot(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with running(Settings(port=0, data=tmp_path)) as service:
+        service.with_robot()
+        found = said_of_the_robot(["--robot", "r1", "--url", service.url], capsys)
+        assert found == (1, ["nobody looks at r1"])  # what the service says, see repairs_double.py
+        monkeypatch.setenv("ROBOMEND_URL", service.url)
+        code, said = said_of_the_robot(["--robot", "r2"], capsys)
+        assert code == 1
+        assert "r2" in said[0]
+    code, said = said_of_the_robot(["--robot", "r1", "--url", "http://127.0.0.1:1"], capsys)
+    assert (code, len(said)) == (1, 1)
+
+
+def test_without_a_service_the_database_says_what_it_knows_of_a_robot(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with running(Settings(port=0, data=tmp_path)) as service:
+        service.with_robot(observed=["ok(scan)"])
+        service.with_robot("r2", board={"host": "127.0.0.1", "port": 1}, observed=["ok(scan)"])
+    _, said = said_of_the_robot(["--robot", "r1", "--data", str(tmp_path)], capsys)
+    assert said[0].startswith("power_up: nobody carries it out: the robot has no `board`")
+    assert "nobody has reported ok(scan), which `observed` says that observers will report" in said
+    _, said = said_of_the_robot(["--robot", "r2", "--data", str(tmp_path)], capsys)
+    assert not [one for one in said if "nobody carries it out" in one]

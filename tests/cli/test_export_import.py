@@ -9,7 +9,8 @@ import pytest
 from tests.store.examples import entry, observe, with_robots
 
 from robomend.cli.commands import run
-from robomend.store import Store
+from robomend.store import Store, robots
+from robomend.store.records import AuditEntry
 
 Capture = pytest.CaptureFixture[str]
 
@@ -51,6 +52,29 @@ def test_a_copy_of_sqlite_takes_the_place_of_the_database(
     copy.parent.mkdir()
     assert run(["export", "--data", str(data), "--format", "sqlite", "--output", str(copy)]) == 0
     assert [line for line in exported(capsys, copy.parent) if '"events"' in line]
+
+
+def test_secrets_are_covered_unless_they_are_asked_for(data: Path, capsys: Capture) -> None:
+    hook = {"url": "https://example.org/a?token=s3cr3t", "secret": "t0p"}
+    actions = {"call": {"executor": {"kind": "webhook", "options": hook}}}
+
+    async def configure() -> None:
+        store = Store(f"sqlite:///{data}/robomend.db")
+        await store.start()
+        config = {**(await store.read(robots.get, "r1")).config, "actions": actions}
+        await store.write(lambda tx: robots.put(tx, "r1", config, expected="*"))
+        # As an older version may have noted it.
+        await store.write(lambda tx: tx.note(AuditEntry("ann", "robot.put", "r1", "r1", after=config)))
+        await store.close()
+
+    asyncio.run(configure())
+    shown = "\n".join(exported(capsys, data))
+    assert "https://example.org/a?**********" in shown
+    assert "s3cr3t" not in shown
+    assert "t0p" not in shown
+    assert run(["export", "--data", str(data), "--with-secrets"]) == 0
+    asked = capsys.readouterr().out
+    assert asked.count("s3cr3t") == asked.count("t0p") == 2
 
 
 def test_nothing_is_overwritten(data: Path, tmp_path: Path, capsys: Capture) -> None:

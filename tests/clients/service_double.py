@@ -35,6 +35,8 @@ class ServiceDouble:
     lock: threading.Lock = field(default_factory=threading.Lock)
     answers: Callable[[str, str], tuple[int, Any] | None] = lambda method, path: None
     agents: set[str] = field(default_factory=set)
+    polls: list[dict[str, Any]] = field(default_factory=list)
+    settle: dict[str, Any] | None = None  # what every poll is told until its agent has acted on it
     seen_keys: set[str] = field(default_factory=set)
     withdrawn: set[str] = field(default_factory=set)  # actions whose feedback is answered with 409
     repeated: int = 0  # requests whose Idempotency-Key came before
@@ -136,16 +138,23 @@ class _Handler(BaseHTTPRequestHandler):
             return
         if path.endswith("/actions/next"):
             query = parse_qs(url.query)
-            self.service.agents.add(query["agent"][0])
-            deadline = time.monotonic() + min(float(query["wait_s"][0]), 1.0)
-            while self.service.is_up and time.monotonic() < deadline:
-                if actions := tuple(self.service.actions):
-                    self._send(200, actions[0])
-                    return
-                time.sleep(0.01)
-            self._send(204, None)
+            self._next_action(query["agent"][0], float(query["wait_s"][0]))
         else:
             self._send(404, {"code": "not-found", "detail": f"the double has no {path}"})
+
+    def _next_action(self, agent: str, wait_s: float) -> None:
+        self.service.agents.add(agent)
+        deadline = time.monotonic() + min(wait_s, 1.0)
+        while self.service.is_up and time.monotonic() < deadline:
+            settle = {} if self.service.settle is None else {"settle": self.service.settle}
+            if actions := tuple(self.service.actions):
+                self._send(200, actions[0] | settle)
+                return
+            if settle and self.service.polls[-1].get("settled") != settle["settle"]["n"]:
+                self._send(200, settle)
+                return
+            time.sleep(0.01)
+        self._send(204, None)
 
     def do_POST(self) -> None:
         path = unquote(urlsplit(self.path).path)
@@ -159,6 +168,11 @@ class _Handler(BaseHTTPRequestHandler):
             return
         if not self.service.is_up:
             self.close_connection = True
+            return
+        if path.endswith("/actions/next"):
+            poll = json.loads(data)
+            self.service.polls.append(poll)
+            self._next_action(poll["agent"], poll["wait_s"])
             return
         if path.endswith("/feedback") and path.split("/")[-2] in self.service.withdrawn:
             self._send(409, {"code": "conflict", "detail": "it has its result already"})

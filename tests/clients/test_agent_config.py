@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +12,8 @@ import pytest
 
 from robomend_client.agent.config import AgentConfig, load
 from robomend_client.agent.main import main
-from robomend_client.agent.yaml_reader import ConfigError, Section
 from robomend_client.observers import Rate
+from robomend_client.yaml_reader import ConfigError, Section
 
 ROOT = Path(__file__).parents[2]
 
@@ -167,3 +169,14 @@ def test_check_says_what_a_configuration_means(tmp_path: Path, capsys: pytest.Ca
     said = capsys.readouterr().out
     assert "topic scan: 20 ± 2 Hz" in said
     assert "process laser: laser --device /dev/ttyACM0" in said
+
+
+def test_the_agent_imports_nothing_that_draws() -> None:
+    code = (
+        "import sys; from robomend_client.agent import main; main.import_lean()\n"
+        "import robomend_client.agent.agent, httpx\n"
+        "print(sorted({'rich', 'pygments', 'click', 'difflib'} & set(sys.modules)), httpx.get is not None)"
+    )
+    assert (
+        subprocess.run([sys.executable, "-c", code], capture_output=True, check=True).stdout == b"[] True\n"
+    )

@@ -121,7 +121,8 @@ def test_what_the_configuration_does_not_list_is_refused(service: ServiceDouble,
 @pytest.mark.parametrize(
     ("process", "code", "message"),
     [
-        ({"command": ["/nowhere/at/all"]}, 1, "cannot be started: /nowhere/at/all"),
+        ({"command": ["/nowhere/at/all"]}, 127, "cannot be started: /nowhere/at/all"),
+        ({"command": ["sh", "-c", "exec /nowhere/at/all"], "ready": "notify"}, 127, "exit code 127"),
         (
             {"command": python("print('no laser on ttyACM0'); raise SystemExit(4)"), "ready": "notify"},
             1,

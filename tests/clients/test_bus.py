@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import gc
 import json
 import socket
 from collections.abc import Awaitable, Callable
@@ -24,7 +25,7 @@ Heard = list[tuple[str, object]]
 def with_broker(address: str, test: Callable[[Broker, Heard], Awaitable[None]]) -> None:
     async def run() -> None:
         heard: Heard = []
-        broker = Broker(address, lambda topic, time_ns, data: heard.append((topic, data)))
+        broker = Broker(address, lambda message: heard.append((message.topic, message.data)))
         await broker.open()
         try:
             await asyncio.wait_for(test(broker, heard), 20)
@@ -64,7 +65,17 @@ def test_messages_reach_the_observers_and_those_who_asked(kind: str, tmp_path: P
 
 @pytest.mark.parametrize(
     "rubbish",
-    [b"x\n", b"[]\n", b'{"topic": 3, "data": 1}\n', b'{"topic": "a"}\n', b"[" * 5000 + b"\n", b"z" * 70000],
+    [
+        b"x\n",
+        b"[]\n",
+        b'{"topic": 3, "data": 1}\n',
+        b'{"data": 1}\n',
+        b'{"topic": "a", "time": "now"}\n',
+        b'{"topic": "a", "time": 1.5}\n',
+        b'{"topic": "a", "fields": []}\n',
+        b"[" * 5000 + b"\n",
+        b"z" * 70000,
+    ],
 )
 def test_rubbish_ends_its_own_connection_only(rubbish: bytes) -> None:
     async def test(broker: Broker, heard: Heard) -> None:
@@ -86,11 +97,44 @@ def test_rubbish_ends_its_own_connection_only(rubbish: bytes) -> None:
 )
 def test_lines_arrive_whole_however_they_are_split(messages: list[tuple[str, Any]], size: int) -> None:
     heard: Heard = []
-    peer = broker_module._Peer(Broker("unix:x", lambda topic, time_ns, data: heard.append((topic, data))))
+    peer = broker_module._Peer(Broker("unix:x", lambda message: heard.append((message.topic, message.data))))
     data = b"".join(json.dumps({"topic": topic, "data": value}).encode() + b"\n" for topic, value in messages)
     for start in range(0, len(data), size):
         peer.data_received(data[start : start + size])
     assert heard == messages
+
+
+def test_a_connection_that_is_made_while_the_bus_closes_is_ended() -> None:
+    async def test(broker: Broker, heard: Heard) -> None:
+        late = broker_module._Peer(broker)
+        closing = asyncio.create_task(broker.close())
+        await asyncio.sleep(0)
+        client, accepted = socket.socketpair()
+        transport, _ = await asyncio.get_running_loop().connect_accepted_socket(lambda: late, accepted)
+        await until(transport.is_closing)
+        client.close()
+        await closing
+
+    with_broker("tcp:127.0.0.1:0", test)
+
+
+@pytest.mark.parametrize("turns", range(4))
+def test_connections_that_come_as_the_bus_closes_leave_nothing_behind(turns: int) -> None:
+    async def test(broker: Broker, heard: Heard) -> None:
+        clients = [socket.socket() for _ in range(5)]
+        where = parse_address(broker.address)
+        for client in clients:
+            client.setblocking(False)
+            with contextlib.suppress(BlockingIOError):
+                client.connect(where)
+        for _ in range(turns):
+            await asyncio.sleep(0)
+        await broker.close()
+        for client in clients:
+            client.close()
+
+    with_broker("tcp:127.0.0.1:0", test)
+    gc.collect()  # an exception of what is left fails the test
 
 
 def test_a_subscriber_that_does_not_read_loses_messages_and_holds_up_nobody() -> None:
@@ -127,10 +171,10 @@ def test_an_agent_elsewhere_listens_in_and_comes_back(tmp_path: Path) -> None:
     async def test() -> None:
         heard: Heard = []
         address = f"unix:{tmp_path}/bus"
-        tap = Tap(address, ["scan"], lambda topic, time_ns, data: heard.append((topic, data)))
+        tap = Tap(address, ["scan"], lambda message: heard.append((message.topic, message.data)))
         listening = asyncio.create_task(tap.run())
         for number in range(2):
-            broker = Broker(address, lambda topic, time_ns, data: None)
+            broker = Broker(address, lambda message: None)
             await broker.open()
             await until(lambda broker=broker: broker._subscribers)  # type: ignore[misc]  # bound for this round
             talker = await connect(broker)

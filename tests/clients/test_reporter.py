@@ -12,33 +12,63 @@ from typing import Any
 import httpx
 import pytest
 
-from robomend_client.agent.reporter import Reporter
+from robomend_client.agent.reporter import VerdictReporter
 from robomend_client.buffer import DiskBuffer
 from robomend_client.clock import Clock
-from robomend_client.literals import Atom, fails, holds
+from robomend_client.literals import Atom, Literal
+from robomend_client.observers import Change, Verdict
 from robomend_client.outbox import AsyncOutbox
+from robomend_client.python310 import timeout
 from robomend_client.rest import AsyncClient
 
 SCAN, ODOM = Atom("ok", ("scan",)), Atom("ok", ("odom",))
 
 
-def reporting(
-    tmp_path: Path, test: Callable[[Reporter, asyncio.Task[None], list[Any]], Awaitable[None]]
-) -> list[Any]:
+class Seen:
+    """What the observers of a test say."""
+
+    def __init__(self) -> None:
+        self.standing: dict[Atom, Verdict] = {}
+        self.reporter: VerdictReporter | None = None
+
+    def say(self, *changes: Change) -> None:
+        assert self.reporter is not None
+        for change in changes:
+            if change.value is None:
+                self.standing.pop(change.atom, None)
+            else:
+                self.standing[change.atom] = Verdict(change.value, change.since_ns or 0, change.onset_ns)
+        self.reporter.report(changes)
+
+
+def good(atom: Atom, time_ns: int, since_ns: int = 1) -> Change:
+    return Change(time_ns, atom, Literal(atom), since_ns)
+
+
+def bad(atom: Atom, time_ns: int, since_ns: int = 1, onset_ns: int | None = None) -> Change:
+    return Change(time_ns, atom, -Literal(atom), since_ns, onset_ns)
+
+
+Test = Callable[[Seen, "asyncio.Task[None]", list[dict[str, Any]]], Awaitable[None]]
+
+
+def reporting(tmp_path: Path, test: Test) -> list[dict[str, Any]]:
     """Run a reporter beside `test`; return the batches that a service, played by a transport, got."""
-    got: list[Any] = []
+    got: list[dict[str, Any]] = []
 
     def answer(request: httpx.Request) -> httpx.Response:
-        got.append(json.loads(request.content)["observations"])
+        got.append(json.loads(request.content))
         return httpx.Response(200, json={"revision": len(got), "changed": []})
 
     async def run() -> None:
         buffer = DiskBuffer(tmp_path)
         async with AsyncClient("http://service", transport=httpx.MockTransport(answer)) as client:
-            reporter = Reporter(AsyncOutbox(client, "r", buffer), "agent", heartbeat_s=0.2, lifetime_s=1)
-            task = asyncio.create_task(reporter.run())
+            seen = Seen()
+            outbox = AsyncOutbox(client, "r", buffer)
+            seen.reporter = VerdictReporter(outbox, "agent", 0.2, 1, lambda: list(seen.standing.values()))
+            task = asyncio.create_task(seen.reporter.run())
             try:
-                await asyncio.wait_for(test(reporter, task, got), 20)
+                await asyncio.wait_for(test(seen, task, got), 20)
             finally:
                 task.cancel()
                 await asyncio.wait({task}, timeout=5)
@@ -53,41 +83,69 @@ async def until(true: Callable[[], object]) -> None:
         await asyncio.sleep(0.005)
 
 
-def test_a_change_is_said_at_once_and_everything_in_the_heartbeat(tmp_path: Path) -> None:
-    async def test(reporter: Reporter, task: asyncio.Task[None], got: list[Any]) -> None:
-        reporter.update([SCAN, ODOM], [holds("ok", "scan"), holds("ok", "odom")])
+def test_a_change_is_said_at_once_with_its_time_and_evidence(tmp_path: Path) -> None:
+    async def test(seen: Seen, task: asyncio.Task[None], got: list[dict[str, Any]]) -> None:
+        seen.say(good(SCAN, 50, 10), good(ODOM, 50, 20))
         await until(lambda: len(got) >= 2)
-        reporter.update([SCAN, ODOM], [fails("ok", "scan"), holds("ok", "odom")])
-        await until(lambda: ["not ok(scan)"] in got)
-        await until(lambda: got[-1] == ["not ok(scan)", "ok(odom)"])
+        seen.say(bad(SCAN, 60, 55, 54))
+        await until(lambda: any(batch["observations"] == ["not ok(scan)"] for batch in got))
 
-    assert reporting(tmp_path, test)[0] == ["ok(scan)", "ok(odom)"]
-
-
-def test_what_became_unknown_is_not_said_any_more(tmp_path: Path) -> None:
-    async def test(reporter: Reporter, task: asyncio.Task[None], got: list[Any]) -> None:
-        reporter.update([SCAN, ODOM], [holds("ok", "scan"), holds("ok", "odom")])
-        reporter.update([SCAN], [])
-        assert reporter.holding == (holds("ok", "odom"),)
-        await until(lambda: got and got[-1] == ["ok(odom)"])
-
-    reporting(tmp_path, test)
+    got = reporting(tmp_path, test)
+    first = {"observations": ["ok(scan)", "ok(odom)"], "time": 50, "since": [10, 20]}
+    assert got[0] == first | {"source": "agent", "lifetime_s": 1, "together": False}
+    (change,) = [batch for batch in got if batch["observations"] == ["not ok(scan)"]]
+    assert (change["time"], change["since"], change["onset"]) == (60, [55], [54])
 
 
-def test_what_did_not_change_is_left_to_the_heartbeat(tmp_path: Path) -> None:
-    async def test(reporter: Reporter, task: asyncio.Task[None], got: list[Any]) -> None:
-        for _ in range(30):
-            reporter.update([SCAN], [holds("ok", "scan")])
-            await asyncio.sleep(0.01)  # less than a heartbeat
+def test_a_heartbeat_says_all_of_it_with_the_present_evidence(tmp_path: Path) -> None:
+    async def test(seen: Seen, task: asyncio.Task[None], got: list[dict[str, Any]]) -> None:
+        seen.say(good(SCAN, 50, 10), bad(ODOM, 50, 20, 19))
+        await until(lambda: len(got) >= 2)
+        seen.standing[SCAN] = Verdict(Literal(SCAN), 70)
+        await until(lambda: got[-1].get("since") == [70, 20])
 
-    assert len(reporting(tmp_path, test)) <= 4
+    last = reporting(tmp_path, test)[-1]
+    assert last["observations"] == ["ok(scan)", "not ok(odom)"]
+    assert last["onset"] == [None, 19]
+    assert "unknown" not in last
+    assert "settled" not in last
+
+
+def test_what_became_unknown_is_said_once_and_not_repeated(tmp_path: Path) -> None:
+    async def test(seen: Seen, task: asyncio.Task[None], got: list[dict[str, Any]]) -> None:
+        seen.say(good(SCAN, 50), good(ODOM, 50))
+        await until(lambda: got)
+        seen.say(Change(60, SCAN, None))
+        await until(lambda: got[-1]["observations"] == ["ok(odom)"])
+
+    got = reporting(tmp_path, test)
+    assert [(batch["observations"], batch["time"]) for batch in got if "unknown" in batch] == [([], 60)]
+    assert [batch["unknown"] for batch in got if "unknown" in batch] == [["ok(scan)"]]
+
+
+def test_what_was_judged_anew_goes_out_with_the_number_that_asked_for_it(tmp_path: Path) -> None:
+    async def test(seen: Seen, task: asyncio.Task[None], got: list[dict[str, Any]]) -> None:
+        seen.say(good(SCAN, 50)._replace(settled=7), good(ODOM, 50))
+        await until(lambda: len(got) >= 2)
+
+    settled, other = reporting(tmp_path, test)[:2]
+    assert (settled["observations"], settled["settled"]) == (["ok(scan)"], 7)
+    assert (other["observations"], "settled" in other) == (["ok(odom)"], False)
+
+
+def test_of_two_changes_at_one_time_the_last_counts(tmp_path: Path) -> None:
+    async def test(seen: Seen, task: asyncio.Task[None], got: list[dict[str, Any]]) -> None:
+        seen.say(good(SCAN, 50), bad(SCAN, 50))
+        await until(lambda: got)
+
+    assert reporting(tmp_path, test)[0]["observations"] == ["not ok(scan)"]
 
 
 @pytest.mark.parametrize("turns", range(6))
 def test_a_cancellation_that_comes_with_a_change_is_not_swallowed(tmp_path: Path, turns: int) -> None:
-    async def test(reporter: Reporter, task: asyncio.Task[None], got: list[Any]) -> None:
+    async def test(seen: Seen, task: asyncio.Task[None], got: list[dict[str, Any]]) -> None:
         await asyncio.sleep(0.05)  # it waits for a change
-        reporter.update([SCAN], [holds("ok", "scan")])
+        seen.say(good(SCAN, 50))
         for _ in range(turns):
             await asyncio.sleep(0)
         task.cancel()
@@ -139,11 +197,11 @@ def test_stamps_that_the_service_refuses_follow_the_computers_clock(
         buffer = DiskBuffer(tmp_path)
         async with AsyncClient("http://service", transport=httpx.MockTransport(answer)) as client:
             outbox = AsyncOutbox(client, "r", buffer)
-            reporter = Reporter(outbox, "agent", heartbeat_s=0.02, lifetime_s=1)
-            reporter.update([SCAN], [holds("ok", "scan")])
+            reporter = VerdictReporter(outbox, "agent", 0.02, 1, lambda: [Verdict(Literal(SCAN), 0)])
+            reporter.report([good(SCAN, clock.ns)])
             task = asyncio.create_task(reporter.run())
             try:
-                async with asyncio.timeout(20):
+                async with timeout(20):
                     await until(lambda: outbox.refused)
                     clock.ns -= HOUR_NS
                     await until(lambda: right_ns <= stamped[-1] < right_ns + HOUR_NS // 60)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from robomend_client.events import Event, Kind
 from robomend_client.rest.errors import NotTheService
-from robomend_client.rest.sse import LONGEST_EVENT, EventDecoder, Message, read_event
+from robomend_client.rest.sse import LONGEST_EVENT, EventDecoder, ServerSentEvent, read_event
 
 STREAM = (
     "retry: 1500\n: robomend events\n\n"
@@ -19,9 +19,9 @@ STREAM = (
     "id: 43\nevent: stop\ndata: cut o"
 )
 MESSAGES = [
-    Message("41", "diagnosis", '{"time_ns": 7, "robot": "r", "data": {"revision": 3}}'),
-    Message("41", "gap", "{}"),
-    Message("42", "robot", "first\u2028line\nsecond line"),
+    ServerSentEvent("41", "diagnosis", '{"time_ns": 7, "robot": "r", "data": {"revision": 3}}'),
+    ServerSentEvent("41", "gap", "{}"),
+    ServerSentEvent("42", "robot", "first\u2028line\nsecond line"),
 ]
 
 
@@ -29,7 +29,7 @@ MESSAGES = [
 @pytest.mark.parametrize("size", [1, 2, 3, 7, 10_000])
 def test_the_events_do_not_depend_on_where_the_bytes_are_split(end: str, size: int) -> None:
     data = STREAM.replace("\n", end).encode()
-    decoder, found = EventDecoder(), list[Message]()
+    decoder, found = EventDecoder(), list[ServerSentEvent]()
     for start in range(0, len(data), size):
         found += decoder.receive(data[start : start + size])
     assert found == MESSAGES
@@ -40,7 +40,7 @@ def test_a_lost_connection_forgets_the_half_event_and_keeps_the_id() -> None:
     decoder = EventDecoder()
     assert list(decoder.receive(b"id: 5\n\nid: 6\ndata: half an ev")) == []
     decoder.reconnected()
-    assert list(decoder.receive(b"data: whole\n\n")) == [Message("5", "message", "whole")]
+    assert list(decoder.receive(b"data: whole\n\n")) == [ServerSentEvent("5", "message", "whole")]
 
 
 def test_an_event_without_end_does_not_fill_the_memory() -> None:
@@ -54,7 +54,7 @@ def test_an_event_without_end_does_not_fill_the_memory() -> None:
 def test_garbage_gives_messages_or_nothing_but_never_an_accident(chunks: list[bytes]) -> None:
     decoder = EventDecoder()
     for chunk in chunks:
-        assert all(isinstance(message, Message) for message in decoder.receive(chunk))
+        assert all(isinstance(message, ServerSentEvent) for message in decoder.receive(chunk))
 
 
 def test_an_event_is_read_with_its_kind() -> None:
@@ -62,10 +62,10 @@ def test_an_event_is_read_with_its_kind() -> None:
 
 
 def test_a_kind_of_a_newer_service_is_skipped() -> None:
-    assert read_event(Message("1", "teleportation", "{}")) is None
+    assert read_event(ServerSentEvent("1", "teleportation", "{}")) is None
 
 
 @pytest.mark.parametrize("data", ["", "[]", "{}", '{"time_ns": "x"}', "nonsense"])
 def test_data_that_is_no_event_is_said_to_be_none(data: str) -> None:
     with pytest.raises(NotTheService, match="event '1'"):
-        read_event(Message("1", "stop", data))
+        read_event(ServerSentEvent("1", "stop", data))

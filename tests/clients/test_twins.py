@@ -7,6 +7,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
+pytest.importorskip("ruff", reason="the formatter comes with the tests of all of robomend")
+
 CLIENTS = Path(__file__).resolve().parents[2] / "clients"
 
 

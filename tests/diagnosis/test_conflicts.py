@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import random
+from typing import Any
 
 import pytest
 from pysat.solvers import Solver
+from tests.diagnosis.netlists import circuit
 
+from robomend.diagnosis import shrinking
 from robomend.diagnosis.engines import make_engine
 from robomend.diagnosis.observed import ObservationReader
 from robomend.diagnosis.result import Options
@@ -88,3 +91,53 @@ def test_equal_literals_are_read_alike_whatever_object_they_are() -> None:
     assert reader.read(iter(seen)).numbers == first.numbers
     with pytest.raises(ContradictoryModel):
         reader.read((*seen, -seen[0]))
+
+
+def test_conflicts_of_circuits_are_minimal_or_said_not_to_be(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = circuit("c880").observe(3, 5)
+    cnf = circuit("c880").cnf
+    for calls, minimal in ((1_000, True), (0, False)):
+        monkeypatch.setattr(shrinking, "CALLS", calls)
+        result = make_engine("sat", cnf).diagnose(seen, Options("cardinality", limit=1))
+        assert result.conflicts
+        for conflict in result.conflicts:
+            assert conflict.minimal == minimal
+            assert not consistent(cnf, conflict.components, conflict.observations)
+            needed = [
+                consistent(cnf, tuple(c for c in conflict.components if c != name), tuple(seen))
+                for name in conflict.components
+            ]
+            assert all(needed) or not minimal
+
+
+def test_when_there_is_no_time_for_conflicts_they_are_said_to_be_missing() -> None:
+    seen = circuit("c880").observe(3, 5)
+    engine: Any = make_engine("sat", circuit("c880").cnf)
+    told = engine._answer
+
+    def too_late(*arguments: Any) -> Any:
+        engine.interrupt()
+        return told(*arguments)
+
+    engine._answer = too_late
+    result = engine.diagnose(seen, Options("cardinality", limit=None))
+    assert result.complete
+    assert result.diagnoses
+    assert not result.conflicts_complete
+    engine.close()
+
+
+def test_a_robots_conflicts_are_told_even_when_the_time_is_up() -> None:
+    robot = make_robot(30, 2)
+    seen = observe(robot, 3, random.Random(2))
+    engine: Any = make_engine("sat", robot.cnf)
+    expected = engine.diagnose(seen)
+    told = engine._answer
+
+    def too_late(*arguments: Any) -> Any:
+        engine.interrupt()
+        return told(*arguments)
+
+    engine._answer = too_late
+    assert engine.diagnose(seen).conflicts == expected.conflicts
+    engine.close()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from robomend.diagnosis.engines import make_engine
 from robomend.diagnosis.explanations import (
     clear_suspects,
     explain_conflict,
@@ -33,7 +34,9 @@ LASER = HealthCnf(
 
 
 def conflict(components: str, *observations: Literal) -> Conflict:
-    return Conflict(tuple(components.split()), observations, (), "")
+    """Return a conflict whose first observation is the one that was not expected."""
+    unmet = observations[0] if observations else None
+    return Conflict(tuple(components.split()), observations, (), "", unmet)
 
 
 def circuit(*rules: str, clauses: tuple[tuple[int, ...], ...], origins: tuple[int, ...]) -> HealthCnf:
@@ -165,6 +168,39 @@ def test_a_diagnosis_resolves_the_conflicts_that_it_hits() -> None:
     ]
     (healthy,) = explain_diagnoses([Diagnosis(())], [])
     assert healthy.startswith("nothing is wrong")
+
+
+def test_a_component_explains_what_was_not_expected_and_nothing_else() -> None:
+    rule = "not ab(b) and ok(ta) -> ok(tb)"
+    cnf = HealthCnf(
+        "two",
+        ("b",),
+        (Atom("ok", ("ta",)), Atom("ok", ("tb",))),
+        ((-1, -2, 3),),
+        (0,),
+        (Rule(rule, "scheme 4"),),
+        3,
+    )
+    seen = [holds("ok", "ta"), fails("ok", "tb")]
+    result = make_engine("sat", cnf).diagnose(seen)
+    assert [conflict.unmet for conflict in result.conflicts] == [fails("ok", "tb")]
+    assert explain_diagnoses(result.diagnoses, result.conflicts) == ["b explains not ok(tb)"]
+
+
+def test_what_another_observation_makes_superfluous_taught_nothing() -> None:
+    rules = ("not ab(jaguar) -> on(jaguar)", "not ab(jaguar_node) and not ab(jaguar) -> ok(odom)")
+    cnf = HealthCnf(
+        name="drive",
+        components=("jaguar", "jaguar_node"),
+        atoms=(Atom("on", ("jaguar",)), Atom("ok", ("odom",))),
+        clauses=((-1, 3), (-2, -1, 4)),
+        origins=(0, 1),
+        rules=tuple(Rule(rule, f"scheme {number}") for number, rule in enumerate(rules, 1)),
+        variables=4,
+    )
+    seen = [fails("on", "jaguar"), fails("ok", "odom")]
+    result = make_engine("sat", cnf).diagnose(seen)
+    assert what_was_learned(result.conflicts) == {"not on(jaguar)": "jaguar is abnormal"}
 
 
 def test_a_healthy_suspect_is_cleared_by_what_the_leading_diagnosis_explains() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from itertools import combinations
 
 import pytest
@@ -187,6 +188,11 @@ def test_a_result_is_ranked_and_says_what_is_left() -> None:
     assert [diagnosis.bad for diagnosis in ranked.diagnoses] == [("c1",), ("c2",)]
     assert sum(diagnosis.probability or 0 for diagnosis in ranked.diagnoses) == pytest.approx(1)
     assert ranked.unexplored == 0.0
+    # Where what is abnormal must misbehave, a state beyond a diagnosis may be possible or not: it is not
+    # accounted for, however complete the list is.
+    strong = rank(result, replace(cnf, weak=False), Options())
+    assert strong.unexplored is not None
+    assert strong.unexplored > 0.01
     by_weight = rank(result, cnf, Options(order="probability"))
     assert [diagnosis.bad for diagnosis in by_weight.diagnoses] == [("c2",), ("c1",)]
     smallest = rank(result, cnf, Options(minimal="cardinality"))

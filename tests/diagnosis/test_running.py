@@ -5,6 +5,7 @@ from __future__ import annotations
 import pickle
 import random
 import threading
+from typing import Any
 
 import pytest
 from tests.diagnosis.netlists import circuit
@@ -144,12 +145,18 @@ def test_a_model_of_many_faults_does_not_recurse_or_branch_without_end() -> None
 def test_a_contradiction_that_cannot_be_explained_in_time_is_one_all_the_same(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    engine = make_engine(name, model(1, [(2,), (-1, 3)], atoms=2))
+    engine: Any = make_engine(name, model(1, [(2,), (-1, 3)], atoms=2))
     seen = [holds("ok", "a2"), fails("ok", "a1")]
     with pytest.raises(ContradictoryModel) as explained:
         engine.diagnose(seen)
     assert explained.value.literals == ("not ok(a1)",)
-    monkeypatch.setattr("robomend.diagnosis.base.CONTRADICTION_S", 0.0)
+    explain = engine._explain_contradiction
+
+    def too_late(*question: object) -> object:
+        engine.interrupt()  # as when the time runs out right after the search
+        return explain(*question)
+
+    monkeypatch.setattr(engine, "_explain_contradiction", too_late)
     with pytest.raises(ContradictoryModel) as unexplained:
         engine.diagnose(seen)
     assert unexplained.value.literals == ("ok(a2)", "not ok(a1)")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import random
 from dataclasses import replace
 from functools import reduce
 from pathlib import Path
@@ -17,7 +18,9 @@ from robomend.diagnosis.snapshots import SnapshotEngine, diagnose_snapshots
 from robomend.diagnosis.wcnf import read_wcnf
 from robomend.errors import ContradictoryModel, OptionRefused
 from robomend.model.cnf import HealthCnf
-from robomend_client.literals import Literal, fails, holds
+from robomend.model.loading import load_text
+from robomend_bench.circuit_faults import read_circuit
+from robomend_client.literals import Atom, Literal, fails, holds
 
 DATA = Path(__file__).parent.parent.parent / "clients/robomend_bench/data/multi_observation"
 
@@ -105,6 +108,53 @@ def test_bounds_are_kept_and_told(drawn: tuple[HealthCnf, frozenset[Literal]], s
     assert len(limited.diagnoses) == min(limit, len(expected))
     assert (limited.stopped_by == "limit") == (len(expected) > limit)
     assert {diagnosis.bad for diagnosis in limited.diagnoses} <= expected
+    sizes = [len(diagnosis.bad) for diagnosis in limited.diagnoses]
+    assert sizes == sorted(map(len, expected))[:limit]  # none that is left out is smaller
+
+
+def test_what_is_listed_is_the_smallest_whichever_of_the_two_searches_comes_first(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    pairs = [(-1, -second, 7) for second in range(2, 7)]  # c1, or all five others
+    others = [(-2, -third, 8) for third in range(3, 7)]  # c2, or four
+    cnf = model(6, [*pairs, *others], atoms=2)
+    seen = [frozenset({fails("ok", "a1"), fails("ok", "a2")})]
+    for head_start in (-1e9, 0.0, 1e9):
+        monkeypatch.setattr("robomend.diagnosis.snapshots.HEAD_START_S", head_start)
+        assert blamed(cnf, seen) == [
+            ("c1", "c2"),
+            ("c1", "c3", "c4", "c5", "c6"),
+            ("c2", "c3", "c4", "c5", "c6"),
+        ]
+        (least,) = diagnose_snapshots(cnf, seen, Options(limit=1)).diagnoses
+        assert least.bad == ("c1", "c2")
+
+
+def snapshots_of(name: str, broken: dict[str, str], count: int) -> tuple[HealthCnf, list[frozenset[Literal]]]:
+    """Return a circuit and what is seen of it while these gates compute something else."""
+    text = (DATA.parent / "iscas85" / f"{name}.bench").read_text()
+    circuit, chance = read_circuit(text), random.Random(1)
+    seen: list[frozenset[Literal]] = []
+    while len(seen) < count:
+        inputs = {net: chance.random() < 0.5 for net in circuit.inputs}
+        values = circuit.simulate(inputs, broken)
+        if any(values[net] != value for net, value in circuit.simulate(inputs, {}).items()):
+            nets = (*circuit.inputs, *circuit.outputs)
+            seen.append(frozenset(Literal(Atom("v", (net,)), values[net]) for net in nets))
+    return load_text(text, name=name, format="bench").cnf, seen
+
+
+def test_of_thousands_of_diagnoses_the_smallest_are_listed() -> None:
+    cnf, seen = snapshots_of("c880", dict.fromkeys(("448gat", "789gat"), "flipped"), 4)
+    doubles = diagnose_snapshots(cnf, seen, Options(max_size=2, limit=None, conflicts=False, timeout_s=None))
+    result = diagnose_snapshots(
+        cnf, seen, Options(limit=len(doubles.diagnoses) + 5, conflicts=False, timeout_s=None)
+    )
+    assert result.stopped_by == "limit"
+    assert {diagnosis.bad for diagnosis in doubles.diagnoses} < {
+        diagnosis.bad for diagnosis in result.diagnoses
+    }
+    assert {len(diagnosis.bad) for diagnosis in result.diagnoses} == {2, 3}
 
 
 def test_without_a_limit_the_most_that_any_search_lists_ends_it(monkeypatch: pytest.MonkeyPatch) -> None:

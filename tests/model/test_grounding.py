@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robomend.errors import ObservationError
-from robomend.model import grounding
+from robomend.model.budget import StepCount
 from robomend.model.formulas import And, Formula, Implies, Leaf, Not, Or, Quantified, Truth, Variable, leaves
 from robomend.model.grounding import ground
 from robomend.model.sentences import parse
@@ -89,16 +88,6 @@ def test_a_sentence_without_quantifier_comes_back_as_it_is() -> None:
     assert ground(formula, VOCABULARY) is formula
 
 
-def test_instances_have_a_limit(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(grounding, "MAX_INSTANCES", 5)
-    with pytest.raises(ObservationError, match="more than 5 instances"):
-        ground(read("forall n in nodes, t in topics: p(n, t)"), VOCABULARY)
-    monkeypatch.setattr(grounding, "MAX_INSTANCES", 100)
-    monkeypatch.setattr(grounding, "MAX_CANDIDATES", 5)
-    with pytest.raises(ObservationError, match="more than 5 combinations"):
-        ground(read("forall n in nodes, t in topics where publishes(n, t): p(n, t)"), VOCABULARY)
-
-
 ATOMS = [Atom("q", (n,)) for n in VOCABULARY.sorts["nodes"]] + [
     Atom("p", (n, t)) for n in VOCABULARY.sorts["nodes"] for t in VOCABULARY.sorts["topics"]
 ]
@@ -134,6 +123,11 @@ def sentences(
         pair = (draw(st.sampled_from(names)), draw(st.sampled_from(names if relation == "same" else others)))
         guard.append(Literal(Atom(relation, pair), draw(st.booleans())))
     return Quantified(draw(st.booleans()), variable, sort, tuple(guard), below(names, others))
+
+
+@given(sentences())
+def test_no_sentence_takes_more_steps_than_it_was_counted(sentence: Formula) -> None:
+    assert sum(1 for _ in leaves(ground(sentence, VOCABULARY))) <= StepCount(VOCABULARY).of(sentence)
 
 
 @given(sentences(), st.data())

@@ -25,7 +25,14 @@ def results(draw: st.DrawFn) -> DiagnosisResult:
     components = tuple(draw(st.lists(names, min_size=1, max_size=6, unique=True)))
     some = st.lists(st.sampled_from(components), unique=True, max_size=3).map(tuple)
     conflicts = tuple(
-        Conflict(draw(some), (fails("ok", draw(names)),), (draw(names),), draw(names))
+        Conflict(
+            draw(some),
+            (unmet := fails("ok", draw(names)),),
+            (draw(names),),
+            draw(names),
+            draw(st.sampled_from([None, unmet])),
+            draw(st.booleans()),
+        )
         for _ in range(draw(st.integers(0, 2)))
     )
     diagnoses = tuple(
@@ -45,10 +52,11 @@ def results(draw: st.DrawFn) -> DiagnosisResult:
         conflicts,
         draw(st.floats(0, 100)),
         (fails("on", draw(names)),),
-        tuple((Factor(name, draw(some)),) for name in draw(some)),
+        tuple((Factor(name, draw(some), (draw(some),)),) for name in draw(some)),
         draw(st.none() | st.integers(0, 10**30)),
         draw(st.none() | st.floats(0, 1)),
         {name: draw(names) for name in draw(some)},
+        draw(st.booleans()),
     )
 
 

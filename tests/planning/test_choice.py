@@ -113,6 +113,34 @@ def test_a_restart_that_came_with_the_power_cycle_counts_against_the_driver_too(
     assert found[0] == found[1] < found[2]
 
 
+def test_an_attempt_counts_against_all_that_it_repaired_and_only_if_it_did_not_help() -> None:
+    """A repair of a that restarted b made both good: {a, b} is refuted by it, {a, c} is not."""
+    diagnoses = [Diagnosis(("a", "b")), Diagnosis(("a", "c"))]
+    found = weights(diagnoses, [tried("a", repaired="a b")])
+    assert found[0] / found[1] == Patience().seen_factor
+    found = weights(diagnoses, [tried("a", repaired="a b", seen=False)])
+    assert found[0] / found[1] == Patience().unseen_factor
+    assert weights(diagnoses, [tried("a", repaired="a b", helped=True)]) == [0.5, 0.5]
+
+
+def test_an_attempt_counts_as_long_as_it_is_remembered() -> None:
+    diagnoses = [Diagnosis(("a",)), Diagnosis(("b",))]
+    patience = Patience(memory_s=100)
+    at_the_end = weights(diagnoses, [tried("a")], now_ns=100 * SECOND, patience=patience)
+    assert at_the_end[0] < 0.5
+    assert weights(diagnoses, [tried("a")], now_ns=100 * SECOND + 1, patience=patience) == [0.5, 0.5]
+
+
+def test_each_further_component_makes_a_diagnosis_less_probable_by_one_factor() -> None:
+    found = weights(
+        [Diagnosis(("a",)), Diagnosis(("b", "c")), Diagnosis(("d", "e", "f"))],
+        patience=Patience(component_odds=0.1),
+    )
+    assert [round(one / found[0], 9) for one in found] == [1, 0.1, 0.01]
+    mixed = weights([Diagnosis(("a",), 0.9), Diagnosis(("b",))])  # a prior that only one has is none
+    assert mixed == [0.5, 0.5]
+
+
 def test_what_was_tried_long_ago_is_forgotten() -> None:
     late = int(Patience().memory_s + 10) * SECOND
     assert weights([Diagnosis(("a",)), Diagnosis(("b",))], [tried("a")], now_ns=late) == [0.5, 0.5]
@@ -137,6 +165,23 @@ def test_what_every_diagnosis_blames_is_repaired_first_when_that_pays() -> None:
     assert "psu" in choice.reason
 
 
+def test_what_the_common_part_saves_is_told_and_must_exceed_one_more_look() -> None:
+    """With 0.5 the first full repair is wrong, and 40 - 10 was spent in vain: 15 is saved."""
+    candidates = [candidate("psu a", 40, 0.5), candidate("psu b", 40, 0.5)]
+    common = candidate("psu", 10)
+    alone = choose(candidates).expected_cost
+    assert choose(candidates, common=common, patience=Patience(look_cost=14.9)).expected_cost == alone - 15
+    assert choose(candidates, common=common, patience=Patience(look_cost=15)).plan is candidates[0].plan
+
+
+def test_a_common_part_without_a_plan_is_not_repaired_by_itself() -> None:
+    candidates = [candidate("psu a", 40, 0.5), candidate("psu b", 40, 0.5)]
+    unsolved = Candidate(Diagnosis(("psu",)), plan(10, "psu", unreachable=("psu: no known action",)))
+    empty = Candidate(Diagnosis(("psu",)), plan(0))
+    for common in (unsolved, empty):
+        assert choose(candidates, common=common).plan is candidates[0].plan
+
+
 def test_the_common_part_is_not_repaired_by_itself_when_the_first_diagnosis_is_nearly_sure() -> None:
     candidates = [candidate("psu a", 40, 0.99), candidate("psu b", 40, 0.01)]
     choice = choose(candidates, common=candidate("psu", 10))
@@ -156,6 +201,35 @@ def test_a_cheap_look_that_tells_diagnoses_apart_comes_before_a_dear_repair() ->
     choice = choose(candidates, looks=[look])
     assert choice.probe == look
     assert choice.expected_cost == 31
+
+
+def test_when_every_repair_failed_a_person_must_come() -> None:
+    """4 for the repair of a; with 0.25 it is b, which nothing repairs."""
+    hopeless = Candidate(Diagnosis(("b",), 0.25), plan(0, unreachable=("b: no known action",)))
+    choice = choose([candidate("a", 4, 0.75), hopeless], patience=Patience(person_cost=100))
+    assert choice.expected_cost == 4 + 0.25 * 100
+
+
+def test_a_repair_that_covers_two_diagnoses_leaves_neither_to_pay_for() -> None:
+    both = candidate("a", 6, 0.5, repairs="a b")
+    assert choose([both, candidate("b", 5, 0.5)]).expected_cost == 6
+
+
+def test_expected_cost_of_a_look_is_its_own_and_that_of_what_follows_each_answer() -> None:
+    """Yes: it is a, or c by half; no: b, or c by half. c is repaired last, for 8, where it is left."""
+    candidates = [candidate("a", 20, 0.5), candidate("b", 40, 0.3), candidate("c", 8, 0.2)]
+    look = Look(Atom("ok", ("t",)), 1.0, (True, False, None))
+    # After yes (0.6): c for 8 first (0.1 / 8 < 0.5 / 20, so a first): 20 * 0.6 + 8 * 0.1.
+    # After no (0.4): c (0.1 / 8) before b (0.3 / 40): 8 * 0.4 + 40 * 0.3.
+    choice = choose(candidates, looks=[look])
+    assert choice.probe == look
+    assert abs(choice.expected_cost - (1 + 20 * 0.6 + 8 * 0.1 + 8 * 0.4 + 40 * 0.3)) < 1e-9
+    assert choose(candidates, looks=[replace(look, cost=2.0), look, replace(look, cost=3.0)]).probe == look
+
+
+def test_a_look_that_saves_nothing_is_not_made_even_if_it_costs_nothing() -> None:
+    candidates = [candidate("a", 3, 0.5), candidate("b", 3, 0.5)]
+    assert choose(candidates, looks=[Look(Atom("ok", ("u",)), 0.0, (None, None))]).probe is None
 
 
 def test_a_look_that_costs_more_than_it_saves_is_not_made() -> None:

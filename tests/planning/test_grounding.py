@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from tests.planning.robots import ALL_OFF, POWER_UP, TEDUSAR, texts
 
 from robomend.errors import DomainError
 from robomend.model.components import ComponentModel, Node
 from robomend.planning import grounding
 from robomend.planning.decomposition import split
+from robomend.planning.domain.formulas import Is
 from robomend.planning.domain.loading import load_domain
 from robomend.planning.grounding import Grounder, GroundProblem
 from robomend.planning.plan import Outcome
 from robomend.planning.planning import PlanOptions, plan_for
 from robomend.planning.problem import repair_problem
 from robomend.planning.relevance import ground
+from robomend.planning.static_facts import StaticFacts
 from robomend_client.literals import Literal, fails, holds
 
 
@@ -112,3 +118,39 @@ def test_an_action_with_too_many_instances_is_refused_by_name(monkeypatch: pytes
     monkeypatch.setattr(grounding, "MAX_GROUND_ACTIONS", 500)
     with pytest.raises(DomainError, match="guard the parameters of 'juggle'"):
         plan_for(TEDUSAR, [], ["rviz"], PlanOptions(domain=WIDE, domain_file="mine.pddl"))
+
+
+def test_what_an_action_ranges_over_is_counted_before_it_is_tried() -> None:
+    many = ComponentModel("r", {}, {f"n{index}": Node(f"n{index}") for index in range(200)}, {})
+    with pytest.raises(DomainError, match=r"mine.pddl:3: action 'juggle' has variables with up to 8,000,000"):
+        plan_for(many, [], ["n0"], PlanOptions(domain=WIDE, domain_file="mine.pddl"))
+
+
+RELATED = """
+(define (domain robot-repair)
+  (:types thing)
+  (:predicates (p ?a ?b - thing) (q ?a ?b - thing)))
+"""
+
+
+@given(st.data())
+def test_bindings_are_never_more_than_were_counted(data: st.DataObject) -> None:
+    names = [f"o{index}" for index in range(4)]
+    drawn = st.tuples(st.sampled_from(["p", "q"]), st.sampled_from(names), st.sampled_from(names))
+    facts = data.draw(st.frozensets(drawn, max_size=8))
+    variables = tuple((f"?{index}", "thing") for index in range(data.draw(st.integers(0, 3))))
+    terms = st.sampled_from([*(name for name, _ in variables), *names])
+    guards = [
+        Is(predicate, (one, other))
+        for predicate, one, other in data.draw(
+            st.lists(st.tuples(st.sampled_from(["p", "q"]), terms, terms), max_size=3)
+        )
+    ]
+    env = {name: data.draw(st.sampled_from(names)) for name, _ in variables if data.draw(st.booleans())}
+    domain = load_domain(RELATED)
+    problem = replace(
+        repair_problem(TEDUSAR, domain, (), ()), objects=dict.fromkeys(names, "thing"), initial=facts
+    )
+    static = StaticFacts(domain, problem)
+    made = [tuple(sorted(found.items())) for found in static.bindings(variables, guards, env)]
+    assert len(set(made)) <= static.most_bindings(variables, guards, env)

@@ -6,6 +6,7 @@ from datetime import UTC, datetime
 
 import pytest
 
+from robomend.model.components import ComponentModel, Hardware, Node
 from robomend.planning.plan import Step
 from robomend.planning.policy import Mode, Policy, Window
 from robomend.robots.configuration import RobotConfig, policy_of
@@ -39,11 +40,19 @@ RESET = step("reset_usb", "usb1")
             SHUTDOWN,
             "'shutdown' is not on the robot's allow-list (power_up, start_node)",
         ),
-        (Policy(protected=frozenset({"lidar"})), POWER_UP, None),
-        (Policy(protected=frozenset({"lidar"})), SHUTDOWN, "lidar is protected and is never shut down"),
-        (Policy(protected=frozenset({"driver"})), STOP, "driver is protected and is never shut down"),
-        (Policy(protected=frozenset({"lidar"})), OWN, "lidar is protected and is never shut down"),
-        (Policy(protected=frozenset({"lidar_b"})), OWN, None),
+        (Policy(protected={"lidar": "lidar is protected"}), POWER_UP, None),
+        (
+            Policy(protected={"lidar": "lidar is protected"}),
+            SHUTDOWN,
+            "lidar stays as it is: lidar is protected",
+        ),
+        (
+            Policy(protected={"driver": "driver is protected"}),
+            STOP,
+            "driver stays as it is: driver is protected",
+        ),
+        (Policy(protected={"lidar": "lidar is protected"}), OWN, "lidar stays as it is: lidar is protected"),
+        (Policy(protected={"lidar_b": "lidar_b is protected"}), OWN, None),
     ],
 )
 def test_a_step_is_refused_for_a_reason_that_names_it(policy: Policy, taken: Step, said: str | None) -> None:
@@ -134,12 +143,15 @@ def test_a_robot_s_configuration_becomes_its_policy() -> None:
             "windows": [NOON],
         },
     )
-    policy = policy_of(config, {"lidar"})
+    parts = ComponentModel(
+        "m", {"lidar": Hardware("lidar", 1, protected=True)}, {"driver": Node("driver")}, {}
+    )
+    policy = policy_of(config, parts)
     assert policy == Policy(
         mode=Mode.AUTO,
         actions={"power_up": Mode.APPROVE},
         allowed=frozenset({"power_up"}),
-        protected=frozenset({"driver", "lidar"}),
+        protected={"driver": "driver is protected", "lidar": "lidar is protected"},
         attempts_per_hour=3,
         rounds=2,
         hold_s=2.5,
@@ -148,4 +160,4 @@ def test_a_robot_s_configuration_becomes_its_policy() -> None:
 
 
 def test_unless_told_a_person_is_asked() -> None:
-    assert policy_of(RobotConfig.from_json("r1", {"model": "m"}), ()).mode is Mode.APPROVE
+    assert policy_of(RobotConfig.from_json("r1", {"model": "m"}), None).mode is Mode.APPROVE

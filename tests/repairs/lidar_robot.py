@@ -114,6 +114,12 @@ class Robot:
     def value(self, atom: Atom) -> bool | None:
         return self.obs.get(atom)
 
+    def reported(self, atom: Atom) -> bool:
+        return atom in self.obs
+
+    def settling_s(self, atom: Atom) -> float:
+        return 0.0
+
     async def changed(self, revision: int, timeout_s: float) -> int:
         if self.revision == revision:
             with contextlib.suppress(TimeoutError):
@@ -162,6 +168,8 @@ def setting(robot: Robot) -> Setting:
         journal=robot,
         permit=permit_all,
         halt=asyncio.Event(),
+        interlocked=lambda: None,
+        again=lambda step: None,
         observed=frozenset({ON, RUNNING, SCAN}),
         default_timing=QUICK,
     )

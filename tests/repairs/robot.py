@@ -20,6 +20,8 @@ from robomend.oneshots.oneshots import OneShots
 from robomend.planning.planner_pool import PlannerPool
 from robomend.repairs.repairs import Repairs, make_repairs
 from robomend.robots.batches import Batch
+from robomend.robots.clock import CLOCK
+from robomend.robots.reporters import Reporter
 from robomend.robots.robots import Robots
 from robomend.settings import Settings
 from robomend.store import Store
@@ -50,6 +52,7 @@ CONFIG: dict[str, Any] = {
     "policy": "auto",
     "observed": OBSERVED,
     "observed_timeout_s": 3.0,
+    "detection_s": 0.0,
     "limits": {"attempts_per_hour": 100, "rounds": 6},
     "actions": {
         name: {"executor": {"kind": "agent"}, "timeout_s": 2.0, "effect_timeout_s": 1.0}
@@ -124,7 +127,10 @@ class Robot:
 
     async def report(self) -> None:
         if not self.silent:
-            await self.robots.observe("r1", Batch(tuple(self.sentences()), source="test robot"))
+            sentences, now_ns = tuple(self.sentences()), CLOCK.now_ns()
+            since = (now_ns,) * len(sentences)  # it knows what is so now, and rests on nothing older
+            batch = Batch(sentences, source="test robot", time_ns=now_ns, since=since)
+            await self.robots.observe("r1", batch)
 
     async def settled(self) -> None:
         """Wait until the service has diagnosed the robot as it is now."""
@@ -138,19 +144,19 @@ class Robot:
 
     async def act_for_ever(self) -> None:
         while True:
-            action = await self.repairs.next_action("r1", host=None, wait_s=5.0)
+            action = await self.repairs.orders("r1", host=None, wait_s=5.0)
             if action is None:
                 continue
             [parameter] = action["parameters"]
             self.ids.append(action["id"])
-            await self.repairs.feedback(action["id"], code=0, message="begun", by="robot")
+            await self.repairs.feedback(action["id"], code=0, message="begun")
             code = await self.spoil(self, action["name"], parameter) if self.spoil else None
             if code is None:
                 self.do(action["name"], parameter)
                 code = 0
             self.done.append(f"{action['name']}({parameter})")
             await self.report()
-            await self.repairs.result(action["id"], code=code, message="", by="robot")
+            await self.repairs.result(action["id"], code=code, message="", by=Reporter("robot"))
 
 
 @asynccontextmanager

@@ -116,11 +116,14 @@ async def test_a_stop_that_cuts_off_a_webhook_leaves_the_question(tmp_path: Path
     server = ThreadingHTTPServer(("127.0.0.1", 0), Receiver)
     threading.Thread(target=server.serve_forever, daemon=True).start()
     url = f"http://127.0.0.1:{server.server_port}/"
-    hook = {"kind": "webhook", "options": {"url": url, "secret": "s", "allow_private": True}}
+    hook = {"kind": "webhook", "options": {"url": url, "secret": "s"}}
     config = with_recalibrate(30.0)
     config["actions"]["recalibrate"]["executor"] = hook
     try:
-        async with service(tmp_path) as runtime, robot_on(runtime, **config) as robot:
+        async with (
+            service(tmp_path, webhook_hosts=(f"127.0.0.1:{server.server_port}",)) as runtime,
+            robot_on(runtime, **config) as robot,
+        ):
             await robot.settled()
             robot.broken_topics.add("odom")
             await asyncio.to_thread(called.wait, 20)

@@ -166,8 +166,8 @@ async def test_a_node_that_dies_at_its_start_is_escalated_by_name(tmp_path: Path
         repair = await the_repair(runtime)
     assert repair["state"] == "escalated"
     assert repair["reason"] == (
-        "start_node(mapping) failed (3 times); "
-        "no known repair: mapping left alone for a while, as its repairs keep failing"
+        "start_node(mapping) failed (2 times); no known repair: mapping: start_node(mapping) is refused: "
+        "it was done 3 times in this repair, and nothing else was observed since"
     )
 
 
@@ -249,7 +249,7 @@ async def test_an_agent_that_is_gone_is_escalated_as_the_cause(tmp_path: Path) -
         repair = await the_repair(runtime, timeout_s=60)
     assert repair["state"] == "escalated"
     assert (
-        "start_node(mapping) could not be carried out: the robot's agent did not ask for work in 0.6 s"
+        "start_node(mapping) could not be carried out: the robot's agent did not ask for such work in 0.6 s"
         in repair["reason"]
     )
 

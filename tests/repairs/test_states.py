@@ -85,6 +85,7 @@ def test_nothing_is_sent_without_the_policy_or_a_person() -> None:
 OTHER_WORDS = {
     ("repairs/execution_values.py", "failed"),  # of the sentence on a result
     ("repairs/execution_values.py", "done"),  # how an execution ends
+    ("repairs/left_off.py", "running"),  # the predicate
     ("repairs/remembering.py", "repaired"),  # a key of an attempt: the components that were
     ("repairs/signals.py", "cancelled"),  # the reason of a cancellation that gives none
 }

@@ -159,6 +159,8 @@ async def test_every_instance_obeys_the_stop_as_it_is_on_disk(database: tuple[st
             with pytest.raises(Forbidden, match="I see smoke"):
                 await other.client.start_repair("r1")
             await one.client.resume()
+            while (await one.client.stopped())["active"]:  # it is lifted when that is on disk, and is asked
+                continue
             begun = await other.client.start_repair("r1")
             repair = await latest([other], ended)
             assert (repair["id"], repair["state"]) == (begun["id"], "repaired")

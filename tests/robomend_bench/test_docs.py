@@ -18,6 +18,7 @@ from robomend_bench.faults.policy import MOST_NODES, MOST_STATES
 from robomend_bench.faults.robot import MADE, find_robot, robot_names
 from robomend_bench.faults.stretches import STRETCHES
 from robomend_bench.main import OTHERS, command
+from robomend_bench.robots.command import command as robots
 from robomend_bench.service.command import PARTS
 from robomend_bench.service.command import command as service
 from robomend_bench.suite import find_suite, suite_names
@@ -39,7 +40,9 @@ def test_every_command_on_the_page_can_be_run(line: str) -> None:
 
 
 DOCS = Path(__file__).parents[2] / "docs"
-FIGURES = [DOCS / name for name in ("planning.md", "repair.md", "service-figures.md", "score.md")]
+FIGURES = [
+    DOCS / name for name in ("planning.md", "repair.md", "service-figures.md", "score.md", "observers.md")
+]
 SHOWN = sorted(
     {
         line.strip()
@@ -61,6 +64,11 @@ def test_every_command_that_made_figures_can_be_run(line: str) -> None:
 def test_every_command_that_measured_the_service_can_be_run(line: str) -> None:
     context = service.make_context("robomend-bench service", shlex.split(line)[1:])
     assert set(filter(None, context.params["only"].split(","))) <= set(PARTS)
+
+
+@pytest.mark.parametrize("line", [line for line in SHOWN if line.split()[0] == "robots"])
+def test_every_command_that_measured_the_robot_s_side_can_be_run(line: str) -> None:
+    robots.make_context("robomend-bench robots", shlex.split(line)[1:])
 
 
 @pytest.mark.parametrize("line", [line for line in SHOWN if line.split()[0] == "faults"])

@@ -46,7 +46,7 @@ def test_json_goes_to_stdout(monkeypatch: pytest.MonkeyPatch, capsys: pytest.Cap
 def test_what_is_there_is_listed(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(monkeypatch, "--list") == 0
     listed = capsys.readouterr().out
-    for word in ("iscas85", "robots-v1", "multi-observation", "sat", "hs_dag", "rc2-fresh", "first"):
+    for word in ("iscas85", "robots-v1", "multi-observation", "sat", "hs_dag", "rc2-stratified", "first"):
         assert word in listed
 
 

@@ -15,7 +15,9 @@ from robomend_bench.results import (
     Run,
     Sample,
     disagreements,
+    duels,
     load,
+    percentile,
     ratio_at_least,
     save,
     slope,
@@ -76,6 +78,56 @@ def test_lines_take_the_fastest_repeat_and_the_median_over_questions() -> None:
     assert (late.solved, late.median_s, late.ratio) == (0, None, None)
 
 
+def test_a_percentile_is_one_of_the_values() -> None:
+    assert percentile([5, 1, 4, 2, 3, 9, 8, 7, 6, 10], 0.9) == 9
+    assert percentile([2.0, 1.0], 0.5) == 1.0
+    assert percentile([3.0], 0.9) == 3.0
+    assert percentile([], 0.9) is None
+
+
+DUEL = replace(
+    RUN,
+    contenders=("a", "slow", "fast"),
+    samples=(
+        *(sample("g", 1, f"q{i}", "a", 0.001) for i in range(9)),
+        sample("g", 1, "q9", "a", 0.9),
+        *(sample("g", 1, f"q{i}", "slow", 0.9) for i in range(10)),
+        *(sample("g", 1, f"q{i}", "fast", 0.004) for i in range(10)),
+        sample("other", 2, "q", "a", 0.001),
+        sample("other", 2, "q", "slow", 0.003),
+        sample("other", 2, "q", "fast", 0.5, status="timeout", result=None),
+        sample("nobody", 3, "q", "a", 0.5, status="timeout", result=None),
+    ),
+)
+
+
+def test_the_first_contender_is_held_against_the_fastest_other_of_each_group() -> None:
+    first, second = duels(DUEL)
+    assert (first.group, first.against, second.group, second.against) == ("g", "fast", "other", "slow")
+    assert first.ratio == pytest.approx(4.0)
+    assert first.most_ratio == pytest.approx(4.0)
+    assert (first.lost, first.asked) == (1, 10)
+    assert first.lost_by_s == pytest.approx(0.896)
+    assert second.ratio == pytest.approx(3.0)
+    assert (second.lost, second.lost_by_s) == (0, 0.0)
+    text = markdown(DUEL)
+    assert "| g | fast | 4.00× | 4.00× | 1/10 | 896 ms |" in text
+    assert "means over groups: 3.46×" in text
+    assert "faster than a on 1 of 11 questions" in text
+
+
+def test_what_only_another_contender_solved_is_lost() -> None:
+    late = replace(
+        DUEL,
+        samples=(
+            sample("g", 1, "q", "a", 1.0, status="timeout", result=None),
+            sample("g", 1, "q", "slow", 0.9),
+        ),
+    )
+    (duel,) = duels(late)
+    assert (duel.lost, duel.asked, duel.ratio) == (1, 1, 0.0)
+
+
 def test_the_exponent_of_growth_is_the_slope() -> None:
     assert slope(RUN, "a") == pytest.approx(1.0)
     assert slope(RUN, "b <&>") is None
@@ -103,7 +155,7 @@ def test_times_have_three_digits_and_a_unit() -> None:
 
 def test_the_report_says_what_was_run_and_where() -> None:
     text = markdown(RUN)
-    assert "| small | 10 | a | 2/2 | 2.00 ms | 3.00 ms | 1.00× | 1 | 42 MiB |" in text
+    assert "| small | 10 | a | 2/2 | 2.00 ms | 3.00 ms | 3.00 ms | 1.00× | 1 | 42 MiB |" in text
     assert "| large | 100 | b <&> | 0/1 | - | - | - | - | - |" in text
     assert "All contenders gave the same answers." in text
     assert "`robomend-bench toy`" in text

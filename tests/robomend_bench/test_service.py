@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 from robomend.model.loading import load_text
 from robomend.observations.language import parse
+from robomend_bench.service.attackers import requests
 from robomend_bench.service.command import command
 from robomend_bench.service.fleet import prepare, run_fleet
 from robomend_bench.service.measure import Latency, percentile
@@ -122,6 +123,33 @@ def test_a_broken_connection_is_told_to_all_who_wait() -> None:
         server.close()
 
     asyncio.run(run())
+
+
+def test_the_stop_is_measured_while_every_role_attacks() -> None:
+    small = ["--seconds", "3", "--attackers", "4"]
+    answer = CliRunner().invoke(command, ["--only", "stop-under-attack", "--format", "json", *small])
+    assert answer.exit_code == 0, answer.output
+    found = json.loads(answer.stdout)["stop-under-attack"]
+    assert found["attacked"]["POST /stop"]["count"] > 0
+    assert found["worst_ms"] == max(latency["max_ms"] for latency in found["attacked"].values())
+    assert found["held"]["requests"] > 0
+    assert found["answers"]
+
+
+def test_what_strangers_take_is_measured() -> None:
+    answer = CliRunner().invoke(command, ["--only", "strangers", "--format", "json", "--seconds", "1"])
+    assert answer.exit_code == 0, answer.output
+    found = json.loads(answer.stdout)["strangers"]
+    assert found["trailers"]["sent_mb"] > 0
+    assert found["trailers"]["grown_mb"] < 20  # 800 MB where nothing bounds them
+    assert found["drip_s"] < 60
+
+
+def test_every_role_has_its_attacks_and_none_is_a_request_that_nobody_reads() -> None:
+    wanted = requests()
+    assert {hostile.role for hostile in wanted} == {"viewer", "robot", "operator"}
+    assert len({hostile.name for hostile in wanted}) == len(wanted)
+    assert all(len(hostile.body) < 4_000_000 for hostile in wanted)
 
 
 @pytest.mark.parametrize("part", ["single", "fleet", "memory", "posts", "ndjson"])

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping
 import pytest
 
 from robomend.errors import InputError, OptionRefused
+from robomend.model.cnf import HealthCnf
 from robomend_bench.contenders import CHECKS, healthy_sets
 from robomend_bench.generator import make_robot, observe
 from robomend_bench.results import Run
@@ -66,24 +67,49 @@ def test_larger_diagnoses_that_were_not_wanted_are_no_time_out() -> None:
 
 
 def test_questions_of_one_minimum_cardinality_can_be_asked_for() -> None:
-    wish = Wish(mode="first", only=("c432",), instances=3, faults=(3, 4), size=2)
+    wish = Wish(mode="first", only=("c432",), instances=3, faults=(3, 4), sizes=(2, 2))
     run = run_suite(find_suite("iscas85"), wish, ("sat",), repeats=1)
     assert {sample.result for sample in run.samples} == {(2,)}
     with pytest.raises(InputError, match="lower --size"):
-        list(find_suite("iscas85").groups(Wish(mode="first", only=("c17",), faults=(1, 1), size=4)))
+        list(find_suite("iscas85").groups(Wish(mode="first", only=("c17",), faults=(1, 1), sizes=(4, 4))))
+
+
+def test_equally_many_questions_of_each_minimum_cardinality_are_asked() -> None:
+    wish = Wish(mode="first", only=("c432",), instances=4, sizes=(1, 2))
+    (group,) = find_suite("iscas85").groups(wish)
+    assert [question.name for question in group.questions] == ["01-0", "01-1", "02-0", "02-1"]
+    run = run_suite(find_suite("iscas85"), wish, ("sat", "rc2-exhaust"), repeats=1)
+    assert {(sample.question[:2], sample.result) for sample in run.samples} == {("01", (1,)), ("02", (2,))}
+
+
+def test_of_a_cardinality_that_a_circuit_does_not_allow_there_is_no_question() -> None:
+    (group,) = find_suite("iscas85").groups(Wish(mode="first", only=("c17",)))
+    assert {question.name[:2] for question in group.questions} == {"01", "02"}
+
+
+def test_a_cold_start_reads_the_text_and_a_new_engine_only_the_model() -> None:
+    for mode, kind in (("cold", str), ("once", HealthCnf)):
+        wish = Wish(mode=mode, only=("c17",))
+        suite = find_suite("iscas85")
+        (group,) = suite.groups(wish)
+        assert isinstance(group.model, kind)
+        answers = [suite.prepare("sat", group, wish)(question) for question in group.questions]
+        assert [answer.result for answer in answers] == [(int(q.name[:2]),) for q in group.questions]
+        with pytest.raises(OptionRefused, match="ignores assumptions"):
+            suite.prepare("sat:kissat404", group, wish)(group.questions[0])
 
 
 def test_engines_take_part_with_the_solver_that_is_named() -> None:
     ours = ("sat", "sat:glucose4", "maxsat", "asp", "hs_dag")
-    run = tiny("iscas85", "all", (*ours, "rc2-fresh", "layered-full", "clingo-domain"))
+    run = tiny("iscas85", "all", (*ours, "rc2", "layered-full", "clingo-domain"))
     assert run.disagreements == ()
     assert {sample.status for sample in run.samples} == {"ok"}
 
 
 def test_who_does_not_know_a_mode_is_refused_and_the_others_go_on() -> None:
-    run = tiny("iscas85", "subset", ("sat", "rc2-fresh", "sat:kissat404"))
+    run = tiny("iscas85", "subset", ("sat", "rc2", "sat:kissat404"))
     by_status = {sample.contender: sample.status for sample in run.samples}
-    assert by_status == {"sat": "ok", "rc2-fresh": "refused", "sat:kissat404": "refused"}
+    assert by_status == {"sat": "ok", "rc2": "refused", "sat:kissat404": "refused"}
     assert any("ignores assumptions" in sample.note for sample in run.samples)
 
 

@@ -140,7 +140,8 @@ def test_an_agent_that_goes_away_in_mid_action_is_named_and_the_next_one_goes_on
     assert "agent" in first["reason"] or "nobody reported running(worker)" in first["reason"], first["reason"]
     with agent(agent_of(tmp_path, service, "left", {"command": READY, "ready": {"output": "up"}})):
         client.start_repair("left", reason="the agent is back")
-        assert ended(client, "left", lambda r: r["id"] != first["id"])["state"] == "repaired"
+        second = ended(client, "left", lambda r: r["id"] != first["id"])
+        assert second["state"] == "repaired", str([second["reason"], second["rounds"]])
 
 
 def test_planners_that_hang_are_killed_and_fresh_ones_plan(service: Service) -> None:

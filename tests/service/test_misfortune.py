@@ -19,6 +19,7 @@ from tests.api.conftest import TEDUSAR
 from tests.postgres import PostgresServer
 from tests.postgres import postgres_server as postgres_server  # fixtures
 from tests.postgres import postgres_url as postgres_url
+from tests.waiting import until
 
 from robomend_bench.service.fleet import prepare
 from robomend_bench.service.hostile import Crowd, crowding
@@ -94,6 +95,8 @@ def test_a_database_that_is_gone_is_503_until_it_is_back(
             assert int(answer.headers["retry-after"]) > 0
             assert http.get("/models").status_code == 503
             assert httpx.get(f"{service.url}/healthz").status_code == 200
+            # An answer does not wait for the database; what is known of it is a second old at most.
+            until(lambda: httpx.get(f"{service.url}/readyz", timeout=30).status_code == 503, "it is ready")
             unready = httpx.get(f"{service.url}/readyz", timeout=30)
             assert (unready.status_code, unready.headers["retry-after"]) == (503, "1")
         finally:

@@ -20,9 +20,13 @@ def test_long_polls_of_agents_and_diagnoses_are_answered_at_the_end(tmp_path: Pa
         answers: dict[str, int] = {}
 
         def wait(path: str) -> None:
-            answers[path] = httpx.get(f"{url}/api/v1/robots/r1/{path}", timeout=60).status_code
+            method, _, place = path.partition(" ")
+            answers[path] = httpx.request(
+                method, f"{url}/api/v1/robots/r1/{place}", timeout=60, json=body if method == "POST" else None
+            ).status_code
 
-        paths = ("actions/next?wait_s=50", "diagnosis?wait_s=50&after=1000")
+        body = {"agent": "onboard", "wait_s": 50}
+        paths = ("POST actions/next", "GET diagnosis?wait_s=50&after=1000")
         threads = [threading.Thread(target=wait, args=(path,)) for path in paths]
         for thread in threads:
             thread.start()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from functools import partial
 
 import pytest
@@ -226,8 +226,10 @@ async def queue(store: Store, action: str, host: str | None = None, timeout_s: f
     )
 
 
-async def take(store: Store, agent: str, host: str | None = None) -> str | None:
-    action = await store.write(lambda tx: agent_actions.take(tx, "r1", host=host, agent=agent))
+async def take(
+    store: Store, agent: str, host: str | None = None, can: Collection[str] | None = None
+) -> str | None:
+    action = await store.write(lambda tx: agent_actions.take(tx, "r1", host=host, agent=agent, can=can))
     return None if action is None else action.id
 
 
@@ -264,6 +266,20 @@ async def test_an_action_goes_to_its_host_and_not_after_its_time(store: Store) -
     await store.write(lambda tx: agent_actions.answer(tx, "any"))
     with pytest.raises(StateConflict):
         await store.write(lambda tx: agent_actions.withdraw(tx, "any", 5, "cancelled"))
+
+
+async def test_an_action_goes_past_agents_that_cannot_do_it(store: Store) -> None:
+    await with_robots(store, "r1")
+    await queue(store, "first")
+    await store.write(
+        lambda tx: agent_actions.queue(
+            tx, "spare", "r1", host=None, name="switch_to_spare", parameters=["a", "b"], timeout_s=60.0
+        )
+    )
+    assert await take(store, "bridge", can={"switch_to_spare:a"}) is None  # two parameters: by name alone
+    assert await take(store, "bridge", can={"switch_to_spare"}) == "spare"
+    assert await take(store, "other", can={"start_node:laser", "stop_node:imu_node"}) is None
+    assert await take(store, "other", can={"start_node:imu_node"}) == "first"
 
 
 async def test_an_agent_that_vanished_loses_its_action_to_another(

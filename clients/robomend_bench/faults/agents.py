@@ -1,7 +1,7 @@
 """The agents of a simulated robot: the real protocol, reports and actions; only the processes are simulated.
 
-HostObservers ──► Reporter ──► AsyncOutbox ──► POST …/observations      (robomend_client's own)
-GET …/actions/next ──► Actions ──► the simulated robot ──► POST …/result (the same)
+HostObservers ──► VerdictReporter ──► AsyncOutbox ──► POST …/observations      (robomend_client's own)
+POST …/actions/next ──► Actions ──► the simulated robot ──► POST …/result (the same)
 """
 
 from __future__ import annotations
@@ -12,11 +12,13 @@ from pathlib import Path
 
 from robomend_bench.faults.condition import Act
 from robomend_bench.faults.observing import HostObservers
-from robomend_client.actions import FAILED, REFUSED, TIMED_OUT, Action, ActionResult, Feedback
+from robomend_client.actions import Action, ActionResult, Feedback
 from robomend_client.agent.actions import Actions
+from robomend_client.agent.executors.base import Executors
 from robomend_client.agent.memory import FirstResults
-from robomend_client.agent.reporter import Reporter
+from robomend_client.agent.reporter import VerdictReporter
 from robomend_client.buffer import DiskBuffer
+from robomend_client.clock import Clock
 from robomend_client.outbox import AsyncOutbox
 from robomend_client.rest.asynchronous import AsyncClient
 
@@ -49,9 +51,9 @@ class HostAgent:
         self._carry_out = carry_out
         self._tasks: list[asyncio.Task[None]] = []
         self._buffer: DiskBuffer | None = None
-        self._actions: _SimulatedActions | None = None
+        self._actions: Actions | None = None
         self.observers: HostObservers | None = None
-        self.reporter: Reporter | None = None
+        self.reporter: VerdictReporter | None = None
 
     def start(self, observers: HostObservers) -> None:
         """Report what these observers see, and pull actions."""
@@ -59,11 +61,18 @@ class HostAgent:
         self._buffer = DiskBuffer(self._folder / "buffer", 1024 * 1024)
         self.observers = observers
         outbox = AsyncOutbox(self._reports, self._robot, self._buffer)
-        self.reporter = Reporter(outbox, f"agent {self.name}", HEARTBEAT_S, LIFETIME_S)
-        memory = FirstResults(self._folder / "results.jsonl")
-        self._actions = _SimulatedActions(
-            self._orders, self._robot, self.name, memory, self.host, self._knows, self._carry_out
+        self.reporter = VerdictReporter(
+            outbox,
+            f"agent {self.name}",
+            HEARTBEAT_S,
+            LIFETIME_S,
+            observers.standing,
+            _ObserversClock(observers),
         )
+        memory = FirstResults(self._folder / "results.jsonl")
+        acts = sorted(self._knows, key=str)
+        executors = Executors(self.name, [_SimulatedExecutor(a, self.name, self._carry_out) for a in acts])
+        self._actions = Actions(self._orders, self._robot, self.name, executors, memory, self.host, observers)
         self._tasks = [
             asyncio.create_task(self.reporter.run(), name=f"reports of {self._robot}"),
             asyncio.create_task(self._actions.pull(), name=f"orders of {self._robot}"),
@@ -92,33 +101,26 @@ class HostAgent:
             self._buffer = None
 
 
-class _SimulatedActions(Actions):
-    """The agent's own handling of actions, with simulated processes."""
+class _ObserversClock(Clock):
+    """The time up to which the observers have seen everything: what stands is stamped with that."""
 
-    def __init__(
-        self,
-        client: AsyncClient,
-        robot: str,
-        agent: str,
-        memory: FirstResults,
-        host: str | None,
-        knows: frozenset[Act],
-        carry_out: CarryOut,
-    ) -> None:
-        super().__init__(client, robot, agent, {}, memory, host)
-        self._name = agent
-        self._knows = knows
-        self._do = carry_out
+    def __init__(self, observers: HostObservers) -> None:
+        super().__init__()
+        self._observers = observers
 
-    async def run(self, action: Action, feedback: Feedback) -> ActionResult:
-        act = Act(action.name, action.parameters)
-        if act not in self._knows:
-            return ActionResult(REFUSED, f"agent {self._name} cannot do {act}")
-        feedback(1, f"{act} begins")
-        try:
-            async with asyncio.timeout(action.timeout_s):
-                return await self._do(act, self._name)
-        except TimeoutError:
-            return ActionResult(TIMED_OUT, f"{act} was not done within {action.timeout_s:g} s")
-        except OSError as error:
-            return ActionResult(FAILED, f"{act}: {error}")
+    def now_ns(self) -> int:
+        return self._observers.now_ns()
+
+
+class _SimulatedExecutor:
+    """Does one act, with simulated processes."""
+
+    def __init__(self, act: Act, agent: str, carry_out: CarryOut) -> None:
+        self.name = act.name
+        self.parameters = tuple((parameter,) for parameter in act.parameters)
+        self.gives_up = act.name == "start_node"
+        self._act, self._agent, self._do = act, agent, carry_out
+
+    async def execute(self, action: Action, feedback: Feedback) -> ActionResult:
+        feedback(1, f"{self._act} begins")
+        return await self._do(self._act, self._agent)

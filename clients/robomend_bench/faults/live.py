@@ -10,7 +10,8 @@ before anybody is asked: when the bench is late, no observer sees silence. It is
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Sequence
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,7 @@ from robomend_bench.faults.robot import Robot
 from robomend_client.actions import ActionResult
 from robomend_client.events import Event, Kind
 from robomend_client.literals import Atom, Literal
+from robomend_client.observers import Change
 from robomend_client.rest.asynchronous import AsyncClient
 
 Clock = Callable[[], float]
@@ -87,7 +89,10 @@ class LiveRobot:
 
     def start_agent(self, agent: HostAgent) -> None:
         """Start an agent with observers that have seen nothing yet."""
-        observers = HostObservers(self._anatomy, agent.host, self._preset, self._clock(), self.scenario.blind)
+        now_s = self._clock()
+        observers = HostObservers(
+            self._anatomy, agent.host, self._preset, now_s, self.scenario.blind, time.time() - now_s
+        )
         agent.start(observers)
         self._listen()
 
@@ -137,10 +142,10 @@ class LiveRobot:
         for agent in self.agents:
             if agent.observers is None or agent.reporter is None or agent.host in self._held:
                 continue
-            found = agent.observers.check(now_s, running, on)
-            if found is not None:
-                agent.reporter.update(*found)
-                self._note_said(now_s, *found)
+            changes = agent.observers.check(now_s, running, on)
+            if changes:
+                agent.reporter.report(changes)
+                self._note_said(now_s, changes)
 
     def later(self, after_s: float, what: Callable[[], None]) -> None:
         """Do something so many seconds from now."""
@@ -178,6 +183,9 @@ class LiveRobot:
         """It goes on; what has waited arrives now."""
         now_s = self._clock()
         self.body.advance(now_s)
+        for agent in self.agents:
+            if agent.host == host and agent.observers is not None:
+                agent.observers.lapse(now_s)
         for topic, _ in self._held.pop(host):
             for observers in self._where.get(topic, ()):
                 observers.message(topic, now_s)
@@ -211,15 +219,15 @@ class LiveRobot:
         self._happened()
         self.record.acts.append(Acted(self.at_s(), act, "board", code))
 
-    def _note_said(self, now_s: float, atoms: list[Atom], literals: list[Literal]) -> None:
-        found = {literal.atom: literal for literal in literals}
-        changed = tuple(literal for atom, literal in found.items() if self._posted.get(atom) != literal)
-        for atom in atoms:
-            if atom not in found:
-                self._posted.pop(atom, None)
-        self._posted.update(found)
-        if changed:
-            self.record.said.append((now_s - self.zero_s, changed))
+    def _note_said(self, now_s: float, changes: Sequence[Change]) -> None:
+        new: dict[Atom, Literal] = {}
+        for change in changes:
+            if change.value is None:
+                self._posted.pop(change.atom, None)
+            elif self._posted.get(change.atom) != change.value:
+                self._posted[change.atom] = new[change.atom] = change.value
+        if new:
+            self.record.said.append((now_s - self.zero_s, tuple(new.values())))
 
     # --- what comes from the service
 

@@ -1,22 +1,41 @@
 """The one place where literals are made: the real observers of one host, fed by the simulated robot.
 
-    messages, running nodes, relays ──► feed ──► observers ──► check ──► literals ──► the agent's reporter
+    messages, running nodes, relays ──► driver of the observers ──► changes ──► the agent's reporter
 
-It does what the agent does (robomend_client.agent.agent): general observers for topics, one node observer,
-each asked in its period on one grid, nodes at once when a process begins or ends. What the matter is with an
-observer in the classes that have a faulty one is done here, too. Replacing the observers means to change this
-module only.
+It does what the agent does (robomend_client.agent.watch): general observers for topics, one node observer, in
+one driver. What the matter is with an observer in the classes that have a faulty one is done here, too.
+Replacing the observers means to change this module only.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from heapq import heappop, heappush
 
 from robomend_bench.faults.anatomy import Anatomy
 from robomend_bench.faults.classes import Blind
 from robomend_client.literals import Atom, Literal
-from robomend_client.observers import PROCESSES, SECOND, GeneralObserver, NodeObserver, Observer, Rate
+from robomend_client.observers import (
+    PROCESSES,
+    SECOND,
+    Change,
+    Driver,
+    Evidence,
+    GeneralObserver,
+    NodeObserver,
+    Observer,
+    Rate,
+    Verdict,
+)
+
+RELAYS = "relays"
+
+TABLE_NS = SECOND // 10
+"""How often the node observer hears which processes run, changed or not, as from the agent."""
+
+DRAIN_S = 0.02
+"""After a time in which it was held up, an agent lets in what has waited before it judges."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,22 +51,22 @@ class Preset:
     @property
     def silence_s(self) -> float:
         """From the last message to the verdict that the topic is silent, at most."""
-        return self.rate.silence_s + self.rate.check_s
+        return self.rate.silence + self.rate.check_s
 
     @property
     def delay_s(self) -> float:
         """From any change to the verdict that rests on it alone, at most: a whole window of the slowest."""
-        return max(self.silence_s, self.rate.window / SLOWEST_HZ + self.rate.check_s)
+        return max(self.silence_s, self.rate.messages / SLOWEST_HZ + self.rate.check_s)
 
 
 SLOWEST_HZ = 5.0
 """No topic of the bench is slower."""
 
 PRESETS: Mapping[str, Preset] = {
-    "published": Preset("published", Rate()),
-    "fast": Preset("fast", Rate(silence_s=0.5, check_s=0.1, settle=5)),
+    "published": Preset("published", Rate.published()),
+    "fast": Preset("fast", Rate(window=10, silence_s=0.5, check_s=0.1, settle=5)),
 }
-"""`published` are the defaults of the agent; `fast` is 10 Hz, silence 0.5 s, settle 5."""
+"""`published` has the released system's numbers; `fast` is 10 Hz, silence 0.5 s, settle 5."""
 
 
 def ns(at_s: float) -> int:
@@ -56,7 +75,7 @@ def ns(at_s: float) -> int:
 
 
 class HostObservers:
-    """All observers of one host."""
+    """All observers of one host; `driver` is asked for what stands, by whoever reports it."""
 
     def __init__(
         self,
@@ -65,86 +84,145 @@ class HostObservers:
         preset: Preset,
         start_s: float,
         blind: Blind | None = None,
+        epoch_s: float = 0.0,
     ) -> None:
-        self._topics: dict[str, GeneralObserver] = {}
-        self._checks: list[_Check] = []
-        self._blind = blind
-        self.faulty = False  # whether what is the matter with one of them has begun
+        """`epoch_s` is what the bench's time 0 is in the time of the literals."""
+        self.topics: Collection[str] = set()
+        self._epoch_ns = ns(epoch_s)
+        self._faulty: _Faulty | None = None
+        observers: list[Observer] = []
         for topic in anatomy.topics.values():
             missing = blind is not None and blind.how == "missing" and blind.topic == topic.name
             if topic.observed and not missing and anatomy.host_of(topic.name) == host:
-                rate = preset.of(topic.rate_hz, topic.tolerance_hz)
-                observer = GeneralObserver(topic.name, rate, start_ns=ns(start_s))
-                self._topics[topic.name] = observer
-                self._checks.append(_Check(observer, (Atom("ok", (topic.name,)),)))
+                self.topics.add(topic.name)
+                observer = GeneralObserver(topic.name, preset.of(topic.rate_hz, topic.tolerance_hz))
+                if blind is not None and blind.topic == topic.name:
+                    self._faulty = _Faulty(observer, blind.how)
+                    observers.append(self._faulty)
+                else:
+                    observers.append(observer)
         hosts = anatomy.hosts
-        nodes = [
-            n.name for n in anatomy.nodes.values() if n.host == host or (not n.host and host == hosts[0])
-        ]
-        self._nodes = _Check(NodeObserver(nodes), tuple(Atom("running", (name,)) for name in nodes))
-        self._checks.append(self._nodes)
-        self._running: frozenset[str] | None = None
+        observers.append(
+            NodeObserver(
+                n.name for n in anatomy.nodes.values() if n.host == host or (not n.host and host == hosts[0])
+            )
+        )
         # Without a board, the robot's own computers know the relays that they switch.
-        self._relays = tuple(
+        relays = [
             d.name
             for d in anatomy.devices.values()
             if anatomy.power == "agent"
             and d.switchable
             and (d.host == host or (not d.host and host == hosts[0]))
-        )
+        ]
+        if relays:
+            observers.append(_Relays(relays))
+        self.driver = Driver(observers, self._ns(start_s))
+        self._messages: list[tuple[int, str]] = []  # a heap: they come in any order, and ahead of their time
+        self._changes: list[Change] = []
+        self._running: frozenset[str] | None = None
+        self._on: dict[str, bool] | None = None
+        self._table_ns = 0
 
     @property
-    def topics(self) -> Collection[str]:
-        """The topics that are watched here."""
-        return self._topics.keys()
+    def faulty(self) -> bool:
+        """Whether what is the matter with one of them has begun."""
+        return self._faulty is not None and self._faulty.begun
+
+    @faulty.setter
+    def faulty(self, begun: bool) -> None:
+        if self._faulty is not None:
+            self._faulty.begun = begun
 
     def message(self, topic: str, at_s: float) -> None:
         """A message of a topic that is watched here."""
-        self._topics[topic].feed(topic, ns(at_s))
+        heappush(self._messages, (self._ns(at_s), topic))
 
-    def check(
-        self, now_s: float, running: frozenset[str], on: Mapping[str, bool]
-    ) -> tuple[list[Atom], list[Literal]] | None:
-        """Return the atoms that were asked about and the literals that hold; None while nobody is due."""
-        now_ns = ns(now_s)
-        if running != self._running:
+    def check(self, now_s: float, running: frozenset[str], on: Mapping[str, bool]) -> Sequence[Change]:
+        """Let time pass, and return what has changed."""
+        now_ns = self._ns(now_s)
+        changes, self._changes = self._changes, []
+        while self._messages and self._messages[0][0] <= now_ns:
+            at_ns, topic = heappop(self._messages)
+            changes += self.driver.sample(topic, at_ns, None, at_ns)
+        if running != self._running or now_ns >= self._table_ns:
             self._running = running
-            self._nodes.due_ns = 0
-        due = [check for check in self._checks if check.due_ns <= now_ns]
-        if not due:
-            return None
-        if self._nodes in due:
-            self._nodes.observer.feed(PROCESSES, now_ns, running)
-        atoms: list[Atom] = []
-        literals: list[Literal] = []
-        for check in due:
-            check.next_after(now_ns)
-            atoms += check.atoms
-            literals += check.observer.check(now_ns)
-        if self._nodes in due:
-            relays = {device: Atom("on", (device,)) for device in self._relays}
-            atoms += relays.values()
-            literals += (Literal(atom, on[device]) for device, atom in relays.items())
-        return atoms, list(self._distorted(literals))
+            self._table_ns = (now_ns // TABLE_NS + 1) * TABLE_NS
+            changes += self.driver.sample(PROCESSES, now_ns, running, now_ns)
+        if on != self._on:
+            self._on = dict(on)
+            changes += self.driver.sample(RELAYS, now_ns, self._on, now_ns)
+        changes += self.driver.advance(now_ns)
+        return changes
 
-    def _distorted(self, literals: Iterable[Literal]) -> Iterable[Literal]:
-        """Say what the faulty observer would say."""
-        for literal in literals:
-            if not self.faulty or self._blind is None or literal.atom != Atom("ok", (self._blind.topic,)):
-                yield literal
-            elif self._blind.how != "dead":
-                yield Literal(literal.atom, self._blind.how == "says-good")
+    def lapse(self, until_s: float) -> None:
+        """The agent was held up until now: it sees that, as robomend_client.agent.watch does."""
+        self._changes += self.driver.lapse(self._ns(until_s + DRAIN_S))
+
+    def settle(self, n: int, atoms: Collection[Atom]) -> None:
+        """The service wants these atoms judged anew."""
+        self._changes += self.driver.settle(n, atoms)
+
+    def standing(self) -> Sequence[Verdict]:
+        """Return what holds as of the newest check, with its evidence."""
+        return self.driver.standing()
+
+    def now_ns(self) -> int:
+        """Return the time of the newest check, which is that of what stands."""
+        return self.driver.now_ns
+
+    def _ns(self, at_s: float) -> int:
+        return self._epoch_ns + ns(at_s)
 
 
-class _Check:
-    """An observer and when it is to be asked next."""
+class _Faulty:
+    """An observer that is not as it should be, from when that has begun."""
 
-    def __init__(self, observer: Observer, atoms: tuple[Atom, ...]) -> None:
-        self.observer = observer
-        self.atoms = atoms
-        self.due_ns = 0
+    def __init__(self, observer: GeneralObserver, how: str) -> None:
+        self.begun = False
+        self.sources, self.atoms, self.period_ns = observer.sources, observer.atoms, observer.period_ns
+        self.detection_s, self.settling_s = observer.detection_s, observer.settling_s
+        self.feed, self.due_ns, self.reset = observer.feed, observer.due_ns, observer.reset
+        self._observer = observer
+        self._says = () if how == "dead" else (Literal(observer.atoms[0], how == "says-good"),)
 
-    def next_after(self, now_ns: int) -> None:
-        """Keep to the beat, on one grid for all observers."""
-        period_ns = self.observer.period_ns
-        self.due_ns = (now_ns // period_ns + 1) * period_ns
+    def check(self, now_ns: int) -> tuple[Literal, ...]:
+        """Return what it says: once it has begun, the same for ever."""
+        return self._says if self.begun else self._observer.check(now_ns)
+
+    def evidence(self, atom: Atom, now_ns: int) -> Evidence:
+        """Return what it rests on: a liar has just seen it."""
+        return Evidence(now_ns) if self.begun else self._observer.evidence(atom, now_ns)
+
+
+class _Relays:
+    """Tells the positions of relays."""
+
+    period_ns = 0
+    detection_s = settling_s = 0.1
+    sources = frozenset((RELAYS,))
+
+    def __init__(self, devices: Sequence[str]) -> None:
+        self.atoms = tuple(Atom("on", (device,)) for device in devices)
+        self.reset(0)
+
+    def reset(self, time_ns: int) -> None:
+        """Know nothing."""
+        self._said: tuple[Literal, ...] = ()
+
+    def feed(self, source: str, time_ns: int, value: object) -> None:
+        """Take in the positions of all relays."""
+        assert isinstance(value, Mapping)
+        self._said = tuple(Literal(atom, value[atom.args[0]]) for atom in self.atoms)
+
+    def due_ns(self) -> int | None:
+        """Return None: they speak when they move."""
+        return None
+
+    def check(self, now_ns: int) -> tuple[Literal, ...]:
+        """Return where they are."""
+        return self._said
+
+    def evidence(self, atom: Atom, now_ns: int) -> Evidence:
+        """Return the present: they can be read at any time."""
+        return Evidence(now_ns)

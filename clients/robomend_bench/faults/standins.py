@@ -110,16 +110,14 @@ class _Play:
         anatomy, body = self.robot.anatomy, self.body
         on = {device: body.on(device) for device in anatomy.devices}
         for host in self.hosts:
-            found = host.check(self.now_s, body.running(), on)
-            if found is None:
-                continue
-            atoms, literals = found
-            new = tuple(literal for literal in literals if self.held.get(literal.atom) != literal)
-            for atom in {*atoms} - {literal.atom for literal in literals}:
-                self.held.pop(atom, None)
-            self.held.update({literal.atom: literal for literal in literals})
+            new: dict[Atom, Literal] = {}
+            for change in host.check(self.now_s, body.running(), on):
+                if change.value is None:
+                    self.held.pop(change.atom, None)
+                else:
+                    self.held[change.atom] = new[change.atom] = change.value
             if new:
-                self.record.said.append((self.now_s, new))
+                self.record.said.append((self.now_s, tuple(new.values())))
         if anatomy.power == "board":
             for device in anatomy.devices.values():
                 if device.switchable:

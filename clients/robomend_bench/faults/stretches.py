@@ -30,9 +30,19 @@ class Stretch:
 
 
 async def _boot(live: LiveRobot, chance: random.Random) -> None:
-    """Each agent starts its processes, as `start: true` says."""
-    for node in live.robot.anatomy.nodes:
-        live.body.order(Act("start_node", (node,)), lambda code, message: None)
+    """Each agent starts its processes, as `start: true` says.
+
+    One that is tied to another comes after it, or it would begin with a dead connection, and not be healthy.
+    """
+    nodes = live.robot.anatomy.nodes
+    begun = {name: asyncio.Event() for name in nodes}
+
+    async def start(name: str) -> None:
+        for other in nodes[name].tied_to:
+            await begun[other].wait()
+        live.body.order(Act("start_node", (name,)), lambda code, message: begun[name].set())
+
+    await asyncio.gather(*map(start, nodes))
 
 
 async def _jitter(live: LiveRobot, chance: random.Random) -> None:

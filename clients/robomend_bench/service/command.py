@@ -12,20 +12,34 @@ import sys
 import tempfile
 from collections.abc import Callable, Coroutine
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
 
+from robomend_bench.service.attack import make_keys, run_attack
 from robomend_bench.service.durable import run_ndjson, run_posts
 from robomend_bench.service.fleet import FleetResult, prepare, run_fleet, run_single
+from robomend_bench.service.floods import drip, run_floods
 from robomend_bench.service.hostile import run_hostile
 from robomend_bench.service.measure import children, load_of_others, memory_mb
 from robomend_bench.service.process import Served, processors, reached, start
 from robomend_bench.service.robots import SimulatedRobot
 from robomend_bench.service.stops import run_stops
 
-PARTS = ("start", "single", "fleet", "memory", "posts", "ndjson", "hostile", "stop")
+PARTS = (
+    "start",
+    "single",
+    "fleet",
+    "memory",
+    "posts",
+    "ndjson",
+    "hostile",
+    "stop",
+    "stop-under-attack",
+    "strangers",
+)
 
 Row = tuple[str, str, str]
 """What was measured, what came out, the goal."""
@@ -51,6 +65,9 @@ Row = tuple[str, str, str]
 @click.option(
     "--moments", type=click.IntRange(1, 10_000), default=40, show_default=True, help="In part stop."
 )
+@click.option(
+    "--attackers", type=click.IntRange(1, 500), default=20, show_default=True, help="In stop-under-attack."
+)
 @click.option("--seed", type=int, default=1, show_default=True)
 @click.option("--url", help="Measure a service that runs already; robots named r0, r1, … are put there.")
 @click.option("--database", help="URL of a PostgreSQL database for the service, instead of SQLite.")
@@ -64,6 +81,7 @@ def command(only: str, output: str, url: str | None, **wish: Any) -> None:
     robomend-bench service --only single,posts --format json
     robomend-bench service --only fleet --seconds 300
     robomend-bench service --only stop --moments 40
+    robomend-bench service --only stop-under-attack --seconds 60
     """
     parts = tuple(filter(None, only.split(","))) or PARTS
     for part in parts:
@@ -231,6 +249,48 @@ async def _hostile(url: str, process: Served | None, wish: dict[str, Any]) -> Me
     return found, [(name, f"p99 {shown} ms: ×{result.ratio}", "within ×2")]
 
 
+async def _attack(url: str, process: Served | None, wish: dict[str, Any]) -> Measured:
+    if process is None:
+        raise click.UsageError("part stop-under-attack needs a service of its own; leave out --url")
+    seconds = min(wish["seconds"], 300.0)
+    work = partial(run_attack, process, clients=wish["attackers"], seconds=seconds, seed=wish["seed"])
+    result = await asyncio.to_thread(work)
+    rows = [
+        (f"{name}: alone → beside {result.clients} attackers", f"{result.alone[name]} → {found}", "< 100 ms")
+        for name, found in result.attacked.items()
+    ]
+    held = result.held
+    hold = (
+        f"{held['over_5_ms']:.0f} of {held['requests']:.0f} requests over 5 ms, "
+        f"{held['over_50_ms']:.0f} over 50 ms, worst {held['worst_s'] * 1000:.0f} ms; the loop was late by "
+        f"{held['loop_worst_s'] * 1000:.0f} ms at most"
+    )
+    rows.append(("event loop held by a request, in time of the processor", hold, "0.1 %; 0"))
+    said = {status for statuses in result.answers.values() for status in statuses}
+    count = sum(sum(statuses.values()) for statuses in result.answers.values())
+    rows.append(("hostile requests, and their answers", f"{count}: {', '.join(sorted(said))}", "no 500"))
+    return asdict(result) | {"worst_ms": result.worst_ms}, rows
+
+
+async def _strangers(url: str, process: Served | None, wish: dict[str, Any]) -> Measured:
+    if process is None:
+        raise click.UsageError("part strangers needs a service of its own; leave out --url")
+    make_keys(str(process.data))
+    await asyncio.sleep(2.5)  # the service reads its keys anew
+    found = await asyncio.to_thread(run_floods, process, min(wish["seconds"], 6.0))
+    rows = [
+        (
+            f"one connection without a key: {name}",
+            f"{flood.grown_mb} MB more, {flood.sent_mb:.0f} MB sent; it lived {flood.longest_s} s",
+            "< 1 MB",
+        )
+        for name, flood in found.items()
+    ]
+    lived_s = await asyncio.to_thread(drip, url, 1.0, 60.0)
+    rows.append(("one connection without a key: a byte a second of a body", f"it lived {lived_s:.0f} s", ""))
+    return {name: asdict(flood) for name, flood in found.items()} | {"drip_s": lived_s}, rows
+
+
 STOP_ROBOTS = 4
 """Under repair at a time: each has a board of its own."""
 
@@ -263,4 +323,6 @@ MEASURES: dict[str, Callable[[str, Served | None, dict[str, Any]], Coroutine[Any
     "posts": _posts,
     "ndjson": _ndjson,
     "hostile": _hostile,
+    "stop-under-attack": _attack,
+    "strangers": _strangers,
 }

@@ -174,11 +174,13 @@ class _Bench:
         wire = request("POST", "/api/v1/stop", b'{"reason": "bench"}')
         sent, sent_ns = time.perf_counter(), time.time_ns()
         status, answer = await connection.ask(wire)
-        if status != 200:
+        connection.close()  # an answer about the stop ends its connection
+        if status not in (200, 202):  # 202: in force, and not on disk yet
             result.errors.append(f"stop: {status} {answer[:200]!r}")
         for robot, repair in zip(fleet, repairs, strict=True):
             if self._ended.get(repair, sent) >= sent:
                 await self._judge(robot, repair, sent, sent_ns, result)
+        connection = await connect(self._asked)
         await connection.api("DELETE", "/stop")
         connection.close()
         while await self._is_stopped():

@@ -1,50 +1,39 @@
-"""ISCAS-85 circuits with 1-10 seeded faults, inputs and outputs observed: the field's standard benchmark."""
+"""ISCAS-85 circuits with seeded faults, inputs and outputs observed: the field's standard benchmark."""
 
 from __future__ import annotations
 
-import random
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
-from robomend.diagnosis.engines import make_engine
-from robomend.diagnosis.result import Options
 from robomend.errors import InputError
 from robomend.model.cnf import HealthCnf
 from robomend.model.loading import load_text
 from robomend_bench import contenders
-from robomend_bench.circuit_faults import Circuit, observe_faulty, read_circuit
-from robomend_bench.suite import Ask, Group, Question, Wish
-from robomend_client.literals import Literal
+from robomend_bench.baselines import RC2_OPTIONS
+from robomend_bench.circuit_questions import questions_about
+from robomend_bench.suite import ONE, Ask, Group, Wish
 
 CIRCUITS = ("c17", "c432", "c499", "c880", "c1355", "c1908", "c2670", "c3540", "c5315", "c6288", "c7552")
 BY_DEFAULT = tuple(name for name in CIRCUITS if name != "c6288")
 """c6288, a multiplier, is hard for everyone: it is run by itself, with `--only c6288`."""
 
-
-QUESTIONS = 20
-"""A circuit: two of each number of faults."""
-
-
-DRAWS = 2000
-"""Observations that are thrown away at most until one has the --size that is wanted."""
+SIZES = (1, 20)
+"""Minimum cardinalities of questions for one diagnosis, equally many of each: injected faults mask each
+other, so that most observations of random faults need one or two gates only."""
 
 
 class Iscas85:
     """See the module."""
 
     name = "iscas85"
-    summary = "ISCAS-85 circuits, 1-10 seeded faults a question"
-    modes: Mapping[str, str] = {
-        mode: contenders.MODES[mode] for mode in ("first", "all", "factored", "subset")
-    }
+    summary = "ISCAS-85 circuits, seeded faults"
+    modes: Mapping[str, str] = contenders.CIRCUIT_MODES
 
     def contenders(self, mode: str) -> tuple[str, ...]:
         """Return the engine and what it is held against in this mode."""
-        return {
-            "first": ("sat", "rc2-fresh"),
-            "all": ("sat", "layered-full"),
-            "factored": ("sat", "layered-full"),
-            "subset": ("sat", "clingo-domain"),
-        }[mode]
+        if mode in ONE:
+            return ("sat", *RC2_OPTIONS)
+        return ("sat", "clingo-domain" if mode == "subset" else "layered-full")
 
     def groups(self, wish: Wish) -> Iterator[Group]:
         """Yield a group a circuit. The questions of a circuit depend on the seed and its name only."""
@@ -53,50 +42,27 @@ class Iscas85:
             if not path.is_file():
                 raise InputError(f"no circuit {path}: choose from {', '.join(CIRCUITS)}, or give --data DIR")
             text = path.read_text()
-            cnf = load_text(text, name=name, file=str(path), format="bench").cnf
-            circuit = read_circuit(text)
-            chance = random.Random(f"{wish.seed} {name}")
-            low, high = wish.faults
-            keep = _of_size(cnf, wish.size)
-            questions = []
-            for index in range(wish.instances or QUESTIONS):
-                faults = low + index % (high - low + 1)
-                seen = _draw(circuit, faults, chance, keep)
-                questions.append(Question(f"{index:03d}-{faults}f", seen))
-            yield Group(name, len(cnf.components), cnf, tuple(questions))
+            cnf = _compiled(text, name)
+            sizes = wish.sizes or (SIZES if wish.mode in ONE else None)
+            questions = questions_about(text, cnf, f"{wish.seed} {name}", sizes, wish)
+            yield Group(name, len(cnf.components), text if wish.mode == "cold" else cnf, questions)
 
     def prepare(self, contender: str, group: Group, wish: Wish) -> Ask:
         """Return what answers the questions of one circuit."""
+        if wish.mode == "cold":
+            return contenders.prepare_cold(contender, lambda: _compiled(group.model, group.name), wish)
+        if wish.mode == "once":
+            return contenders.prepare_cold(contender, lambda: _uncached(group.model), wish)
         return contenders.prepare(contender, group.model, group, wish)
 
 
-Observed = tuple[Literal, ...]
+def _compiled(text: str, name: str) -> HealthCnf:
+    return load_text(text, name=name, file=f"{name}.bench", format="bench").cnf
 
 
-def _of_size(cnf: HealthCnf, size: int | None) -> Callable[[Observed], bool]:
-    """Return whether the diagnoses of what was seen have this minimum cardinality; None: any will do.
-
-    Faults mask each other, so that five of them often look like one or two.
-    """
-    if size is None:
-        return lambda seen: True
-    engine = make_engine("sat", cnf)
-    options = Options(minimal="cardinality", limit=1, max_size=size, conflicts=False)
-
-    def keep(seen: Observed) -> bool:
-        return [len(diagnosis.bad) for diagnosis in engine.diagnose(seen, options).diagnoses] == [size]
-
-    return keep
-
-
-def _draw(circuit: Circuit, faults: int, chance: random.Random, keep: Callable[[Observed], bool]) -> Observed:
-    for _ in range(DRAWS):
-        seen = observe_faulty(circuit, faults, chance)
-        if keep(seen):
-            return seen
-    raise InputError(
-        f"{faults} faults hardly ever look like that many: give more --faults, or a lower --size"
-    )
+def _uncached(cnf: HealthCnf) -> HealthCnf:
+    """Return the model without what an earlier question left in it."""
+    return replace(cnf)
 
 
 SUITE = Iscas85()

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping
 from robomend.errors import InputError
 from robomend_bench import contenders
 from robomend_bench.generator import make_robot, observe
+from robomend_bench.rows import prepare_rows, rows_of
 from robomend_bench.suite import Ask, Group, Question, Wish
 
 SIZES = ("20", "100", "300", "1000")
@@ -20,13 +21,11 @@ class RobotsV1:
 
     name = "robots-v1"
     summary = "generated robot models of 20-3000 components, 1-4 broken at once"
-    modes: Mapping[str, str] = {
-        mode: contenders.MODES[mode] for mode in ("explained", "first", "all", "subset", "check")
-    }
+    modes: Mapping[str, str] = contenders.ROBOT_MODES
 
     def contenders(self, mode: str) -> tuple[str, ...]:
         """Return the engine, and Reiter's algorithm beside it."""
-        return ("sat",) if mode == "check" else ("sat", "hs_dag")
+        return {"check": ("sat",), "rows": ("library", "sat")}.get(mode, ("sat", "hs_dag"))
 
     def groups(self, wish: Wish) -> Iterator[Group]:
         """Yield a group a size: one robot, many observations; mode first adds 3000 components for growth."""
@@ -34,8 +33,14 @@ class RobotsV1:
             if not size.isdecimal() or not 3 <= int(size) <= 100_000:
                 raise InputError(f"--only {size}: give numbers of components, 3 to 100000")
             robot = make_robot(int(size), wish.seed)
+            if wish.mode == "rows":
+                names = [f"{index:03d}" for index in range(wish.instances or 20)]
+                rows = [Question(name, rows_of(robot, f"{wish.seed} {size} {name}")) for name in names]
+                yield Group(size, int(size), robot.cnf, tuple(rows))
+                continue
             chance = random.Random(f"{wish.seed} {size}")
-            low, high = wish.faults[0], min(wish.faults[1], MOST_FAULTS)
+            least, most = wish.faults or (1, MOST_FAULTS)
+            low, high = least, min(most, MOST_FAULTS)
             questions = tuple(
                 Question(f"{index:03d}", observe(robot, chance.randint(min(low, high), high), chance))
                 for index in range(wish.instances or 20)
@@ -44,6 +49,8 @@ class RobotsV1:
 
     def prepare(self, contender: str, group: Group, wish: Wish) -> Ask:
         """Return what answers the questions of one robot."""
+        if wish.mode == "rows":
+            return prepare_rows(contender, group.model, wish)
         return contenders.prepare(contender, group.model, group, wish)
 
 

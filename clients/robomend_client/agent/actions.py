@@ -1,14 +1,14 @@
 """The agent's side of executors: pull an action, carry it out once, tell how it went.
 
-    GET …/actions/next ──► known id? ── finished ──► its first result, again
+    POST …/actions/next ─► known id? ── finished ──► its first result, again
          (long poll)           │    └── under way ─► nothing: its result will come
-                               └─ new ──► handler ──► remembered ──► POST …/result, until it arrives
+                               └─ new ─► executor ──► remembered ──► POST …/result, until it arrives
 
-Several actions may be under way at once; those on one process take turns (processes.py). A handler has
+Several actions may be under way at once; those on one process take turns (processes.py). An executor has
 `action.timeout_s` and not a moment more. While it works, what it says goes out as feedback, and the latest of
 it again twice a second; when the service answers 409 the action has been withdrawn, and is given up if it can
-be. To add an action, write a handler, name it in HANDLERS, and in GIVEN_UP if cancelling it half-way leaves
-things as they were.
+be: before it has begun to act, and later if its executor leaves things as they were. What can be done is in
+executors/.
 """
 
 from __future__ import annotations
@@ -17,12 +17,25 @@ import asyncio
 import contextlib
 import logging
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Collection
+from typing import Protocol
 
-from robomend_client.actions import CANCELLED, FAILED, REFUSED, TIMED_OUT, Action, ActionResult, Feedback
+from robomend_client.actions import (
+    CANCELLED,
+    FAILED,
+    TIMED_OUT,
+    Action,
+    ActionResult,
+    Feedback,
+    Orders,
+    Settle,
+)
+from robomend_client.agent.executors.base import Executors
 from robomend_client.agent.memory import FirstResults
-from robomend_client.agent.processes import SupervisedProcess
+from robomend_client.literals import Atom
+from robomend_client.observers import Driver
 from robomend_client.outbox import LATER
+from robomend_client.python310 import end, timeout
 from robomend_client.rest import calls
 from robomend_client.rest.asynchronous import AsyncClient
 from robomend_client.rest.errors import ClientError, NotFound, StateConflict
@@ -39,21 +52,22 @@ PATIENCE = Retry(longest_s=2.0)
 TELL_S = 600.0
 """How long a result is offered to a service that is away."""
 
-Handler = Callable[[SupervisedProcess, Feedback, float], Awaitable[ActionResult]]
-
-HANDLERS: dict[str, Handler] = {
-    "start_node": SupervisedProcess.start,
-    "stop_node": SupervisedProcess.stop,
-}
-"""What this agent can do; each takes the name of one process that its configuration lists."""
-
-
-GIVEN_UP = frozenset({"start_node"})
-"""Withdrawn, these leave nothing behind half-way. Others are finished once they have said that they act."""
-
 BEAT_S = 0.5
 """How often the service hears that an action is under way, and may answer that it is withdrawn: twice in the
 second after which what was stopped must be cut off."""
+
+
+class Observing(Protocol):
+    """The observers that the service may ask to judge anew; agent/watch.py is the agent's."""
+
+    @property
+    def driver(self) -> Driver:
+        """What they speak of, and how fast."""
+        ...
+
+    def settle(self, n: int, atoms: Collection[Atom]) -> None:
+        """Judge these atoms anew from now on."""
+        ...
 
 
 class Actions:
@@ -64,16 +78,21 @@ class Actions:
         client: AsyncClient,
         robot: str,
         agent: str,
-        processes: dict[str, SupervisedProcess],
+        executors: Executors,
         memory: FirstResults,
         host: str | None = None,
+        watch: Observing | None = None,
     ) -> None:
+        """`watch` has the observers that the service may ask to judge anew."""
         self._client = client
         self._robot = robot
         self._agent = agent
         self._host = host
-        self._processes = processes
+        self._executors = executors
         self._memory = memory
+        self._watch = watch
+        self._atoms = {} if watch is None else {str(atom): atom for atom in watch.driver.atoms}
+        self._settled: int | None = None  # the newest `n` that was asked for
         self._under_way: dict[str, asyncio.Task[None]] = {}
         self._tellings: dict[str, _Telling] = {}
         self._taken = (0, f"taken by agent {agent}")
@@ -86,7 +105,7 @@ class Actions:
             async with self._room:  # with as many as this under way, the rest stays with the service
                 pass
             try:
-                action = await self._client.send(self._next(), NEVER)
+                orders = await self._client.send(self._poll(), NEVER)
             except ClientError as error:
                 failures += 1
                 level = logging.WARNING if failures in (1, 10) else logging.DEBUG
@@ -94,6 +113,9 @@ class Actions:
                 await asyncio.sleep(PATIENCE.wait_s(failures, 0.5))
                 continue
             failures = 0
+            action = orders.action
+            if orders.settle is not None and not self._settle(orders.settle) and action is None:
+                await asyncio.sleep(0.2)  # it would come back at once, and round and round
             if action is not None:
                 again = action.id in self._under_way
                 self.take(action)
@@ -109,34 +131,21 @@ class Actions:
 
     async def close(self) -> None:
         """Give up what is under way; its results will be asked for again."""
-        tasks = list(self._under_way.values())
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
+        await end(list(self._under_way.values()))
 
     async def run(self, action: Action, feedback: Feedback) -> ActionResult:
         """Carry out `action` if this agent may; never later than its time-out."""
-        handler = HANDLERS.get(action.name)
-        if handler is None:
-            return ActionResult(
-                REFUSED, f"agent {self._agent} knows no {action.name}; it knows {', '.join(HANDLERS)}"
-            )
-        if len(action.parameters) != 1:
-            return ActionResult(REFUSED, f"{action.name} takes the name of one node, not {action.parameters}")
-        process = self._processes.get(action.parameters[0])
-        if process is None:
-            listed = ", ".join(self._processes) or "none"
-            return ActionResult(
-                REFUSED,
-                f"agent {self._agent} has no process {action.parameters[0]}; configured are: {listed}",
-            )
+        executor = self._executors.find(action)
+        if isinstance(executor, ActionResult):
+            return executor
         try:
-            async with asyncio.timeout(action.timeout_s):
-                return await handler(process, feedback, action.timeout_s)
+            async with timeout(action.timeout_s):
+                return await executor.execute(action, feedback)
         except TimeoutError:
             return ActionResult(TIMED_OUT, f"{action} was not done within {action.timeout_s:g} s")
-        except OSError as error:
-            return ActionResult(FAILED, f"{action}: {error}")
+        except Exception as error:  # anybody's executor may raise anything
+            log.warning("%s failed", action, exc_info=not isinstance(error, OSError))
+            return ActionResult(FAILED, f"{action}: {type(error).__name__}: {error}")
 
     async def _accept(self, action: Action, again: bool) -> None:
         """Say that the action has arrived: until then the service gives it to every poll."""
@@ -154,8 +163,26 @@ class Actions:
 
     # --- inside ----------------------------------------------------------------------------------------
 
-    def _next(self) -> calls.Call[Action | None]:
-        return calls.next_action(self._robot, self._agent, self._host, WAIT_S)
+    def _poll(self) -> calls.Call[Orders]:
+        observes = []
+        for name, atom in self._atoms.items():
+            assert self._watch is not None
+            detection_s, settling_s = self._watch.driver.delays_s(atom)
+            observes.append(
+                {"atom": name, "detection_s": round(detection_s, 3), "settling_s": round(settling_s, 3)}
+            )
+        return calls.poll(
+            self._robot, self._agent, self._host, self._executors.can, observes, WAIT_S, self._settled
+        )
+
+    def _settle(self, settle: Settle) -> bool:
+        """Have observers judge anew; False for an `n` that came before: the service may repeat it."""
+        if settle.n == self._settled or self._watch is None:
+            return False
+        self._settled = settle.n
+        log.debug("settle %d: %s", settle.n, ", ".join(settle.atoms))
+        self._watch.settle(settle.n, [self._atoms[name] for name in settle.atoms if name in self._atoms])
+        return True
 
     async def _carry_out(self, action: Action) -> None:
         result = self._memory.get(action.id)
@@ -177,7 +204,9 @@ class Actions:
         withdrawn = asyncio.create_task(telling.withdrawn.wait())
         try:
             await asyncio.wait({work, withdrawn}, return_when=asyncio.FIRST_COMPLETED)
-            if work.done() or (telling.acts and action.name not in GIVEN_UP):
+            executor = self._executors.find(action)
+            gives_up = not isinstance(executor, ActionResult) and executor.gives_up
+            if work.done() or (telling.acts and not gives_up):
                 return await work
             work.cancel()
             await asyncio.wait({work})
@@ -227,6 +256,7 @@ class _Telling:
         self._action_id = action_id
         self._queue: asyncio.Queue[tuple[int, str]] = asyncio.Queue(maxsize=16)
         self.withdrawn = asyncio.Event()
+        self._closed = False
         self._task = asyncio.create_task(self._send())
 
     def tell(self, number: int, message: str) -> None:
@@ -236,14 +266,14 @@ class _Telling:
             self._queue.put_nowait((number, message))
 
     async def close(self) -> None:
-        self._task.cancel()
-        await asyncio.gather(self._task, return_exceptions=True)
+        self._closed = True  # should the cancellation be lost, it ends with the call that is under way
+        await end([self._task])
 
     async def _send(self) -> None:
-        while True:
+        while not self._closed:
             number, message = self.latest
             with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(BEAT_S):
+                async with timeout(BEAT_S):
                     number, message = await self._queue.get()
             try:
                 await self._client.send(calls.feedback(self._action_id, number, message), NEVER)

@@ -1,37 +1,45 @@
 """The agent: processes, bus, observers, reports and actions of one host, in one event loop.
 
-    nodes ──messages──► broker ──times──► general observers ─┐
-    processes ──ends, evidence──► node observer ─────────────┴──► reporter ──► service
-    service ──actions──► supervisor ──► processes
-
-The observers are pure; this is the edge that feeds them and asks them. A check that comes late (the machine
-was busy) first lets the event loop take in what arrived in the meantime: our own lateness is no silence of
-the robot.
+nodes ──messages──► broker ─────────┐
+processes ──ends, evidence──► table ┴──► watch (observers) ──► reporter ──► service
+service ──actions──► supervisor ──► processes
+        └─settle──► watch
 """
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 import time
 from contextlib import AsyncExitStack
+from typing import Any
 
 from robomend_client.agent.actions import Actions
-from robomend_client.agent.broker import Broker, Tap
+from robomend_client.agent.broker import Broker, Tap, TopicMessage
 from robomend_client.agent.config import AgentConfig
+from robomend_client.agent.executors.base import Executors
+from robomend_client.agent.executors.supervised import supervised
+from robomend_client.agent.feeds import Feed, Samples
 from robomend_client.agent.memory import FirstResults
-from robomend_client.agent.reporter import Reporter
+from robomend_client.agent.reporter import VerdictReporter
 from robomend_client.agent.supervisor import Supervisor
+from robomend_client.agent.usage import PERIOD_S, Usage
+from robomend_client.agent.watch import Watch
 from robomend_client.buffer import DiskBuffer
-from robomend_client.literals import Atom
-from robomend_client.observers import PROCESSES, SECOND, GeneralObserver, NodeObserver, Observer
+from robomend_client.clock import Clock
+from robomend_client.observers import PROCESSES
 from robomend_client.outbox import AsyncOutbox
+from robomend_client.python310 import end, timeout
 from robomend_client.rest.asynchronous import AsyncClient
 
 log = logging.getLogger(__name__)
 
 REPORT_TIMEOUT_S = 5.0
 """Observations that are not taken by then wait on the disk, so that little waits in memory."""
+
+TABLE_S = 0.1
+"""How often the node observer hears which processes run, changed or not; 10 Hz, as published."""
 
 
 class Agent:
@@ -42,9 +50,8 @@ class Agent:
         self.bus = config.bus  # what the processes are told; known once `run` has opened it
         self.ready = asyncio.Event()
         self._stop = asyncio.Event()
-        self._topics: dict[str, GeneralObserver] = {}
-        self._checks: list[_Check] = []
         self._nodes_changed = asyncio.Event()
+        self._told: set[str] = set()  # sources that a message did not have
 
     def stop(self) -> None:
         """End, in order."""
@@ -62,112 +69,118 @@ class Agent:
                 AsyncClient(service.url, key, timeout_s=REPORT_TIMEOUT_S)
             )
             orders = await stack.enter_async_context(AsyncClient(service.url, key, timeout_s=10.0))
-            reporter = Reporter(
+            clock = Clock()
+            watch = Watch(
+                [spec.make() for spec in config.observers],
+                clock,
+                lambda changes: reporter.report(changes),
+                config.lenient,
+                config.recording,
+            )
+            stack.callback(watch.close)
+            reporter = VerdictReporter(
                 AsyncOutbox(reports, config.robot, buffer),
                 f"agent {config.agent}",
                 config.heartbeat_s,
                 config.lifetime_s,
+                watch.standing,
+                clock,
             )
-            self._observe(reporter)
-            await self._open_bus(stack)
+            await self._open_bus(stack, watch)
             supervisor = Supervisor(
                 config.processes, config.state_dir, self.bus, config.keep_processes, self._nodes_changed.set
             )
             supervisor.open()
             stack.push_async_callback(supervisor.close)
             memory = FirstResults(config.state_dir / "results.jsonl")
-            actions = Actions(orders, config.robot, config.agent, supervisor.processes, memory, config.host)
+            executors = Executors(
+                config.agent,
+                [*supervised(supervisor.processes), *(spec.make() for spec in config.actions)],
+            )
+            actions = Actions(orders, config.robot, config.agent, executors, memory, config.host, watch)
             stack.push_async_callback(actions.close)
-            await self._work(supervisor, reporter, actions)
+            await self._work(supervisor, watch, reporter, actions)
             await reporter.flush()
 
-    async def _work(self, supervisor: Supervisor, reporter: Reporter, actions: Actions) -> None:
-        async with asyncio.TaskGroup() as group:
-            tasks = [
-                group.create_task(self._watch(supervisor, reporter), name="observers"),
-                group.create_task(reporter.run(), name="reporter"),
-                group.create_task(actions.pull(), name="actions"),
-                group.create_task(supervisor.start_initial(), name="initial processes"),
-            ]
-            self.ready.set()
-            log.info("agent %s of %s is up; bus %s", self.config.agent, self.config.robot, self.bus)
-            await self._stop.wait()
-            while not all(task.done() for task in tasks):
-                for task in tasks:
-                    task.cancel()  # again, should a library in between have swallowed it
-                await asyncio.wait(tasks, timeout=1.0)
+    async def _work(
+        self, supervisor: Supervisor, watch: Watch, reporter: VerdictReporter, actions: Actions
+    ) -> None:
+        work = {
+            "observers": watch.run(),
+            "processes": self._tables(supervisor, watch),
+            "reporter": reporter.run(),
+            "actions": actions.pull(),
+            "initial processes": supervisor.start_initial(),
+        }
+        tasks = [asyncio.create_task(work, name=name) for name, work in work.items()]
+        tasks += [asyncio.create_task(_fed(feed, watch)) for feed in self.config.feeds]
+        self.ready.set()
+        log.info("agent %s of %s is up; bus %s", self.config.agent, self.config.robot, self.bus)
+        await _until(self._stop, tasks)
 
-    # --- observers -----------------------------------------------------------------------------------
+    # --- what the agent knows itself ---------------------------------------------------------------------
 
-    def _observe(self, reporter: Reporter) -> None:
-        start_ns = time.monotonic_ns()
-        for topic, expected in self.config.topics:
-            observer = GeneralObserver(topic, expected, start_ns=start_ns)
-            self._topics[topic] = observer
-            self._checks.append(_Check(observer, (Atom("ok", (topic,)),), start_ns))
-        names = tuple(spec.name for spec in self.config.processes)
-        atoms = tuple(Atom("running", (name,)) for name in names)
-        self._nodes = _Check(NodeObserver(names), atoms, start_ns)
-        self._checks.append(self._nodes)
-
-    def _message(self, topic: str, time_ns: int, data: object) -> None:
-        observer = self._topics.get(topic)
-        if observer is not None:
-            observer.feed(topic, time_ns, data)
-
-    async def _watch(self, supervisor: Supervisor, reporter: Reporter) -> None:
+    async def _tables(self, supervisor: Supervisor, watch: Watch) -> None:
+        """Say which processes run: at once when one begins or ends, and now and then."""
+        wanted = PROCESSES in self.config.sources(own=True)
+        usage = Usage(self.config.sources(own=True) - {PROCESSES}, supervisor.processes)
+        measure_at = 0.0
         while True:
-            now_ns = time.monotonic_ns()
-            wait_s = (min(check.due_ns for check in self._checks) - now_ns) / SECOND
-            try:
+            if wanted:
+                watch.sample(PROCESSES, supervisor.table())
+            if time.monotonic() >= measure_at:
+                measure_at = time.monotonic() + PERIOD_S
+                supervisor.trim_outputs()
+                if usage.wanted:
+                    for source, value in usage.measure(supervisor.leaders()).items():
+                        watch.sample(source, value)
+            with contextlib.suppress(TimeoutError):
                 # Not wait_for: up to Python 3.11 it swallows a cancellation that comes with the event.
-                async with asyncio.timeout(max(wait_s, 0.0)):
+                async with timeout(TABLE_S):
                     await self._nodes_changed.wait()
-                self._nodes_changed.clear()
-                self._nodes.due_ns = 0  # a process began or ended: say so now, not at the next beat
-            except TimeoutError:
-                pass
-            await asyncio.sleep(0)  # twice round the loop: what has arrived is taken in first
-            now_ns = time.monotonic_ns()
-            due = [check for check in self._checks if check.due_ns <= now_ns]
-            if self._nodes in due:
-                self._nodes.observer.feed(PROCESSES, now_ns, supervisor.running())
-            for check in due:
-                check.next_after(now_ns)
-            reporter.update(
-                (atom for check in due for atom in check.atoms),
-                [literal for check in due for literal in check.observer.check(now_ns)],
-            )
+            self._nodes_changed.clear()
 
-    # --- the bus ---------------------------------------------------------------------------------------
+    # --- feeds -----------------------------------------------------------------------------------------
 
-    async def _open_bus(self, stack: AsyncExitStack) -> None:
+    async def _open_bus(self, stack: AsyncExitStack, watch: Watch) -> None:
+        samples = Samples(self.config.sources(own=False), watch.sample, self._missing_field)
+
+        def on_message(message: TopicMessage) -> None:
+            samples.message(message.topic, message.data, message.time_ns, message.fields)
+
         if self.config.joins_bus:
-            tap = Tap(self.config.bus, list(self._topics), self._message)
+            tap = Tap(self.config.bus, list(samples.topics), on_message)
             task = asyncio.create_task(tap.run(), name="bus")
-            stack.push_async_callback(_cancelled, task)
+            stack.push_async_callback(end, [task])
             return
-        broker = Broker(self.config.bus, self._message)
+        broker = Broker(self.config.bus, on_message)
         await broker.open()
         stack.push_async_callback(broker.close)
         self.bus = broker.address
 
-
-class _Check:
-    """An observer and when it is to be asked next."""
-
-    def __init__(self, observer: Observer, atoms: tuple[Atom, ...], start_ns: int) -> None:
-        self.observer = observer
-        self.atoms = atoms
-        self.due_ns = start_ns
-
-    def next_after(self, now_ns: int) -> None:
-        """Keep to the beat; beats that were missed are not made up for."""
-        period_ns = self.observer.period_ns
-        # On one grid for all observers, so that equal periods share one wake-up.
-        self.due_ns = (now_ns // period_ns + 1) * period_ns
+    def _missing_field(self, source: str, why: str) -> None:
+        if source not in self._told:
+            self._told.add(source)
+            log.warning("%s: a message of this topic has %s", source, why)
 
 
-async def _cancelled(task: asyncio.Task[None]) -> None:
-    task.cancel()
-    await asyncio.gather(task, return_exceptions=True)
+async def _fed(feed: Feed, watch: Watch) -> None:
+    """Run a feed; one that fails leaves the agent as it is, and what it fed turns unknown."""
+    try:
+        await feed.run(watch.sample)
+    except Exception:  # a feed may be anybody's
+        log.exception("the feed %s failed", type(feed).__name__)
+
+
+async def _until(stop: asyncio.Event, tasks: list[asyncio.Task[None]]) -> None:
+    """Let all work until `stop`, or until one of them fails; then end them all."""
+    stopped: asyncio.Task[Any] = asyncio.create_task(stop.wait())
+    try:
+        while not stopped.done():
+            waited_for = [stopped, *(task for task in tasks if not task.done())]
+            await asyncio.wait(waited_for, return_when=asyncio.FIRST_COMPLETED)
+            for task in tasks:
+                if task.done():
+                    task.result()
+    finally:
+        await end([stopped, *tasks])

@@ -14,12 +14,13 @@ import contextlib
 import json
 import logging
 import os
-import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from robomend_client.bus import LONGEST_LINE, parse_address
+from robomend_client.python310 import timeout
 
 log = logging.getLogger(__name__)
 
@@ -28,8 +29,34 @@ MOST_TOPICS = 1024
 MOST_WAITING = 256 * 1024
 """Bytes that may wait for one subscriber."""
 
-OnMessage = Callable[[str, int, object], None]
-"""Called with topic, monotonic nanoseconds of arrival and data."""
+
+@dataclass(frozen=True)
+class TopicMessage:
+    """What was published."""
+
+    topic: str
+    data: object = None
+    time_ns: int | None = None  # None: when it arrives
+    fields: Mapping[str, Any] | None = None
+
+
+def read_message(line: object) -> TopicMessage | None:
+    """Return the message of a line that was read as JSON; None if it is none.
+
+    Raises:
+        ValueError: it is one, and not as it should be.
+    """
+    if not isinstance(line, dict) or not isinstance(line.get("topic"), str):
+        return None
+    time_ns, fields = line.get("time"), line.get("fields")
+    if time_ns is not None and (isinstance(time_ns, bool) or not isinstance(time_ns, int)):
+        raise ValueError(f"time must be nanoseconds, a whole number, not {time_ns!r}")
+    if fields is not None and not isinstance(fields, dict):
+        raise ValueError(f"fields must be a mapping, not {fields!r}")
+    return TopicMessage(line["topic"], line.get("data"), time_ns, fields)
+
+
+OnMessage = Callable[[TopicMessage], None]
 
 
 class Broker:
@@ -42,6 +69,7 @@ class Broker:
         self._peers: set[_Peer] = set()
         self._subscribers: dict[str, set[_Peer]] = {}
         self._server: asyncio.Server | None = None
+        self._closing = False
 
     async def open(self) -> None:
         """Listen.
@@ -72,11 +100,16 @@ class Broker:
     async def close(self) -> None:
         if self._server is None:
             return
+        self._closing = True
+        loop = asyncio.get_running_loop()
+        for listening in self._server.sockets:
+            loop.remove_reader(listening.fileno())
+        await asyncio.sleep(0)  # what was accepted gets its transport, or Python 3.13 trips over it
         self._server.close()
         for peer in tuple(self._peers):
             peer.transport.abort()
         with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(1.0):
+            async with timeout(1.0):
                 await self._server.wait_closed()
         where = parse_address(self.address)
         if isinstance(where, str):
@@ -85,6 +118,8 @@ class Broker:
     # --- called by the peers ------------------------------------------------------------------------
 
     def joined(self, peer: _Peer) -> bool:
+        if self._closing:  # it was accepted just before
+            return False
         if len(self._peers) >= MOST_CLIENTS:
             log.warning("the bus has %d clients already; one more was turned away", MOST_CLIENTS)
             return False
@@ -103,9 +138,9 @@ class Broker:
             peer.topics.add(topic)
             self._subscribers.setdefault(topic, set()).add(peer)
 
-    def publish(self, topic: str, line: bytes, data: object) -> None:
-        self._on_message(topic, time.monotonic_ns(), data)
-        for peer in self._subscribers.get(topic, ()):
+    def publish(self, message: TopicMessage, line: bytes) -> None:
+        self._on_message(message)
+        for peer in self._subscribers.get(message.topic, ()):
             if peer.transport.get_write_buffer_size() + len(line) > MOST_WAITING:
                 self.dropped += 1
             else:
@@ -144,9 +179,12 @@ class _Peer(asyncio.Protocol):
             self.transport.abort()
 
     def _line(self, line: bytes) -> None:
-        match json.loads(line):
-            case {"topic": str(topic), "data": data}:
-                self._broker.publish(topic, line + b"\n", data)
+        read = json.loads(line)
+        message = read_message(read)
+        if message is not None:
+            self._broker.publish(message, line + b"\n")
+            return
+        match read:
             case {"subscribe": [*topics]} if all(isinstance(topic, str) for topic in topics):
                 for topic in topics:
                     self._broker.subscribe(self, topic)
@@ -180,12 +218,12 @@ class Tap:
             if isinstance(where, str)
             else asyncio.open_connection(*where, limit=LONGEST_LINE)
         )
-        async with asyncio.timeout(5.0):
+        async with timeout(5.0):
             reader, writer = await opening
         try:
             writer.write(json.dumps({"subscribe": self._topics}).encode() + b"\n")
             async for line in reader:
-                message = json.loads(line)
-                self._on_message(message["topic"], time.monotonic_ns(), message["data"])
+                if message := read_message(json.loads(line)):
+                    self._on_message(message)
         finally:
             writer.close()

@@ -8,9 +8,15 @@
     bus: {listen: "unix:state/bus"}    # the default; or tcp:HOST:PORT; or join: ADDRESS of another agent's
     report: {heartbeat_s: 1, lifetime_s: 5, buffer_mb: 16}
     when_agent_ends: stop              # or keep: the processes go on, and the next agent adopts them
-    rate: {window: 10, silence_s: 2}   # what all topics below have in common
+    rate: {silence_s: 0.5}             # what all topics below have in common
     topics:
       scan: {rate_hz: 10, tolerance_hz: 1}
+    observers:                         # observers/kinds.py
+      odom_yaw: {kind: qualitative, source: "odom:twist.twist.angular.z", slope: 0.1}
+    lenient: [ok(scan)]                # atoms of which good news wins where observers disagree
+    recording: {file: run.jsonl, mb: 64}   # what the observers are fed with, to be replayed
+    actions:                           # executors/kinds.py
+      calibrate: {kind: process, command: [calibrate, "{arm}"], parameters: {arm: [left, right]}}
     processes:                         # what may be started and stopped; nothing else may
       hokuyo_node:
         command: [python3, -m, hokuyo, --device, /dev/ttyACM0]  # never goes through a shell
@@ -29,13 +35,24 @@ from __future__ import annotations
 import os
 import re
 import socket
-from dataclasses import dataclass, fields
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 from urllib.parse import urlsplit
 
-from robomend_client.agent.yaml_reader import Section, read
+from robomend_client.agent.executors.kinds import ActionSpec, read_actions
+from robomend_client.agent.feeds import BUS, BrokenFeed, Feed, UnknownFeed, is_own, load_feed
+from robomend_client.agent.usage import Usage
 from robomend_client.bus import parse_address
-from robomend_client.observers.general import Rate
+from robomend_client.literals import Atom
+from robomend_client.observers import PROCESSES, GeneralObserver, NodeObserver, Rate
+from robomend_client.observers.kinds import ObserverSpec, observer_spec, read_lenient, read_observers
+from robomend_client.observers.parameters import read_dataclass
+from robomend_client.yaml_reader import Section, read
+
+FIRST_S = 2.0
+"""A robot may boot for so long after its agent before a topic that nobody has heard of counts as silent."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +68,7 @@ class ProcessSpec:
     start_timeout_s: float = 10.0
     stop_grace_s: float = 2.0
     start: bool = False
+    log_mb: float = 1.0  # its output is kept in files of at most this size; 0: not at all
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +111,21 @@ class AgentConfig:
     buffer_bytes: int
     keep_processes: bool
     topics: tuple[tuple[str, Rate], ...]
+    observers: tuple[ObserverSpec, ...]  # those of topics and processes, too
+    lenient: frozenset[Atom]
+    feeds: tuple[Feed, ...]
+    recording: tuple[Path, int] | None
     processes: tuple[ProcessSpec, ...]
+    actions: tuple[ActionSpec, ...]
+
+    def sources(self, own: bool) -> frozenset[str]:
+        """Return what the agent itself, or the bus, is to feed observers with."""
+        return frozenset(
+            source
+            for spec in self.observers
+            for source in spec.sources
+            if (spec.origin == BUS or is_own(source)) and is_own(source) is own
+        )
 
 
 def load(file: Path) -> AgentConfig:
@@ -119,13 +151,24 @@ def load(file: Path) -> AgentConfig:
 
     keep = top.choice("when_agent_ends", ("stop", "keep"), "stop") == "keep"
     shared = top.section("rate")
-    common = _rate(shared, Rate())
+    common = _rate(shared, {})
     shared.finish()
     topics = []
     for name, section in top.sections("topics"):
-        topics.append((name.removeprefix("/"), _rate(section, common)))
+        topics.append((name.removeprefix("/"), _rate(section, asdict(common))))
         section.finish()
-    processes = tuple(_process(name, section, base) for name, section in top.sections("processes"))
+    lenient = read_lenient(top)
+    processes = tuple(_process(name, section, base, keep) for name, section in top.sections("processes"))
+    given = read_observers(top, base)
+    observers = (
+        *(_general(topic, rate) for topic, rate in topics),
+        *given,
+        *([_nodes(tuple(spec.name for spec in processes))] if processes else []),
+    )
+    feeds = _feeds(top, base, given)
+    _check_own(top, given, processes)
+    recording = _recording(top.section("recording"), base)
+    actions = read_actions(top, base)
     top.finish()
     return AgentConfig(
         robot=robot,
@@ -140,7 +183,12 @@ def load(file: Path) -> AgentConfig:
         buffer_bytes=buffer_bytes,
         keep_processes=keep,
         topics=tuple(topics),
+        observers=observers,
+        lenient=lenient,
+        feeds=feeds,
+        recording=recording,
         processes=processes,
+        actions=actions,
     )
 
 
@@ -184,22 +232,72 @@ def _bus(section: Section, state_dir: Path) -> tuple[str, bool]:
     return address, joins
 
 
-def _rate(section: Section, common: Rate) -> Rate:
-    window = section.whole("window", common.window, least=2, most=10_000)
-    settle = section.whole("settle", common.settle or 1) if "settle" in section or common.settle else None
-    numbers = {
-        field.name: section.number(field.name, getattr(common, field.name), least=1e-6, most=1e6)
-        for field in fields(Rate)
-        if field.name not in ("window", "settle")
-    }
-    try:
-        return Rate(window=window, settle=settle, **numbers)
-    except ValueError as error:
-        wrong = next((name for name in ("settle", "silence_s") if name in str(error)), "window")
-        raise section.error(wrong, str(error)) from error
+def _rate(section: Section, common: Mapping[str, Any]) -> Rate:
+    """Return what is expected of a topic; what its section does not say is as for all of them."""
+    preset = section.choice("preset", ("none", *Rate.PRESETS), "none")
+    rate = read_dataclass(section, Rate, {**common, **Rate.PRESETS.get(preset, {})})
+    assert isinstance(rate, Rate)
+    return rate
 
 
-def _process(name: str, section: Section, base: Path) -> ProcessSpec:
+def _general(topic: str, rate: Rate) -> ObserverSpec:
+    rate = replace(rate, first_s=FIRST_S) if rate.first_s is None else rate
+    return observer_spec(topic, "general", BUS, lambda: GeneralObserver(topic, rate))
+
+
+def _nodes(names: tuple[str, ...]) -> ObserverSpec:
+    return observer_spec("processes", "node", BUS, lambda: NodeObserver(names))
+
+
+def _feeds(top: Section, base: Path, observers: Iterable[ObserverSpec]) -> tuple[Feed, ...]:
+    """Return the feeds that observers want beside the bus, each with its section of the file read."""
+    wanted: dict[str, set[str]] = {}
+    origins: dict[str, str] = {}
+    for spec in observers:
+        for source in spec.sources:
+            if is_own(source):
+                continue
+            if origins.setdefault(source, spec.origin) != spec.origin:
+                section = next(s for name, s in top.sections("observers") if name == spec.name)
+                raise section.error("from", f"{source} comes from {origins[source]} for another observer")
+            if spec.origin != BUS:
+                wanted.setdefault(spec.origin, set()).add(source)
+    feeds = []
+    for origin, sources in wanted.items():
+        name = next(spec.name for spec in observers if spec.origin == origin)
+        try:
+            feed = load_feed(origin)
+        except (UnknownFeed, BrokenFeed) as error:
+            section = next(s for n, s in top.sections("observers") if n == name)
+            raise section.error("from", str(error.args[0])) from error
+        section = top.section(origin)
+        feeds.append(feed(section, base, frozenset(sources)))
+        section.finish()
+    return tuple(feeds)
+
+
+def _check_own(top: Section, observers: Iterable[ObserverSpec], processes: Iterable[ProcessSpec]) -> None:
+    """Refuse sources that the agent itself would have to have, and has not."""
+    nodes = [spec.name for spec in processes]
+    for spec in observers:
+        for source in spec.sources:
+            if not is_own(source) or source == PROCESSES:
+                continue
+            try:
+                Usage([source], nodes)
+            except ValueError as error:
+                section = next(s for name, s in top.sections("observers") if name == spec.name)
+                raise section.error("source", str(error)) from error
+
+
+def _recording(section: Section, base: Path) -> tuple[Path, int] | None:
+    file = section.optional("file")
+    most_bytes = int(section.number("mb", 64, least=0.001, most=100_000) * 1024 * 1024)
+    section.finish()
+    return None if file is None else (base / file, most_bytes)
+
+
+def _process(name: str, section: Section, base: Path, keep: bool) -> ProcessSpec:
     command = section.texts("command")
     if not command or not command[0]:
         raise section.missing(
@@ -229,6 +327,9 @@ def _process(name: str, section: Section, base: Path) -> ProcessSpec:
         start_timeout_s=section.number("start_timeout_s", 10.0, least=0.01, most=3600),
         stop_grace_s=section.number("stop_grace_s", 2.0, least=0.0, most=600),
         start=section.flag("start", False),
+        log_mb=section.number("log_mb", 1.0, least=0.0, most=10_000),
     )
+    if keep and spec.ready == "output" and not spec.log_mb:
+        raise section.error("log_mb", "must be above 0: the output of what outlives the agent is read there")
     section.finish()
     return spec

@@ -1,7 +1,7 @@
 """robomend-agent CONFIG.yaml: the robot's side of robomend, on one host.
 
 Exit codes: 0 ended as asked, 2 the configuration is at fault, 3 a part of the machine is (the state directory
-is in use, …).
+is in use, a part that is installed apart is missing, …).
 """
 
 from __future__ import annotations
@@ -15,15 +15,16 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from robomend_client.agent.config import AgentConfig, load
-from robomend_client.agent.yaml_reader import ConfigError
+from robomend_client.agent.executors.base import Executors
+from robomend_client.agent.feeds import MissingExtra
 from robomend_client.buffer import BufferInUse
+from robomend_client.yaml_reader import ConfigError
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog="robomend-agent",
-        description="Starts and stops a robot's processes for robomend, and reports which run "
-        "and which topics are alive.",
+        description="Reports what a robot's observers see, and does what robomend asks for.",
     )
     parser.add_argument("config", type=Path, metavar="CONFIG.yaml", help="what to run, watch and report")
     parser.add_argument(
@@ -43,6 +44,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ConfigError as error:
         print(error, file=sys.stderr)
         return 2
+    except MissingExtra as error:
+        print(f"{options.config}: {error}", file=sys.stderr)
+        return 3
     if options.check:
         print(describe(config))
         return 0
@@ -62,11 +66,28 @@ def describe(config: AgentConfig) -> str:
         f"state: {config.state_dir}",
     ]
     lines += [f"topic {name}: {rate.rate_hz:g} ± {rate.tolerance_hz:g} Hz" for name, rate in config.topics]
+    topics = {name for name, _ in config.topics}
+    for spec in config.observers:
+        if spec.name in topics:
+            continue
+        observer = spec.make()
+        lines.append(
+            f"observer {spec.name} ({spec.kind}): {', '.join(map(str, spec.atoms))}; "
+            f"detection within {observer.detection_s:g} s, settling within {observer.settling_s:g} s"
+        )
     lines += [f"process {spec.name}: {' '.join(spec.command)}" for spec in config.processes]
+    can = Executors(config.agent, [action.make() for action in config.actions]).can
+    lines += [f"action {action}" for action in can]
     return "\n".join(lines)
 
 
+def import_lean() -> None:
+    """Let httpx leave out its command line, which takes 6 MB where rich and pygments are installed."""
+    sys.modules["httpx._main"] = None  # type: ignore[assignment]  # None: it is not to be found
+
+
 async def _run(config: AgentConfig) -> None:
+    import_lean()
     from robomend_client.agent.agent import Agent
 
     agent = Agent(config)

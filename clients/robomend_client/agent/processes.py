@@ -14,20 +14,34 @@ from __future__ import annotations
 import asyncio
 import logging
 import os
+import re
 import signal
 import time
 from collections.abc import Callable, Mapping
-from enum import StrEnum
+from typing import Any
 
-from robomend_client.actions import FAILED, OK, TIMED_OUT, ActionResult, Feedback
+from robomend_client.actions import (
+    FAILED,
+    NO_PROGRAM,
+    NOT_EXECUTABLE,
+    OK,
+    TIMED_OUT,
+    ActionResult,
+    Feedback,
+    not_started,
+)
 from robomend_client.agent.config import ProcessSpec
+from robomend_client.agent.output import OutputFile
 from robomend_client.agent.readiness import Notification
 from robomend_client.agent.spawn import Handle, NotStarted, spawn
+from robomend_client.python310 import StrEnum, timeout
 
 log = logging.getLogger(__name__)
 
 TAIL = 8 * 1024
 """Bytes of a process's newest output that are kept, to be quoted when it fails."""
+
+STARTED = b"--- started by robomend-agent"
 
 KILL_S = 2.0
 """How long the kernel may take after SIGKILL; a process in uninterruptible sleep takes longer."""
@@ -49,6 +63,7 @@ class SupervisedProcess:
         environment: Mapping[str, str],
         on_change: Callable[[SupervisedProcess], None],
         dies_with_agent: bool = True,
+        output: OutputFile | None = None,
     ) -> None:
         self.spec = spec
         self.phase = Phase.STOPPED
@@ -57,6 +72,7 @@ class SupervisedProcess:
         self._environment = dict(environment)
         self._on_change = on_change
         self._dies_with_agent = dies_with_agent
+        self._output = output
         self._turn = asyncio.Lock()
         self._ready = asyncio.Event()
         self._ended = asyncio.Event()
@@ -69,7 +85,7 @@ class SupervisedProcess:
 
     async def start(self, feedback: Feedback, timeout_s: float) -> ActionResult:
         """Start it and wait for the evidence; a process that runs already is left alone."""
-        async with asyncio.timeout(timeout_s), self._turn:
+        async with timeout(timeout_s), self._turn:
             if self.phase is Phase.RUNNING:
                 return ActionResult(OK, f"{self.spec.name} runs already")
             await self._ended.wait()  # an earlier stop or start that failed may still be at work
@@ -81,7 +97,9 @@ class SupervisedProcess:
                 feedback(1, f"{self.spec.name} has process {pid}; waiting for evidence: {self.spec.ready}")
                 return await self._evidence(began)
             except NotStarted as error:
-                return ActionResult(FAILED, f"{self.spec.name} cannot be started: {error}")
+                return ActionResult(
+                    not_started(error.__cause__), f"{self.spec.name} cannot be started: {error}"
+                )
             finally:
                 if notification is not None:
                     notification.close()
@@ -90,7 +108,7 @@ class SupervisedProcess:
 
     async def stop(self, feedback: Feedback, timeout_s: float) -> ActionResult:
         """Stop it: SIGTERM, and SIGKILL after the grace. One that does not run is left alone."""
-        async with asyncio.timeout(timeout_s), self._turn:
+        async with timeout(timeout_s), self._turn:
             handle = self.handle
             if handle is None:
                 return ActionResult(OK, f"{self.spec.name} does not run")
@@ -114,7 +132,13 @@ class SupervisedProcess:
 
     def tail(self) -> str:
         """Return the newest output, for people."""
-        return self._tail.decode("utf-8", "replace").strip()
+        tail = self._tail if self._dies_with_agent else self._own_output()
+        return tail.decode("utf-8", "replace").strip()
+
+    def trim_output(self) -> None:
+        """Keep the file within its bound that a process writes by itself."""
+        if not self._dies_with_agent and self._output is not None:
+            self._output.trim()
 
     # --- inside ----------------------------------------------------------------------------------------
 
@@ -125,21 +149,37 @@ class SupervisedProcess:
             environment["NOTIFY_SOCKET"] = notification.address
         self._tail = b""
         self._ready.clear()
-        self._hold(spawn(self.spec.command, self.spec.directory, environment, self._dies_with_agent))
+        output_to = None
+        if self._output is not None:
+            self._output.write(STARTED + time.strftime(" %Y-%m-%dT%H:%M:%S%z\n").encode())
+            output_to = None if self._dies_with_agent else self._output.open()
+        try:
+            self._hold(
+                spawn(self.spec.command, self.spec.directory, environment, self._dies_with_agent, output_to)
+            )
+        finally:
+            if output_to is not None:
+                os.close(output_to)
         if self.spec.ready == "exec":
             self._ready.set()
         self._change(Phase.STARTING)
 
     async def _evidence(self, began: float) -> ActionResult:
-        waits = [asyncio.create_task(event.wait()) for event in (self._ready, self._ended)]
+        waits: list[asyncio.Task[Any]] = [
+            asyncio.create_task(event.wait()) for event in (self._ready, self._ended)
+        ]
+        if self.spec.ready_output is not None and not self._dies_with_agent:
+            waits.append(asyncio.create_task(self._look_for_output(self.spec.ready_output)))
         try:
             await asyncio.wait(waits, timeout=self.spec.start_timeout_s, return_when=asyncio.FIRST_COMPLETED)
         finally:
             for wait in waits:
                 wait.cancel()
         if self._ended.is_set():
+            plain = self.exit_code in {NO_PROGRAM, NOT_EXECUTABLE}  # of a shell between us and the program
+            code = self.exit_code if plain and self.exit_code is not None else FAILED
             return ActionResult(
-                FAILED, f"{self.spec.name} ended at once, exit code {self.exit_code}{self._quoted()}"
+                code, f"{self.spec.name} ended at once, exit code {self.exit_code}{self._quoted()}"
             )
         if not self._ready.is_set():
             return ActionResult(
@@ -149,6 +189,18 @@ class SupervisedProcess:
             )
         self._change(Phase.RUNNING)
         return ActionResult(OK, f"{self.spec.name} runs after {time.monotonic() - began:.2f} s")
+
+    async def _look_for_output(self, ready: re.Pattern[bytes]) -> None:
+        """Read along in the file that a process writes by itself, until it says that it is ready."""
+        while not ready.search(self._own_output()):
+            await asyncio.sleep(0.05)
+        self._ready.set()
+
+    def _own_output(self) -> bytes:
+        """Return the newest output since the start, of a process that writes to the file by itself."""
+        if self._output is None:
+            return b""
+        return self._output.tail(TAIL).rpartition(STARTED)[2].partition(b"\n")[2]
 
     def _hold(self, handle: Handle) -> None:
         self.handle = handle
@@ -188,6 +240,8 @@ class SupervisedProcess:
         if not data:
             asyncio.get_running_loop().remove_reader(handle.output)  # it closed its output and lives on
             return
+        if self._output is not None:
+            self._output.write(data)
         self._tail = (self._tail + data)[-TAIL:]
         if self.spec.ready_output is not None and self.spec.ready_output.search(self._tail):
             self._ready.set()
@@ -198,7 +252,7 @@ class SupervisedProcess:
 
     async def _wait_for_end(self, seconds: float) -> bool:
         try:
-            async with asyncio.timeout(seconds):
+            async with timeout(seconds):
                 await self._ended.wait()
         except TimeoutError:
             return False

@@ -1,10 +1,12 @@
 """Tells the service what the observers see: changes at once, everything as a heartbeat, nothing lost while it
 is away.
 
-Every literal goes out with a lifetime, so that what a dead agent said last becomes unknown instead of staying
-true; the heartbeat says all of it again in time. While the service is away changes go to the disk (outbox.py)
-and heartbeats are not worth keeping; when it is back the past is replayed in order, and a heartbeat with the
-present follows at once.
+Every literal goes out with its evidence and a lifetime, so that what a dead agent said last becomes unknown
+instead of staying true; the heartbeat says all of it again in time, with the present evidence. While the
+service is away changes go to the disk (outbox.py) and heartbeats are not worth keeping; when it is back the
+past is replayed in order, and a heartbeat with the present follows at once.
+
+docs/agent.md, "What it tells the service", has the batches as they are on the wire.
 """
 
 from __future__ import annotations
@@ -14,52 +16,55 @@ import contextlib
 import logging
 import time
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
 
 from robomend_client.clock import Clock
-from robomend_client.literals import Atom, Literal
+from robomend_client.literals import Literal
+from robomend_client.observers import Change, Verdict
 from robomend_client.outbox import AsyncOutbox
+from robomend_client.python310 import timeout
 from robomend_client.rest.retry import Retry
 
 log = logging.getLogger(__name__)
 
 MOST_PENDING = 1000
-"""Batches of changes in memory, while one is being sent."""
+"""Batches of changes in memory, while one is being sent; beyond it the oldest go, and the heartbeat tells."""
 
 
-class Reporter:
+class VerdictReporter:
     """One source of observations, towards the service."""
 
-    def __init__(self, outbox: AsyncOutbox, source: str, heartbeat_s: float, lifetime_s: float) -> None:
+    def __init__(
+        self,
+        outbox: AsyncOutbox,
+        source: str,
+        heartbeat_s: float,
+        lifetime_s: float,
+        standing: Callable[[], Sequence[Verdict]],
+        clock: Clock | None = None,
+    ) -> None:
+        """`standing` returns what holds now, for the heartbeat."""
         self._outbox = outbox
         self._source = source
         self._heartbeat_s = heartbeat_s
         self._lifetime_s = lifetime_s
-        self._now: dict[Atom, Literal] = {}
-        self._pending: deque[tuple[int, list[Literal]]] = deque()
+        self._standing = standing
+        self._pending: deque[list[Change]] = deque(maxlen=MOST_PENDING)
         self._wake = asyncio.Event()
         self._away = False
-        self._clock = Clock()
+        self._clock = clock or Clock()
         self._refused = outbox.refused
 
-    @property
-    def holding(self) -> tuple[Literal, ...]:
-        """What holds now, as far as the observers know."""
-        return tuple(self._now.values())
-
-    def update(self, asked: Iterable[Atom], literals: Iterable[Literal]) -> None:
-        """Take what observers found: of the atoms `asked` about, `literals` hold and the rest is unknown."""
-        found = {literal.atom: literal for literal in literals}
-        changed = [literal for atom, literal in found.items() if self._now.get(atom) != literal]
-        for atom in asked:
-            if atom not in found:
-                self._now.pop(atom, None)  # unknown is no literal; its lifetime runs out at the service
-        self._now.update(found)
-        if changed:
-            if len(self._pending) >= MOST_PENDING:
-                self._pending[-1][1].extend(changed)
+    def report(self, changes: Iterable[Change]) -> None:
+        """Take what changed, in order."""
+        for change in changes:
+            last = self._pending[-1][-1] if self._pending else None
+            if last is not None and (last.time_ns, last.settled) == (change.time_ns, change.settled):
+                self._pending[-1].append(change)
             else:
-                self._pending.append((self._clock.now_ns(), changed))
+                self._pending.append([change])
+        if self._pending:
             self._wake.set()
 
     async def run(self) -> None:
@@ -70,7 +75,7 @@ class Reporter:
         while True:
             wait_s = retry.wait_s(failures, 0.5) if failures else max(0.0, due - time.monotonic())
             with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(wait_s):
+                async with timeout(wait_s):
                     await self._wake.wait()
             self._wake.clear()
             arrived = await self._send_pending()
@@ -91,23 +96,40 @@ class Reporter:
     async def _send_pending(self) -> bool:
         arrived = await self._outbox.flush()
         while self._pending:
-            time_ns, literals = self._pending.popleft()
+            changes = self._pending.popleft()
+            # Of an atom that changed twice at one time, the last counts.
+            newest = tuple({change.atom: change for change in changes}.values())
+            said = [change for change in newest if change.value is not None]
+            literals = [change.value for change in said if change.value is not None]
+            batch: dict[str, Any] = {
+                "time_ns": changes[0].time_ns,
+                "source": self._source,
+                "lifetime_s": self._lifetime_s,
+                "evidence": evidence(
+                    [(change.since_ns, change.onset_ns) for change in said],
+                    unknown=[str(change.atom) for change in newest if change.value is None],
+                    settled=changes[0].settled,
+                ),
+            }
             if arrived:
-                arrived = await self._outbox.observe(
-                    literals, time_ns=time_ns, source=self._source, lifetime_s=self._lifetime_s
-                )
+                arrived = await self._outbox.observe(literals, **batch)
             else:  # straight to the disk: a service that hangs must not be waited for once per batch
-                self._outbox.put(literals, time_ns=time_ns, source=self._source, lifetime_s=self._lifetime_s)
+                self._outbox.put(literals, **batch)
         return arrived
 
     async def _heartbeat(self) -> bool:
-        if not self._now:
+        verdicts = self._standing()
+        if self._pending and not await self._send_pending():  # asking may have shown changes: in their order
+            return False
+        if not verdicts:
             return True
+        literals: list[Literal] = [verdict.literal for verdict in verdicts]
         return await self._outbox.observe(
-            self.holding,
+            literals,
             time_ns=self._clock.now_ns(),
             source=self._source,
             lifetime_s=self._lifetime_s,
+            evidence=evidence([(verdict.since_ns, verdict.onset_ns) for verdict in verdicts]),
             buffered=False,
         )
 
@@ -119,3 +141,21 @@ class Reporter:
                 "the service takes no observations, they wait on the disk: %s", self._outbox.last_problem
             )
         self._away = not arrived
+
+
+def evidence(
+    spans: Sequence[tuple[int | None, int | None]],
+    unknown: Sequence[str] = (),
+    settled: int | None = None,
+) -> dict[str, Any]:
+    """Return what a batch says beside its observations; `spans` are (since, onset), in their order."""
+    found: dict[str, Any] = {}
+    if spans:
+        found["since"] = [since_ns for since_ns, _ in spans]
+    if any(onset_ns is not None for _, onset_ns in spans):
+        found["onset"] = [onset_ns for _, onset_ns in spans]
+    if unknown:
+        found["unknown"] = list(unknown)
+    if settled is not None:
+        found["settled"] = settled
+    return found

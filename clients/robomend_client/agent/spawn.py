@@ -61,15 +61,23 @@ def spawn(
     directory: Path | None,
     environment: Mapping[str, str],
     dies_with_agent: bool,
+    output_to: int | None = None,
 ) -> Handle:
-    """Start `command`; its output comes back through the handle, unless it is meant to outlive us."""
+    """Start `command`; its output comes back through the handle, unless it is meant to outlive us.
+
+    Then it goes to `output_to`, or nowhere: a pipe would break with the agent.
+    """
     try:
         child = subprocess.Popen(
             command,
             cwd=directory,
             env=dict(environment),
             stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE if dies_with_agent else subprocess.DEVNULL,
+            stdout=subprocess.PIPE
+            if dies_with_agent
+            else subprocess.DEVNULL
+            if output_to is None
+            else output_to,
             stderr=subprocess.STDOUT,
             start_new_session=True,
             preexec_fn=_die_with(os.getpid()) if dies_with_agent else None,

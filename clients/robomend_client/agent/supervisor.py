@@ -20,6 +20,7 @@ from pathlib import Path
 from robomend_client.actions import ActionResult
 from robomend_client.agent import guard
 from robomend_client.agent.config import ProcessSpec
+from robomend_client.agent.output import OutputFile
 from robomend_client.agent.processes import SupervisedProcess
 from robomend_client.agent.spawn import adopt, boot_id
 from robomend_client.bus import ENVIRONMENT as BUS
@@ -40,9 +41,10 @@ class Supervisor:
     ) -> None:
         environment = dict(os.environ) | {BUS: bus}
         self.processes = {
-            spec.name: SupervisedProcess(spec, environment, self._changed, dies_with_agent=not keep)
+            spec.name: SupervisedProcess(spec, environment, self._changed, not keep, _output(spec, state_dir))
             for spec in specs
         }
+        self._booting = {name for name, process in self.processes.items() if process.spec.start}
         self._keep = keep
         self._table = state_dir / "processes.json"
         self._boot = boot_id()
@@ -51,9 +53,12 @@ class Supervisor:
         self._guard: subprocess.Popen[bytes] | None = None
         self._leftovers: list[asyncio.Task[ActionResult]] = []
 
-    def running(self) -> frozenset[str]:
-        """Return the names of the processes that run."""
-        return frozenset(name for name, process in self.processes.items() if process.running)
+    def table(self) -> dict[str, bool | None]:
+        """Return which processes run; None of those that are about to be started with the agent."""
+        return {
+            name: True if process.running else None if name in self._booting else False
+            for name, process in self.processes.items()
+        }
 
     def open(self) -> None:
         """Adopt what an earlier agent left, and put up the guard."""
@@ -74,19 +79,33 @@ class Supervisor:
                 # Begins now, so before any start of it: starts and stops of one process take turns.
                 self._leftovers.append(asyncio.create_task(self._stop(process), name=f"leftover {name}"))
 
+    def leaders(self) -> dict[str, int]:
+        """Return the process of each node that runs."""
+        return {
+            name: process.handle.pid
+            for name, process in self.processes.items()
+            if process.running and process.handle is not None
+        }
+
+    def trim_outputs(self) -> None:
+        """Keep the files within their bounds that processes write by themselves."""
+        for process in self.processes.values():
+            process.trim_output()
+
     async def start_initial(self) -> None:
         """Start those that are to be started with the agent, side by side."""
-        wanted = [process for process in self.processes.values() if process.spec.start]
-        results = await asyncio.gather(
-            *(
-                # The end of a leftover may have to be awaited first.
-                process.start(_log_only, process.spec.start_timeout_s + process.spec.stop_grace_s + 4.0)
-                for process in wanted
-            ),
-            return_exceptions=True,
-        )
-        for process, result in zip(wanted, results, strict=True):
-            log.info("%s: %s", process.spec.name, result)
+        await asyncio.gather(*(self._start_initial(self.processes[name]) for name in tuple(self._booting)))
+
+    async def _start_initial(self, process: SupervisedProcess) -> None:
+        try:
+            # The end of a leftover may have to be awaited first.
+            most_s = process.spec.start_timeout_s + process.spec.stop_grace_s + 4.0
+            log.info("%s: %s", process.spec.name, await process.start(_log_only, most_s))
+        except TimeoutError:
+            log.error("%s was not started in time", process.spec.name)
+        finally:
+            self._booting.discard(process.spec.name)
+            self._on_change()
 
     async def close(self) -> None:
         """End what runs, all at once, unless it is to be kept; then the guard."""
@@ -165,6 +184,11 @@ class Supervisor:
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
             log.warning("%s cannot be read (%s): nothing is adopted", self._table, error)
             return {}
+
+
+def _output(spec: ProcessSpec, state_dir: Path) -> OutputFile | None:
+    most_bytes = round(spec.log_mb * 1024 * 1024)
+    return OutputFile(state_dir / "logs", spec.name, most_bytes) if most_bytes else None
 
 
 def _log_only(number: int, message: str) -> None:

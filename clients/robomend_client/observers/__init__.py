@@ -1,11 +1,65 @@
-"""The paper's observers, pure: values and times in, literals out. base.py says how to add one.
+"""The paper's observers, pure: samples and times in, verdicts out. base.py says how to add one.
 
-general.py   GObs: ok(topic) by the rate of its messages
-node.py      NObs: running(node)
+driver.py              feeds and asks them, live and over logs; read it after base.py
+recording.py           what a driver took in, and its replay
+kinds.py               all kinds by name, and the section `observers:` of a file
+
+general.py             GObs: ok(topic) by the rate of its messages; student_t.py
+node.py                NObs: running(node)
+diagnostic.py          DObs: ok(device) by what its driver publishes
+multiple.py            MObs: ok(out_triggered), one topic answers another
+qualitative.py         QObs: inc, dec, const of a value; slope.py
+binary_qualitative.py  BiQObs: matched(value, value)
+hardware.py            HObs: on(device), ok(current,device)
+property.py            PObs: ok(CPU,node), a number in its band; filters.py
+reading.py             the base of observers that judge one reading at a time, of your own too; judgement.py
 """
 
-from robomend_client.observers.base import SECOND, Observer, ns
+from robomend_client.observers.base import SECOND, Evidence, Observer, Verdict, ns, number
+from robomend_client.observers.binary_qualitative import BinaryQualitativeObserver, Match
+from robomend_client.observers.diagnostic import DIAGNOSTICS, DiagnosticObserver, Levels
+from robomend_client.observers.driver import Change, Driver, ObserverProblem
+from robomend_client.observers.filters import Filter
 from robomend_client.observers.general import GeneralObserver, Rate
-from robomend_client.observers.node import PROCESSES, NodeObserver
+from robomend_client.observers.hardware import BOARD, BoardReadings, HardwareObserver, Wiring
+from robomend_client.observers.multiple import Answers, MultipleObserver
+from robomend_client.observers.node import PROCESSES, NodeObserver, Table
+from robomend_client.observers.property import Band, PropertyObserver
+from robomend_client.observers.qualitative import QualitativeObserver, Trend
+from robomend_client.observers.reading import FunctionObserver, ReadingObserver, Readings
 
-__all__ = ["PROCESSES", "SECOND", "GeneralObserver", "NodeObserver", "Observer", "Rate", "ns"]
+__all__ = [
+    "BOARD",
+    "DIAGNOSTICS",
+    "PROCESSES",
+    "SECOND",
+    "Answers",
+    "Band",
+    "BinaryQualitativeObserver",
+    "BoardReadings",
+    "Change",
+    "DiagnosticObserver",
+    "Driver",
+    "Evidence",
+    "Filter",
+    "FunctionObserver",
+    "GeneralObserver",
+    "HardwareObserver",
+    "Levels",
+    "Match",
+    "MultipleObserver",
+    "NodeObserver",
+    "Observer",
+    "ObserverProblem",
+    "PropertyObserver",
+    "QualitativeObserver",
+    "Rate",
+    "ReadingObserver",
+    "Readings",
+    "Table",
+    "Trend",
+    "Verdict",
+    "Wiring",
+    "ns",
+    "number",
+]

@@ -1,25 +1,44 @@
-"""The one shape of all observers: values with their times go in, literals come out. No clocks, no sockets, no
-threads.
+"""The one shape of all observers: samples with their times go in, verdicts come out. No clocks, no sockets,
+no threads.
 
-    feed(source, time_ns, value)   a message of a topic, the table of processes, …; `sources` says which
-    check(now_ns)                  the literals that hold now; an atom that is not among them is unknown
+    feed(source, time_ns, value)   one sample: a message of a topic, the table of processes, …
+    due_ns()                       when a verdict may change by time alone
+    check(now_ns)                  the verdicts that hold now; an atom that is not among them is unknown
+    evidence(atom, now_ns)         what a verdict rests on
+    reset(time_ns)                 judge anew, by what comes from now on
 
 So the same observer runs on a robot (fed by the agent), in a bridge (fed by ROS) and over a log (fed from a
-bag, with the bag's times). Times are integer nanoseconds of any one clock that does not go back; an observer
-never asks for the time itself.
+bag, with the bag's times). Who feeds and asks it, in which order, is the Driver's business: see driver.py.
+Times are integer nanoseconds of one clock; an observer never asks for the time itself.
 
-To add an observer, write one small file with a class of this shape (and its parameters as a frozen dataclass
-whose defaults are the published ones), and name it in observers/__init__.py. For the agent to make it from
-its configuration, add a section to agent/config.py.
+A verdict is a literal with `since`, the beginning of the span that it rests on:
+
+    a rate or a trend      the oldest sample of its window
+    silence                now, less the silence that was waited for: it is confirmed as long as it goes on
+    a reading              the reading
+
+and, where it has one, `onset`: the last good sample before it turned bad. Evidence that is older than an
+action's answer says nothing about the action, so a verdict never claims to be younger than its samples are.
+
+To add an observer of your own, write a function or a class and name it in the agent's file:
+docs/observers.md, "Your own observer". To add one to robomend:
+
+1. observers/NAME.py: the parameters (a frozen dataclass), the observer;
+2. observers/kinds.py: a line in KINDS;
+3. docs/observers.md: its section;
+4. tests/clients/observers/test_NAME.py.
 """
 
 from __future__ import annotations
 
-from typing import Protocol
+from math import isfinite
+from typing import NamedTuple, Protocol, runtime_checkable
 
-from robomend_client.literals import Literal
+from robomend_client.literals import Atom, Literal
 
 SECOND = 1_000_000_000
+
+NOTHING: tuple[Literal, ...] = ()
 
 
 def ns(seconds: float) -> int:
@@ -27,23 +46,106 @@ def ns(seconds: float) -> int:
     return round(seconds * SECOND)
 
 
+class Evidence(NamedTuple):
+    """What a verdict rests on."""
+
+    since_ns: int  # the beginning of the span that it rests on
+    onset_ns: int | None = None  # the last good sample before it turned bad
+
+
+class Verdict(NamedTuple):
+    """A literal and what it rests on."""
+
+    literal: Literal
+    since_ns: int
+    onset_ns: int | None = None
+
+
+@runtime_checkable
 class Observer(Protocol):
     """One observer of one aspect of the robot."""
 
     @property
     def sources(self) -> frozenset[str]:
-        """What it wants to be fed with."""
+        """What it wants to be fed with.
+
+        `scan` is a topic: each message counts, its value does not matter. `odom:twist.twist.linear.x` is a
+        field of one. Others are `processes`, `diagnostics`, `board`, and what a feeder of your own offers.
+        """
+        ...
+
+    @property
+    def atoms(self) -> tuple[Atom, ...]:
+        """All that it may ever speak of; what it does not say is unknown."""
         ...
 
     @property
     def period_ns(self) -> int:
-        """How often it wants to be checked."""
+        """How often it is asked while samples come, on the grid of multiples of this. 0: after each
+        sample.
+        """
+        ...
+
+    @property
+    def detection_s(self) -> float:
+        """Detection delay: from a fault to the verdict that names it, at most."""
+        ...
+
+    @property
+    def settling_s(self) -> float:
+        """Settling time: from a reset to a verdict of either sign, at most, if there is anything to see."""
         ...
 
     def feed(self, source: str, time_ns: int, value: object) -> None:
-        """Take in one value. Times that go back count as the newest time so far."""
+        """Take in one sample.
+
+        The times of one source do not go back, except by more than the observer looks back (a log that starts
+        again, a simulation that was reset): then it starts anew. A value that it cannot read is an error
+        (ValueError, TypeError); a number that is none (NaN) is left out.
+        """
+        ...
+
+    def due_ns(self) -> int | None:
+        """Return when a verdict may change without another sample; None: by a sample only."""
         ...
 
     def check(self, now_ns: int) -> tuple[Literal, ...]:
-        """Return what holds at `now_ns`, which is no earlier than any time it was fed with."""
+        """Return what holds at `now_ns`, which is no earlier than any check before.
+
+        The same samples and the same time give the same answer, however often it was asked in between.
+        """
         ...
+
+    def evidence(self, atom: Atom, now_ns: int) -> Evidence:
+        """Return what the verdict on `atom` rests on; asked only for atoms that `check(now_ns)` names."""
+        ...
+
+    def reset(self, time_ns: int) -> None:
+        """Forget all samples; from `time_ns` on, judge by what comes. Also called once before the first
+        sample.
+        """
+        ...
+
+
+def number(value: object) -> float | None:
+    """Return a sample as a number, true as 1; None for one that is no number (NaN, infinite).
+
+    Raises:
+        TypeError: it is something else altogether.
+    """
+    if type(value) is float:
+        return value if isfinite(value) else None
+    if not isinstance(value, (int, float)):
+        raise TypeError(f"a number is needed, not {value!r}")
+    try:
+        found = float(value)
+    except OverflowError:
+        return None
+    return found if isfinite(found) else None
+
+
+def positive(**values: float) -> None:
+    """Check parameters that must be above 0; the error begins with the name of the one that is not."""
+    for name, value in values.items():
+        if not value > 0:
+            raise ValueError(f"{name} must be above 0, not {value:g}")

@@ -6,104 +6,257 @@ Only the times of messages count, so any topic can be watched without touching t
     verdict    unknown ·· ok ········ not ok ······· (settling) ···· ok
                                      └ silence_s without one ┘
 
-The rate f of the newest messages is (intervals) / (their span); ok(t) iff |f − rate| < tolerance. A verdict
-needs `settle` intervals. Silence of `silence_s` is not ok at once, and what came before it no longer counts.
-Until the first verdict the topic is unknown: missing data is no literal.
+The rate f of the newest messages is (intervals) / (their span); ok(t) iff |f − rate| < tolerance. Silence of
+`silence_s` is not ok at once, and what came before it no longer counts. Until the first verdict the topic is
+unknown: missing data is no literal. A topic that was never heard of may take `first_s` until it comes up.
 
-Source: the paper, section IV-B; parameters and their defaults as published (the paper's ω is a time window,
-the published observer's a number of messages).
+After `settle` intervals the rate is ok if it is right. That it is wrong is only said of a window that is
+not full yet if it would be wrong even had LOST messages been lost, or the first one come late by a whole
+interval: neither is a fault right after the start.
+
+The defaults stay calm where one message in a thousand is lost: silence is 3.5 intervals (three messages
+missing in a row), and the window is so large that three lost messages in it stay within the tolerance.
+
+With `test: student_t`, a wrong rate must be significant, too: |f − rate| ≥ tolerance is the practical
+margin, and the mean interval must differ by a t test of level `significance`. That is calmer where
+intervals scatter much.
+
+Source: the paper, section IV-B; rate, tolerance, window and silence as published by `preset: published` (the
+paper's ω is a time window, the published observer's a number of messages).
 """
 
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
+from math import ceil, inf
+from typing import Any, ClassVar
 
-from robomend_client.literals import Literal, fails, holds
-from robomend_client.observers.base import SECOND, ns
+from robomend_client.literals import Atom, Literal, fails, holds
+from robomend_client.observers.base import NOTHING, SECOND, Evidence, ns, positive
+from robomend_client.observers.student_t import significant
+
+LOST = 3
+"""Messages that may be lost in one window, or missing in a row, without a verdict."""
+
+LEAST_SILENCE_S = 0.35
+"""Whatever the rate, for a busy computer is late by a tenth of a second or two."""
+
+TESTS = ("tolerance", "student_t")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Rate:
-    """What is expected of a topic; the defaults are the published ones."""
+    """What is expected of a topic. A parameter that is None follows from the others."""
 
     rate_hz: float = 10.0
     tolerance_hz: float = 1.0
-    window: int = 10  # messages that the rate is measured over
-    silence_s: float = 2.0
-    check_s: float = 0.5
-    settle: int | None = None  # intervals that a verdict needs; None: a full window
+    window: int | None = None  # messages; None: three lost ones stay within the tolerance, 10 at least
+    silence_s: float | None = None  # None: 3.5 intervals, LEAST_SILENCE_S at least
+    first_s: float | None = None  # until its very first message, silence counts after this; None: silence_s
+    check_s: float = 0.05  # how often a verdict on the rate is given
+    settle: int | None = 5  # intervals that a verdict needs; None: a full window
+    test: str = "tolerance"  # or student_t
+    significance: float = 0.05  # level of the t test
+
+    PRESETS: ClassVar[Mapping[str, Mapping[str, Any]]] = {
+        "published": {"window": 10, "silence_s": 2.0, "check_s": 0.5, "settle": None}
+    }
 
     def __post_init__(self) -> None:
-        for name in ("rate_hz", "tolerance_hz", "silence_s", "check_s"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name} must be above 0, not {getattr(self, name)}")
-        if self.window < 2:
+        positive(rate_hz=self.rate_hz, tolerance_hz=self.tolerance_hz, check_s=self.check_s)
+        if self.window is not None and not 2 <= self.window <= 10_000:
             raise ValueError(
-                f"window must be 2 messages or more, not {self.window}: a rate needs an interval"
+                f"window must be from 2 to 10000 messages, not {self.window}: a rate needs an interval"
             )
-        if self.settle is not None and not 1 <= self.settle < self.window:
-            raise ValueError(f"settle must be from 1 to window − 1 = {self.window - 1}, not {self.settle}")
-        if self.silence_s * self.rate_hz <= 1:
-            raise ValueError(
-                f"silence_s of {self.silence_s} is no longer than one interval at {self.rate_hz} Hz: "
-                "every message would come too late"
-            )
+        if self.settle is not None and (self.settle < 1 or (self.window and self.settle >= self.window)):
+            most = f"window − 1 = {self.window - 1}" if self.window else "window − 1"
+            raise ValueError(f"settle must be from 1 to {most}, not {self.settle}")
+        if self.silence_s is not None:
+            positive(silence_s=self.silence_s)
+            if self.silence_s * self.rate_hz <= 1:
+                raise ValueError(
+                    f"silence_s of {self.silence_s:g} is no longer than one interval at {self.rate_hz:g} Hz: "
+                    "every message would come too late"
+                )
+        if self.first_s is not None and not 0 <= self.first_s <= 86400:
+            raise ValueError(f"first_s must be from 0 to 86400, not {self.first_s:g}")
+        if self.test not in TESTS:
+            raise ValueError(f"test must be one of {', '.join(TESTS)}, not {self.test!r}")
+        if not 0 < self.significance < 1:
+            raise ValueError(f"significance must be above 0 and below 1, not {self.significance:g}")
+
+    @classmethod
+    def published(cls, rate_hz: float = 10.0, tolerance_hz: float = 1.0) -> Rate:
+        """Return the released system's parameters."""
+        return cls(rate_hz, tolerance_hz, **cls.PRESETS["published"])
+
+    @property
+    def messages(self) -> int:
+        """The size of the window: of n intervals k lost ones take k of n + k, and some of it is for
+        jitter.
+        """
+        if self.window is not None:
+            return self.window
+        enough = ceil(LOST * self.rate_hz / (0.85 * self.tolerance_hz)) - LOST + 1
+        return max(10, (self.settle or 0) + 1, min(enough, 10_000))
 
     @property
     def intervals(self) -> int:
-        return self.window - 1 if self.settle is None else self.settle
+        """How many a verdict needs."""
+        return self.messages - 1 if self.settle is None else self.settle
+
+    @property
+    def silence(self) -> float:
+        """Seconds without a message that are not ok."""
+        return max(LEAST_SILENCE_S, 3.5 / self.rate_hz) if self.silence_s is None else self.silence_s
 
 
 class GeneralObserver:
     """Watches the rate of one topic."""
 
-    def __init__(self, topic: str, expected: Rate | None = None, *, start_ns: int) -> None:
+    def __init__(self, topic: str, expected: Rate | None = None) -> None:
         self.topic = topic
-        self.expected = expected or Rate()
-        self._silence_ns = ns(self.expected.silence_s)
-        self._times: deque[int] = deque(maxlen=self.expected.window)
-        self._intervals = 0  # since the last silence; the window may have forgotten the first ones
-        self._newest_ns = start_ns
-        self._was_silent = False
+        self.expected = expected = expected or Rate()
+        self.sources = frozenset((topic,))
+        self.atoms = (Atom("ok", (topic,)),)
+        self.period_ns = ns(expected.check_s)
+        self.detection_s = expected.silence + expected.check_s
+        slowest_hz = max(expected.rate_hz - expected.tolerance_hz, expected.rate_hz / 2)
+        self.settling_s = max(expected.silence, (expected.intervals + 1) / slowest_hz) + expected.check_s
+        self._ok = (holds("ok", topic),)
+        self._not_ok = (fails("ok", topic),)
+        self._silence_ns = ns(expected.silence)
+        self._size = expected.messages
+        self._intervals = expected.intervals
+        # Two windows of them: when the rate turns wrong, the message at which it was right is in there.
+        self._times: deque[int] = deque(maxlen=2 * self._size)
+        self._first_ns = max(0, ns(expected.first_s or 0.0) - self._silence_ns)
+        self._back_ns = max(self._silence_ns, ns(self._size / expected.rate_hz))
+        self._start_ns: int | None = None  # the first reset; None: there was none
+        self._usual_ns = 0  # gaps below it are regular; 0 until the very first message
+        self._forget(0)
 
-    @property
-    def sources(self) -> frozenset[str]:
-        return frozenset((self.topic,))
+    def reset(self, time_ns: int) -> None:
+        """Silence counts from here on; of a topic that was never heard of, from its `first_s` on."""
+        if self._start_ns is None or time_ns < self._start_ns:
+            self._start_ns = time_ns
+        self._forget(time_ns)
 
-    @property
-    def period_ns(self) -> int:
-        return ns(self.expected.check_s)
+    def _forget(self, time_ns: int) -> None:
+        self._times.clear()
+        self._newest_ns = time_ns
+        if not self._usual_ns:
+            self._newest_ns = max(time_ns, (self._start_ns or 0) + self._first_ns)
+        self._silence_end_ns: int | None = None  # of the newest silence; None: there was none
+        self._onset_ns: int | None = None  # the newest message at which the rate was right
 
     def feed(self, source: str, time_ns: int, value: object = None) -> None:
         """A message of the topic arrived at `time_ns`; its value does not matter."""
-        time_ns = max(time_ns, self._newest_ns)
-        if time_ns - self._newest_ns >= self._silence_ns:
-            self._was_silent = True
-            self._times.clear()
-            self._intervals = 0
-        elif self._times:
-            self._intervals += 1
+        gap_ns = time_ns - self._newest_ns
+        if not 0 <= gap_ns < self._usual_ns:
+            time_ns = self._irregular(time_ns, gap_ns)
         self._times.append(time_ns)
         self._newest_ns = time_ns
 
+    def _irregular(self, time_ns: int, gap_ns: int) -> int:
+        """The first message, one after a silence, or one from before the newest: return the time that
+        counts.
+        """
+        first = not self._usual_ns
+        self._usual_ns = self._silence_ns
+        if gap_ns >= self._silence_ns:
+            self._onset_ns = self._last_good_ns()
+            self._silence_end_ns = time_ns
+            self._times.clear()
+        elif gap_ns < -self._back_ns and not first:
+            self.reset(time_ns)
+        elif gap_ns < 0 and not first:
+            time_ns = self._newest_ns
+        return time_ns
+
+    def due_ns(self) -> int:
+        return self._newest_ns + self._silence_ns
+
     def check(self, now_ns: int) -> tuple[Literal, ...]:
-        ok = self._verdict(now_ns)
-        if ok is None:
-            return ()
-        return (holds("ok", self.topic) if ok else fails("ok", self.topic),)
+        if now_ns - self._newest_ns >= self._silence_ns:
+            return self._not_ok
+        right = self._right()
+        if right is None:
+            return NOTHING if self._silence_end_ns is None else self._not_ok
+        return self._ok if right else self._not_ok
+
+    def evidence(self, atom: Atom, now_ns: int) -> Evidence:
+        if now_ns - self._newest_ns >= self._silence_ns:
+            return Evidence(now_ns - self._silence_ns, self._last_good_ns())
+        right = self._right()
+        if right is None and self._silence_end_ns is not None:
+            return Evidence(self._silence_end_ns - self._silence_ns, self._onset_ns)
+        since_ns = self._times[-min(len(self._times), self._size)]
+        return Evidence(since_ns, None if right else self._last_good_ns())
 
     def rate_hz(self) -> float | None:
         """Return the measured rate, or None while there is none to speak of."""
-        if self._intervals < self.expected.intervals:
+        intervals = min(len(self._times), self._size) - 1
+        if intervals < self._intervals:
             return None
-        span_ns = self._times[-1] - self._times[0]
-        return (len(self._times) - 1) * SECOND / span_ns if span_ns else float("inf")
+        span_ns = self._newest_ns - self._times[-1 - intervals]
+        return intervals * SECOND / span_ns if span_ns else inf
 
-    def _verdict(self, now_ns: int) -> bool | None:
-        if now_ns - self._newest_ns >= self._silence_ns:
-            return False
-        rate_hz = self.rate_hz()
-        if rate_hz is None:
-            return False if self._was_silent else None
-        return abs(rate_hz - self.expected.rate_hz) < self.expected.tolerance_hz
+    # --- inside ----------------------------------------------------------------------------------------
+
+    def _right(self) -> bool | None:
+        """Return whether the rate is right; None while that cannot be said."""
+        times, size = self._times, self._size
+        have = len(times)
+        intervals = (have if have < size else size) - 1
+        if intervals < self._intervals:
+            return None
+        span_ns = self._newest_ns - times[-1 - intervals]
+        expected = self.expected
+        f = intervals * SECOND / span_ns if span_ns else inf
+        if abs(f - expected.rate_hz) < expected.tolerance_hz:
+            return True
+        if have < size and span_ns:
+            if f < expected.rate_hz:  # so far: were messages lost?
+                chance = (intervals + LOST) * SECOND / span_ns >= expected.rate_hz - expected.tolerance_hz
+            else:  # was the first one late?
+                chance = (intervals - 1) * SECOND / span_ns <= expected.rate_hz + expected.tolerance_hz
+            if chance:
+                return True if self._good_before() is not None else None
+        return expected.test == "student_t" and not self._significant(intervals)
+
+    def _last_good_ns(self) -> int | None:
+        """Return the newest message that was good news: not one of a rate that was wrong by then."""
+        right = self._right()
+        if right is not False and self._silence_end_ns is None and self._times:
+            return self._newest_ns  # it came in time, and nothing was wrong
+        if right:
+            return self._newest_ns
+        good_ns = self._good_before()
+        if good_ns is not None:
+            self._onset_ns = good_ns
+        return self._onset_ns
+
+    def _good_before(self) -> int | None:
+        """Return the newest message at which the rate was right, of those that are remembered."""
+        times = tuple(self._times)
+        expected = self.expected
+        for last in range(len(times) - 1, self._intervals - 1, -1):
+            intervals = min(last, self._size - 1)
+            span_ns = times[last] - times[last - intervals]
+            if span_ns and abs(intervals * SECOND / span_ns - expected.rate_hz) < expected.tolerance_hz:
+                return times[last]
+        return None
+
+    def _significant(self, n: int) -> bool:
+        """Return whether the mean of the newest n intervals differs significantly from what it should be."""
+        times = tuple(self._times)[-n - 1 :]
+        span_ns = times[-1] - times[0]
+        # Exact in integers up to the last division: squares of nanoseconds are beyond what a float holds.
+        squares = sum((b - a) ** 2 for a, b in pairwise(times))
+        variance = (n * squares - span_ns * span_ns) / (n * (n - 1)) if n > 1 else 0.0
+        deviation_ns = span_ns / n - SECOND / self.expected.rate_hz
+        return significant(deviation_ns, variance, n, self.expected.significance)

@@ -1,49 +1,93 @@
 """The node observer (NObs): running(n) while node n runs, not running(n) otherwise.
 
-It is fed the names of the nodes that run; where they come from (a process table, a ROS master, DDS discovery)
-is the feeder's business. It says nothing before it was fed once.
+It is fed with the names of the nodes that run; where they come from (a process table, a ROS master, DDS
+discovery) is the feeder's business. A feeder that knows that it cannot say of a node whether it runs (it is
+being started) gives a mapping from names to True, False or None.
+
+A table that is older than `lifetime_s` says nothing any more: when the feeder stops, the nodes are unknown,
+and do not run on for ever. So a feeder repeats its table, changed or not.
 
 Source: the paper, section IV-B; 10 Hz as published.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
-from robomend_client.literals import Literal, fails, holds
-from robomend_client.observers.base import ns
+from robomend_client.literals import Atom, Literal, fails, holds
+from robomend_client.observers.base import NOTHING, Evidence, ns, positive
 
 PROCESSES = "processes"
 """The source whose values are collections of the names of running nodes."""
 
 
+@dataclass(frozen=True)
+class Table:
+    """How a table of running nodes is read."""
+
+    rate_hz: float = 10.0  # how often the table comes, at least
+    lifetime_s: float = 3.0  # an older table says nothing
+    table: str = PROCESSES  # the source
+
+    PRESETS: ClassVar[Mapping[str, Mapping[str, Any]]] = {"published": {"rate_hz": 10.0}}
+
+    def __post_init__(self) -> None:
+        positive(rate_hz=self.rate_hz, lifetime_s=self.lifetime_s)
+        if self.lifetime_s * self.rate_hz <= 1:
+            raise ValueError(f"lifetime_s of {self.lifetime_s:g} is no longer than a table's interval")
+
+
 class NodeObserver:
     """Watches whether nodes run."""
 
-    def __init__(self, nodes: Iterable[str], rate_hz: float = 10.0) -> None:
-        if not rate_hz > 0:
-            raise ValueError(f"rate_hz must be above 0, not {rate_hz}")
+    def __init__(self, nodes: Iterable[str], expected: Table | None = None) -> None:
+        expected = expected or Table()
         self.nodes = tuple(sorted(set(nodes)))
-        self._period_ns = ns(1.0 / rate_hz)
-        self._running: frozenset[str] | None = None
+        self.sources = frozenset((expected.table,))
+        self.atoms = tuple(Atom("running", (node,)) for node in self.nodes)
+        self.period_ns = 0
+        self.detection_s = 1 / expected.rate_hz
+        self.settling_s = max(0.5, 2 / expected.rate_hz)  # a table or two, on a busy computer
+        self._lifetime_ns = ns(expected.lifetime_s)
+        self._signs = {
+            node: {True: holds("running", node), False: fails("running", node)} for node in self.nodes
+        }
+        self.reset(0)
 
-    @property
-    def sources(self) -> frozenset[str]:
-        return frozenset((PROCESSES,))
-
-    @property
-    def period_ns(self) -> int:
-        return self._period_ns
+    def reset(self, time_ns: int) -> None:
+        self._said = NOTHING
+        self._known: dict[str, bool | None] = {}
+        self._table_ns: int | None = None
+        self._ran_ns: dict[str, int] = {}  # node -> the newest table that it was in
 
     def feed(self, source: str, time_ns: int, value: object) -> None:
         """The nodes in `value` run, and no others."""
-        if not isinstance(value, Collection) or isinstance(value, str):
+        if isinstance(value, Mapping):
+            known = {node: value.get(node, False) for node in self.nodes}
+        elif isinstance(value, Collection) and not isinstance(value, str | bytes):
+            known = {node: node in value for node in self.nodes}
+        else:
             raise TypeError(f"the names of running nodes are a collection, not {value!r}")
-        self._running = frozenset(str(name) for name in value)
+        self._table_ns = time_ns
+        for node, runs in known.items():
+            if runs:
+                self._ran_ns[node] = time_ns
+        if known != self._known:
+            self._known = known
+            signs = self._signs
+            self._said = tuple(signs[node][runs] for node, runs in known.items() if runs is not None)
+
+    def due_ns(self) -> int | None:
+        return None if self._table_ns is None else self._table_ns + self._lifetime_ns
 
     def check(self, now_ns: int) -> tuple[Literal, ...]:
-        if self._running is None:
-            return ()
-        return tuple(
-            holds("running", node) if node in self._running else fails("running", node) for node in self.nodes
-        )
+        if self._table_ns is None or now_ns >= self._table_ns + self._lifetime_ns:
+            return NOTHING
+        return self._said
+
+    def evidence(self, atom: Atom, now_ns: int) -> Evidence:
+        assert self._table_ns is not None
+        (node,) = atom.args
+        return Evidence(self._table_ns, None if self._known[node] else self._ran_ns.get(node))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from robomend_client.buffer import DiskBuffer
@@ -49,6 +49,7 @@ class Backlog:
         time_ns: int | None,
         source: str | None,
         lifetime_s: float | None,
+        evidence: Mapping[str, Any] | None = None,
     ) -> dict[str, Any]:
         """Return observations as they wait: with their time and a key of their own."""
         return {
@@ -57,6 +58,7 @@ class Backlog:
             "source": source,
             "lifetime_s": lifetime_s,
             "key": calls.new_key(),
+            **(evidence or {}),
         }
 
     def put(
@@ -66,9 +68,10 @@ class Backlog:
         time_ns: int | None = None,
         source: str | None = None,
         lifetime_s: float | None = None,
+        evidence: Mapping[str, Any] | None = None,
     ) -> None:
         """Put observations at the end of what waits, without trying the service."""
-        self.keep(self.batch(observations, time_ns, source, lifetime_s))
+        self.keep(self.batch(observations, time_ns, source, lifetime_s, evidence))
 
     def call(self, batch: dict[str, Any]) -> Call[Accepted]:
         """Return the call that reports a batch."""

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from robomend_client.buffer import DiskBuffer
@@ -31,13 +31,15 @@ class Outbox(Backlog):
         time_ns: int | None = None,
         source: str | None = None,
         lifetime_s: float | None = None,
+        evidence: Mapping[str, Any] | None = None,
         buffered: bool = True,
     ) -> bool:
         """Report observations; True if the service has them, False if they wait on the disk.
 
-        What is soon said again (a heartbeat) need not wait there: `buffered=False`.
+        `evidence` is what `calls.observe` takes beside them: since, onset, unknown, settled. What is soon
+        said again (a heartbeat) need not wait on the disk: `buffered=False`.
         """
-        batch = self.batch(observations, time_ns, source, lifetime_s)
+        batch = self.batch(observations, time_ns, source, lifetime_s, evidence)
         if not self.flush():
             if buffered:
                 self.keep(batch)

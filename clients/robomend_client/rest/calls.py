@@ -7,15 +7,15 @@ from __future__ import annotations
 
 import json
 import uuid
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar, cast
 from urllib.parse import quote
 
 import httpx
 
-from robomend_client.actions import Action, ActionResult
-from robomend_client.literals import Literal
+from robomend_client.actions import Action, ActionResult, Orders, Settle
+from robomend_client.literals import Atom, Literal
 from robomend_client.rest.errors import NotTheService
 from robomend_client.rest.types import Accepted, CurrentDiagnosis, FirstResult, Ingested, Page
 
@@ -135,7 +135,12 @@ def observe(
     lifetime_s: float | None = None,
     together: bool = True,
     key: str | None = None,
+    since: Sequence[int | None] | None = None,
+    onset: Sequence[int | None] | None = None,
+    unknown: Iterable[str | Atom] | None = None,
+    settled: int | None = None,
 ) -> Call[Accepted]:
+    """Report one batch. `since` and `onset` run parallel to the observations: what each rests on."""
     values: dict[str, Any] = {
         "observations": [str(sentence) for sentence in observations],
         "assertions": dict(assertions) if assertions else None,
@@ -143,6 +148,10 @@ def observe(
         "source": source,
         "lifetime_s": lifetime_s,
         "together": None if together else False,
+        "since": None if since is None else list(since),
+        "onset": None if onset is None else list(onset),
+        "unknown": None if unknown is None else [str(atom) for atom in unknown],
+        "settled": settled,
     }
     return Call(
         "POST",
@@ -172,15 +181,48 @@ def diagnosis(robot: str, wait_s: float | None, after: int | None) -> Call[Curre
 # --- the agent's side of actions ----------------------------------------------------------------------
 
 
+def poll(
+    robot: str,
+    agent: str,
+    host: str | None,
+    can: Sequence[str],
+    observes: Sequence[Mapping[str, Any]],
+    wait_s: float,
+    settled: int | None = None,
+) -> Call[Orders]:
+    """Ask what there is to do. The body says what the agent can do, and what it observes how fast."""
+    value = {
+        "agent": agent,
+        "host": host,
+        "can": list(can),
+        "observes": list(observes),
+        "settled": settled,
+        "wait_s": wait_s,
+    }
+    return Call("POST", path("robots", robot, "actions", "next"), read_orders, json=value, wait_s=wait_s)
+
+
+def read_orders(response: httpx.Response) -> Orders:
+    if response.status_code == 204:
+        return Orders()
+    value = body(response)
+    try:
+        settle = value.get("settle")
+        return Orders(
+            action=read_action(response) if "id" in value else None,
+            settle=None if settle is None else Settle(int(settle["n"]), tuple(map(str, settle["atoms"]))),
+        )
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise NotTheService(f"{response.request.url} gave no orders: {cast('object', value)!r}") from error
+
+
 def next_action(robot: str, agent: str, host: str | None, wait_s: float) -> Call[Action | None]:
-    """`host` asks for the actions of that host only; without it the agent is the robot's only one."""
-    return Call(
-        "GET",
-        path("robots", robot, "actions", "next"),
-        read_action,
-        params=given(agent=agent, host=host, wait_s=wait_s),
-        wait_s=wait_s,
-    )
+    """Ask for an action, without saying what the agent can do; see `poll`.
+
+    `host` asks for the actions of that host only; without it the agent is the robot's only one.
+    """
+    value = {"agent": agent, "host": host, "wait_s": wait_s}
+    return Call("POST", path("robots", robot, "actions", "next"), read_action, json=value, wait_s=wait_s)
 
 
 def read_action(response: httpx.Response) -> Action | None:

@@ -24,7 +24,7 @@ LONGEST_EVENT = 16 * 1024 * 1024
 
 
 @dataclass(frozen=True, slots=True)
-class Message:
+class ServerSentEvent:
     """One event of the stream, with the id that stood when it was complete."""
 
     id: str
@@ -50,7 +50,7 @@ class EventDecoder:
         self._after_cr = False
         self._begin()
 
-    def receive(self, data: bytes) -> Iterator[Message]:
+    def receive(self, data: bytes) -> Iterator[ServerSentEvent]:
         """Yield the messages that `data` completes."""
         if self._after_cr and data:
             data = data.removeprefix(b"\n")
@@ -73,11 +73,13 @@ class EventDecoder:
         self._data: list[str] = []
         self._size = 0
 
-    def _take(self, line: str) -> Message | None:
+    def _take(self, line: str) -> ServerSentEvent | None:
         if not line:
             self.last_id = self._id
             message = (
-                Message(self.last_id, self._name or "message", "\n".join(self._data)) if self._data else None
+                ServerSentEvent(self.last_id, self._name or "message", "\n".join(self._data))
+                if self._data
+                else None
             )
             self._begin()
             return message
@@ -95,7 +97,7 @@ class EventDecoder:
         return None
 
 
-def read_event(message: Message) -> Event | None:
+def read_event(message: ServerSentEvent) -> Event | None:
     """Return the event, or None for a kind that this client does not know (the service may be newer)."""
     try:
         kind = Kind(message.name)

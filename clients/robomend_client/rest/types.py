@@ -2,16 +2,27 @@
 
 from __future__ import annotations
 
+import sys
 from typing import Any, Generic, Literal, TypedDict, TypeVar
 
 T = TypeVar("T")
 
 
-class Page(TypedDict, Generic[T]):
-    """A part of a list; `next` is the cursor of the rest, or None at the end."""
+if sys.version_info >= (3, 11):
 
-    items: list[T]
-    next: str | None
+    class Page(TypedDict, Generic[T]):
+        """A part of a list; `next` is the cursor of the rest, or None at the end."""
+
+        items: list[T]
+        next: str | None
+
+else:  # 3.10 has no generic ones; types are checked by a newer Python
+
+    class Page(TypedDict):
+        """A part of a list; `next` is the cursor of the rest, or None at the end."""
+
+        items: list[Any]
+        next: str | None
 
 
 class RefusedSentence(TypedDict):

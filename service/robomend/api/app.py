@@ -18,7 +18,7 @@ from robomend.api import problems
 from robomend.api.deps import Parts
 from robomend.api.edge import Edge
 from robomend.api.express import Express
-from robomend.api.gate import Admission
+from robomend.api.gate import Admission, Admitter
 from robomend.api.openapi import DESCRIPTION, TAGS, complete
 from robomend.api.routers import (
     actions,
@@ -37,6 +37,7 @@ from robomend.api.routers import (
     robots,
     session,
 )
+from robomend.security import API
 from robomend.version import version_info
 
 ROUTERS = (
@@ -56,6 +57,12 @@ ROUTERS = (
     operation,
     docs,
 )
+
+CONTROLLED = frozenset({f"{API}/stop", "/healthz", "/readyz"})
+"""Paths that the control lane answers; see robomend.api.control_lane."""
+
+UNTOLD: Any = {"tracing": False, "metrics": False, "logs": False}
+"""The framework's own telemetry is off: ours is in the edge."""
 
 Lifespan = Callable[[FastAPI], AbstractAsyncContextManager[None]]
 
@@ -77,7 +84,7 @@ def create_app(parts: Parts, *, lifespan: Lifespan | None = None) -> FastAPI:
         openapi_url=None,
         redirect_slashes=False,
         lifespan=lifespan or _nothing,
-        telemetry={"tracing": False, "metrics": False, "logs": False},
+        telemetry=UNTOLD,
     )
     app.state.parts = parts
     app.state.gate = Admission(parts.store, parts.settings, parts.metrics)
@@ -97,6 +104,23 @@ def create_app(parts: Parts, *, lifespan: Lifespan | None = None) -> FastAPI:
         return document
 
     app.openapi = openapi  # type: ignore[method-assign]  # the way that FastAPI documents for extending it
+    return app
+
+
+def create_control_app(parts: Parts, gate: Admitter) -> FastAPI:
+    """Return what the control lane answers with: the same routes for the stop, health and readiness.
+
+    Args:
+        gate: lets in without waiting for what may hang.
+    """
+    app = FastAPI(openapi_url=None, redirect_slashes=False, telemetry=UNTOLD)
+    app.state.parts = parts
+    app.state.gate = gate
+    problems.install(app)
+    for route in (*control.router.routes, *operation.router.routes):
+        if isinstance(route, APIRoute) and route.path in CONTROLLED:
+            app.router.routes.append(route)
+    app.add_middleware(Edge, metrics=parts.metrics, express=None)
     return app
 
 

@@ -7,6 +7,7 @@ when nothing comes for a while (408): a client that sends a byte a minute must n
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import AsyncIterator
 from typing import Any
 
@@ -14,27 +15,35 @@ from starlette.requests import ClientDisconnect, Request
 
 from robomend.api import strict_json
 from robomend.api.problems import Problem
+from robomend.robots.readers import Readers
 from robomend.settings import Settings
+
+BYTES_PER_S = 4096.0
+"""Of a JSON body or a model, on average, after the first pause; a slower link sends NDJSON."""
 
 
 class StrictRequest(Request):
     """A request whose JSON body was read with limits; see the module."""
 
-    def __init__(self, request: Request, settings: Settings) -> None:
+    def __init__(self, request: Request, settings: Settings, readers: Readers) -> None:
         super().__init__(request.scope, request.receive)
         self._settings = settings
+        self._readers = readers
         self._bytes = b""
         self._value: Any = None
 
-    async def read(self, limit: int) -> None:
+    async def read(self, limit: int, timeout_s: float | None = None) -> None:
         """Read and parse the body, before the framework asks for it:
         it would take our Problems for its own.
         """
-        chunks = [chunk async for chunk in read_chunks(self, limit, self._settings.body_timeout_s)]
+        timeout_s = timeout_s or self._settings.body_timeout_s
+        chunks = [chunk async for chunk in read_chunks(self, limit, timeout_s, BYTES_PER_S)]
         self._bytes = b"".join(chunks)
         if self._bytes:
             check_content_type(self, "application/json")
-            self._value = strict_json.loads(self._bytes, self._settings.max_nesting)
+            self._value = await strict_json.loads_in_turn(
+                self._bytes, self._settings.max_nesting, self._readers
+            )
 
     async def body(self) -> bytes:
         return self._bytes
@@ -48,6 +57,17 @@ def content_type(request: Request) -> str:
     return request.headers.get("content-type", "").partition(";")[0].strip().lower()
 
 
+def check_encoding(request: Request) -> None:
+    """Refuse a compressed body with 415: a kilobyte may unfold into a gigabyte."""
+    encoding = request.headers.get("content-encoding", "identity")
+    if encoding.strip().lower() != "identity":
+        raise Problem(
+            415,
+            f"the body is encoded as {encoding[:40]!r}; it is taken as it is only",
+            headers={"Accept-Encoding": "identity"},
+        )
+
+
 def check_content_type(request: Request, *allowed: str) -> None:
     """Refuse a body of another kind with 415."""
     if content_type(request) not in allowed:
@@ -55,12 +75,20 @@ def check_content_type(request: Request, *allowed: str) -> None:
         raise Problem(415, f"the body must be {' or '.join(allowed)}, not {given}")
 
 
-async def read_chunks(request: Request, limit: int, timeout_s: float) -> AsyncIterator[bytes]:
+async def read_chunks(
+    request: Request, limit: int, timeout_s: float, bytes_per_s: float | None = None
+) -> AsyncIterator[bytes]:
     """Yield a body as it comes, up to `limit` bytes.
 
+    Args:
+        timeout_s: the longest pause.
+        bytes_per_s: if given, what it must come to on average, after the first `timeout_s`.
+
     Raises:
-        Problem: 413 when there is more, 408 when it stalls, 400 when the client goes away in the middle.
+        Problem: 413 when there is more, 408 when it stalls, 415 when it is compressed.
+        ClientDisconnect: the client went away in the middle.
     """
+    check_encoding(request)
     declared = request.headers.get("content-length")
     if declared is not None and declared.isdigit() and int(declared[:20]) > limit:
         raise Problem(
@@ -68,13 +96,17 @@ async def read_chunks(request: Request, limit: int, timeout_s: float) -> AsyncIt
         )
     size = 0
     more = True
+    began = time.monotonic()
     while more:
+        wait_s = timeout_s
+        if bytes_per_s is not None:
+            wait_s = min(wait_s, began + timeout_s + size / bytes_per_s - time.monotonic())
         try:
-            async with asyncio.timeout(timeout_s):
+            async with asyncio.timeout(wait_s):
                 message = await request.receive()
         except TimeoutError as error:
-            problem = Problem(408, f"nothing came for {timeout_s:g} s", headers={"Connection": "close"})
-            raise problem from error
+            slow = f"the body came too slowly: {size} bytes in {time.monotonic() - began:.0f} s"
+            raise Problem(408, slow, headers={"Connection": "close"}) from error
         if message["type"] == "http.disconnect":
             raise ClientDisconnect
         chunk = message.get("body", b"")

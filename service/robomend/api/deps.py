@@ -10,15 +10,18 @@ from typing import Annotated
 
 from fastapi import Depends, Header, Path, Query, Request
 
+from robomend.api.loop_watch import LoopWatch
 from robomend.api.problems import Problem
 from robomend.api.schemas.base import NAME
+from robomend.api.store_probe import StoreProbe
 from robomend.api.streams import Hub
 from robomend.errors import PreconditionRequired
 from robomend.metrics import Metrics
 from robomend.oneshots.oneshots import OneShots
 from robomend.repairs.repairs import Repairs
+from robomend.robots.reporters import Reporter
 from robomend.robots.robots import Robots
-from robomend.security import Principal
+from robomend.security import LOCAL, Principal, Role
 from robomend.settings import Settings
 from robomend.store import Store
 from robomend.store.records import ABSENT, ANY, Paging
@@ -35,6 +38,8 @@ class Parts:
     one_shots: OneShots
     hub: Hub
     metrics: Metrics
+    watch: LoopWatch
+    probe: StoreProbe
 
 
 # Dependencies are coroutines even where they wait for nothing: the framework would hand plain functions to a
@@ -59,6 +64,11 @@ def principal_of(request: Request) -> Principal:
     """Return whom the gate let in."""
     principal: Principal = request.scope["robomend.principal"]
     return principal
+
+
+def reporter_of(principal: Principal) -> Reporter:
+    """Return who reports. Without keys nobody can be told from the robot."""
+    return Reporter(principal.name, principal.role is Role.ROBOT or principal is LOCAL)
 
 
 async def _still(request: Request) -> Callable[[], Awaitable[bool]]:
@@ -103,6 +113,11 @@ IdempotencyKey = Annotated[
         pattern=r"^[\x21-\x7e]+$",
         description="a repeat with the same key has the first one's effect and answer",
     ),
+]
+
+
+ReasonQuery = Annotated[
+    str, Query(alias="reason", max_length=1000, description="why; it goes to the audit log")
 ]
 
 

@@ -17,6 +17,7 @@ TEXTS = {
     401: "A key is needed, or this one is unknown or revoked",
     403: "Policy, protection, role or origin says no",
     404: "There is no such thing",
+    405: "The resource has no such method",
     408: "The body stalled",
     409: "The resource is not in the state that the request needs",
     412: "If-Match names another version",

@@ -18,6 +18,8 @@ from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from robomend.api.express import Express
+from robomend.api.loop_watch import timed
+from robomend.api.origin import foreign
 from robomend.api.problems import Problem, unforeseen
 from robomend.metrics import Metrics
 
@@ -31,7 +33,7 @@ SECURITY_HEADERS = ((b"x-content-type-options", b"nosniff"), (b"referrer-policy"
 class Edge:
     """ASGI middleware; see the module."""
 
-    def __init__(self, app: ASGIApp, *, metrics: Metrics, express: Express) -> None:
+    def __init__(self, app: ASGIApp, *, metrics: Metrics, express: Express | None) -> None:
         self._app = app
         self._express = express
         self._metrics = metrics
@@ -62,13 +64,13 @@ class Edge:
 
         structlog.contextvars.bind_contextvars(request=request_id)
         try:
-            problem = refusal(scope, headers)
+            problem = refusal(scope)
             if problem is not None:
                 await problem.response(request_id)(scope, receive, answer)
-            elif self._express.takes(scope, headers):
-                await self._express(scope, receive, answer, headers)
+            elif self._express is not None and self._express.takes(scope, headers):
+                await timed(self._express(scope, receive, answer, headers), self._metrics.held)
             else:
-                await self._app(scope, receive, answer)
+                await timed(_coroutine(self._app, scope, receive, answer), self._metrics.held)
         except ClientDisconnect:
             status = status or 499  # nobody is left to answer; the log line and the metrics say so
         except Exception:  # a bug of ours: the client gets its 500, the log the traceback
@@ -94,17 +96,14 @@ class Edge:
         )
 
 
-def refusal(scope: Scope, headers: dict[bytes, bytes]) -> Problem | None:
+async def _coroutine(app: ASGIApp, scope: Scope, receive: Receive, send: Send) -> None:
+    await app(scope, receive, send)
+
+
+def refusal(scope: Scope) -> Problem | None:
     """Return why this request is not even looked at, or None."""
-    if scope["method"] in SAFE:
+    if scope["method"] in SAFE or (header := foreign(scope)) is None:
         return None
-    origin = headers.get(b"origin")
-    if origin is not None:
-        kind, _, authority = origin.lower().partition(b"://")
-        # A secure page may come through a proxy that ends TLS; a plain one is foreign to a secure service.
-        downgraded = kind == b"http" and scope["scheme"] == "https"
-        if downgraded or authority != headers.get(b"host", b"").lower():
-            return Problem(403, "a change may not come from a page of another origin", code="cross-origin")
-    elif headers.get(b"sec-fetch-site", b"none") not in {b"none", b"same-origin"}:
-        return Problem(403, "a change may not come from a page of another site", code="cross-origin")
-    return None
+    return Problem(
+        403, f"a change may not come from a page of another origin ({header})", code="cross-origin"
+    )

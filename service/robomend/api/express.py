@@ -18,7 +18,7 @@ from starlette.requests import Request
 from starlette.routing import BaseRoute
 from starlette.types import Receive, Scope, Send
 
-from robomend.api.deps import Parts
+from robomend.api.deps import Parts, reporter_of
 from robomend.api.gate import Admission
 from robomend.api.ingestion import read_batch
 from robomend.api.problems import Problem, answer_to
@@ -61,7 +61,9 @@ class Express:
             batch, once = await read_batch(
                 request, self._parts, principal, None if key is None else key.decode()
             )
-            outcome = await self._parts.robots.observe(scope["path_params"]["robot"], batch, once=once)
+            outcome = await self._parts.robots.observe(
+                scope["path_params"]["robot"], batch, by=reporter_of(principal), once=once
+            )
         except (Problem, RobomendError) as error:
             await answer_to(request, error)(scope, receive, send)
             return

@@ -13,7 +13,7 @@ import asyncio
 import math
 import time
 from collections.abc import Callable, Coroutine
-from typing import Any
+from typing import Any, Protocol
 
 import structlog
 from fastapi.routing import APIRoute
@@ -21,6 +21,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from robomend.api.body import StrictRequest
+from robomend.api.origin import foreign
 from robomend.api.problems import Problem
 from robomend.api.rates import Bucket
 from robomend.api.sign_in import SignIns
@@ -32,6 +33,19 @@ from robomend.store import Store, api_keys
 from robomend.store.records import ApiKey
 
 FRESH_S = 2.0
+
+STRANGERS_BYTES = 4096
+"""Of a body that is read before it is known whose it is."""
+
+STRANGERS_S = 5.0
+
+
+class Admitter(Protocol):
+    """What a route needs of whoever lets requests in."""
+
+    settings: Settings
+
+    async def admit(self, request: Request, rule: tuple[str, str]) -> Principal: ...
 
 
 class KeyRing:
@@ -49,7 +63,7 @@ class KeyRing:
 
     async def refresh(self) -> None:
         """Read the keys again if the copy is old; those who come meanwhile wait for the same reading."""
-        if time.monotonic() - self._read_at < FRESH_S:
+        if self.fresh:
             return
         if self._reading is None:
             self._reading = asyncio.create_task(self._read(), name="reading the keys")
@@ -69,6 +83,11 @@ class KeyRing:
             self._reading = None
         if not task.cancelled():
             task.exception()  # whoever waits for it has it
+
+    @property
+    def fresh(self) -> bool:
+        """Whether the copy counts without asking the store."""
+        return time.monotonic() - self._read_at < FRESH_S
 
     def forget(self) -> None:
         """Read the keys again at the next request."""
@@ -102,15 +121,30 @@ class Admission:
         principal = await self._authenticate(request)
         request.scope["robomend.principal_name"] = principal.name
         structlog.contextvars.bind_contextvars(principal=principal.name)
-        roles = RULES.get(rule, _NOBODY)
-        assert roles is not None
-        if principal.role not in roles:
-            raise Problem(403, f"a key of role {principal.role} may not {rule[0]} {rule[1]}", code="refused")
-        robot = request.path_params.get("robot")
-        if principal.role is Role.ROBOT and robot is not None and robot != principal.robot:
-            raise Problem(403, f"this key is for robot {principal.robot!r} only", code="refused")
+        _check_role(principal, request, rule)
         self._not_too_often(principal)
         return principal
+
+    def known(self, request: Request, rule: tuple[str, str]) -> Principal | None:
+        """Return who makes this request by what was known last, without asking anybody; None: nobody known.
+
+        For any thread.
+
+        Raises:
+            Problem: 403 beyond the role, or another origin's page; 421 another host.
+        """
+        header = request.headers.get("authorization")
+        if header is None:
+            if self.ring.empty:
+                return self._at_this_computer(request)
+            found = self.sign_ins.known(request)
+        else:
+            scheme, _, key = header.partition(" ")
+            found = self.ring.find(key.strip()) if scheme.lower() == "bearer" else None
+        if found is not None:
+            request.scope["robomend.principal_name"] = found.name
+            _check_role(found, request, rule)
+        return found
 
     async def still(self, request: Request) -> bool:
         """Return whether whoever was let in would be let in now: an open stream must not outlive its key."""
@@ -148,8 +182,7 @@ class Admission:
         header = request.headers.get("authorization")
         if header is None:
             if self.ring.empty:
-                self._check_host(request)
-                return LOCAL
+                return self._at_this_computer(request)
             signed_in = await self.sign_ins.find(request)
             if signed_in is not None:
                 return signed_in
@@ -168,10 +201,12 @@ class Admission:
             )
         return found
 
-    def _check_host(self, request: Request) -> None:
-        """Without keys, whoever reaches the port is admin: a page whose name was pointed here must not.
+    def _at_this_computer(self, request: Request) -> Principal:
+        """Return the person at this computer: without keys, whoever reaches the port is admin.
 
-        Such a name is in the Host header (DNS rebinding), so only names of this computer are served.
+        A page that their browser shows is not. It may have pointed its own name here (DNS rebinding), which
+        is in the Host header then, so only names of this computer are served. Or it asks from its own origin,
+        with an image, say: the browser tells (robomend.api.origin), and not even reads are answered.
         """
         host = request.headers.get("host", "")
         name = host_name(host)
@@ -181,6 +216,14 @@ class Admission:
                 f"Host {host[:100]!r} is no name of this computer; see the setting allowed_hosts",
                 code="unknown-host",
             )
+        header = foreign(request.scope)
+        if header is not None:
+            raise Problem(
+                403,
+                f"without keys, no page of another origin is answered ({header}); see `robomend keys`",
+                code="cross-origin",
+            )
+        return LOCAL
 
     def _not_too_often(self, principal: Principal) -> None:
         bucket = self._rates.get(principal.name)
@@ -196,6 +239,16 @@ class Admission:
             )
 
 
+def _check_role(principal: Principal, request: Request, rule: tuple[str, str]) -> None:
+    roles = RULES.get(rule, _NOBODY)
+    assert roles is not None
+    if principal.role not in roles:
+        raise Problem(403, f"a key of role {principal.role} may not {rule[0]} {rule[1]}", code="refused")
+    robot = request.path_params.get("robot")
+    if principal.role is Role.ROBOT and robot is not None and robot != principal.robot:
+        raise Problem(403, f"this key is for robot {principal.robot!r} only", code="refused")
+
+
 _NOBODY: frozenset[Role] = frozenset()
 _UNKNOWN = "this key is unknown or revoked"
 
@@ -209,12 +262,15 @@ class GuardedRoute(APIRoute):
         takes_json = self.body_field is not None
 
         async def guarded(request: Request) -> Response:
-            gate: Admission = request.app.state.gate
+            gate: Admitter = request.app.state.gate
             principal = await gate.admit(request, rule)
             request.scope["robomend.principal"] = principal
-            strict = StrictRequest(request, gate.settings)
+            strict = StrictRequest(request, gate.settings, request.app.state.parts.robots.readers)
             if takes_json:
-                await strict.read(_limit(gate.settings, rule))
+                if RULES.get(rule) is None:  # before we know whose it is
+                    await strict.read(STRANGERS_BYTES, STRANGERS_S)
+                else:
+                    await strict.read(_limit(gate.settings, rule))
                 return await handle(strict)
             return await handle(request)
 

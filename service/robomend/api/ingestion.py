@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from starlette.requests import Request
 
 from robomend.api import strict_json
-from robomend.api.body import check_content_type, read_chunks
+from robomend.api.body import BYTES_PER_S, check_content_type, read_chunks
 from robomend.api.deps import Parts
 from robomend.api.problems import of_validation
 from robomend.api.schemas.observations import OBSERVATIONS
@@ -44,10 +44,15 @@ async def read_batch(
     """Return the batch of a JSON body, and what makes a repeat of it harmless."""
     settings = parts.settings
     body = b"".join(
-        [chunk async for chunk in read_chunks(request, settings.max_body_bytes, settings.body_timeout_s)]
+        [
+            chunk
+            async for chunk in read_chunks(
+                request, settings.max_body_bytes, settings.body_timeout_s, BYTES_PER_S
+            )
+        ]
     )
     check_content_type(request, "application/json", NDJSON)
-    batch = batch_of(strict_json.loads(body, settings.max_nesting))
+    batch = batch_of(await strict_json.loads_in_turn(body, settings.max_nesting, parts.robots.readers))
     once = None if key is None else once_of(request, principal, key, hashlib.sha256(body).hexdigest())
     return batch, once
 

@@ -9,9 +9,10 @@ from pydantic import ValidationError
 from starlette.requests import Request
 
 from robomend.api import strict_json
-from robomend.api.body import check_content_type, content_type, read_chunks
+from robomend.api.body import BYTES_PER_S, check_content_type, content_type, read_chunks
 from robomend.api.problems import Problem, of_validation
 from robomend.api.schemas.models import ModelBody
+from robomend.robots.readers import Readers
 from robomend.settings import Settings
 
 TEXTS = ("application/yaml", "text/yaml", "application/x-yaml", "text/x-yaml", "text/plain")
@@ -33,14 +34,17 @@ OPENAPI_BODY: dict[str, Any] = {
 }
 
 
-async def read_model(request: Request, settings: Settings) -> ModelBody:
+async def read_model(request: Request, settings: Settings, readers: Readers) -> ModelBody:
     """Return the model of a body. In JSON its line ends take two bytes, so that may be twice as long."""
     text = content_type(request) in TEXTS
     limit = max(settings.max_body_bytes, settings.max_model_bytes * (1 if text else 2))
-    chunks = [chunk async for chunk in read_chunks(request, limit, settings.body_timeout_s)]
+    chunks = [chunk async for chunk in read_chunks(request, limit, settings.body_timeout_s, BYTES_PER_S)]
     body = b"".join(chunks)
     check_content_type(request, "application/json", *TEXTS)
-    value = {"source": _decoded(body)} if text else strict_json.loads(body, settings.max_nesting)
+    if text:
+        value: Any = {"source": _decoded(body)}
+    else:
+        value = await strict_json.loads_in_turn(body, settings.max_nesting, readers)
     try:
         return ModelBody.model_validate(value)
     except ValidationError as error:

@@ -15,12 +15,13 @@ from starlette.responses import Response
 
 from robomend.api import strict_json
 from robomend.api.body import read_chunks
-from robomend.api.deps import Parts
+from robomend.api.deps import Parts, reporter_of
 from robomend.api.ingestion import batch_of, once_of
 from robomend.api.problems import Problem, of_error
 from robomend.errors import RobomendError
 from robomend.robots.batches import Batch
 from robomend.security import Principal
+from robomend.turns import Turns
 
 GROUP = 1000
 """Sentences that are kept at once: large enough for the disk, small enough that others get their turn."""
@@ -31,17 +32,19 @@ async def ingest(
 ) -> Response:
     """Take in an NDJSON body group by group; the answer says how far it came."""
     request.scope["robomend.waits"] = True
+    by = reporter_of(principal)
     revision = (await parts.robots.memory.robot(robot)).revision
     lines = accepted = groups = 0
     group: list[Batch] = []
     raw = hashlib.sha256()
     number = sentences = 0
     unread = False  # line `number`, that is
+    turns = Turns()
 
     async def keep() -> None:
         nonlocal revision, lines, accepted, groups, sentences, raw
         once = None if key is None else once_of(request, principal, f"{key}#{groups}", raw.hexdigest())
-        outcome = await parts.robots.observe(robot, *group, once=once)
+        outcome = await parts.robots.observe(robot, *group, by=by, once=once)
         revision = outcome.revision
         accepted += sentences
         lines = number
@@ -53,6 +56,7 @@ async def ingest(
     try:
         async for line in _lines(request, parts):
             number += 1
+            await turns.rest()
             if line.isspace() or not line:
                 continue
             unread = True

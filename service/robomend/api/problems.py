@@ -30,6 +30,7 @@ TYPE_PREFIX = "urn:robomend:problem:"
 STATUS: dict[type[errors.RobomendError], int] = {
     errors.RobomendError: 500,
     errors.InputError: 422,
+    errors.MalformedJson: 400,
     errors.TooLarge: 413,
     errors.NotFound: 404,
     errors.StateConflict: 409,
@@ -67,6 +68,7 @@ HTTP_CODES = {
     500: "internal",
     501: "not-implemented",
     503: "overloaded",
+    505: "http-version",
 }
 
 MAX_FIELDS = 20

@@ -2,17 +2,64 @@
 
 uvicorn's protocol bounds neither the head nor its time: a client could fill the memory with one endless
 header, or hold a thousand connections with a byte a minute. What is refused here is answered with a problem,
-as everywhere.
+as everywhere. All of it holds before anybody knows whose request it is:
+
+    head       bytes and time                                   431, 408
+    trailers   dropped; bytes, as those of chunk heads          431
+    pipeline   so many requests behind one under way            the connection ends
+    the rest   of a body after its answer: bytes and time       the connection ends
+
+A connection that ends while its client still sends is not cut off at once: the rest is read and dropped for a
+moment, as a reset would take the answer away from a client that has not read it yet (RFC 9112, 9.6).
 """
 
 from __future__ import annotations
 
 import asyncio
+import weakref
 from typing import Any
 
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
 from robomend.api.problems import Problem
+
+VERSIONS = frozenset({"1.0", "1.1"})
+
+PIPELINED = 100
+"""Requests that may wait behind one under way on a connection; each holds some kilobytes."""
+
+REST_BYTES = 256 << 10
+"""Of a body that still comes when its answer is complete; read so that the connection can be used again."""
+
+REST_S = 5.0
+
+LINGER_BYTES = 16 << 20
+"""Read and dropped from a connection that ends, for a client that sends all before it reads."""
+
+LINGER_S = 3.0
+
+
+class Transport:
+    """A connection as answers see it: closing it lets the client read the answer first."""
+
+    def __init__(self, transport: asyncio.Transport, protocol: Protocol) -> None:
+        self.write = transport.write
+        self._transport = transport
+        self._protocol = weakref.ref(protocol)  # no circle: what a connection held is free when it is gone
+
+    def close(self) -> None:
+        """End the connection, now or when the client has stopped sending."""
+        protocol = self._protocol()
+        if protocol is not None:
+            protocol.end()
+
+    def is_closing(self) -> bool:
+        """Whether nothing more is to be answered."""
+        protocol = self._protocol()
+        return protocol is None or protocol.ending or self._transport.is_closing()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._transport, name)
 
 
 class Protocol(HttpToolsProtocol):
@@ -20,90 +67,182 @@ class Protocol(HttpToolsProtocol):
 
     max_head_bytes = 64 << 10
     head_timeout_s = 30.0
+    once = False
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
-        self._head_bytes = 0  # of a head that is not whole yet
-        self._heading = False
-        self._head_timer: asyncio.TimerHandle | None = None
+        self.ending = False
+        self._raw: asyncio.Transport | None = None
+        self._heading = False  # a head has begun and is not whole
+        self._receiving = False  # a message has begun and is not whole
+        self._began = 0  # messages that began in the data that is being read
+        self._overhead = 0  # bytes of the message that are no body
+        self._body = 0
+        self._rest = 0
+        self._timer: asyncio.TimerHandle | None = None
         self._refusal: Problem | None = None
+
+    # --- the connection
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]  # as uvicorn has it
         super().connection_made(transport)
-        self._wait_for_head()
+        self._raw = transport
+        self.transport = Transport(transport, self)  # type: ignore[assignment]  # all that uvicorn asks of one
+        self._start_timer(self.head_timeout_s, self._late)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        self._stop_waiting()
+        self._stop_timer()
         super().connection_lost(exc)
+        self.headers = []
+
+    def eof_received(self) -> None:
+        if self.ending and self._raw is not None:
+            self._raw.close()
+        super().eof_received()
 
     def data_received(self, data: bytes) -> None:
-        if self.transport.is_closing():
-            return  # refused already
+        if self.ending:
+            self._drop(data, LINGER_BYTES)
+            return
+        self._began = int(self._receiving)
+        before = self._body if self._receiving else 0
         super().data_received(data)
-        if self._heading and not self.transport.is_closing():
-            self._head_bytes += len(data)
-            if self._head_bytes > self.max_head_bytes:
-                self._refuse(self._too_large())
-            elif self._head_timer is None:
-                self._wait_for_head()
+        if self.ending or not self._receiving:
+            return
+        if self._heading and self._timer is None:
+            self._start_timer(self.head_timeout_s, self._late)
+        if self._began > 1:  # what of it belongs to the last message is not known, and is not much
+            return
+        if self.cycle is not None and self.cycle.response_complete and not self._heading:
+            self._drop(data, REST_BYTES)
+            return
+        self._overhead += len(data) - (self._body - before)
+        if self._overhead > self.max_head_bytes + 16 * self._body:  # a chunk of one byte takes six
+            self._refuse(self._too_large())
+
+    def end(self) -> None:
+        """End the connection, when the client has stopped sending or after a moment."""
+        if self.ending or self._raw is None:
+            return
+        self.ending = True
+        self._stop_timer()
+        if not self._receiving:
+            self._raw.close()
+            return
+        self._rest = 0
+        self.flow.resume_reading()
+        if self._raw.can_write_eof():
+            self._raw.write_eof()
+        self._start_timer(LINGER_S, self._cut_off)
+
+    def _drop(self, data: bytes, most: int) -> None:
+        self._rest += len(data)
+        if self._rest > most:
+            self._cut_off()
+
+    def _cut_off(self) -> None:
+        if self.ending and self._raw is not None:
+            self._raw.abort()
+        else:
+            self.end()
+
+    # --- the parser
 
     def on_message_begin(self) -> None:
         super().on_message_begin()
-        self._heading, self._head_bytes = True, 0
+        self._heading = self._receiving = True
+        self._began += 1
+        self._overhead = self._body = self._rest = 0
+
+    def on_header(self, name: bytes, value: bytes) -> None:
+        if self._heading:  # else it is a trailer, which nobody reads
+            super().on_header(name, value)
 
     def on_headers_complete(self) -> None:
         self._heading = False
-        self._stop_waiting()
+        self._stop_timer()
         size, hosts = len(self.url), 0
         for name, value in self.headers:
             size += len(name) + len(value)
             hosts += name == b"host"
+        version = self.parser.get_http_version()
         if size > self.max_head_bytes:
             self._refusal = self._too_large()
+        elif version not in VERSIONS:
+            self._refusal = Problem(505, f"HTTP/{version} is not spoken here: HTTP/1.1 is")
         elif hosts > 1:  # which one a proxy before us has looked at is anybody's guess
             self._refusal = Problem(400, "there is more than one Host header")
+        elif hosts < 1 and version == "1.1":
+            self._refusal = Problem(400, "there is no Host header")
+        elif len(self.pipeline) >= PIPELINED:
+            self._refusal = Problem(503, f"more than {PIPELINED} requests wait on this connection")
         if self._refusal is not None:
             raise ValueError(self._refusal.detail)  # the parser ends, and asks for send_400_response
         super().on_headers_complete()
+        if self.once:
+            self.cycle.keep_alive = False
+
+    def on_body(self, body: bytes) -> None:
+        self._body += len(body)
+        super().on_body(body)
+
+    def on_message_complete(self) -> None:
+        self._receiving = False
+        self._stop_timer()
+        super().on_message_complete()
+
+    def on_response_complete(self) -> None:
+        super().on_response_complete()
+        if self._receiving and not self.ending:
+            self._start_timer(REST_S, self._cut_off)
 
     def send_400_response(self, msg: str) -> None:
         """Answer what is no HTTP; uvicorn's own answer is plain text."""
         self._refuse(self._refusal or Problem(400, "this is no HTTP request", code="bad-request"))
 
+    # --- refusing
+
     def _too_large(self) -> Problem:
         return Problem(431, f"the head of the request has more than {self.max_head_bytes} bytes")
 
-    def _wait_for_head(self) -> None:
-        self._head_timer = self.loop.call_later(self.head_timeout_s, self._late)
+    def _start_timer(self, delay_s: float, call: Any) -> None:
+        self._stop_timer()
+        self._timer = self.loop.call_later(delay_s, call)
 
-    def _stop_waiting(self) -> None:
-        if self._head_timer is not None:
-            self._head_timer.cancel()
-            self._head_timer = None
+    def _stop_timer(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
 
     def _late(self) -> None:
-        self._head_timer = None
+        self._timer = None
         if self._heading:
             self._refuse(Problem(408, f"no whole head of a request came in {self.head_timeout_s:g} s"))
         else:
-            self.transport.close()  # it never said anything
+            self.end()  # it never said anything
 
     def _refuse(self, problem: Problem) -> None:
-        self._stop_waiting()
-        answer, cycle = problem.response(), self.cycle
-        if (
-            cycle is not None
-            and not cycle.response_complete
-            and (cycle.response_started or not cycle.more_body)
-        ):
-            self.transport.close()  # an answer to an earlier request is under way: nothing fits in between
+        cycle = self.cycle
+        answered = cycle is not None and (cycle.response_started or not cycle.more_body)
+        if answered and not (cycle.response_complete and self._of_its_own()):
+            self.end()  # an answer is under way or was given: nothing fits in between
             return
+        answer = problem.response()
         head = f"HTTP/1.1 {problem.status} {problem.title}\r\nconnection: close\r\n"
         head += "".join(f"{name.decode()}: {value.decode()}\r\n" for name, value in answer.raw_headers)
         self.transport.write(head.encode() + b"\r\n" + bytes(answer.body))
-        self.transport.close()
+        self._receiving = True  # whatever it sends is not going to be read
+        self.end()
+
+    def _of_its_own(self) -> bool:
+        """Whether the message at fault is a later one than the one that was answered last."""
+        return self._heading or self._refusal is not None or not self._receiving
 
 
-def limited(max_head_bytes: int, head_timeout_s: float) -> type[Protocol]:
-    """Return the protocol with these limits; uvicorn makes one for each connection and passes nothing on."""
-    return type("Protocol", (Protocol,), {"max_head_bytes": max_head_bytes, "head_timeout_s": head_timeout_s})
+def limited(max_head_bytes: int, head_timeout_s: float, *, once: bool = False) -> type[Protocol]:
+    """Return the protocol with these limits; uvicorn makes one for each connection and passes nothing on.
+
+    With `once`, an answer ends its connection.
+    """
+    limits = {"max_head_bytes": max_head_bytes, "head_timeout_s": head_timeout_s, "once": once}
+    return type("Protocol", (Protocol,), limits)

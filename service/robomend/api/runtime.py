@@ -15,6 +15,8 @@ from fastapi import FastAPI
 
 from robomend.api.app import create_app
 from robomend.api.deps import Parts
+from robomend.api.loop_watch import LoopWatch
+from robomend.api.store_probe import StoreProbe
 from robomend.api.streams import Hub
 from robomend.errors import RobomendError
 from robomend.figures import EVERY_S
@@ -25,6 +27,7 @@ from robomend.planning.planner_pool import PlannerPool
 from robomend.repairs.repairs import Repairs
 from robomend.repairs.states import StepState
 from robomend.robots.diagnoser import Diagnoser
+from robomend.robots.readers import Readers
 from robomend.robots.robots import Robots
 from robomend.settings import Settings
 from robomend.store import Store, api_keys, pruning
@@ -52,14 +55,25 @@ class Runtime:
         self.solver = SolverWorkers(settings.solver_workers, settings.one_shots + 64)
         self.planners = PlannerPool(size=settings.planner_workers)
         diagnoser = Diagnoser(settings, self.metrics, self.solver)
-        self.robots = Robots(self.store, settings, self.metrics, diagnoser)
+        self.readers = Readers(settings)
+        self.robots = Robots(self.store, settings, self.metrics, diagnoser, self.readers)
         self.one_shots = OneShots(self.solver, self.planners, settings)
         self.hub = Hub(self.store, self.metrics, most=settings.max_streams, ping_s=settings.ping_s)
         self.repairs = make_repairs(self.store, self.robots, self.planners, self.one_shots, settings)
-        self.app: FastAPI = create_app(
-            Parts(settings, self.store, self.robots, self.repairs, self.one_shots, self.hub, self.metrics),
-            lifespan=self.lifespan,
+        self.watch = LoopWatch(self.metrics)
+        self.probe = StoreProbe(self.store)
+        self.parts = Parts(
+            settings,
+            self.store,
+            self.robots,
+            self.repairs,
+            self.one_shots,
+            self.hub,
+            self.metrics,
+            self.watch,
+            self.probe,
         )
+        self.app: FastAPI = create_app(self.parts, lifespan=self.lifespan)
         self._watch_store()
 
     def end_waits(self) -> None:
@@ -72,11 +86,15 @@ class Runtime:
     async def lifespan(self, _: FastAPI) -> AsyncIterator[None]:
         """Start the parts, and close them whatever happens."""
         async with AsyncExitStack() as stack:
+            self.watch.start()
+            stack.callback(self.watch.close)
             await self.store.start()
             stack.push_async_callback(self.store.close)
             stack.push_async_callback(self.planners.aclose)
             stack.push_async_callback(self.solver.close)
+            stack.push_async_callback(self.readers.close)
             stack.callback(self.one_shots.close)
+            stack.callback(self.probe.close)
             self.hub.start()
             stack.callback(self.store.subscribe(self._count))
             telling = asyncio.create_task(self._tell_figures(), name="figures for the other workers")
@@ -88,9 +106,16 @@ class Runtime:
             stack.push_async_callback(self.repairs.close)
             await self.repairs.start()
             stack.callback(self.end_waits)
+            await self._learn_keys()
             log.info("ready", database=self.store.url)
             yield
             log.info("closing")
+
+    async def _learn_keys(self) -> None:
+        """Know the keys from the start, for a stop while the database does not answer."""
+        ring = self.app.state.gate.ring
+        await ring.refresh()
+        ring.forget()  # the first request reads them again
 
     def _count(self, events: Sequence[Event]) -> None:
         for event in events:

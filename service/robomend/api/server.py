@@ -1,4 +1,4 @@
-"""uvicorn, told to end our streams before it waits for them, and to say on which port it listens."""
+"""uvicorn behind the control lane: it says on which port it listens, and ends our streams before it waits."""
 
 from __future__ import annotations
 
@@ -7,14 +7,21 @@ import socket
 from collections.abc import Callable
 from types import FrameType
 
+import structlog
 import uvicorn
 
 from robomend.api.address import url_of
+from robomend.api.app import create_control_app
+from robomend.api.control_lane import ControlLane
 from robomend.api.protocol import limited
 from robomend.api.runtime import Runtime
+from robomend.api.supervising import listening_socket
+from robomend.api.urgent import UrgentAdmission
 from robomend.errors import InputError
 from robomend.security import loopback
 from robomend.settings import Settings
+
+log = structlog.get_logger("robomend.server")
 
 SEND_BUFFER = 128 << 10
 """Bytes that the kernel takes for a client that does not read (it doubles the number).
@@ -25,24 +32,36 @@ up. A second's worth of a busy fleet's events is enough for everybody else.
 
 
 class Server(uvicorn.Server):
-    """An open event stream would block uvicorn's shutdown, so streams are ended first."""
+    """uvicorn's server on connections that the control lane has accepted.
+
+    An open event stream would block uvicorn's shutdown, so streams are ended first.
+    """
 
     def __init__(self, config: uvicorn.Config, runtime: Runtime, ready: Callable[[str], None]) -> None:
         super().__init__(config)
         self._runtime = runtime
         self._ready = ready
         self._loop: asyncio.AbstractEventLoop | None = None
+        self._lane: ControlLane | None = None
+        self._arriving: set[asyncio.Task[None]] = set()
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         self._loop = asyncio.get_running_loop()
-        await super().startup(sockets)
-        if self.started:
-            listening = sockets or self.servers[0].sockets
-            for listener in listening:  # the connections that it accepts inherit it
-                listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
-            self._ready(url_of(listening[0].getsockname(), secure=self.config.is_ssl))
+        listening = sockets or [listening_socket(self._runtime.settings)]
+        await super().startup([])  # nothing for uvicorn to accept on: connections come from the lane
+        if not self.started:
+            return
+        for listener in listening:  # the connections that it accepts inherit it
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
+        gate = UrgentAdmission(self._runtime.app.state.gate, self._loop)
+        app = create_control_app(self._runtime.parts, gate)
+        self._lane = ControlLane(app, self._runtime.settings, listening, self._take, self._headers)
+        self._lane.start()
+        self._ready(url_of(listening[0].getsockname(), secure=self.config.is_ssl))
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        if self._lane is not None:
+            await asyncio.to_thread(self._lane.close)
         await super().shutdown(sockets)
         self._captured_signals.clear()  # an orderly end is no death by signal: the exit code is 0
 
@@ -52,14 +71,44 @@ class Server(uvicorn.Server):
             self._loop.call_soon_threadsafe(self._runtime.end_waits)
         super().handle_exit(sig, frame)
 
+    def _headers(self) -> list[tuple[bytes, bytes]]:
+        return self.server_state.default_headers
+
+    def _take(self, connection: socket.socket) -> None:
+        """Take a connection from the lane, in whose thread this is called."""
+        assert self._loop is not None
+        try:
+            self._loop.call_soon_threadsafe(self._connect, connection)
+        except RuntimeError:  # the loop has ended
+            connection.close()
+
+    def _connect(self, connection: socket.socket) -> None:
+        assert self._loop is not None
+        task = self._loop.create_task(self._adopt(connection))
+        self._arriving.add(task)
+        task.add_done_callback(self._arriving.discard)
+
+    async def _adopt(self, connection: socket.socket) -> None:
+        assert self._loop is not None
+        try:
+            await self._loop.connect_accepted_socket(self._protocol, connection, ssl=self.config.ssl)
+        except OSError as error:  # gone again, or no TLS
+            log.debug("connection not taken", detail=str(error))
+            connection.close()
+
+    def _protocol(self) -> asyncio.Protocol:
+        protocol_class = self.config.http_protocol_class
+        assert not isinstance(protocol_class, str)
+        return protocol_class(  # type: ignore[call-arg]  # as uvicorn calls it
+            config=self.config, server_state=self.server_state, app_state=self.lifespan.state
+        )
+
 
 def make_server(runtime: Runtime, ready: Callable[[str], None]) -> Server:
     """Return a server for the settings; `ready` is called with its URL once it listens."""
     settings = runtime.settings
     config = uvicorn.Config(
         runtime.app,
-        host=settings.host,
-        port=settings.port,
         http=limited(settings.max_head_bytes, settings.head_timeout_s),
         loop="auto",
         ws="none",
@@ -70,7 +119,6 @@ def make_server(runtime: Runtime, ready: Callable[[str], None]) -> Server:
         proxy_headers=False,
         timeout_keep_alive=30,
         timeout_graceful_shutdown=round(settings.graceful_s),
-        backlog=2048,
         ssl_certfile=settings.tls_certificate,
         ssl_keyfile=settings.tls_key,
     )

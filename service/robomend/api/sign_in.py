@@ -7,8 +7,8 @@ The cookie is 256 random bits, of which the store has the SHA-256. It is asked e
 so a sign-out or a revoked key counts at once, on every instance.
 
 A browser sends cookies on its own, whoever made the page that asks. Three things keep other pages out:
-SameSite=Strict; a change needs an Origin header (the edge has compared it with Host) or Sec-Fetch-Site:
-same-origin; and what the browser itself calls cross-origin is refused for reads as well.
+SameSite=Strict; a change needs an Origin header that is ours or Sec-Fetch-Site: same-origin; and what the
+browser itself calls cross-origin is refused for reads as well.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from collections import OrderedDict
 from starlette.requests import Request
 from starlette.responses import Response
 
+from robomend.api.origin import foreign
 from robomend.api.problems import Problem
 from robomend.api.rates import Bucket
 from robomend.errors import NotFound
@@ -40,6 +41,8 @@ MOST = 100
 ADDRESSES = 10_000
 """Client addresses whose sign-ins are counted."""
 BURST = 10
+KNOWN = 1000
+"""Sign-ins that were found lately are known by heart, for a stop while the store does not answer."""
 
 
 class SignIns:
@@ -49,6 +52,7 @@ class SignIns:
         self._store = store
         self._settings = settings
         self._rates: OrderedDict[str, Bucket] = OrderedDict()
+        self._known: OrderedDict[str, Principal] = OrderedDict()  # by digest: found lately
 
     def wait_s(self, request: Request) -> float:
         """Count a sign-in; return 0, or in how many seconds its client's address may try again."""
@@ -89,7 +93,27 @@ class SignIns:
             return None
         _check_origin(request)
         found = await self._store.read(api_keys.sign_in, digest(token))
-        return None if found is None or found.key.revoked_ns is not None else _principal(found)
+        if found is None or found.key.revoked_ns is not None:
+            self._known.pop(digest(token), None)
+            return None
+        principal = self._known[digest(token)] = _principal(found)
+        while len(self._known) > KNOWN:
+            self._known.popitem(last=False)
+        return principal
+
+    def known(self, request: Request) -> Principal | None:
+        """Return who was signed in with the request's cookie when the store was asked last; for any thread.
+
+        Raises:
+            Problem: 403, another origin's page sends it.
+        """
+        token = _token(request)
+        if token is None:
+            return None
+        _check_origin(request)
+        found = self._known.get(digest(token))
+        over = found is None or (found.until_ns is not None and found.until_ns < time.time_ns())
+        return None if over else found
 
     async def end(self, request: Request, response: Response) -> None:
         """Forget the request's sign-in, if it has one, and its cookie."""
@@ -103,6 +127,7 @@ class SignIns:
             tx.note(AuditEntry(actor=principal.name, action="session.end", subject=principal.name))
 
         await self._store.write(end)
+        self._known.pop(digest(token), None)
         response.headers.append("Set-Cookie", _cookie(request, "", 0))
 
 
@@ -115,7 +140,7 @@ def _check_origin(request: Request) -> None:
     """Refuse a cookie that the browser may have sent for another origin's page."""
     site = request.headers.get("sec-fetch-site")
     told = site == "same-origin" or (site is None and "origin" in request.headers)
-    if told or (request.method in SAFE and site in {None, "none"}):
+    if foreign(request.scope) is None and (told or request.method in SAFE):
         return
     raise Problem(
         403,

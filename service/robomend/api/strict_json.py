@@ -8,28 +8,37 @@ they are refused here with their place.
 from __future__ import annotations
 
 import json
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
-from robomend.api.problems import Problem
+from robomend.errors import InputError, MalformedJson, TooDeep
+
+if TYPE_CHECKING:  # a worker that reads JSON needs no more of the service than this
+    from robomend.robots.readers import Readers
 
 MAX_DIGITS = 40
 """Of one integer; nothing here needs more than the 19 of a time in nanoseconds."""
 
+AT_ONCE = 64 << 10
+"""Bytes that are read on the event loop: a few milliseconds, whatever they say."""
+
+MAX_VALUES = 100_000
+"""In a longer text; a batch has at most 10,000 sentences."""
+
 
 def _refuse_constant(name: str) -> NoReturn:
-    raise Problem(400, f"the body is not JSON: {name} is no JSON number", code="malformed-json")
+    raise MalformedJson(f"the body is not JSON: {name} is no JSON number")
 
 
 def _read_integer(digits: str) -> int:
     if len(digits) > MAX_DIGITS:
-        raise Problem(422, f"the body has an integer of {len(digits)} digits; at most {MAX_DIGITS} are read")
+        raise InputError(f"the body has an integer of {len(digits)} digits; at most {MAX_DIGITS} are read")
     return int(digits)
 
 
 def _read_float(text: str) -> float:
     value = float(text)
     if value in (float("inf"), float("-inf")):
-        raise Problem(422, f"the body has a number beyond the range of a double: {text[:40]}")
+        raise InputError(f"the body has a number beyond the range of a double: {text[:40]}")
     return value
 
 
@@ -42,29 +51,47 @@ def loads(body: bytes, max_nesting: int) -> Any:
     """Return the value of a JSON text.
 
     Raises:
-        Problem: 400 when it is not JSON in UTF-8; 422 when it is nested deeper than `max_nesting`, or holds
-            what nothing here could store.
+        MalformedJson: it is not JSON in UTF-8.
+        TooDeep: it is nested deeper than `max_nesting`.
+        InputError: it holds what nothing here could store, or more values than any request needs.
     """
     try:
         text = body.decode("utf-8")
     except UnicodeDecodeError as error:
-        raise Problem(
-            400,
-            f"the body is not UTF-8: byte {error.start} is {body[error.start]:#04x}",
-            code="malformed-json",
+        raise MalformedJson(
+            f"the body is not UTF-8: byte {error.start} is {body[error.start]:#04x}"
         ) from error
     check_nesting(text, max_nesting)
     try:
         value = _decoder.decode(text)
     except json.JSONDecodeError as error:
-        raise Problem(
-            400,
-            f"the body is not JSON: {error.msg} at line {error.lineno}, column {error.colno}",
-            code="malformed-json",
+        raise MalformedJson(
+            f"the body is not JSON: {error.msg} at line {error.lineno}, column {error.colno}"
         ) from error
     if "\\u" in text:
         _check_escapes(value)
+    if len(body) > AT_ONCE:
+        _check_count(value)
     return value
+
+
+async def loads_in_turn(body: bytes, max_nesting: int, readers: Readers) -> Any:
+    """Return the value of a JSON text without keeping others waiting: a long one is read in a worker."""
+    if len(body) <= AT_ONCE:
+        return loads(body, max_nesting)
+    return await readers.call(loads, body, max_nesting)
+
+
+def _check_count(value: Any) -> None:
+    """Refuse a value that takes long to hand on: it came a long way in a few bytes a piece."""
+    count, left = 0, [value]
+    while left:
+        item = left.pop()
+        inner = item if isinstance(item, list) else [*item, *item.values()] if isinstance(item, dict) else ()
+        count += 1
+        left.extend(inner)
+    if count > MAX_VALUES:
+        raise InputError(f"the body has {count:,} values; at most {MAX_VALUES:,} are read")
 
 
 def check_nesting(text: str, most: int) -> None:
@@ -90,7 +117,7 @@ def check_nesting(text: str, most: int) -> None:
         elif char in "[{":
             depth += 1
             if depth > most:
-                raise Problem(422, f"the body is nested deeper than {most}", code="too-deep")
+                raise TooDeep(f"the body is nested deeper than {most}")
         elif char in "]}":
             depth -= 1
 
@@ -101,11 +128,11 @@ def _check_escapes(value: Any) -> None:
     """
     if isinstance(value, str):
         if "\x00" in value:
-            raise Problem(422, "the body has the character NUL in a string")
+            raise InputError("the body has the character NUL in a string")
         try:
             value.encode("utf-8")
         except UnicodeEncodeError as error:
-            raise Problem(422, "the body has half a surrogate pair in a string") from error
+            raise InputError("the body has half a surrogate pair in a string") from error
     elif isinstance(value, list):
         for item in value:
             _check_escapes(item)

@@ -24,6 +24,7 @@ from robomend.robots.batches import Acknowledged
 from robomend.robots.boards import WiredBoard
 from robomend.robots.clock import CLOCK
 from robomend.robots.configuration import covered
+from robomend.robots.health import health_of
 from robomend.robots.robot import Robot
 from robomend.security import Principal
 from robomend.settings import Settings
@@ -85,8 +86,9 @@ def robot_line(robot: StoredRobot) -> RobotLine:
     )
 
 
-def robot_out(state: Robot) -> RobotOut:
+def robot_out(state: Robot, findings: Sequence[str]) -> RobotOut:
     """Return a robot's configuration and how it is."""
+    how, unknown = health_of(state)
     return RobotOut(
         id=state.id,
         config=RobotBody.model_validate(covered(state.stored.config)),
@@ -96,6 +98,9 @@ def robot_out(state: Robot) -> RobotOut:
         revision=state.revision,
         model_version=state.model.version,
         healthy=None if state.current is None else state.current.healthy,
+        state=how.value,
+        unknown=[str(atom) for atom in unknown],
+        findings=list(findings),
     )
 
 
@@ -113,6 +118,7 @@ def obs_out(state: Robot) -> ObsOut:
     """Return OBS now, in the order of the atoms."""
     now = CLOCK.now_ns()
     used = state.system.cnf.atom_variable
+    unconfirmed = frozenset(state.sight.not_confirmed())
     entries = sorted(state.obs.entries(), key=lambda entry: entry.literal.atom)
     return ObsOut(
         revision=state.revision,
@@ -122,6 +128,9 @@ def obs_out(state: Robot) -> ObsOut:
                 source=entry.source,
                 time_ns=entry.time_ns,
                 expires_ns=entry.expires_ns,
+                since_ns=entry.since_ns,
+                onset_ns=entry.onset_ns,
+                confirmed=entry.atom not in unconfirmed,
                 fresh=entry.fresh(now),
                 used=entry.literal.atom in used,
             )
@@ -244,6 +253,7 @@ def _history_line(item: StoredBatch | StoredDiagnosis | StoredRepair) -> History
         return HistoryLine(kind="repair", time_ns=item.created_ns, data=data)
     data = {
         "revision": item.revision,
+        "by": item.by,
         "observations": [
             {"literal": str(e.literal), "source": e.source, "time_ns": e.time_ns} for e in item.entries
         ],

@@ -1,1 +1,1 @@
-"""The power board's client side: codec (bytes), session (states), link (asyncio), observer (literals)."""
+"""The power board's client side: codec (bytes), session (states), link (asyncio)."""

@@ -15,7 +15,7 @@ from typing import TypeVar
 
 from robomend.diagnosis.explanations import Cleared
 from robomend.diagnosis.probes import Probe, ProbeResult
-from robomend.diagnosis.result import Diagnosis, DiagnosisResult
+from robomend.diagnosis.result import Diagnosis, DiagnosisResult, Factor
 from robomend_client.literals import quote
 
 WIDTH = 80
@@ -61,17 +61,17 @@ def told(
     most = len(result.diagnoses) + len(result.conflicts) if everything else LEADING
     if blind and result.healthy:
         return ["healthy, for all we know: nothing was observed", "", _ending(result)]
-    lines = [*_answer(result, most), *_why(result, most, everything)]
+    lines = [*_answer(result, most, everything), *_why(result, most, everything)]
     if not result.healthy and result.diagnoses:
         lines += _next(result, probes, repairable)
     return [*lines, "", _ending(result)]
 
 
-def _answer(result: DiagnosisResult, most: int) -> Iterator[str]:
+def _answer(result: DiagnosisResult, most: int, everything: bool) -> Iterator[str]:
     if result.healthy:
         yield "healthy: this is what a system without fault would show"
     elif result.diagnoses:
-        yield from _diagnoses(result, most)
+        yield from _diagnoses(result, most, everything)
     elif result.complete:
         yield "no diagnosis: what is supposed cannot be, given what was seen"
     else:
@@ -83,31 +83,34 @@ def _why(result: DiagnosisResult, most: int, everything: bool) -> Iterator[str]:
         yield ""
         yield "why"
         yield from _listed((conflict.text for conflict in result.conflicts), most, "conflicts")
+    if not result.conflicts_complete:
+        yield from wrap("not all that these diagnoses rest on: there was no time, or no room", WIDTH)
     if everything and result.cleared:
         yield ""
         yield from wrap(f"cleared, if it is {_names(result.diagnoses[0].bad)}", WIDTH)
         yield from _listed((f"{name}: {why}" for name, why in result.cleared.items()), len(result.cleared))
 
 
-def _diagnoses(result: DiagnosisResult, most: int) -> Iterator[str]:
+def _diagnoses(result: DiagnosisResult, most: int, everything: bool) -> Iterator[str]:
     diagnoses = result.diagnoses
     count = result.count or len(diagnoses)
     known = "" if result.complete or result.count else "at least "
     if count == 1:
         yield f"{known}1 diagnosis explains what was seen:"
     else:
-        shared = () if result.factored else _shared(diagnoses)
-        blamed = f"; all blame {_names(shared)}" if shared else ""
+        shared = _shared(result)
+        those = "all" if result.complete or result.factored else "those found all"
+        blamed = f"; {those} blame {_names(shared)}" if shared else ""
         yield from wrap(f"{known}{count} diagnoses, any one of which explains what was seen{blamed}:", WIDTH)
     yield ""
     if result.factored:
-        yield from _products(result, most)
+        yield from _products(result, most, everything)
         return
     shown = _cut(diagnoses, most)
     for diagnosis in shown:
         yield from _row(diagnosis, alone=len(diagnoses) == 1)
-    if len(shown) < len(diagnoses):
-        left = _together(diagnoses[len(shown) :])
+    if len(shown) < count:
+        left = _together(diagnoses[len(shown) :]) if count == len(diagnoses) else None
         share = "" if left is None else f", {_percent(left)} together"
         yield f"  … and {count - len(shown)} more{share}"
 
@@ -118,14 +121,26 @@ def _row(diagnosis: Diagnosis, *, alone: bool) -> Iterator[str]:
     yield from wrap(names, WIDTH, initial_indent=f"  {share}", subsequent_indent=" " * (len(share) + 2))
 
 
-def _products(result: DiagnosisResult, most: int) -> Iterator[str]:
-    """Yield the factored form: one diagnosis takes one member of each brace."""
+def _products(result: DiagnosisResult, most: int, everything: bool) -> Iterator[str]:
+    """Yield the factored form: one diagnosis takes one choice of each brace."""
     shown = _cut(result.factored, most)
+    named = len(result.components) if everything else NAMED
     for product in shown:
-        text = " × ".join("{" + ", ".join(map(quote, factor.alternatives)) + "}" for factor in product)
+        factors = [_braces(factor, named) for factor in product[:named]]
+        if len(product) > named:
+            factors.append(f"{len(product) - named} more factors")
+        text = " × ".join(factors)
         yield from wrap(text, WIDTH, initial_indent="  ", subsequent_indent="    ")
     if len(shown) < len(result.factored):
         yield f"  … and {len(result.factored) - len(shown)} more products"
+
+
+def _braces(factor: Factor, named: int) -> str:
+    """Return the choices of a factor: `{a, b + c}` is a, or b and c together."""
+    choices = [" + ".join(map(quote, choice)) for choice in factor.choices[:named]]
+    if len(factor.choices) > named:
+        choices.append(f"{len(factor.choices) - named} more")
+    return "{" + ", ".join(choices) + "}"
 
 
 def _next(result: DiagnosisResult, probes: ProbeResult | None, repairable: bool) -> Iterator[str]:
@@ -164,6 +179,8 @@ def _listed(sentences: Iterable[str], most: int, what: str = "") -> Iterator[str
 
 def _ending(result: DiagnosisResult) -> str:
     stopped = result.stopped_by
+    if stopped == "limit" and result.factored and result.count is not None:
+        return f"complete, as products; {result.elapsed_s * 1000:.1f} ms"
     ending = f"incomplete: stopped by {stopped} (see {BOUNDS[stopped]})" if stopped else "complete"
     return f"{ending}; {result.elapsed_s * 1000:.1f} ms"
 
@@ -173,9 +190,11 @@ def _cut(things: Sequence[Thing], most: int) -> Sequence[Thing]:
     return things if len(things) <= most + 1 else things[:most]
 
 
-def _shared(diagnoses: Sequence[Diagnosis]) -> tuple[str, ...]:
-    first, *others = (diagnosis.bad for diagnosis in diagnoses)
-    return tuple(name for name in first if all(name in bad for bad in others))
+def _shared(result: DiagnosisResult) -> tuple[str, ...]:
+    if len(result.diagnoses) == 1 and not result.factored:
+        return ()
+    certain = result.certain
+    return tuple(name for name in result.diagnoses[0].bad if name in certain)
 
 
 def _names(names: Sequence[str], modes: Mapping[str, str] = NO_MODES) -> str:

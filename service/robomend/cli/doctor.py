@@ -7,15 +7,17 @@ import json
 import platform
 import shutil
 import socket
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
+from robomend.cli import robots
 from robomend.cli.settings_options import read_settings, settings_options
 from robomend.errors import RobomendError
+from robomend_client.rest.errors import ClientError
 
 if TYPE_CHECKING:
     from robomend.settings import Settings
@@ -35,13 +37,33 @@ class Finding:
 
 @click.command("doctor")
 @settings_options
+@click.option("--robot", metavar="ID", help="Look at this robot as well.")
+@click.option("--url", envvar="ROBOMEND_URL", help="Ask the service that runs there, about --robot alone.")
+@click.option("--key", envvar="ROBOMEND_KEY", help="The key for --url; also by ROBOMEND_KEY.")
 @click.option("--format", "format_", type=click.Choice(["table", "json"]), default="table", show_default=True)
-def command(config_file: Path | None, data: Path | None, database: str | None, format_: str) -> int:
+def command(
+    config_file: Path | None,
+    data: Path | None,
+    database: str | None,
+    robot: str | None,
+    url: str | None,
+    key: str | None,
+    format_: str,
+) -> int:
     """Check this installation: Python, data files, solver, planner,
     database, port. 1 if something is amiss.
+
+    With --robot, also what will not work or not be noticed on that robot: actions that nobody carries out,
+    observers and topics that nobody reports, names that its model does not have. A service that runs
+    (--url, or ROBOMEND_URL) knows as well which agents ask for work.
     """
     settings, _ = read_settings(config_file, data=data, database=database)
-    findings = list(examine(settings))
+    if robot is not None and url is not None:
+        findings = list(_robot(robot, lambda: robots.asked(robot, url, key)))
+    else:
+        findings = list(examine(settings))
+        if robot is not None:
+            findings += _robot(robot, lambda: robots.read(robot, settings))
     if format_ == "json":
         table = [{"name": f.name, "ok": f.ok, "detail": f.detail} for f in findings]
         click.echo(json.dumps({"ok": all(f.ok for f in findings), "checks": table}))
@@ -68,6 +90,20 @@ def examine(settings: Settings) -> Iterator[Finding]:
             yield Finding(name, True, look(settings))
         except (RobomendError, OSError, ImportError, Amiss) as error:
             yield Finding(name, False, str(error))
+
+
+def _robot(robot: str, look: Callable[[], Sequence[str]]) -> Iterator[Finding]:
+    """Yield what there is to say of a robot, one finding each."""
+    name = f"robot {robot}"
+    try:
+        said = look()
+    except (RobomendError, ClientError, OSError) as error:
+        yield Finding(name, False, str(error))
+        return
+    for sentence in said:
+        yield Finding(name, False, sentence)
+    if not said:
+        yield Finding(name, True, "nothing stands in the way of a repair, and everything is observed")
 
 
 class Amiss(Exception):

@@ -24,14 +24,23 @@ FORMATS = ("ndjson", "sqlite")
 @click.option(
     "--format", "format_", type=click.Choice(["ndjson", "sqlite"]), default="ndjson", show_default=True
 )
+@click.option("--with-secrets", is_flag=True, help="Of webhooks and other executors, as they are, in ndjson.")
 def command(
-    database: str | None, data: Path | None, config: Path | None, output: Path | None, format_: str
+    database: str | None,
+    data: Path | None,
+    config: Path | None,
+    output: Path | None,
+    format_: str,
+    with_secrets: bool,
 ) -> None:
     """Write everything that is stored, while the service runs or not.
 
     ndjson can be read by `robomend import` into either kind of database; sqlite is a copy of a SQLite
     database, ready to be used in its place. Both hold hashes of API keys: keep them as safe as the database.
+    Secrets of executors are covered in ndjson, and have to be put in again after an import, unless you ask
+    for them; a copy has them all.
     """
+    from robomend.robots.configuration import covered
     from robomend.store import portable
     from robomend.store.database import Database
 
@@ -41,7 +50,7 @@ def command(
             raise InputError("--format sqlite needs --output FILE")
         portable.backup(source, output)
         return
-    lines = portable.export(source)
+    lines = portable.export(source) if with_secrets else portable.export(source, covered)
     if output is None:
         sys.stdout.writelines(lines)
         return

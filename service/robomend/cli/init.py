@@ -44,6 +44,8 @@ related: [[odom_yaw, imu_yaw]]
 rules:                        # your own: not, and, or, ->, <->, (…), forall and exists
   - "not ok(temp_cpu) -> ab(mapper)"
   # - "forall n in nodes, h in hardware where drives(n, h): not on(h) -> ab(n) or ab(h)"
+
+# act_when: "ok(parked)"      # an interlock: nothing is sent to the robot unless this is observed
 """
 
 

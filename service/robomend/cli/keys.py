@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import getpass
 import json
+import os
 from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
@@ -17,7 +19,7 @@ from robomend.errors import InputError
 if TYPE_CHECKING:
     from robomend.settings import Settings
     from robomend.store import Transaction, View
-    from robomend.store.records import ApiKey
+    from robomend.store.records import ApiKey, AuditEntry
 
 T = TypeVar("T")
 
@@ -34,6 +36,7 @@ def command() -> None:
 @click.option("--role", type=click.Choice(ROLES), required=True)
 @click.option("--robot", help="The robot's id; for the role robot, and only for it.")
 @click.option("--name", help="What the audit log calls it; by default the role and the robot.")
+@click.option("--reason", default="", help="Why; it goes to the audit log.")
 @click.option("--format", "format_", type=click.Choice(["text", "json"]), default="text", show_default=True)
 def create(
     config_file: Path | None,
@@ -42,12 +45,12 @@ def create(
     role: str,
     robot: str | None,
     name: str | None,
+    reason: str,
     format_: str,
 ) -> None:
     """Create a key and print it; it cannot be shown again."""
     from robomend.security import digest, new_key
     from robomend.store import api_keys
-    from robomend.store.records import AuditEntry
 
     if (role == "robot") != (robot is not None):
         raise click.UsageError("--robot goes with --role robot: a robot's key opens that robot only")
@@ -56,8 +59,8 @@ def create(
     called = name or (f"robot-{robot}" if robot else role)
 
     def add(tx: Transaction) -> ApiKey:
-        key = api_keys.add(tx, name=called, hash=digest(text), role=role, robot=robot, by="command line")
-        tx.note(AuditEntry(actor="command line", action="key.create", subject=called, robot=robot))
+        key = api_keys.add(tx, name=called, hash=digest(text), role=role, robot=robot, by=person())
+        tx.note(_entry("key.create", key, reason))
         return key
 
     key = write(settings, add)
@@ -94,10 +97,10 @@ def list_keys(config_file: Path | None, data: Path | None, database: str | None,
 @command.command("revoke")
 @settings_options
 @click.argument("key")
-def revoke(config_file: Path | None, data: Path | None, database: str | None, key: str) -> None:
+@click.option("--reason", default="", help="Why; it goes to the audit log.")
+def revoke(config_file: Path | None, data: Path | None, database: str | None, key: str, reason: str) -> None:
     """Revoke KEY, by its id or name; running services notice within two seconds."""
     from robomend.store import api_keys
-    from robomend.store.records import AuditEntry
 
     settings, _ = read_settings(config_file, data=data, database=database)
 
@@ -105,11 +108,27 @@ def revoke(config_file: Path | None, data: Path | None, database: str | None, ke
         found = [k for k in api_keys.every(tx) if k.revoked_ns is None and key in (k.id, k.name)]
         if not found:
             raise InputError(f"no key in use has the id or name {key!r}; see `robomend keys list`")
-        tx.note(AuditEntry(actor="command line", action="key.revoke", subject=found[0].name))
+        tx.note(_entry("key.revoke", found[0], reason))
         return api_keys.revoke(tx, found[0].id)
 
     gone = write(settings, revoke_it)
     click.echo(f"revoked {gone.id} ({gone.name})", err=True)
+
+
+def person() -> str:
+    """Return what the audit log calls whoever runs this command: their account on this computer."""
+    try:
+        account = getpass.getuser()
+    except (OSError, KeyError):  # an account without a name, in a container, say
+        account = str(os.getuid())
+    return f"command line ({account})"
+
+
+def _entry(action: str, key: ApiKey, reason: str) -> AuditEntry:
+    from robomend.store.records import AuditEntry
+
+    after = {"id": key.id, "role": key.role, "robot": key.robot}
+    return AuditEntry(person(), action, key.name, key.robot, reason, after=after)
 
 
 def write(settings: Settings, change: Callable[[Transaction], T]) -> T:

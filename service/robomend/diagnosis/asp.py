@@ -25,11 +25,12 @@ from typing import Any
 
 import clingo
 
-from robomend.diagnosis.base import Bad, BaseEngine, NoDiagnosis, SearchState, by_size
+from robomend.diagnosis.base import BaseEngine
 from robomend.diagnosis.observed import SignedObs, Supposed
 from robomend.diagnosis.oll import MinimumTooLarge
 from robomend.diagnosis.oracle import OutOfTime
 from robomend.diagnosis.result import Options
+from robomend.diagnosis.search import Bad, NoDiagnosis, SearchState, by_size
 from robomend.errors import OptionRefused
 from robomend.model.cnf import HealthCnf
 from robomend.resources import resource

@@ -1,64 +1,112 @@
 """Minimal conflicts: components that cannot all be healthy, and the observations and rules that say so.
 
-A SAT core over health and observation literals is a conflict, but seldom a minimal one. Deleting one literal
-at a time makes it so: first the components, with all of OBS assumed, then the observations, for those
+A SAT core over health and observation literals is a conflict, but seldom a minimal one. Leaving literals out
+makes it so (shrinking.py): first components, with all of OBS assumed, then observations, for those
 components. A conflict rests on its own observations only, so it is kept in a library and used again whenever
 they are observed again: on a robot that is diagnosed many times most conflicts are known before the search
 starts.
 
-Where all clauses are Horn, as those of a component model are, unit propagation decides whether literals
-contradict them. The search then makes its conflicts minimal by propagating from the few literals of the core,
-in time that does not grow with the model, instead of asking the solver with all of OBS for each component.
-Such a conflict is minimal for its own observations; that no other observation makes it smaller is settled at
-the end, for those that are reported (robomend.diagnosis.base).
+Where all clauses are Horn, unit propagation decides whether literals contradict them. The search then makes
+its conflicts smaller by propagating from the few literals of the core, in time that does not grow with the
+model, instead of asking the solver with all of OBS for each component. Such a conflict is minimal for its own
+observations; that no other observation makes it smaller is settled at the end, for those that are reported
+(justification.py).
 
 Sources:
     J. de Kleer, B. Williams. Diagnosing multiple faults. AIJ 32(1), 1987 (conflicts with their environment).
     W. Dowling, J. Gallier. Linear-time algorithms for testing the satisfiability of propositional Horn
     formulae. JLP 1(3), 1984.
-    J. Marques-Silva. Minimal unsatisfiability: models, algorithms and applications. ISMVL 2010 (deletion).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass
+from functools import cached_property
 
-from robomend.diagnosis.explanations import explain_conflict
-from robomend.diagnosis.masks import mask_of
-from robomend.diagnosis.observed import SignedObs, Supposed
-from robomend.diagnosis.oracle import Oracle
+from robomend.diagnosis.derivations import Derivations, Derived, TooManyEnvironments
+from robomend.diagnosis.explanations import conflict_in_words
+from robomend.diagnosis.masks import mask_of, members
+from robomend.diagnosis.observed import NOTHING_SUPPOSED, SignedObs, Supposed
+from robomend.diagnosis.oracle import Deadline, Oracle
 from robomend.diagnosis.reasons import Reasons
 from robomend.diagnosis.result import Conflict
-from robomend.model.cnf import HealthCnf
+from robomend.diagnosis.shrinking import FEW, minimised, shrunk
+from robomend.diagnosis.witnesses import Extract, Witnesses
+from robomend.model.cnf import Clause, HealthCnf
 from robomend_client.literals import Atom, Literal
 
 LIBRARY_SIZE = 20_000
+WORDS_KEPT = 20_000
+
+SHRINKING_CALLS = 256
+"""Propagations to make a conflict of a search smaller: it is as right when it is not minimal."""
+
+MINIMISING_CALLS = 1_000
+"""Questions to the solver, for the same."""
 
 
 @dataclass(slots=True)
 class Known:
-    """A minimal conflict in numbers; its words are made when they are first asked for."""
+    """A conflict in numbers; its words are made when they are first asked for."""
 
     mask: int  # bit i: component i
     components: tuple[int, ...]  # health variables, ascending
     observations: tuple[int, ...]  # signed variables
+    minimal: bool = True  # for its own observations
+    rules: tuple[int, ...] | None = None  # indices into cnf.rules; None: to be found
     words: Conflict | None = None
-    premises: frozenset[int] = field(init=False)  # the observations, to look things up in
+    under: SignedObs | None = None  # the observations all of which it is known to be minimal for
 
-    def __post_init__(self) -> None:
-        self.premises = frozenset(self.observations)
+    @classmethod
+    def of(cls, components: Iterable[int], observations: Iterable[int], minimal: bool) -> Known:
+        """Return the conflict of these health variables and signed variables."""
+        ordered = tuple(sorted(components))
+        return cls(mask_of(ordered), ordered, tuple(observations), minimal)
 
 
 class Conflicts:
     """Finds, keeps and words the minimal conflicts of one model."""
 
-    def __init__(self, cnf: HealthCnf, reasons: Reasons) -> None:
+    def __init__(self, cnf: HealthCnf, reasons: Reasons, clock: Deadline) -> None:
         self._cnf = cnf
         self._reasons = reasons
+        self._clock = clock
         self.horn = all(sum(literal > 0 for literal in clause) < 2 for clause in cnf.clauses)
         self._by_observation: dict[int, list[Known]] = {}
         self._size = 0
+        self._words: dict[tuple[int, ...], Conflict] = {}  # components, 0, observations -> in words
+
+    @cached_property
+    def _derivations(self) -> Derivations | None:
+        return Derivations(self._cnf) if Derivations.suit(self._cnf) else None
+
+    def all_of(self, observed: SignedObs, supposed: Supposed) -> list[Derived] | None:
+        """Return conflicts among which are all minimal ones, or None where they cannot be listed."""
+        if self._derivations is None:
+            return None
+        try:
+            return self._derivations.conflicts(observed, supposed, self._clock.check)
+        except TooManyEnvironments:
+            return None
+
+    def derived(self, one: Derived, oracle: Oracle, supposed: Supposed) -> Known:
+        """Return a conflict that was derived; its components are minimal, its observations are made so."""
+        assert self._derivations is not None
+        components, steps = members(one.mask), one.steps()
+        premises = steps[0].premises
+        if len(steps) > 1:
+            premises = tuple(dict.fromkeys(atom for step in steps for atom in step.premises))
+        observations = (-one.failed, *premises) if one.failed else premises
+        if supposed is NOTHING_SUPPOSED and not self._derivations.may_spare(one.mask, steps):
+            rules = (steps[0].origin,) if len(steps) == 1 else tuple(sorted({step.origin for step in steps}))
+            return Known(one.mask, components, observations, rules=rules)
+        rest, _ = shrunk(
+            [*observations, *supposed.healthy],
+            lambda some: None if oracle.propagate([*components, *some])[0] else some,
+            SHRINKING_CALLS,
+        )
+        return Known(one.mask, components, tuple(rest))
 
     def applicable(self, observed: SignedObs) -> list[Known]:
         """Return the known conflicts whose observations are all observed now, the smallest first.
@@ -71,7 +119,7 @@ class Conflicts:
         by_observation = self._by_observation
         found: list[Known] = []
         for number in by_observation.keys() & seen:
-            found += [known for known in by_observation[number] if known.premises <= seen]
+            found += [known for known in by_observation[number] if seen.issuperset(known.observations)]
         if 0 in by_observation:  # conflicts of the model alone
             found += by_observation[0]
         if len(found) > 1:
@@ -90,82 +138,131 @@ class Conflicts:
             self._size += 1
 
     def shrink(self, oracle: Oracle, core: Iterable[int], observed: SignedObs, supposed: Supposed) -> Known:
-        """Return a conflict inside a core, minimal for its own observations: enough to search with."""
+        """Return a conflict inside a core, minimal for its own observations if that takes few questions."""
         core = list(core)
         if not self.horn or oracle.propagate(core)[0]:
             return self.minimise(oracle, core, observed, supposed)
-        n = len(self._cnf.components)
-        components = [lit for lit in core if 0 < lit <= n and lit not in supposed.healthy]
-        observations = [lit for lit in core if not 0 < lit <= n or lit in supposed.healthy]
-        propagate = oracle.propagate
-        for part in (components, observations) if len(components) > 1 else (observations,):
-            rest = observations if part is components else components
-            index = 0
-            while index < len(part):
-                literal = part.pop(index)
-                if propagate(part + rest)[0]:
-                    part.insert(index, literal)
-                    index += 1
-        components.sort()
-        return Known(mask_of(components), tuple(components), tuple(observations))
+        components, observations = apart(core, len(self._cnf.components), supposed.healthy)
 
-    def minimise(self, oracle: Oracle, core: Iterable[int], observed: SignedObs, supposed: Supposed) -> Known:
-        """Return a minimal conflict inside a core. Those supposed healthy count as observations here."""
-        n = len(self._cnf.components)
-        fixed = supposed.numbers
-        fixed_set = set(fixed)
-        core = list(core)
-        components = [lit for lit in core if 0 < lit <= n and lit not in fixed_set]
-        if len(components) > 1:
-            background = [*fixed, *observed.numbers]
-            components, core = self._shrink_components(oracle, components, background, core)
-        observations = [lit for lit in core if not 0 < lit <= n or lit in fixed_set]
-        index = 0
-        while index < len(observations):
-            trial = observations[:index] + observations[index + 1 :]
-            if oracle.sat(components + trial):
-                index += 1
-            else:
-                left = set(oracle.core() or ())
-                observations = [lit for lit in trial if lit in left]
-        components.sort()
-        return Known(mask_of(components), tuple(components), tuple(observations))
+        def refute(literals: list[int]) -> list[int] | None:
+            self._clock.check()
+            return None if oracle.propagate(literals)[0] else literals
 
-    @staticmethod
-    def _shrink_components(
-        oracle: Oracle, components: list[int], background: list[int], core: list[int]
-    ) -> tuple[list[int], list[int]]:
-        """Delete components one by one, with the whole of OBS assumed; return the rest and the last core."""
-        index = 0
-        while index < len(components):
-            trial = components[:index] + components[index + 1 :]
-            if oracle.sat(trial + background):
-                index += 1
-            else:
-                core = oracle.core() or []
-                left = set(core)
-                components = [lit for lit in trial if lit in left]
-        return components, core
+        components, minimal = shrunk(components, lambda some: refute(some + observations), SHRINKING_CALLS)
+        observations, _ = shrunk(observations, lambda some: refute(components + some), SHRINKING_CALLS)
+        return Known.of(components, observations, minimal)
+
+    def minimise(
+        self,
+        oracle: Oracle,
+        core: Iterable[int],
+        observed: SignedObs,
+        supposed: Supposed,
+        needed: Collection[int] = (),
+    ) -> Known:
+        """Return a minimal conflict inside a core. Those supposed healthy count as observations here.
+
+        Nothing follows from an abnormal component of a weak fault model, so there the clauses of the core's
+        components are all that matter: a solver of those few answers in no time.
+
+        Args:
+            needed: components that are known to be needed.
+
+        Raises:
+            OutOfTime.
+        """
+        components, observations = apart(core, len(self._cnf.components), supposed.healthy)
+        if not self._cnf.weak:
+            background = [*supposed.numbers, *observed.numbers]
+            kept, rest, minimal = minimised(oracle, components, observations, background, set(needed))
+        else:
+            healthy = frozenset(components) | supposed.healthy
+            with Extract(self._clauses_of(healthy), components, self._clock, oracle.name) as extract:
+                background = extract.known((*supposed.healthy, *observed.numbers))
+                witnesses = None
+                if len(components) > FEW:
+                    fixed = frozenset(map(abs, background))
+                    witnesses = Witnesses(extract.clauses, len(components), fixed, self._clock.check)
+                kept, rest, minimal = minimised(
+                    extract.oracle,
+                    extract.known(components),
+                    extract.known(observations),
+                    background,
+                    set(extract.known(needed)),
+                    witnesses,
+                )
+                kept, rest = extract.original(kept), extract.original(rest)
+        found = Known.of(kept, rest, minimal)
+        found.under = observed
+        return found
+
+    def rough(self, core: Iterable[int], supposed: Supposed) -> Known:
+        """Return the conflict that a core is, as it is."""
+        components, observations = apart(core, len(self._cnf.components), supposed.healthy)
+        return Known.of(components, observations, minimal=False)
+
+    def _clauses_of(self, healthy: frozenset[int]) -> list[Clause]:
+        """Return the clauses of a weak fault model that say something where only these are healthy."""
+        of = self._clauses_by_component
+        found = list(of.get(0, ()))
+        for component in healthy:
+            for clause in of.get(component, ()):
+                if all(
+                    -literal in healthy for literal in clause if -len(self._cnf.components) <= literal < 0
+                ):
+                    found.append(clause)
+        return found
+
+    @cached_property
+    def _clauses_by_component(self) -> dict[int, list[Clause]]:
+        """Component -> the clauses of which it is the first component; 0: those of none."""
+        n = len(self._cnf.components)
+        found: dict[int, list[Clause]] = {}
+        for clause in self._cnf.clauses:
+            first = min((-literal for literal in clause if -n <= literal < 0), default=0)
+            found.setdefault(first, []).append(clause)
+        return found
 
     def in_words(self, known: Known, observed: SignedObs) -> Conflict:
         """Return the conflict with its observations, rules and sentence."""
-        if known.words is None:
-            cnf = self._cnf
-            # What is supposed healthy is no suspect, but a premise of the conflict, and is named with them.
-            n = len(cnf.components)
-            healthy = sorted([*known.components, *(v for v in known.observations if 0 < v <= n)])
-            names = tuple(cnf.components[variable - 1] for variable in healthy)
-            literals = tuple(
-                observed.literal(number)
-                if number in observed.seen
-                else Literal(Atom("ab", (cnf.components[-number - 1],)))
-                for number in known.observations
-                if not 0 < number <= n
-            )
+        if known.words is not None:
+            return known.words
+        key = (*known.components, 0, *known.observations)
+        words = self._words.get(key)
+        if words is None or words.minimal != known.minimal:
+            if len(self._words) >= WORDS_KEPT:
+                self._words.clear()
+            words = self._words[key] = self._told(known, observed)
+        known.words = words
+        return words
+
+    def _told(self, known: Known, observed: SignedObs) -> Conflict:
+        cnf = self._cnf
+        # What is supposed healthy is no suspect, but a premise of the conflict, and is named with them.
+        n = len(cnf.components)
+        healthy = sorted([*known.components, *(v for v in known.observations if 0 < v <= n)])
+        names = tuple([cnf.components[variable - 1] for variable in healthy])
+        literals = tuple(
+            observed.literal(number)
+            if number in observed.seen
+            else Literal(Atom("ab", (cnf.components[-number - 1],)))
+            for number in known.observations
+            if not 0 < number <= n
+        )
+        used = known.rules
+        if used is None:
             used = self._reasons.rules([*known.components, *known.observations])
-            rules = tuple(cnf.rules[index].text for index in used)
-            known.words = Conflict(names, literals, rules, explain_conflict(cnf, names, literals, rules))
-        return known.words
+        rules = tuple([cnf.rules[index].text for index in used])
+        return conflict_in_words(cnf, names, literals, rules, known.minimal)
+
+
+def apart(core: Iterable[int], n: int, healthy: Collection[int] = ()) -> tuple[list[int], list[int]]:
+    """Return the components of a core, variables 1 … n, and what it rests on: what was seen, `healthy`."""
+    components: list[int] = []
+    rest: list[int] = []
+    for literal in core:
+        (components if 0 < literal <= n and literal not in healthy else rest).append(literal)
+    return components, rest
 
 
 def _width(known: Known) -> int:

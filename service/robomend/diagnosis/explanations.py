@@ -41,6 +41,20 @@ STATES = {
 """Predicates that read as a state of their one argument: the words for the literal and its negation."""
 
 
+def conflict_in_words(
+    cnf: HealthCnf,
+    components: tuple[str, ...],
+    observations: tuple[Literal, ...],
+    rules: tuple[str, ...],
+    minimal: bool = True,
+) -> Conflict:
+    """Return a conflict with its sentence, and which observation is the unmet expectation."""
+    seen = [literal for literal in observations if literal.atom.predicate != "ab"]
+    unmet = _news(cnf, components, seen, rules) if seen else None
+    text = _sentence(cnf, components, observations, unmet)
+    return Conflict(components, observations, rules, text, unmet, minimal)
+
+
 def explain_conflict(
     cnf: HealthCnf, components: Collection[str], observations: Sequence[Literal], rules: Collection[str]
 ) -> str:
@@ -52,19 +66,24 @@ def explain_conflict(
         observations: … given these. What a what-if assumes is among them, as `ab(c)` or `not ab(c)`.
         rules: the texts of the rules that the conflict rests on.
     """
-    seen = [literal for literal in observations if literal.atom.predicate != "ab"]
+    return conflict_in_words(cnf, tuple(components), tuple(observations), tuple(rules)).text
+
+
+def _sentence(
+    cnf: HealthCnf, components: Collection[str], observations: Sequence[Literal], news: Literal | None
+) -> str:
     what_if = [literal for literal in observations if literal.atom.predicate == "ab"]
-    assumed = f"{_listed(map(_assumption, what_if))}" if what_if else ""
-    if not seen:
-        if not components:
-            because = f" when {assumed}" if assumed else ", whatever is abnormal and whatever is seen"
-            return f"the rules contradict one another{because}"
+    assumed = _listed(map(_assumption, what_if)) if what_if else ""
+    if news is None:
         because = f" when {assumed}" if assumed else ""
+        if not components:
+            return (
+                f"the rules contradict one another{because or ', whatever is abnormal and whatever is seen'}"
+            )
         return f"{_healthy(components)}, but the rules do not allow it{because}, whatever is seen"
-    news = _news(cnf, components, seen, rules)
     premises = [_healthy(components)] if components else []
     premises += [assumed] if assumed else []
-    others = [literal for literal in seen if literal != news]
+    others = [literal for literal in observations if literal != news and literal.atom.predicate != "ab"]
     premises += [_was_seen(cnf, others)] if others else []
     because = f" because {' and '.join(premises)}" if premises else " whatever is abnormal"
     subject, plural = _subject(cnf, news.atom)
@@ -99,10 +118,15 @@ def explain_diagnoses(diagnoses: Sequence[Diagnosis], conflicts: Sequence[Confli
 
 def _explained(component: str, conflicts: Sequence[Conflict]) -> str:
     hit = [conflict for conflict in conflicts if component in conflict.components]
-    seen = _distinct(literal for conflict in hit for literal in conflict.observations)
+    seen = _distinct(literal for conflict in hit for literal in _unmet(conflict))
     if seen:
         return f"explains {_listed(map(str, seen))}"
     return "resolves a conflict between the rules" if hit else "is needed by a conflict that was not listed"
+
+
+def _unmet(conflict: Conflict) -> tuple[Literal, ...]:
+    """Return what was not expected; everything that was seen where an engine does not say which."""
+    return conflict.observations if conflict.unmet is None else (conflict.unmet,)
 
 
 def clear_suspects(diagnoses: Sequence[Collection[str]], conflicts: Sequence[Conflict]) -> dict[str, str]:
@@ -209,16 +233,16 @@ def _last_net(
 ) -> Literal:
     """Return the observed net that the conflict's gates drive and read least: the end of their chain."""
     health = cnf.health
-    gates_at: dict[int, set[int]] = {}  # net -> the gates of the conflict that touch it
+    gates_at: dict[int, set[int]] = {abs(cnf.literal(literal) or 0): set() for literal in observations}
     suspects = {health[component] for component in components}
     for clause in clauses:
-        gates = suspects.intersection(map(abs, clause))
         for literal in clause:
-            gates_at.setdefault(abs(literal), set()).update(gates)
+            if abs(literal) in gates_at:
+                gates_at[abs(literal)].update(suspects.intersection(map(abs, clause)))
 
     def order(literal: Literal) -> tuple[bool, int]:
         driven = bool(literal.atom.args) and literal.atom.args[0] in health
-        return (driven, -len(gates_at.get(abs(cnf.literal(literal) or 0), ())))
+        return (driven, -len(gates_at[abs(cnf.literal(literal) or 0)]))
 
     return max(observations, key=order)
 

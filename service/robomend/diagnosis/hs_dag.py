@@ -20,10 +20,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from robomend.diagnosis.base import Bad, BaseEngine, NoDiagnosis, SearchState
+from robomend.diagnosis.base import BaseEngine
 from robomend.diagnosis.observed import SignedObs, Supposed
 from robomend.diagnosis.oll import MinimumTooLarge
 from robomend.diagnosis.result import Options
+from robomend.diagnosis.search import Bad, NoDiagnosis, SearchState
 
 Path = frozenset[int]
 
@@ -52,7 +53,7 @@ class HsDagEngine(BaseEngine):
         while level:
             too_deep = options.max_size is not None and depth > options.max_size
             if too_deep:
-                if self._any_more([*observed.numbers, *what_if.numbers], answer.found):
+                if self._consistency.any_more([*observed.numbers, *what_if.numbers], answer.found):
                     raise MinimumTooLarge
                 if not answer.found:
                     raise NoDiagnosis
@@ -80,17 +81,19 @@ class HsDagEngine(BaseEngine):
         if node.label is not None:
             return
         abnormal = node.path | what_if.abnormal
-        assumptions = [variable for variable in self._health if variable not in abnormal]
+        assumptions = [variable for variable in self._consistency.health if variable not in abnormal]
         assumptions += observed.numbers
         assumptions += [-variable for variable in what_if.abnormal]
-        if self._oracle.sat(assumptions):
+        if self._consistency.oracle.sat(assumptions):
             bad: Bad = tuple(sorted(abnormal))
             if self.cnf.modes:
-                answer.modes[bad] = self._modes_of(bad, self._oracle.model() or ())
+                answer.modes[bad] = self._consistency.modes_of(bad, self._consistency.oracle.model() or ())
             dag.diagnoses.append(node.path)
             answer.add(bad)
             return
-        known = self._conflicts.minimise(self._oracle, self._oracle.core() or (), observed, what_if)
+        known = self._conflicts.minimise(
+            self._consistency.oracle, self._consistency.oracle.core() or (), observed, what_if
+        )
         if not known.mask:
             raise NoDiagnosis
         answer.known.append(known)

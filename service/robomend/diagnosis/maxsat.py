@@ -17,11 +17,12 @@ from typing import Any
 from pysat.examples.rc2 import RC2
 from pysat.formula import WCNF
 
-from robomend.diagnosis.base import BaseEngine, NoDiagnosis, SearchState, refuse_order_of_probability
+from robomend.diagnosis.base import BaseEngine, refuse_order_of_probability
 from robomend.diagnosis.observed import SignedObs, Supposed
 from robomend.diagnosis.oll import MinimumTooLarge
 from robomend.diagnosis.oracle import Deadline
 from robomend.diagnosis.result import Options
+from robomend.diagnosis.search import NoDiagnosis, SearchState
 from robomend.errors import OptionRefused
 from robomend.model.cnf import HealthCnf
 
@@ -64,8 +65,8 @@ class MaxSatEngine(BaseEngine):
 
     def _search(self, observed: SignedObs, what_if: Supposed, options: Options, answer: SearchState) -> None:
         self._clock.check()
-        free = [v for v in self._health if v not in what_if.healthy and v not in what_if.abnormal]
-        weights = self._weights() if options.order == "probability" else [1] * len(self._health)
+        free = [v for v in self._consistency.health if v not in what_if.healthy and v not in what_if.abnormal]
+        weights = self._weights() if options.order == "probability" else [1] * len(self._consistency.health)
         formula = WCNF()
         formula.extend([list(clause) for clause in self.cnf.clauses])
         formula.extend([[number] for number in observed.numbers])
@@ -94,7 +95,7 @@ class MaxSatEngine(BaseEngine):
                     raise MinimumTooLarge
                 left_out = True  # in order of probability a smaller one may still come
             else:
-                answer.modes[bad] = self._modes_of(bad, model)
+                answer.modes[bad] = self._consistency.modes_of(bad, model)
                 answer.add(bad)
             if not abnormal:
                 return

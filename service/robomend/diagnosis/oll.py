@@ -32,8 +32,9 @@ from pysat.card import ITotalizer
 from robomend.diagnosis.oracle import Deadline, Oracle
 from robomend.model.cnf import Clause
 
-RESET_CLAUSES = 20_000
-"""Leftover clauses that are tolerated whatever the model's size."""
+RESET_CLAUSES = 500
+"""Leftover clauses that are tolerated, or twice the model's own if those are more: they slow each question
+down, and a solver is built in the time of one or two. With 20,000, c499 and c1355 took twice as long."""
 
 
 class MinimumTooLarge(Exception):

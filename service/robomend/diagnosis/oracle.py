@@ -18,7 +18,9 @@ budgets.
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from math import inf
 from time import perf_counter
 from typing import Any
 
@@ -83,13 +85,42 @@ class Deadline:
         self.deadline: float | None = None
         self.stopped = False
         self.running: Any = None  # the solver inside a long call
+        self._whole: float | None = None  # the deadline before anything was reserved
         self._lock = threading.Lock()
 
     def start(self, timeout_s: float | None) -> None:
         """Begin a call; forgets an interrupt that came while nothing ran."""
         with self._lock:
             self.stopped = False
-            self.deadline = None if timeout_s is None else perf_counter() + timeout_s
+            self.deadline = self._whole = None if timeout_s is None else perf_counter() + timeout_s
+
+    def reserve(self, seconds: float) -> None:
+        """Keep so much of the time for what comes after the search, instead of what was kept before.
+
+        Raises:
+            OutOfTime: no more than that is left.
+        """
+        if self._whole is not None:
+            self.deadline = self._whole - seconds
+        self.check()
+
+    @contextmanager
+    def at_most(self, seconds: float) -> Iterator[None]:
+        """End what is inside after so many seconds, if the deadline does not come first: by OutOfTime."""
+        before = self.deadline
+        soon = perf_counter() + seconds
+        self.deadline = soon if before is None else min(before, soon)
+        try:
+            yield
+        finally:
+            self.deadline = before
+
+    @property
+    def left_s(self) -> float:
+        """The time that is left: before something that cannot be interrupted."""
+        if self.stopped:
+            return 0.0
+        return inf if self.deadline is None else max(0.0, self.deadline - perf_counter())
 
     def stop(self) -> None:
         """Stop the running call soon, from any thread."""

@@ -37,6 +37,9 @@ from robomend.diagnosis.result import DiagnosisResult, Options
 from robomend.errors import ModelError, OptionRefused
 from robomend.model.cnf import HealthCnf
 
+STEP = 1e6
+"""Between sizes where diagnoses are listed by size first: more than the log odds of any diagnosis."""
+
 SCALE = 1 << 20
 """Log odds as integers: their sum over a hundred components is off by 5e-5 at most."""
 
@@ -173,8 +176,9 @@ def rank(result: DiagnosisResult, cnf: HealthCnf, options: Options) -> Diagnosis
         )
         if options.order == "probability":
             diagnoses = tuple(sorted(diagnoses, key=lambda diagnosis: -(diagnosis.probability or 0.0)))
-    if result.complete and options.minimal == "subset":
-        unexplored: float | None = 0.0
+    listed = result.complete and result.count in (None, len(diagnoses))
+    if listed and options.minimal == "subset" and cnf.weak:
+        unexplored: float | None = 0.0  # each state that OBS allows contains a diagnosis
     elif options.healthy or options.abnormal:
         unexplored = None  # the priors say nothing of a world that is only supposed
     else:
@@ -186,6 +190,22 @@ def rank(result: DiagnosisResult, cnf: HealthCnf, options: Options) -> Diagnosis
             components=cnf.components,
         )
     return replace(result, diagnoses=diagnoses, unexplored=unexplored)
+
+
+def size_then_odds(cnf: HealthCnf) -> Callable[[int], float]:
+    """Return what orders diagnoses, as masks, by size, and those of one size by the product of their odds.
+
+    A component without a prior is taken to be as likely broken as not.
+    """
+    costs = [
+        STEP - (log_odds(cnf.priors[component]) if component in cnf.priors else 0.0)
+        for component in cnf.components
+    ]
+
+    def cost(mask: int) -> float:
+        return fsum([costs[bit] for bit in bits(mask)])
+
+    return cost
 
 
 def by_probability(

@@ -15,17 +15,20 @@ from functools import cached_property
 
 from pysat.solvers import Solver
 
+from robomend.diagnosis.oracle import Deadline
 from robomend.model.cnf import HealthCnf
 
-CONFLICT_BUDGET = 20_000
-"""For the fallback: a refutation that takes longer is reported with the rules of the whole core."""
+SLICES = 10
+SLICE_CONFLICTS = 2_000
+"""For the fallback: a refutation that takes more is reported with the rules of the core before."""
 
 
 class Reasons:
     """Finds the rules behind contradictory literals of one model."""
 
-    def __init__(self, cnf: HealthCnf) -> None:
+    def __init__(self, cnf: HealthCnf, clock: Deadline) -> None:
         self._cnf = cnf
+        self._clock = clock
         self._solver: Solver | None = None
 
     @cached_property
@@ -45,7 +48,8 @@ class Reasons:
     def rules(self, literals: Sequence[int]) -> tuple[int, ...]:
         """Return the rules, as indices into cnf.rules, of an unsatisfiable core of SD with these literals.
 
-        Empty when they do not contradict SD, or when the fallback found no refutation within its budget.
+        Empty when they do not contradict SD, or when the fallback found no refutation within its budget or
+        the time that is left.
         """
         used = self._by_propagation(literals)
         if used is None:
@@ -107,10 +111,7 @@ class Reasons:
         solver = self._solver
         selectors = list(range(top + 1, top + 1 + count))
         refuted = False
-        while True:
-            solver.conf_budget(CONFLICT_BUDGET)
-            if solver.solve_limited(assumptions=[*literals, *selectors]) is not False:
-                break
+        while self._refutes(solver, [*literals, *selectors]):
             refuted = True
             core = [literal for literal in solver.get_core() or [] if literal > top]
             if len(core) >= len(selectors):
@@ -119,6 +120,17 @@ class Reasons:
         if not refuted:
             return ()
         return tuple(sorted(selector - top - 1 for selector in selectors))
+
+    def _refutes(self, solver: Solver, literals: list[int]) -> bool:
+        """Return whether the solver refutes the literals, within its budget and the time that is left."""
+        for _ in range(SLICES):
+            if not self._clock.left_s:
+                return False
+            solver.conf_budget(SLICE_CONFLICTS)
+            answer = solver.solve_limited(assumptions=literals)
+            if answer is not None:
+                return answer is False
+        return False
 
     def close(self) -> None:
         """Free the fallback's solver."""

@@ -28,7 +28,9 @@ class Options:
     timeout_s: float | None = 5.0
     order: Order = "size"
     conflicts: bool = True  # minimal conflicts with their rules and observations
-    # Minimal cardinality only: top-level diagnoses × replaceable cones, with the exact count.
+    # As products, with the exact count: of circuits those of minimal cardinality only, as top-level
+    # diagnoses × replaceable cones; of other models the alternatives of each part that is independent of the
+    # others.
     factored: bool = False
     healthy: frozenset[str] = frozenset()  # what-if: assumed healthy …
     abnormal: frozenset[str] = frozenset()  # … or abnormal
@@ -53,14 +55,27 @@ class Conflict:
     observations: tuple[Literal, ...]
     rules: tuple[str, ...]
     text: str  # a sentence
+    unmet: Literal | None = None  # the observation that was not expected: what an abnormal component explains
+    minimal: bool = True  # False: time or a bound did not allow to make sure that each component is needed
 
 
 @dataclass(frozen=True, slots=True)
 class Factor:
-    """In the factored form: any one of `alternatives`, itself included, may stand in for this component."""
+    """One factor of a product: a diagnosis takes one of `alternatives`, or all members of one of `sets`."""
 
-    component: str
+    component: str  # the first of them; in a circuit the top of the cone, which is always among them
     alternatives: tuple[str, ...]
+    sets: tuple[tuple[str, ...], ...] = ()
+
+    @property
+    def always(self) -> frozenset[str]:
+        """What is in each choice."""
+        return frozenset.intersection(*map(frozenset, self.choices))
+
+    @property
+    def choices(self) -> tuple[tuple[str, ...], ...]:
+        """Single components and sets alike."""
+        return (*((component,) for component in self.alternatives), *self.sets)
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,16 +89,27 @@ class DiagnosisResult:
     conflicts: tuple[Conflict, ...]
     elapsed_s: float  # the diagnosis alone, without compilation
     unused: tuple[Literal, ...] = ()  # observations that no rule mentions
+    # A row is a product of factors, and the rows have no diagnosis in common. What is here without being
+    # asked for is whole: every diagnosis, whatever the limit left out of the list.
     factored: tuple[tuple[Factor, ...], ...] = ()
-    count: int | None = None  # exact number of diagnoses asked for, where known
+    count: int | None = None  # exact number of diagnoses asked for, where known; the list may be shorter
     # Upper bound on the prior mass that was not enumerated; None without priors.
     unexplored: float | None = None
     cleared: Mapping[str, str] = field(default_factory=dict)  # healthy suspect -> why it is cleared
+    # False: there was no time, or no room, for all that the diagnoses rest on.
+    conflicts_complete: bool = True
 
     @property
     def healthy(self) -> bool:
         """OBS is what a healthy system would show."""
         return healthy(diagnosis.bad for diagnosis in self.diagnoses)
+
+    @property
+    def certain(self) -> frozenset[str]:
+        """Components that every diagnosis blames which is listed or in the factored form."""
+        blamed = [frozenset(diagnosis.bad) for diagnosis in self.diagnoses]
+        blamed += [frozenset(name for factor in row for name in factor.always) for row in self.factored]
+        return frozenset.intersection(*blamed) if blamed else frozenset()
 
     def good(self, diagnosis: Diagnosis) -> tuple[str, ...]:
         """Return COMPS without the diagnosis, in the order of COMPS."""

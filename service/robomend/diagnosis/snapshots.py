@@ -22,7 +22,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from time import perf_counter
 
-from robomend.diagnosis.base import MAX_DIAGNOSES
 from robomend.diagnosis.conflicts import Conflicts, Known
 from robomend.diagnosis.explanations import clear_suspects, explain_conflict, resolves
 from robomend.diagnosis.guided import AnyHittingSets, CheapestHittingSets
@@ -32,11 +31,15 @@ from robomend.diagnosis.observed import ObservationReader, SignedObs, Supposed, 
 from robomend.diagnosis.oracle import Deadline, Oracle, OutOfTime, solver_name
 from robomend.diagnosis.reasons import Reasons
 from robomend.diagnosis.result import Conflict, Diagnosis, DiagnosisResult, Options, StoppedBy
+from robomend.diagnosis.search import MAX_DIAGNOSES
 from robomend.errors import ContradictoryModel, OptionRefused
 from robomend.model.cnf import HealthCnf
 from robomend_client.literals import Atom, Literal
 
 DEFAULTS = Options()
+
+HEAD_START_S = 0.5
+"""For the search in any order, which mostly finds all diagnoses by then."""
 
 
 class SnapshotEngine:
@@ -47,18 +50,18 @@ class SnapshotEngine:
         self._clock = Deadline()
         self._oracle = Oracle(cnf.clauses, self._clock, solver_name(solver))
         self._reader = ObservationReader(cnf)
-        self._reasons = Reasons(cnf)
-        self._conflicts = Conflicts(cnf, self._reasons)
+        self._reasons = Reasons(cnf, self._clock)
+        self._conflicts = Conflicts(cnf, self._reasons, self._clock)
 
     def diagnose(
         self, snapshots: Iterable[Iterable[Literal]], options: Options = DEFAULTS
     ) -> DiagnosisResult:
         """Return the minimal fault sets that explain every snapshot.
 
-        With `minimal="cardinality"` or `max_size` they are searched in order of size. All subset-minimal
-        ones are found in the fastest order and sorted at the end: if that is stopped by count or time,
-        there may be smaller ones than those found. Without a limit a million ends the search, as everywhere.
-        No snapshot at all is explained by the empty diagnosis.
+        The smallest are listed where there are more than the limit. Stopped by time, there may be smaller
+        ones than those found, unless `minimal="cardinality"` or `max_size` is asked for, which are searched
+        in order of size. Without a limit a million ends the search, as everywhere. No snapshot at all is
+        explained by the empty diagnosis.
 
         Raises:
             ContradictoryModel: one snapshot contradicts SD, whatever is abnormal.
@@ -81,7 +84,7 @@ class SnapshotEngine:
         stopped = search.run(found, options, self._clock)
         if search.contradiction is not None and not what_if.healthy and not what_if.abnormal:
             raise self._contradiction(*search.contradiction)
-        masks = sorted(found, key=lambda mask: (mask.bit_count(), bits(mask)))
+        masks = sorted(found, key=lambda mask: (mask.bit_count(), bits(mask)))[: options.limit]
         blamed = [tuple(self.cnf.components[bit] for bit in bits(mask)) for mask in masks]
         told = self._justifying(masks, search.known) if options.conflicts else []
         conflicts = tuple(self._in_words(*pair) for pair in told)
@@ -94,7 +97,7 @@ class SnapshotEngine:
             conflicts=conflicts,
             elapsed_s=perf_counter() - started,
             unused=tuple(unused),
-            count=len(found) if stopped is None else None,
+            count=len(masks) if stopped is None else None,
             cleared=clear_suspects(blamed, conflicts),
         )
 
@@ -189,21 +192,25 @@ class _SnapshotSearch:
 
     def run(self, found: list[int], options: Options, clock: Deadline) -> StoppedBy | None:
         """Put the diagnoses into `found`; return why the search ended before all were found."""
-        by_size = options.minimal == "cardinality" or options.max_size is not None
-        sets: AnyHittingSets | CheapestHittingSets
-        sets = CheapestHittingSets([1] * len(self._health), clock) if by_size else AnyHittingSets(clock)
+        bounded = options.minimal == "cardinality" or options.max_size is not None
+        by_size = CheapestHittingSets([1] * len(self._health), clock)
+        any_ = AnyHittingSets(clock)
         try:
-            return self._enumerate(found, options, sets)
+            return (
+                self._in_order(found, options, by_size)
+                if bounded
+                else self._both(found, options, by_size, any_)
+            )
         except OutOfTime:
             return "time"
         except _Contradiction:
             return None
         finally:
-            sets.close()
+            by_size.close()
+            any_.close()
 
-    def _enumerate(
-        self, found: list[int], options: Options, sets: AnyHittingSets | CheapestHittingSets
-    ) -> StoppedBy | None:
+    def _in_order(self, found: list[int], options: Options, sets: CheapestHittingSets) -> StoppedBy | None:
+        """Search in order of size only, up to the size that is wanted."""
         forced = self._forced
         while (candidate := sets.next()) is not None:
             size = (candidate | forced).bit_count()
@@ -221,6 +228,44 @@ class _SnapshotSearch:
             found.append(candidate | forced)
             sets.block(candidate)
         return None
+
+    def _both(
+        self, found: list[int], options: Options, by_size: CheapestHittingSets, any_: AnyHittingSets
+    ) -> StoppedBy | None:
+        """Search in two ways by turns that share what they find.
+
+        Any minimal hitting set will do to find all diagnoses, and is found faster. But where there are too
+        many, the smallest are wanted, and by size alone the search may not come far. The first of the two
+        that is done ends it.
+        """
+        forced, most = self._forced, options.limit or MAX_DIAGNOSES
+        met: list[tuple[int, bool]] = []  # conflicts, and diagnoses (True), in the order in which they came
+        told = {True: 0, False: 0}  # how many of them `any_` and `by_size` know
+        spent = {True: -HEAD_START_S, False: 0.0}
+        while True:
+            began = perf_counter()
+            anyhow = spent[True] <= spent[False] and len(found) <= most
+            sets: AnyHittingSets | CheapestHittingSets = any_ if anyhow else by_size
+            for mask, explains in met[told[anyhow] :]:
+                if explains:
+                    sets.block(mask)
+                else:
+                    sets.hit(mask)
+            told[anyhow] = len(met)
+            candidate = sets.next()
+            if candidate is None:
+                return "limit" if len(found) > most else None
+            conflict = self.find_conflict(candidate | forced)
+            if conflict is None:
+                found.append(candidate | forced)
+                met.append((candidate, True))
+            else:
+                met.append((conflict, False))
+            spent[anyhow] += perf_counter() - began
+            if len(found) > most:
+                largest = sorted(map(int.bit_count, found))[most - 1]
+                if largest <= by_size.cost + forced.bit_count():  # none that is still to come is smaller
+                    return "limit"
 
 
 class _Contradiction(Exception):

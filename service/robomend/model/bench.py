@@ -15,6 +15,7 @@ Source of the form: F. Brglez, H. Fujiwara, ISCAS 1985; F. Brglez, D. Bryan, K. 
 from __future__ import annotations
 
 import re
+from collections import Counter, deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import product
@@ -83,6 +84,8 @@ def compile_gates(
     used = dict.fromkeys(net for gate in gates.values() for net in gate.inputs)
     nets = [*(net for net in inputs if net in used), *gates]
     wire = {net: index for index, net in enumerate(nets, len(gates) + 1)}
+    atoms = {net: _wire(net) for net in nets}
+    words = {net: str(atom) for net, atom in atoms.items()}
     last = len(gates) + len(nets)
     clauses: list[Clause] = []
     origins: list[int] = []
@@ -93,18 +96,18 @@ def compile_gates(
             gate.kind, -healthy, wire[gate.net], [wire[i] for i in gate.inputs], last, clauses
         )
         origins.extend([healthy - 1] * (len(clauses) - before))
-        rules.append(Rule(_sentence(gate), f"gate {gate.net}", gate.line))
+        rules.append(Rule(_sentence(gate, words), f"gate {gate.net}", gate.line))
     return HealthCnf(
         name=name,
         components=tuple(gates),
-        atoms=tuple(_wire(net) for net in nets),
+        atoms=tuple(atoms.values()),
         clauses=tuple(clauses),
         origins=tuple(origins),
         rules=tuple(rules),
         variables=last,
         circuit=True,
-        inputs=tuple(_wire(net) for net in inputs),
-        outputs=tuple(_wire(net) for net in outputs),
+        inputs=tuple(atoms.get(net) or _wire(net) for net in inputs),
+        outputs=tuple(atoms.get(net) or _wire(net) for net in outputs),
     )
 
 
@@ -125,12 +128,12 @@ def _gate_clauses(kind: str, ab: int, out: int, ins: list[int], last: int, claus
         clauses.append((ab, -out, *ins))
     else:
         # a net that comes twice cancels itself in a parity
-        ins = [net for net in dict.fromkeys(ins) if ins.count(net) % 2]
-        while len(ins) > DIRECT_PARITY:
+        waiting = deque(net for net, times in Counter(ins).items() if times % 2)
+        while len(waiting) > DIRECT_PARITY:
             last += 1
-            clauses.extend(_parity(ab, last, ins[: DIRECT_PARITY - 1]))
-            ins = [*ins[DIRECT_PARITY - 1 :], last]
-        clauses.extend(_parity(ab, out, ins))
+            clauses.extend(_parity(ab, last, [waiting.popleft() for _ in range(DIRECT_PARITY - 1)]))
+            waiting.append(last)
+        clauses.extend(_parity(ab, out, [*waiting]))
     return last
 
 
@@ -142,8 +145,9 @@ def _parity(ab: int, out: int, ins: list[int]) -> Iterator[Clause]:
             yield (ab, *(-wire if sign else wire for wire, sign in zip(wires, signs, strict=True)))
 
 
-def _sentence(gate: GateLine) -> str:
-    nets = [str(_wire(net)) for net in gate.inputs]
+def _sentence(gate: GateLine, words: Mapping[str, str]) -> str:
+    """Return the gate as people read it; `words` are the nets as text."""
+    nets = [words[net] for net in gate.inputs]
     if gate.kind in ("NOT", "BUF", "BUFF"):
         body = nets[0] if gate.kind != "NOT" else f"not {nets[0]}"
     else:
@@ -153,7 +157,7 @@ def _sentence(gate: GateLine) -> str:
             body = f"not ({body})"
         elif len(nets) > 1:
             body = f"({body})"
-    return f"not ab({quote(gate.net)}) -> ({_wire(gate.net)} <-> {body})"
+    return f"not ab({quote(gate.net)}) -> ({words[gate.net]} <-> {body})"
 
 
 def _read(text: str, file: str | None) -> tuple[dict[str, int], dict[str, int], dict[str, GateLine]]:
@@ -161,20 +165,28 @@ def _read(text: str, file: str | None) -> tuple[dict[str, int], dict[str, int], 
     inputs: dict[str, int] = {}
     outputs: dict[str, int] = {}
     gates: dict[str, GateLine] = {}
+    names: dict[str, str] = {}  # as written -> the name
+
+    def name_of(text: str, number: int) -> str:
+        known = names.get(text)
+        if known is None:
+            known = names[text] = _name(text, number, file)
+        return known
+
     for number, raw in enumerate(text.splitlines(), 1):
         line = raw.partition("#")[0].strip()
         if not line:
             continue
         if port := PORT.match(line):
-            net = _name(port[2], number, file)
+            net = name_of(port[2], number)
             is_input = port[1].upper() == "INPUT"
             if is_input:
                 _driven_once(net, number, inputs, gates, file)
             # some published files list an output twice: once is meant
             (inputs if is_input else outputs).setdefault(net, number)
         elif match := GATE.match(line):
-            net, kind = _name(match[1], number, file), match[2].upper()
-            sources = tuple(_name(part.strip(), number, file) for part in match[3].split(","))
+            net, kind = name_of(match[1], number), match[2].upper()
+            sources = tuple([name_of(part.strip(), number) for part in match[3].split(",")])
             if kind not in GATES:
                 raise ModelError(f"no gate is named {match[2]}; there are {', '.join(GATES)}", file, number)
             if kind in UNARY and len(sources) != 1:

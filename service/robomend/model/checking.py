@@ -22,6 +22,7 @@ def check(system: System) -> tuple[str, ...]:
         *unblamable(system),
         *excused(system),
         *unused(system),
+        *self_locking(system),
         *partial_priors(system),
     )
 
@@ -148,7 +149,7 @@ def unused(system: System) -> Iterator[str]:
             more = f" and {len(idle) - SHOWN} more" if len(idle) > SHOWN else ""
             yield f"no rule mentions {', '.join(idle[:SHOWN])}{more}: observing it says nothing"
         return
-    atoms = set(system.cnf.atoms)
+    atoms = {*system.cnf.atoms, *(() if system.act_when is None else system.act_when.atoms)}
     publishers = publishers_of(model)
     for topic in model.topics:
         if topic not in publishers and Atom("ok", (topic,)) not in atoms:
@@ -179,6 +180,23 @@ def _in_user_rules(system: System) -> set[str]:
         for literal in clause
         if abs(literal) <= len(cnf.components)
     }
+
+
+def self_locking(system: System) -> Iterator[str]:
+    """An `act_when` that speaks of what a repair itself takes away: then nothing could be repaired."""
+    model = system.parts
+    if model is None or system.act_when is None:
+        return
+    publishers = publishers_of(model)
+    for atom in system.act_when.atoms:
+        name = atom.args[-1] if atom.args else ""
+        nodes = publishers.get(name, []) if atom.predicate == "ok" else []
+        by = [node.name for node in nodes] or [name] * (atom.predicate in {"on", "running"})
+        if by:
+            yield (
+                f"act_when speaks of {atom}: while {' or '.join(by)} is broken or being repaired it may not "
+                "be observed, and then nothing is sent; observe it by other means"
+            )
 
 
 def partial_priors(system: System) -> Iterator[str]:

@@ -13,7 +13,7 @@ References:
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from robomend.errors import ModelError, UnknownComponent
 from robomend.model.cnf import Clause, HealthCnf, Rule
@@ -48,6 +48,7 @@ class Assertion:
     name: str
     text: str
     formula: Formula
+    steps: int = field(default=0, compare=False)  # that it takes, by robomend.model.budget
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,8 +116,9 @@ def extend(cnf: HealthCnf, assertions: Iterable[Assertion]) -> HealthCnf:
         return cnf
     variables = dict(cnf.atom_variable)
     first_auxiliary = len(cnf.components) + len(cnf.atoms)
-    for assertion in asserted:
-        _number(assertion.formula, cnf.health, variables)
+    formulas = [assertion.formula for assertion in asserted]
+    for formula in formulas:
+        _number(formula, cnf.health, variables)
     shift = len(variables) - len(cnf.atoms)
     modes: Mapping[str, Mapping[str, int]] = {
         component: {mode: variable + shift for mode, variable in named.items()}
@@ -127,8 +129,8 @@ def extend(cnf: HealthCnf, assertions: Iterable[Assertion]) -> HealthCnf:
         old = tuple(tuple(_shifted(lit, first_auxiliary, shift) for lit in clause) for clause in old)
     clausifier = Clausifier(_numbering(cnf.health, variables), cnf.variables + shift)
     clauses, origins, rules = list(old), list(cnf.origins), list(cnf.rules)
-    for assertion in asserted:
-        found = clausifier.clauses(assertion.formula)
+    for assertion, formula in zip(asserted, formulas, strict=True):
+        found = clausifier.clauses(formula)
         clauses.extend(found)
         origins.extend([len(rules)] * len(found))
         rules.append(Rule(assertion.text, f"assertion {assertion.name}"))
@@ -144,18 +146,21 @@ def extend(cnf: HealthCnf, assertions: Iterable[Assertion]) -> HealthCnf:
     )
 
 
+OF_WHAT_WORKS = frozenset({"scheme 1", "scheme 2", "scheme 3", "scheme 4", "scheme 5", "feed"})
+"""Sources of rules that say what a component does while it works."""
+
+
 def without_running(cnf: HealthCnf, names: Iterable[str]) -> HealthCnf:
     """Return the system description for a robot on which these components are expected to be stopped or off.
 
     A node's clause of scheme 5 (that it runs) is suspended, and a device's clause that it is on, of scheme 1
-    or of its feed; the rest of what the model says of them stays.
+    or of its feed; with them what they publish, schemes 2 to 4, so that the silence of a topic that nobody
+    else publishes blames nobody. The user's own rules, of modes and of related values stay.
     """
     stopped = {-cnf.health[name] for name in names if name in cnf.health}
     if not stopped:
         return cnf
-    suspended = {
-        index for index, rule in enumerate(cnf.rules) if rule.source in {"scheme 1", "scheme 5", "feed"}
-    }
+    suspended = {index for index, rule in enumerate(cnf.rules) if rule.source in OF_WHAT_WORKS}
     kept = [
         index
         for index, clause in enumerate(cnf.clauses)
@@ -211,12 +216,13 @@ class Clausifier:
 
     def _size(self, formula: Formula, positive: bool) -> int:
         """Return how many clauses distribution would give, or some number above a million."""
+        if isinstance(formula, Leaf):
+            return 1
         key = (formula, positive)
-        if key not in self._sizes:
+        known = self._sizes.get(key)
+        if known is None:
             conjunctive, parts = _view(formula, positive)
-            if not parts and isinstance(formula, Leaf):
-                size = 1
-            elif conjunctive:
+            if conjunctive:
                 size = sum(self._size(*part) for part in parts)
             else:
                 size = 1
@@ -224,8 +230,8 @@ class Clausifier:
                     size *= self._size(*part)
                     if size > 1_000_000:
                         break
-            self._sizes[key] = size
-        return self._sizes[key]
+            self._sizes[key] = known = size
+        return known
 
     def _distributed(self, formula: Formula, positive: bool) -> list[Clause]:
         if isinstance(formula, Leaf):

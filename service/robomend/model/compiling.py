@@ -5,9 +5,13 @@ from __future__ import annotations
 
 from itertools import zip_longest
 
+from robomend.errors import ModelError
+from robomend.model.budget import MODEL_STEPS, scheme_steps
 from robomend.model.clauses import Modes, compile_rules
 from robomend.model.cnf import Rule
 from robomend.model.components import ComponentModel, Hardware, Node
+from robomend.model.formulas import AB, Formula
+from robomend.model.interlock import Interlock
 from robomend.model.rules import Sentence, read_rules
 from robomend.model.schemes import publishers_of, schemes
 from robomend.model.system import System
@@ -15,12 +19,25 @@ from robomend.model.vocabulary import Vocabulary, for_robot
 from robomend_client.literals import Atom
 
 
-def compile_robot(model: ComponentModel, *, source: str = "", file: str | None = None) -> System:
+def compile_robot(
+    model: ComponentModel, *, source: str = "", file: str | None = None, most: int = MODEL_STEPS
+) -> System:
     """Return a checked component model, ready to use.
 
+    Args:
+        most: steps that this may take (robomend.model.budget).
+
     Raises:
-        ModelError: a rule of the user's that cannot be read, or names what the model does not have.
+        ModelError: a rule of the user's that cannot be read, or names what the model does not have; more
+            steps than that.
     """
+    spent = scheme_steps(model)
+    if spent > most:
+        raise ModelError(
+            f"the clause schemes take {spent:,} steps; at most {most:,} are taken: most are for nodes with "
+            "many devices and topics, for related values of topics with many publishers, or for fault modes",
+            file,
+        )
     rules = [
         Sentence(text, f"rule {number}", line)
         for number, (text, line) in enumerate(
@@ -34,15 +51,20 @@ def compile_robot(model: ComponentModel, *, source: str = "", file: str | None =
         for mode, texts in part.modes.items()
         for text in texts
     ]
+    act_when = [] if model.act_when is None else [Sentence(model.act_when, "act_when", model.act_when_line)]
     formulas, vocabulary, warnings = read_rules(
-        [*rules, *(sentence for _, _, sentence in mode_sentences)], vocabulary_of(model), file
+        [*rules, *(sentence for _, _, sentence in mode_sentences), *act_when],
+        vocabulary_of(model),
+        file,
+        most,
+        spent,
     )
     user = [
         (formula, Rule(rule.text, f"user rule {number}", rule.line))
         for number, (formula, rule) in enumerate(zip(formulas, rules, strict=False), start=1)
     ]
     modes = []
-    said = list(zip(mode_sentences, formulas[len(rules) :], strict=True))
+    said = list(zip(mode_sentences, formulas[len(rules) : len(rules) + len(mode_sentences)], strict=True))
     for part in parts:
         if part.modes:
             modes.append(
@@ -72,7 +94,28 @@ def compile_robot(model: ComponentModel, *, source: str = "", file: str | None =
         parts=model,
         vocabulary=vocabulary,
         warnings=(*doubtful(model), *warnings),
+        act_when=_interlock(model, formulas[-1], file) if act_when else None,
     )
+
+
+def _interlock(model: ComponentModel, formula: Formula, file: str | None) -> Interlock:
+    """Return what must be observed before anything is sent; ModelError if it is no observation."""
+    assert model.act_when is not None
+    found = Interlock(model.act_when, formula)
+    for atom in found.atoms:
+        if atom.predicate == AB:
+            raise ModelError(
+                f"act_when: {atom} is what a diagnosis decides; say what must be observed before an action",
+                file,
+                model.act_when_line,
+            )
+    if not found.atoms:
+        raise ModelError(
+            "act_when names nothing that could be observed; an example is `ok(parked)`",
+            file,
+            model.act_when_line,
+        )
+    return found
 
 
 def vocabulary_of(model: ComponentModel) -> Vocabulary:

@@ -7,6 +7,7 @@ are the whole format; docs and the starter model of `robomend init` follow them.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable
 from typing import NoReturn, TypeVar
 
@@ -20,7 +21,7 @@ from robomend_client.yaml_tree import Scalar, Sequence, Tree
 
 MODEL_KEYS = (
     "robomend", "name", "channels", "protected_channels", "hardware", "nodes", "topics", "properties",
-    "values", "related", "rules", "blame_hardware", "inputs_matter",
+    "values", "related", "rules", "act_when", "blame_hardware", "inputs_matter",
 )  # fmt: skip
 PART_KEYS = ("prior", "cost", "modes", "exhaustive_modes", "host", "protected")
 HARDWARE_KEYS = ("channel", "fed_by", "blame_hardware", *PART_KEYS)
@@ -89,6 +90,7 @@ class _Reader:
                 property_costs[key] = cost
         values = {key: self.value(key, entry, line) for key, entry, line in self.named(top, "values")}
         rules = self.optional(top, "rules", self.list_of(self.with_line)) or ()
+        act_when = self.optional(top, "act_when", self.with_line)
         model = ComponentModel(
             name=read_name or name or "model",
             hardware=hardware,
@@ -102,6 +104,8 @@ class _Reader:
             protected_channels=tuple(dict.fromkeys(protected)),
             property_costs=property_costs,
             rule_lines=tuple(line for _, line in rules),
+            act_when=None if act_when is None else act_when[0],
+            act_when_line=None if act_when is None else act_when[1],
         )
         if not model.components:
             self.fail("the model has no component: give it `hardware:` or `nodes:`", tree.line)
@@ -250,7 +254,7 @@ class _Reader:
         return self.scalar(tree, "text").text
 
     def with_line(self, tree: Tree) -> tuple[str, int]:
-        return self.scalar(tree, "a rule in quotes").text, tree.line
+        return self.scalar(tree, "a sentence in quotes").text, tree.line
 
     def name(self, tree: Tree) -> str:
         return self.checked_name(self.scalar(tree, "a name").text, tree.line)
@@ -273,7 +277,7 @@ class _Reader:
             return (self.name(tree),)
         names = self.list_of(self.name)(tree)
         if len(set(names)) < len(names):
-            twice = next(name for name in names if names.count(name) > 1)
+            twice = next(name for name, times in Counter(names).items() if times > 1)
             self.fail(f"{shown(twice)} is in the list twice", tree.line)
         return names
 

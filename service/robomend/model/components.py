@@ -84,6 +84,8 @@ class ComponentModel:
     protected_channels: tuple[int, ...] = ()  # never shut down, e.g. the one that feeds the robot's computer
     property_costs: Mapping[str, float] = field(default_factory=dict)  # of observing, in seconds
     rule_lines: tuple[int | None, ...] = ()  # parallel to rules where known
+    act_when: str | None = None  # nothing is sent to the robot unless OBS shows this sentence
+    act_when_line: int | None = None
 
     @property
     def components(self) -> tuple[str, ...]:

@@ -35,7 +35,7 @@ SHOWN = 20
 """Unlisted propositions that are warned of one by one."""
 
 SIMPLE = re.compile(r"\s*([\w./-]+)\s*(?:\(([\w\s,./-]*)\)\s*)?\Z")
-COMMA = re.compile(r",(?![^(]*\))")
+PUNCTUATION = re.compile(r"[(),]")
 WORD = re.compile(r"\w[\w.-]*\Z")
 
 
@@ -160,6 +160,20 @@ def five_key_of(cnf: HealthCnf) -> FiveKey:
     )
 
 
+def _parts(text: str) -> list[str]:
+    """Split at the commas that stand in no parentheses: those after which no `)` comes before a `(`."""
+    found: list[str] = []
+    end, inside = len(text), False
+    for match in reversed([*PUNCTUATION.finditer(text)]):
+        if match[0] != ",":
+            inside = match[0] == ")"
+        elif not inside:
+            found.append(text[match.end() : end])
+            end = match.start()
+    found.append(text[:end])
+    return found[::-1]
+
+
 class _Reading:
     """Numbers what the rules speak of: components and atoms as they come, put in order at the end."""
 
@@ -246,8 +260,8 @@ class _Reading:
             sides = text.split("->")
             if len(sides) != 2:
                 raise ModelError(f"{place} needs exactly one `->`", self.file, line)
-            left = COMMA.split(sides[0]) if sides[0].strip() else []
-            right = COMMA.split(sides[1])
+            left = _parts(sides[0]) if sides[0].strip() else []
+            right = _parts(sides[1])
         if len(right) != 1:
             raise ModelError(
                 f"{place} concludes more than one literal; write a rule for each", self.file, line

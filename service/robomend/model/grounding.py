@@ -5,8 +5,7 @@ A quantifier is a rule of encodings/grounding.lp: its variables range over sorts
 Clingo's grounder does that join. Names go in as numbers and come back as numbers: nothing that a user wrote
 becomes program text.
 
-Every bound is checked before anything grows: the candidates of one quantifier (the product of its sorts)
-and the instances of the whole sentence.
+Whoever calls has counted the steps before (robomend.model.budget): nothing grows beyond that here.
 """
 
 from __future__ import annotations
@@ -14,7 +13,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from robomend.errors import ObservationError
 from robomend.model.formulas import (
     And,
     Formula,
@@ -32,23 +30,13 @@ from robomend.model.vocabulary import Vocabulary
 from robomend.resources import resource
 from robomend_client.literals import Atom, Literal
 
-MAX_CANDIDATES = 1_000_000
-"""Combinations that the quantifiers inside one another may range over, before their guards."""
 
-MAX_INSTANCES = 100_000
-"""Instances of all quantifiers of one sentence, and leaves of the ground formula."""
-
-
-def ground(formula: Formula, vocabulary: Vocabulary, sentence: str = "") -> Formula:
-    """Return the formula without quantifiers: `forall` over nothing is true, `exists` over nothing false.
-
-    Raises:
-        ObservationError: it has more instances than any rule should.
-    """
+def ground(formula: Formula, vocabulary: Vocabulary) -> Formula:
+    """Return the formula without quantifiers: `forall` over nothing is true, `exists` over nothing false."""
     if not quantified(formula):
         return formula
-    program = _Program(vocabulary, sentence)
-    program.collect(formula, scope=(), parent=None, candidates=1)
+    program = _Program(vocabulary)
+    program.collect(formula, scope=(), parent=None)
     return _Instances(program, program.solve()).ground(formula, {})
 
 
@@ -57,35 +45,27 @@ class _Program:
     """One rule per quantifier, numbered in the order of the sentence."""
 
     vocabulary: Vocabulary
-    sentence: str
     rules: list[str] = field(default_factory=list)
     sorts: set[str] = field(default_factory=set)
     relations: set[str] = field(default_factory=set)
     names: dict[str, int] = field(default_factory=dict)
     numbers: dict[int, int] = field(default_factory=dict)  # identity of a quantifier -> its number
 
-    def collect(
-        self, formula: Formula, scope: tuple[Variable, ...], parent: int | None, candidates: int
-    ) -> None:
+    def collect(self, formula: Formula, scope: tuple[Variable, ...], parent: int | None) -> None:
         match formula:
-            case Quantified(_, variable, sort, guard, body):
-                candidates *= max(1, len(self.vocabulary.sorts[sort]))
-                if candidates > MAX_CANDIDATES:
-                    raise ObservationError(
-                        f"the quantifiers range over more than {MAX_CANDIDATES} combinations", self.sentence
-                    )
+            case Quantified(_, variable, _, guard, body):
                 number = len(self.rules)
                 self.numbers[id(formula)] = number
                 self.rules.append(self._rule(number, scope, parent, formula, guard))
-                self.collect(body, (*scope, variable), number, candidates)
+                self.collect(body, (*scope, variable), number)
             case Not(body):
-                self.collect(body, scope, parent, candidates)
+                self.collect(body, scope, parent)
             case And(parts) | Or(parts):
                 for part in parts:
-                    self.collect(part, scope, parent, candidates)
+                    self.collect(part, scope, parent)
             case Implies(left, right) | Iff(left, right):
-                self.collect(left, scope, parent, candidates)
-                self.collect(right, scope, parent, candidates)
+                self.collect(left, scope, parent)
+                self.collect(right, scope, parent)
             case _:
                 pass
 
@@ -137,9 +117,7 @@ class _Program:
         control.ground([("base", []), ("sentence", [])])
         names = list(self.names)
         found: dict[int, list[tuple[int, ...]]] = {}
-        for count, atom in enumerate(control.symbolic_atoms.by_signature("bound", 2)):
-            if count >= MAX_INSTANCES:
-                raise ObservationError(f"more than {MAX_INSTANCES} instances", self.sentence)
+        for atom in control.symbolic_atoms.by_signature("bound", 2):
             quantifier, values = atom.symbol.arguments
             found.setdefault(quantifier.number, []).append(tuple(v.number for v in values.arguments))
         return {
@@ -149,23 +127,18 @@ class _Program:
 
 
 class _Instances:
-    """Walks the formula with the values of the variables in scope, and counts what it makes."""
+    """Walks the formula with the values of the variables in scope."""
 
     def __init__(self, program: _Program, found: Mapping[int, list[tuple[str, ...]]]) -> None:
-        self.sentence = program.sentence
         self.numbers = program.numbers
         self.values: dict[tuple[int, tuple[str, ...]], list[str]] = {}  # quantifier, values around it
         for quantifier, instances in found.items():
             for values in instances:
                 self.values.setdefault((quantifier, values[:-1]), []).append(values[-1])
-        self.leaves = 0
 
     def ground(self, formula: Formula, scope: Mapping[str, str]) -> Formula:
         match formula:
             case Leaf(literal, position):
-                self.leaves += 1
-                if self.leaves > MAX_INSTANCES:
-                    raise ObservationError(f"more than {MAX_INSTANCES} instances", self.sentence, position)
                 atom = literal.atom
                 args = tuple(scope[arg] if isinstance(arg, Variable) else arg for arg in atom.args)
                 return Leaf(Literal(Atom(atom.predicate, args), literal.positive), position)

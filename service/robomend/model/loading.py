@@ -7,6 +7,7 @@ from pathlib import Path
 
 from robomend.errors import ModelError
 from robomend.model.bench import circuit
+from robomend.model.budget import MODEL_STEPS
 from robomend.model.compiling import compile_robot
 from robomend.model.component_yaml import read_model
 from robomend.model.five_key import KEYS, read_five_key, system_of
@@ -39,7 +40,12 @@ def load_model(path: str | Path, *, format: str | None = None) -> System:
 
 
 def load_text(
-    text: str, *, name: str | None = None, file: str | None = None, format: str | None = None
+    text: str,
+    *,
+    name: str | None = None,
+    file: str | None = None,
+    format: str | None = None,
+    most: int = MODEL_STEPS,
 ) -> System:
     """Return the system description in a text.
 
@@ -47,6 +53,8 @@ def load_text(
         name: of the model, where the text gives none.
         file: for the places in errors.
         format: one of FORMATS; without it the text decides.
+        most: steps that it may take (robomend.model.budget); five-key models and circuits take as many as
+            they have characters, at most.
 
     Raises:
         ModelError: with file, line and what is allowed.
@@ -60,7 +68,7 @@ def load_text(
     except YamlError as error:
         raise ModelError(error.message, file, error.line) from error
     if format == "component" or (isinstance(tree, Mapping) and "robomend" in tree.items):
-        return compile_robot(read_model(tree, name, file), source=text, file=file)
+        return compile_robot(read_model(tree, name, file), source=text, file=file, most=most)
     if format == "five-key" or (isinstance(tree, Mapping) and not tree.items.keys().isdisjoint(KEYS)):
         return system_of(read_five_key(tree, file), name=name or "model", source=text, file=file)
     raise ModelError(

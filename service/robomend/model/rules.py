@@ -10,8 +10,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import TypeVar
 
 from robomend.errors import ModelError, ObservationError, UnknownComponent
+from robomend.model.budget import MODEL_STEPS, StepCount
 from robomend.model.formulas import (
     AB,
     And,
@@ -30,6 +32,8 @@ from robomend.model.sentences import parse
 from robomend.model.vocabulary import Vocabulary
 from robomend_client.literals import Atom, Literal
 
+T = TypeVar("T")
+
 ABNORMAL = {"ab": True, "AB": True, "nab": False, "NAB": False}
 
 
@@ -43,19 +47,27 @@ class Sentence:
 
 
 def read_rules(
-    sentences: Iterable[Sentence], vocabulary: Vocabulary, file: str | None = None
+    sentences: Iterable[Sentence],
+    vocabulary: Vocabulary,
+    file: str | None = None,
+    most: int = MODEL_STEPS,
+    spent: int = 0,
 ) -> tuple[list[Formula], Vocabulary, list[str]]:
     """Return the ground formulas, the vocabulary with what they declare, and warnings.
 
+    Args:
+        most: steps that the model may take (robomend.model.budget), of which `spent` are.
+
     Raises:
-        ModelError: a sentence that cannot be read or grounded, or that names what there is not.
+        ModelError: a sentence that cannot be read, that takes too many steps, or that names what there is
+            not.
     """
     rules = list(sentences)
-    formulas = []
-    for rule in rules:
-        with_place = _in_place(rule, file)
-        formula = with_place(parse, rule.text, vocabulary.sorts, vocabulary.relations)
-        formulas.append(with_place(ground, formula, vocabulary, rule.text))
+    formulas = [
+        _in_place(rule, file, parse, rule.text, vocabulary.sorts, vocabulary.relations) for rule in rules
+    ]
+    _check_steps(rules, formulas, vocabulary, most, spent, file)
+    formulas = [ground(formula, vocabulary) for formula in formulas]
     declared = _declared(formulas, vocabulary)
     components = frozenset(vocabulary.sorts.get("components", ()))
     warnings: dict[str, None] = {}
@@ -145,11 +157,30 @@ def _with_atoms(vocabulary: Vocabulary, atoms: frozenset[Atom]) -> Vocabulary:
     )
 
 
-def _in_place(rule: Sentence, file: str | None) -> Callable[..., Formula]:
-    def call(function: Callable[..., Formula], *arguments: object) -> Formula:
-        try:
-            return function(*arguments)
-        except ObservationError as error:
-            raise ModelError(f"{rule.place}: {error}", file, rule.line) from error
+def _in_place(rule: Sentence, file: str | None, function: Callable[..., T], *arguments: object) -> T:
+    try:
+        return function(*arguments)
+    except ObservationError as error:
+        raise ModelError(f"{rule.place}: {error}", file, rule.line) from error
 
-    return call
+
+def _check_steps(
+    rules: Iterable[Sentence],
+    formulas: Iterable[Formula],
+    vocabulary: Vocabulary,
+    most: int,
+    spent: int,
+    file: str | None,
+) -> None:
+    """Refuse what takes too many steps, before the first one: a rule alone, or all of them together."""
+    count = StepCount(vocabulary)
+    for rule, formula in zip(rules, formulas, strict=True):
+        steps = _in_place(rule, file, count.check, formula, most, rule.text)
+        spent += steps
+        if spent > most:
+            raise ModelError(
+                f"{rule.place}: with what is before it, the model takes {spent:,} steps; "
+                f"at most {most:,} are taken{count.remedy(formula)}",
+                file,
+                rule.line,
+            )

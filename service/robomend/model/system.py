@@ -9,9 +9,11 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from robomend.errors import UnknownComponent
-from robomend.model.clauses import Assertion, extend, without_running
+from robomend.model.clauses import Assertion
 from robomend.model.cnf import HealthCnf
 from robomend.model.components import ComponentModel
+from robomend.model.interlock import Interlock
+from robomend.model.packed import supposed
 from robomend.model.vocabulary import Vocabulary
 
 
@@ -28,12 +30,14 @@ class System:
     )  # None: a circuit or five-key model, which says nothing of what can be repaired
     vocabulary: Vocabulary
     warnings: tuple[str, ...] = ()
+    act_when: Interlock | None = None  # None: actions may be sent at any time
 
     def extended(self, assertions: Iterable[Assertion] = (), expected_stopped: Iterable[str] = ()) -> System:
         """Return the system with assertions as further rules, for a robot on which these components are
-        meant to be stopped or off; names that are no components count for nothing.
+        meant to be stopped or off; names that are no components count for nothing. What is large is left
+        packed (robomend.model.packed), for whoever diagnoses to make.
         """
-        cnf = extend(without_running(self.cnf, expected_stopped), assertions)
+        cnf = supposed(self.cnf, tuple(expected_stopped), tuple(assertions))
         return self if cnf is self.cnf else replace(self, cnf=cnf)
 
     def named(self, names: Iterable[str]) -> tuple[str, ...]:

@@ -11,13 +11,14 @@ clause in robomend.model.schemes.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import chain, islice
 
 from robomend.errors import ObservationError
 from robomend_client.literals import Atom, Literal, quote
-from robomend_client.near import did_you_mean
+from robomend_client.near import LOOKED_AT, did_you_mean
 
 Signature = tuple[str, ...]
 """The sorts of a predicate's arguments."""
@@ -114,6 +115,18 @@ class Vocabulary:
         }
         return frozenset(by_signature | {(atom.predicate, len(atom.args)) for atom in self.atoms})
 
+    @cached_property
+    def _alike(self) -> Mapping[str, dict[int, tuple[set[str], ...]]]:
+        """Each predicate, sorted; with each arity of those declared atom by atom, the names at each place."""
+        found: dict[str, dict[int, tuple[set[str], ...]]] = {
+            name: {} for name in sorted({predicate for predicate, _ in self._arities})
+        }
+        for atom in self.atoms:
+            places = found[atom.predicate].setdefault(len(atom.args), tuple(set() for _ in atom.args))
+            for names, arg in zip(places, atom.args, strict=True):
+                names.add(arg)
+        return found
+
     def _knows(self, predicate: str, args: tuple[str, ...]) -> bool:
         return (SPELLINGS.get(predicate, predicate), len(args)) in self._arities
 
@@ -123,24 +136,27 @@ class Vocabulary:
                 f"{atom} is what a diagnosis decides, not an observation; to suppose it, "
                 "assume the component healthy or abnormal"
             )
-        names = sorted({predicate for predicate, _ in self._arities})
-        if atom.predicate not in names:
+        if atom.predicate not in self._alike:
+            names = self._alike.keys()
             near = did_you_mean(atom.predicate, names, quote)
             return f"no predicate is named {quote(atom.predicate)}{near or '; known are ' + _some(names)}"
         signatures = [s for s in self.predicates.get(atom.predicate, ()) if len(s) == len(atom.args)]
-        alike = [a for a in self.atoms if a.predicate == atom.predicate and len(a.args) == len(atom.args)]
-        if not signatures and not alike:
+        alike = self._alike[atom.predicate].get(len(atom.args))
+        if not signatures and alike is None:
             arities = sorted({n for name, n in self._arities if name == atom.predicate})
             return (
                 f"{quote(atom.predicate)} takes {' or '.join(map(str, arities))} names, not {len(atom.args)}"
             )
         for index, arg in enumerate(atom.args):
             sorts = [signature[index] for signature in signatures]
-            allowed = {name for sort in sorts for name in self.sorts[sort]} | {a.args[index] for a in alike}
-            if arg not in allowed:
+            choices = [self._members[sort] for sort in sorts] + ([alike[index]] if alike else [])
+            if not any(arg in names for names in choices):
                 what = " or ".join(dict.fromkeys(_SINGULAR.get(sort, sort) for sort in sorts)) or "name"
+                # Of very many names only some are looked at: one bad sentence must not hold everybody up.
+                allowed = sorted({*islice(chain.from_iterable(choices), LOOKED_AT)})
                 near = did_you_mean(arg, allowed, quote)
-                return f"no {what} is named {quote(arg)}{near or '; declared are ' + _some(sorted(allowed))}"
+                declared = _some(allowed, count=sum(map(len, choices)))
+                return f"no {what} is named {quote(arg)}{near or '; declared are ' + declared}"
         return f"{atom} is not declared: its names do not go together"
 
     def __getstate__(self) -> dict[str, object]:
@@ -161,9 +177,10 @@ _SINGULAR = {
 }
 
 
-def _some(names: list[str], most: int = 12) -> str:
-    shown = ", ".join(map(quote, names[:most])) or "none"
-    return shown if len(names) <= most else f"{shown}, … ({len(names)} in all)"
+def _some(names: Collection[str], most: int = 12, count: int | None = None) -> str:
+    count = len(names) if count is None else count
+    shown = ", ".join(map(quote, islice(names, most))) or "none"
+    return shown if count <= most else f"{shown}, … ({count} in all)"
 
 
 def for_robot(

@@ -13,6 +13,7 @@ import re
 from typing import Literal as OneOf
 
 from robomend.errors import ObservationError
+from robomend.model.budget import ASSERTION_STEPS, StepCount
 from robomend.model.clauses import Assertion
 from robomend.model.formulas import Formula, Leaf, conjuncts
 from robomend.model.grounding import ground
@@ -22,7 +23,7 @@ from robomend.model.sentences import parse as parse_formula
 from robomend.model.vocabulary import DECIDED, Vocabulary
 from robomend_client.literals import RESERVED, Atom, Literal
 
-__all__ = ["Assertion", "Unknown", "parse", "read", "read_assertion"]
+__all__ = ["Assertion", "Unknown", "parse", "read", "read_assertion", "says_literals"]
 
 Unknown = OneOf["refuse", "keep"]
 """What to do with names that the model does not declare."""
@@ -58,30 +59,60 @@ def parse(sentence: str, vocabulary: Vocabulary, *, unknown: Unknown = "refuse")
 
 
 def read(
-    sentence: str, vocabulary: Vocabulary, *, name: str, unknown: Unknown = "refuse"
+    sentence: str,
+    vocabulary: Vocabulary,
+    *,
+    name: str,
+    unknown: Unknown = "refuse",
+    most: int = ASSERTION_STEPS,
 ) -> tuple[Literal, ...] | Assertion:
     """Return the literals of a plain sentence, or an assertion called `name` of a richer one.
 
     Raises:
-        ObservationError: as parse.
+        ObservationError: as parse and read_assertion.
+    """
+    if says_literals(sentence, vocabulary, unknown=unknown):
+        return parse(sentence, vocabulary, unknown=unknown)
+    return read_assertion(name, sentence, vocabulary, unknown=unknown, most=most)
+
+
+def says_literals(sentence: str, vocabulary: Vocabulary, *, unknown: Unknown = "refuse") -> bool:
+    """Return whether a sentence is for `parse`, and not richer than that.
+
+    Raises:
+        ObservationError: malformed.
     """
     if not isinstance(sentence, str) or sentence in vocabulary.cache[unknown == "keep"]:
-        return parse(sentence, vocabulary, unknown=unknown)
-    formula = _formula(sentence, vocabulary)
-    if conjuncts(formula) is not None:
-        return parse(sentence, vocabulary, unknown=unknown)
-    return _assertion(name, sentence, formula, vocabulary, unknown)
+        return True
+    return conjuncts(_formula(sentence, vocabulary)) is not None
 
 
 def read_assertion(
-    name: str, sentence: str, vocabulary: Vocabulary, *, unknown: Unknown = "refuse"
+    name: str,
+    sentence: str,
+    vocabulary: Vocabulary,
+    *,
+    unknown: Unknown = "refuse",
+    most: int = ASSERTION_STEPS,
 ) -> Assertion:
     """Return any sentence as an assertion: ground, its atoms canonical and declared.
 
+    Args:
+        most: steps that it may take (robomend.model.budget).
+
     Raises:
-        ObservationError: malformed, too many instances, or naming what the model does not declare.
+        ObservationError: malformed, too many steps, or naming what the model does not declare.
     """
-    return _assertion(name, sentence, _formula(sentence, vocabulary), vocabulary, unknown)
+    formula = _formula(sentence, vocabulary)
+    steps = StepCount(vocabulary).check(formula, most, sentence)
+    checked: dict[Literal, Literal] = {}  # instances repeat few literals
+
+    def leaf(found: Leaf) -> Formula:
+        if found.literal not in checked:
+            checked[found.literal] = _known(found.literal, vocabulary, unknown, sentence, found.position)
+        return Leaf(checked[found.literal], found.position)
+
+    return Assertion(name, sentence, mapped(ground(formula, vocabulary), leaf), steps)
 
 
 def _parse(sentence: str, vocabulary: Vocabulary, unknown: Unknown) -> tuple[Literal, ...]:
@@ -103,20 +134,6 @@ def _parse(sentence: str, vocabulary: Vocabulary, unknown: Unknown) -> tuple[Lit
         if -literal in literals:
             raise ObservationError(f"it says both {literal.atom} and not {literal.atom}", sentence)
     return literals
-
-
-def _assertion(
-    name: str, sentence: str, formula: Formula, vocabulary: Vocabulary, unknown: Unknown
-) -> Assertion:
-    instances = ground(formula, vocabulary, sentence)
-    checked: dict[Literal, Literal] = {}  # instances repeat few literals
-
-    def leaf(found: Leaf) -> Formula:
-        if found.literal not in checked:
-            checked[found.literal] = _known(found.literal, vocabulary, unknown, sentence, found.position)
-        return Leaf(checked[found.literal], found.position)
-
-    return Assertion(name, sentence, mapped(instances, leaf))
 
 
 def _formula(sentence: str, vocabulary: Vocabulary) -> Formula:

@@ -64,10 +64,19 @@ def question(
             if not isinstance(said, Assertion):
                 raise
             assertions.append(said)
-    return Question(_together(spoken, opposites), tuple(assertions))
+    return together(spoken, assertions, opposites)
 
 
-def _together(spoken: Sequence[Literal], opposites: Opposites) -> frozenset[Literal]:
+def together(spoken: Sequence[Literal], assertions: Iterable[Assertion], opposites: Opposites) -> Question:
+    """Return the question that literals, in their order, and assertions make.
+
+    Raises:
+        InputError: two literals contradict one another, where that is refused.
+    """
+    return Question(_held(spoken, opposites), tuple(assertions))
+
+
+def _held(spoken: Sequence[Literal], opposites: Opposites) -> frozenset[Literal]:
     # Tuples of strings are hashed in C, literals are not; mostly there is nothing to replace.
     atoms = {((atom := literal.atom).predicate, atom.args) for literal in spoken}
     if len(atoms) == len(spoken) and {predicate for predicate, _ in atoms}.isdisjoint(TRENDS):

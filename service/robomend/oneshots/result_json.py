@@ -80,15 +80,25 @@ def _json(result: DiagnosisResult, good: list[Any]) -> dict[str, Any]:
                 "observations": [str(literal) for literal in conflict.observations],
                 "rules": list(conflict.rules),
                 "text": conflict.text,
+                "unmet": None if conflict.unmet is None else str(conflict.unmet),
+                "minimal": conflict.minimal,
             }
             for conflict in result.conflicts
         ],
+        "conflicts_complete": result.conflicts_complete,
         "learned": what_was_learned(result.conflicts),
         "cleared": dict(result.cleared),
         "unused": [str(literal) for literal in result.unused],
         "unexplored": result.unexplored,
         "factored": [
-            [{"component": one.component, "alternatives": list(one.alternatives)} for one in product]
+            [
+                {
+                    "component": factor.component,
+                    "alternatives": list(factor.alternatives),
+                    "sets": [list(together) for together in factor.sets],
+                }
+                for factor in product
+            ]
             for product in result.factored
         ],
         "count": result.count,

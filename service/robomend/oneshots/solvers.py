@@ -13,6 +13,7 @@ from robomend.diagnosis.probes import Prober, ProbeResult
 from robomend.diagnosis.result import DiagnosisResult, Engine, Options
 from robomend.errors import RobomendError
 from robomend.model.cnf import HealthCnf
+from robomend.model.packed import opened
 from robomend.oneshots.warm_model import ask_engine
 from robomend.workers.pool import WorkerPool
 from robomend_client.literals import Literal
@@ -104,7 +105,8 @@ def diagnose(
             raise EngineMissing(key[0])
         while len(_warm) >= KEPT:
             _warm.popitem(last=False)[1][0].close()
-        _warm[key] = make_engine(key[1], cnf), cnf
+        whole = opened(cnf)
+        _warm[key] = make_engine(key[1], whole), whole
     _warm.move_to_end(key)
     return ask_engine(*_warm[key], literals, options)
 
@@ -114,7 +116,7 @@ def find_probes(
 ) -> ProbeResult:
     """Answer which observations are worth making; runs in a worker process."""
     result = diagnose(key, cnf, literals, options)
-    prober = Prober(cnf)
+    prober = Prober(opened(cnf))
     try:
         return prober.probes(sorted(literals), result, limit=limit, timeout_s=options.timeout_s)
     finally:

@@ -22,6 +22,7 @@ from robomend.diagnosis.snapshots import diagnose_snapshots
 from robomend.errors import OptionRefused
 from robomend.model.clauses import Assertion
 from robomend.model.cnf import HealthCnf
+from robomend.model.packed import opened
 from robomend.model.system import System
 from robomend.observations.language import Unknown
 from robomend.oneshots.question import Question, question, sentences_of, supposing
@@ -147,7 +148,7 @@ class WarmModel:
         self, asked: Question, result: DiagnosisResult, *, limit: int, timeout_s: float
     ) -> ProbeResult:
         """Return what to look at next, given the answer to a question; see Prober.probes."""
-        prober = Prober(self.system.extended(asked.assertions).cnf)
+        prober = Prober(opened(self.system.extended(asked.assertions).cnf))
         try:
             return prober.probes(sorted(asked.literals), result, limit=limit, timeout_s=timeout_s)
         finally:
@@ -164,7 +165,7 @@ class WarmModel:
             if asked.assertions:
                 raise OptionRefused(f"snapshot {number}: snapshots are literals only, nothing richer")
             snapshots.append(sorted(asked.literals))
-        return explain_snapshots(self.system.cnf, snapshots, self.engine_name, self.options)
+        return explain_snapshots(opened(self.system.cnf), snapshots, self.engine_name, self.options)
 
     def _engine(self, assertions: tuple[Assertion, ...]) -> tuple[Engine, HealthCnf]:
         found = self._engines.get(assertions)
@@ -172,7 +173,7 @@ class WarmModel:
             if len(self._engines) >= ENGINES:
                 oldest = next(key for key in self._engines if key)
                 self._engines.pop(oldest)[0].close()
-            cnf = self.system.extended(assertions).cnf
+            cnf = opened(self.system.extended(assertions).cnf)
             found = self._engines[assertions] = make_engine(self.engine_name, cnf), cnf
         return found
 

@@ -47,7 +47,8 @@ class Situation:
     def wanted(self) -> tuple[Diagnosis, ...]:
         """The diagnoses to plan for, the shared part last where there is one."""
         found = self.leading
-        shared = common_part(found)
+        certain = self.result.certain  # the leading ones may share more than all do
+        shared = tuple(name for name in common_part(found) if name in certain)
         return (*found, Diagnosis(shared)) if shared else found
 
     @property

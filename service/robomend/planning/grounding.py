@@ -22,7 +22,7 @@ Concise finite-domain representations for PDDL planning tasks. AIJ 173, 2009, fo
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sized
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Sized
 from dataclasses import dataclass, field
 
 from robomend.errors import DomainError
@@ -33,14 +33,21 @@ from robomend.planning.domain.compilation import (
     Junction,
     compile_domain,
 )
-from robomend.planning.domain.formulas import Equal, Is, Negation
-from robomend.planning.domain.values import Domain
+from robomend.planning.domain.formulas import Equal, Is, Negation, Typed
+from robomend.planning.domain.values import Domain, Schema
 from robomend.planning.policy import DARK, NODE_ACTIONS, POWER_ACTIONS
 from robomend.planning.problem import Fact, RepairProblem
 from robomend.planning.static_facts import Env, StaticFacts
 from robomend_client.literals import Atom, Literal
 
 MAX_GROUND_ACTIONS = 100_000
+
+MAX_BINDINGS = 1_000_000
+"""Of the variables of one action or quantifier, by its static guards: counted before one is made."""
+
+MAX_STEPS = 10_000_000
+"""Bindings of a whole problem: a minute. Whoever plans ends it earlier, by the clock."""
+
 MAX_ALTERNATIVES = 64
 """Disjunctive preconditions become one ground action for each alternative, up to this many."""
 
@@ -83,6 +90,7 @@ class Grounder:
     """The ground actions of one problem, made on demand."""
 
     def __init__(self, domain: Domain, problem: RepairProblem) -> None:
+        self._schema: Schema | None = None  # of the action that is being ground, for errors
         self.domain = domain
         self.problem = problem
         self._compiled = compile_domain(domain)
@@ -90,6 +98,7 @@ class Grounder:
         self._facts: list[Fact] = [()]
         self._static = StaticFacts(domain, problem)
         self._made: dict[tuple[str, tuple[str, ...]], tuple[GroundAction, ...]] = {}
+        self._steps = 0
         self.refused: dict[int, str] = {}  # fact -> an action that would achieve it, and why it is refused
         self.initial: set[int] = set()  # numbers of the atoms that hold
         for fact in sorted(problem.initial - self._static.facts):
@@ -141,7 +150,7 @@ class Grounder:
         else:
             parts = (
                 self._alternatives(formula.rest, binding)
-                for binding in self._static.bindings(formula.variables, formula.guards, env)
+                for binding in self._bindings(formula.variables, formula.guards, env)
             )
         return self._all(parts) if formula.every else self._any(parts)
 
@@ -187,6 +196,27 @@ class Grounder:
                 f"a precondition has more than {MAX_ALTERNATIVES} alternatives; split the action"
             )
 
+    def _bindings(self, variables: Typed, guards: Sequence[Is], env: Env) -> Iterator[Env]:
+        """Yield the bindings that the static guards leave.
+
+        Raises:
+            DomainError: there may be too many, or with these there are.
+        """
+        most = self._static.most_bindings(variables, guards, env)
+        if most > MAX_BINDINGS:
+            raise self._too_many(f"has variables with up to {most:,} bindings; at most {MAX_BINDINGS:,}")
+        for binding in self._static.bindings(variables, guards, env):
+            self._steps += 1
+            if self._steps > MAX_STEPS:
+                raise self._too_many(f"is ground when {MAX_STEPS:,} bindings were made; no more")
+            yield binding
+
+    def _too_many(self, what: str) -> DomainError:
+        schema = self._schema
+        name, file, line = ("", None, None) if schema is None else (schema.name, schema.file, schema.line)
+        remedy = "guard the variables with static predicates, or use fewer"
+        return DomainError(f"action {name!r} {what} are tried: {remedy}", file, line)
+
     # --- actions --------------------------------------------------------------------------------
 
     def instances(self, name: str, parameters: tuple[str, ...]) -> tuple[GroundAction, ...]:
@@ -208,6 +238,7 @@ class Grounder:
                 schema.file,
                 schema.line,
             )
+        self._schema = schema
         env = {variable: value for (variable, _), value in zip(schema.parameters, parameters, strict=True)}
         found: tuple[GroundAction, ...] = ()
         typed = all(
@@ -229,7 +260,7 @@ class Grounder:
         adds: set[int] = set()
         deletes: set[int] = set()
         for effect in compilation.effects:
-            for binding in self._static.bindings(effect.variables, effect.guards, env):
+            for binding in self._bindings(effect.variables, effect.guards, env):
                 if self._alternatives(effect.rest, binding):
                     fact = (effect.atom.predicate, *(binding.get(term, term) for term in effect.atom.terms))
                     (adds if effect.adds else deletes).add(self.number(fact))
@@ -252,7 +283,8 @@ class Grounder:
             if env is None:
                 continue
             guards = compilation.guards + effect.guards
-            for binding in self._static.bindings(variables, guards, env):
+            self._schema = compilation.schema
+            for binding in self._bindings(variables, guards, env):
                 parameters = tuple(binding[name] for name, _ in compilation.schema.parameters)
                 for action in self._instances(compilation, parameters):
                     if number not in action.effects:
@@ -263,23 +295,28 @@ class Grounder:
                         found[id(action)] = action
         return list(found.values())
 
+    def _tied(self, node: str, others: Iterable[str]) -> bool:
+        """Whether the node must restart after one of these restarts."""
+        return any(("tied", node, other) in self.problem.initial for other in others)
+
     def refusal(self, action: GroundAction) -> str | None:
         """Return why an action may not be taken, or None: it takes power or process from a protected
-        component, changes one that is set aside, or was tried in vain.
+        component or breaks one that is tied to it, changes one that is set aside, or is to be avoided.
         """
         problem = self.problem
-        if problem.avoided and str(action) in problem.avoided:
-            return "it was tried, and it did not help"
+        if problem.avoided and (why := problem.avoided.get(str(action))) is not None:
+            return why
         for number in sorted(action.effects):
             fact = self.fact(number)
             if len(fact) != 2:
                 continue
             predicate, name = fact
             if name in problem.protected and (
-                (number > 0 and predicate in DARK) or (number < 0 and predicate in GIVING)
+                (number > 0 and predicate in DARK)
+                or (number < 0 and predicate in GIVING)
+                or (number > 0 and predicate == "bad" and self._tied(name, action.parameters))
             ):
-                saved = problem.protected[name]
-                return f"{saved} is protected" if saved == name else f"{saved}, which it feeds, is protected"
+                return problem.protected[name]
             if name in problem.excluded and predicate in DARK | GIVING:
                 if name in problem.idle and action.name not in OWN_ACTIONS:
                     continue

@@ -42,7 +42,7 @@ class PlanOptions:
     expected_stopped: tuple[str, ...] = ()
     quarantined: tuple[str, ...] = ()
     protected: tuple[str, ...] = ()
-    avoided: tuple[str, ...] = ()  # ground actions, as `power_up(lidar)`, that must not be used
+    avoided: tuple[tuple[str, str], ...] = ()  # ground actions as text that must not be used, and why
     pddl: bool = False  # add the PDDL to the plan
 
 

@@ -15,6 +15,7 @@ from enum import StrEnum
 from typing import Any
 
 from robomend.planning.plan import Step
+from robomend.planning.protection import Protection
 
 HOUR_NS = 3600 * 10**9
 
@@ -72,7 +73,7 @@ class Policy:
     mode: Mode = Mode.APPROVE
     actions: Mapping[str, Mode] = field(default_factory=dict)  # stricter or laxer for single actions
     allowed: frozenset[str] | None = None  # allow-list of action names; None: every action of the domain
-    protected: frozenset[str] = frozenset()  # components that nothing shuts down or stops
+    protected: Protection = field(default_factory=dict)  # what nothing shuts down or stops
     attempts_per_hour: int = 12  # actions on one component
     rounds: int = 5  # plans within one repair, before a person is asked
     hold_s: float = 0.0  # a diagnosis must last this long before automatic repair
@@ -114,9 +115,9 @@ class Policy:
             return f"the policy for {step.name!r} is 'observe'"
         if self.allowed is not None and step.name not in self.allowed:
             return f"{step.name!r} is not on the robot's allow-list ({', '.join(sorted(self.allowed))})"
-        for component in self.harmed(step):
+        for component in sorted(self.harmed(step)):
             if component in self.protected:
-                return f"{component} is protected and is never shut down"
+                return f"{component} stays as it is: {self.protected[component]}"
         for component in step.parameters:
             if component in components and attempts.get(component, 0) >= self.attempts_per_hour:
                 return (

@@ -28,7 +28,9 @@ from dataclasses import dataclass, field
 from robomend.errors import DomainError, UnknownComponent
 from robomend.model.components import ComponentModel, Hardware, Node
 from robomend.planning.domain.values import Declared, Domain
+from robomend.planning.protection import protection
 from robomend_client.literals import Atom, Literal
+from robomend_client.near import did_you_mean
 
 Fact = tuple[str, ...]
 """A ground atom as (predicate, arguments…): cheaper to hash than Atom by far."""
@@ -46,8 +48,8 @@ class RepairProblem:
     assumed: tuple[Literal, ...] = ()  # facts of bad components that nobody observed
     excluded: tuple[str, ...] = ()  # left out of the goal, and left alone
     idle: frozenset[str] = frozenset()  # of these, those meant to be off: the user's actions may use them
-    protected: Mapping[str, str] = field(default_factory=dict)  # never shut down -> itself, or what it feeds
-    avoided: frozenset[str] = frozenset()  # ground actions, as text, that must not be used
+    protected: Mapping[str, str] = field(default_factory=dict)  # never shut down -> why
+    avoided: Mapping[str, str] = field(default_factory=dict)  # ground action as text -> why it is not used
     costs: Mapping[str, float] = field(default_factory=dict)  # factor for actions on this component
 
 
@@ -60,7 +62,7 @@ def repair_problem(
     expected_stopped: Collection[str] = (),
     quarantined: Collection[str] = (),
     protected: Collection[str] = (),
-    avoided: Collection[str] = (),
+    avoided: Iterable[tuple[str, str]] = (),
 ) -> RepairProblem:
     """Return the problem of making every component good, starting from OBS and one diagnosis.
 
@@ -71,7 +73,7 @@ def repair_problem(
             nothing but the user's own actions (a spare that stands in).
         quarantined: components that must not be tried again now: no goal, never touched.
         protected: components that nothing may shut down or stop, besides those that the model marks.
-        avoided: ground actions, as `power_up(lidar)`, that were tried, did not help and must not be used.
+        avoided: ground actions, as `power_up(lidar)`, that must not be used, each with the reason.
 
     Raises:
         UnknownComponent: a name above is no component of the model.
@@ -124,8 +126,6 @@ def repair_problem(
     _add_observed(facts, domain, objects, seen)
     excluded = tuple(name for name in components if name in aside or name in frozenset(quarantined))
     parts: dict[str, Hardware | Node] = {**model.hardware, **model.nodes}
-    marked = {name for name, part in parts.items() if part.protected}
-    marked |= {name for name, part in model.hardware.items() if part.channel in model.protected_channels}
     return RepairProblem(
         name=model.name,
         objects=objects,
@@ -135,8 +135,8 @@ def repair_problem(
         assumed=tuple(assumed),
         excluded=excluded,
         idle=aside,
-        protected=_with_feeders(model, marked | set(protected)),
-        avoided=frozenset(avoided),
+        protected=protection(model, protected),
+        avoided=dict(avoided),
         costs={name: part.cost for name, part in parts.items() if part.cost is not None},
     )
 
@@ -209,22 +209,6 @@ def _feeders(model: ComponentModel, device: Hardware) -> list[str]:
     return found
 
 
-def _with_feeders(model: ComponentModel, protected: set[str]) -> dict[str, str]:
-    """Return the protected components and all that feeds them (a feeder's shutdown is theirs too), each with
-    the one that it is protected for.
-    """
-    found = {name: name for name in sorted(protected)}
-    pending = list(found)
-    while pending:
-        name = pending.pop()
-        hardware = model.hardware.get(name)
-        for feeder in hardware.fed_by if hardware else ():
-            if feeder not in found:
-                found[feeder] = found[name]
-                pending.append(feeder)
-    return found
-
-
 def _add_objects(objects: dict[str, str], domain: Domain, components: frozenset[str]) -> None:
     """Add the user's objects and the domain's constants; one may give a component a narrower type."""
     folded: dict[str, str] = {}
@@ -261,7 +245,10 @@ def _add_facts(facts: set[Fact], domain: Domain, objects: Mapping[str, str]) -> 
             name = word if word in objects or quoted else folded.get(word, word)
             if name not in objects:
                 raise DomainError(
-                    f"{word!r} is neither a component of the model nor in (:objects …)", one.file, one.line
+                    f"{word!r} is neither a component of the model nor in (:objects …)"
+                    f"{did_you_mean(word, objects)}",
+                    one.file,
+                    one.line,
                 )
             if not domain.is_a(objects[name], wanted):
                 raise DomainError(

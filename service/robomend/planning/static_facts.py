@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
+from math import prod
 
 from robomend.planning.domain.formulas import Is, Typed
 from robomend.planning.domain.values import Domain
@@ -41,6 +42,22 @@ class StaticFacts:
             members = frozenset(name for name, own in self._objects.items() if is_a(own, kind))
             self._members[kind] = members
         return members
+
+    def most_bindings(self, variables: Typed, guards: Sequence[Is], env: Env) -> int:
+        """Return a number that the bindings do not exceed, without making one of them.
+
+        A guard has no more bindings than facts, and none of its variables more values than its type has
+        objects; what no guard binds ranges over all objects of its type.
+        """
+        kinds = {name: kind for name, kind in variables if name not in env}
+        most = 1
+        for facts, guard in sorted(
+            ((len(self._candidates(guard, env)), guard) for guard in guards), key=lambda pair: pair[0]
+        ):
+            new = [len(self.members_of(kinds.pop(term))) for term in guard.terms if term in kinds]
+            if new:
+                most *= min(facts, prod(new))
+        return most * prod(len(self.members_of(kind)) for kind in kinds.values())
 
     def bindings(self, variables: Typed, guards: Sequence[Is], env: Env) -> Iterator[Env]:
         """Yield every way to bind the variables that satisfies the static guards, extending `env`."""

@@ -1,6 +1,6 @@
 """The actions that wait for robots' agents, in the store, and who waits for what.
 
-    put ──► GET …/actions/next hands it out ──► POST …/feedback, now and then ──► POST …/result
+    put ──► POST …/actions/next hands it out ──► POST …/feedback, now and then ──► POST …/result
      │ event                                            │ event                       │ event
      └──── wakes the agent's long poll                  └─────────────────────────────┴──► wakes who put it
 
@@ -12,8 +12,9 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections import OrderedDict
-from collections.abc import Callable
+import time
+from collections import OrderedDict, deque
+from collections.abc import Callable, Collection
 from functools import partial
 from typing import Any
 
@@ -21,9 +22,10 @@ from robomend.errors import StateConflict
 from robomend.repairs.execution_values import MOST_FEEDBACK
 from robomend.repairs.states import QueueState
 from robomend.repairs.throttle import Throttle
+from robomend.robots.reporters import OURSELVES, Reporter
 from robomend.store import Store, Transaction, agent_actions, global_stop
-from robomend.store.records import AgentAction
-from robomend_client.actions import TIMED_OUT, UNREACHABLE, Action
+from robomend.store.records import AgentAction, AuditEntry
+from robomend_client.actions import TIMED_OUT, UNREACHABLE, Action, Settle
 from robomend_client.events import Event, Kind
 
 FEEDBACK_S = 1.0
@@ -32,6 +34,9 @@ FEEDBACK_S = 1.0
 REMEMBERED = 1024
 """Actions of which the latest feedback is remembered."""
 
+MOST_SETTLES = 16
+"""Of a robot: an agent that has missed more will be asked with the next one."""
+
 LOOK_AGAIN_S = 1.0
 """Events wake us; this is for an event that was lost with its database connection."""
 
@@ -39,14 +44,18 @@ LOOK_AGAIN_S = 1.0
 class AgentQueue:
     """The agents' side of one store: what waits for whom, and who waits for what. One per instance."""
 
-    def __init__(self, store: Store) -> None:
+    def __init__(self, store: Store, stopped: Callable[[], bool] = lambda: False) -> None:
+        """`stopped` tells whether the global stop is in force here, also before it is on disk."""
         self._store = store
+        self._stopped = stopped
         self._changed: dict[str, asyncio.Event] = {}  # robot -> something about its actions changed
         self._end: Callable[[], None] | None = None
         self._ending = False
         self.said: OrderedDict[str, tuple[int, str]] = OrderedDict()  # action -> its latest feedback, told
         self._coming: dict[str, tuple[int, str]] = {}  # … and one that is not told yet
+        self.asked: dict[str, dict[str | None, float]] = {}  # robot -> host -> when its agent asked for work
         self._telling = Throttle(FEEDBACK_S, self._tell)
+        self._settles: dict[str, deque[Settle]] = {}  # robot -> the latest
 
     def start(self) -> None:
         """Follow the store's events, whichever instance wrote them."""
@@ -71,6 +80,10 @@ class AgentQueue:
                 if waiting is not None:
                     waiting.set()
                 said = event.data.get("feedback")
+                anew = event.data.get("settle")
+                if anew is not None:
+                    latest = self._settles.setdefault(event.robot, deque(maxlen=MOST_SETTLES))
+                    latest.append(Settle(anew["n"], tuple(anew["atoms"])))
                 if said is not None and "repair" not in event.data:
                     self.said[event.data["id"]] = (said["code"], said["message"])
                     while len(self.said) > REMEMBERED:
@@ -79,6 +92,12 @@ class AgentQueue:
     def watch(self, robot: str) -> asyncio.Event:
         """Return what will be set at the next change of the robot's actions: watch first, then look."""
         return self._changed.setdefault(robot, asyncio.Event())
+
+    def settle(self, robot: str, after: int | None, atoms: Collection[str]) -> Settle | None:
+        """Return what an agent that observes these atoms is to judge anew, `after` the number it acted on."""
+        due = [one for one in self._settles.get(robot, ()) if after is None or one.n > after]
+        wanted = sorted({atom for one in due for atom in one.atoms}.intersection(atoms))
+        return Settle(due[-1].n, tuple(wanted)) if wanted else None
 
     async def put(self, robot: str, host: str | None, action: Action) -> AgentAction:
         """Queue an action for the agent on `host` (None: any of the robot's)."""
@@ -102,20 +121,54 @@ class AgentQueue:
         """Return an action as it is now. NotFound."""
         return await self._store.read(agent_actions.get, action_id)
 
-    async def take(self, robot: str, host: str | None, wait_s: float) -> AgentAction | None:
-        """Hand out the next action for an agent, waiting up to `wait_s`."""
+    async def take(
+        self,
+        robot: str,
+        host: str | None,
+        wait_s: float,
+        by: Reporter = OURSELVES,
+        anew: Callable[[], Settle | None] = lambda: None,
+        interlocked: Callable[[], object] = lambda: None,
+        *,
+        agent: str | None = None,
+        can: Collection[str] | None = None,
+    ) -> AgentAction | None:
+        """Hand out the next action that an agent can do (None: anything), waiting up to `wait_s`; nothing, at
+        once, if `anew` has news; no action while it is interlocked.
+        """
+        take = partial(self._take, robot, host, agent or host or "agent", can, by)
         deadline = asyncio.get_running_loop().time() + wait_s
         while True:
+            self.asked.setdefault(robot, {})[host] = time.monotonic()
             change = self.watch(robot)
             queued = await self._store.read(agent_actions.waiting, robot)
-            if any(a.host is None or host is None or a.host == host for a in queued if not a.answered):
-                taken = await self._store.write(partial(_take, robot, host), robots=(robot,))
+            mine = any(agent_actions.meant_for(a, host, can) for a in queued if not a.answered)
+            if mine and interlocked() is None:
+                taken = await self._store.write(take, robots=(robot,))
                 if taken is not None:
                     return taken
             left = deadline - asyncio.get_running_loop().time()
-            if left <= 0 or self._ending:
+            if left <= 0 or self._ending or anew() is not None:
                 return None
             await wait_for(change, min(left, 5 * LOOK_AGAIN_S))
+
+    def _take(
+        self,
+        robot: str,
+        host: str | None,
+        agent: str,
+        can: Collection[str] | None,
+        by: Reporter,
+        tx: Transaction,
+    ) -> AgentAction | None:
+        """Hand out an action, but none while the global stop is active: its owner withdraws what waits."""
+        if self._stopped() or global_stop.hold(tx).active:
+            return None
+        waiting = {action.id for action in agent_actions.waiting(tx, robot) if action.taken_by is None}
+        taken = agent_actions.take(tx, robot, host=host, agent=agent, can=can)
+        if taken is not None and taken.id in waiting:  # else it has been told that it was taken
+            tx.note(_noted(taken, by, "action.taken"))
+        return taken
 
     async def feedback(self, action_id: str, code: int, message: str) -> None:
         """Note how far an action is; StateConflict after the result, also when that is a cancellation.
@@ -138,13 +191,16 @@ class AgentQueue:
             with contextlib.suppress(StateConflict):  # the result was faster
                 await self._store.write(partial(_answer, action_id, said))
 
-    async def finish(self, action_id: str, code: int, message: str) -> AgentAction:
-        """Keep the agent's result; a second one gets the first."""
+    async def finish(self, action_id: str, code: int, message: str, by: Reporter = OURSELVES) -> AgentAction:
+        """Keep the agent's result; a second one gets the first. Its message says who gave it in its place."""
+        said = message if by.own else f"{message} (said by {by.name} in the robot's place)".lstrip()
 
         def finish(tx: Transaction) -> AgentAction:
             first = agent_actions.get(tx, action_id).code is None
-            action = agent_actions.finish(tx, action_id, code, message)
+            action = agent_actions.finish(tx, action_id, code, said)
             if first:
+                if by is not OURSELVES:
+                    tx.note(_noted(action, by, "action.reported", message))
                 tx.emit(Kind.ACTION, action.robot, describe(action))
             return action
 
@@ -165,11 +221,12 @@ class AgentQueue:
         return await self._store.write(take_back)
 
 
-def _take(robot: str, host: str | None, tx: Transaction) -> AgentAction | None:
-    """Hand out an action, but none while the global stop is active: its owner withdraws what waits."""
-    if global_stop.hold(tx).active:
-        return None
-    return agent_actions.take(tx, robot, host=host, agent=host or "agent")
+def _noted(action: AgentAction, by: Reporter, what: str, message: str = "") -> AuditEntry:
+    """Return the entry of the audit log about an action that an agent takes or reports."""
+    after = {"action": action.id, "host": action.host, "result": action.code}
+    after["in_place_of_the_robot"] = not by.own
+    text = f"{action.name}({', '.join(action.parameters)})"
+    return AuditEntry(by.name, what, text, action.robot, message, after=after)
 
 
 def _answer(action_id: str, said: tuple[int, str], tx: Transaction) -> None:

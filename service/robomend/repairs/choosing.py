@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -23,15 +23,17 @@ from robomend.oneshots.plan_json import choice_json
 from robomend.oneshots.question import given_diagnosis
 from robomend.planning.advice import Situation
 from robomend.planning.choice import Choice, Patience
-from robomend.planning.domain.loading import load_domain
 from robomend.planning.plan import Plan
 from robomend.planning.planner_pool import PlannerPool
 from robomend.planning.planning import PlanOptions
 from robomend.planning.policy import HOUR_NS, NODE_ACTIONS, POWER_ACTIONS, Policy
+from robomend.repairs.left_off import NOTHING, LeftOff, unknown
 from robomend.repairs.remembering import Remembered, remembered
-from robomend.robots.configuration import policy_of
+from robomend.robots.configuration import policy_of, protected_of
+from robomend.robots.readers import Readers
 from robomend.robots.robot import Robot
 from robomend.store import Store, attempts
+from robomend_client.literals import Literal
 
 PLAN_TIMEOUT_S = 10.0
 """For the plans of all leading diagnoses together."""
@@ -44,34 +46,34 @@ class Chooser:
     """One per instance; knows no robot, everything comes with the call."""
 
     def __init__(
-        self, store: Store, planners: PlannerPool, one_shots: OneShots, patience: Patience | None = None
+        self,
+        store: Store,
+        planners: PlannerPool,
+        one_shots: OneShots,
+        readers: Readers,
+        patience: Patience | None = None,
     ) -> None:
         self._store = store
+        self._readers = readers
         self._planners = planners
         self._one_shots = one_shots
         self.patience = patience or Patience()
 
     def policy(self, state: Robot) -> Policy:
         """Return the robot's policy, with what the model and its board protect."""
-        parts = state.system.parts
-        protected: set[str] = set()
-        if parts is not None:
-            protected = {hardware.name for hardware in parts.hardware.values() if hardware.protected}
-            protected |= {node.name for node in parts.nodes.values() if node.protected}
-            if state.config.board is not None:
-                guarded = frozenset(state.config.board.protected)
-                protected |= {h.name for h in parts.hardware.values() if h.channel in guarded}
-        return policy_of(state.config, protected)
+        return policy_of(state.config, state.system.parts)
 
-    def actions(self, state: Robot) -> tuple[str, ...]:
+    async def actions(self, state: Robot) -> tuple[str, ...]:
         """Return the action names of the robot's repair domain."""
-        return tuple(load_domain(state.config.domain).schemas)
+        return await self._readers.actions(state.config.domain)
 
-    def not_idempotent(self, state: Robot) -> frozenset[str]:
-        """Return the actions that must not be sent twice: the user's own, unless they say otherwise."""
+    def not_idempotent(self, state: Robot, actions: Iterable[str]) -> frozenset[str]:
+        """Return those of the actions that must not be sent twice: the user's own, unless they say
+        otherwise.
+        """
         return frozenset(
             name
-            for name in self.actions(state)
+            for name in actions
             if name not in POWER_ACTIONS | NODE_ACTIONS
             and not (state.config.actions.get(name) or {}).get("idempotent")
         )
@@ -85,12 +87,23 @@ class Chooser:
         since = time.time_ns() - HOUR_NS
         return await self._store.read(attempts.counted, robot, since)
 
-    async def choose_in_turn(self, state: Robot, result: DiagnosisResult, *, looks: bool) -> Choice:
+    async def choose_in_turn(
+        self,
+        state: Robot,
+        result: DiagnosisResult,
+        *,
+        looks: bool,
+        literals: Iterable[Literal] | None = None,
+        avoided: tuple[tuple[str, str], ...] = (),
+        left_off: LeftOff = NOTHING,
+    ) -> Choice:
         """Choose; where the planners are busy with other robots, wait for a turn, but not for ever."""
         deadline, pause_s = time.monotonic() + BUSY_S, 0.2
         while True:
             try:
-                return await self.choose(state, result, looks=looks)
+                return await self.choose(
+                    state, result, looks=looks, literals=literals, avoided=avoided, left_off=left_off
+                )
             except Overloaded:
                 if time.monotonic() >= deadline:
                     raise
@@ -103,16 +116,22 @@ class Chooser:
         result: DiagnosisResult,
         *,
         looks: bool,
+        avoided: tuple[tuple[str, str], ...] = (),
+        left_off: LeftOff = NOTHING,
         planner: str | None = None,
         timeout_s: float = PLAN_TIMEOUT_S,
         pddl: bool = False,
         permitted: bool = True,
+        literals: Iterable[Literal] | None = None,
     ) -> Choice:
         """Plan for the leading diagnoses and return what to do first.
 
         Args:
             looks: whether somebody can be asked to look first.
+            avoided: actions as text that must not be used, each with the reason.
+            left_off: what a repair switched off or stopped, to be brought back, in quarantine or not.
             permitted: whether only what the policy allows comes into question.
+            literals: what is observed; by default what is known now and confirmed.
 
         Raises:
             Refused: the model does not say what can be repaired.
@@ -122,7 +141,7 @@ class Chooser:
         memory = await self.remembered(state.id)
         situation = Situation(
             parts,
-            state.literals(),
+            (*(state.sight.literals() if literals is None else literals), *unknown(state, left_off)),
             result,
             memory.tried,
             now_ns=time.time_ns(),
@@ -134,8 +153,11 @@ class Chooser:
             timeout_s=timeout_s,
             domain=state.config.domain,
             expected_stopped=state.config.expected_stopped,
-            quarantined=tuple(name for name in memory.quarantined if name in parts.components),
-            protected=tuple(policy.protected & set(parts.components)),
+            quarantined=tuple(
+                name for name in memory.quarantined if name in parts.components and name not in left_off
+            ),
+            protected=protected_of(state.config, parts),
+            avoided=avoided,
             pddl=pddl,
         )
         plans = await self._plans(situation, options, memory.useless)
@@ -158,7 +180,8 @@ class Chooser:
         for position, diagnosis in enumerate(situation.leading):
             in_vain = useless.get(frozenset(diagnosis.bad))
             if in_vain:
-                other = replace(options, avoided=tuple(sorted(in_vain)))
+                vain = tuple((text, "it was tried, and it did not help") for text in sorted(in_vain))
+                other = replace(options, avoided=(*vain, *options.avoided))
                 [way] = await self._planners.plans(
                     situation.model, situation.observed, [diagnosis.bad], other
                 )

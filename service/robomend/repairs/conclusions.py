@@ -8,13 +8,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 
-from robomend.cycle import Turn, Verdict
+from robomend.cycle import Turn, TurnOutcome
 from robomend.errors import InputError, RobomendError
 from robomend.repairs.execution_values import Ending
 from robomend.repairs.record import Json
 from robomend.repairs.signals import NO_REASON, Halted, Signals
 from robomend.repairs.states import RepairTrigger
 from robomend.robots.robot import Robot
+from robomend_client.literals import Atom
 
 BadSets = frozenset[tuple[str, ...]]
 """The diagnoses' bad sets: what a repair gave up on is not tried again until they change."""
@@ -58,14 +59,27 @@ def nobodys_fault(state: Robot) -> str:
     seen = sorted(str(literal) for literal in literals if not literal.positive)
     if not seen:
         return ""
-    more = f" and {len(seen) - NAMED} more" if len(seen) > NAMED else ""
-    return f"; {', '.join(seen[:NAMED])}{more}: still seen, and the model blames nobody for it"
+    return f"; {named(seen)}: still seen, and the model blames nobody for it"
+
+
+def named(what: Sequence[object]) -> str:
+    """Return a list as a reason shows it: the first few, and how many more."""
+    more = f" and {len(what) - NAMED} more" if len(what) > NAMED else ""
+    return ", ".join(map(str, what[:NAMED])) + more
+
+
+def unconfirmed(atoms: Sequence[Atom]) -> str:
+    """Return the reason of a repair after which nobody spoke of these, who would if they were not well."""
+    return (
+        f"repaired, unconfirmed: {named(atoms)} stood before the last act, and nobody has said otherwise "
+        "since; who observes it speaks on change only"
+    )
 
 
 def in_doubt(last: Turn) -> str | None:
     """Return why a person must look: what must not be repeated was sent, and nobody knows if it acted."""
     done = last.execution
-    if last.verdict is not Verdict.ASK or done is None or done.ending is not Ending.UNKNOWN_OUTCOME:
+    if last.outcome is not TurnOutcome.ASK or done is None or done.ending is not Ending.UNKNOWN_OUTCOME:
         return None
     return done.reason
 
@@ -74,15 +88,15 @@ def conclusion(last: Turn, signals: Signals, written: Json) -> tuple[RepairTrigg
     """Return what ends a repair and the reason, from its last turn and what is written of it."""
     rounds = [one for one in written.get("rounds", ()) if one.get("ending") and not one.get("helped")]
     why = last.execution.reason if last.execution is not None else ""
-    match last.verdict:
-        case Verdict.HEALTHY:
+    match last.outcome:
+        case TurnOutcome.HEALTHY:
             return RepairTrigger.HEALTHY, "every observation is what a healthy robot would show"
-        case Verdict.HALTED | Verdict.NOT_APPROVED:
+        case TurnOutcome.HALTED | TurnOutcome.NOT_APPROVED:
             return RepairTrigger.HALTED, signals.reason or why or NO_REASON
-        case Verdict.NOTHING_TO_TRY:
+        case TurnOutcome.NOTHING_TO_TRY:
             assert last.choice is not None
             return RepairTrigger.NEEDS_PERSON, f"{_tried(rounds)}{last.choice.reason}"
-        case Verdict.ASK:
+        case TurnOutcome.ASK:
             return RepairTrigger.NEEDS_PERSON, why
         case _:
             return RepairTrigger.NEEDS_PERSON, (

@@ -177,7 +177,7 @@ class _Run:
             if attempt:
                 await asyncio.sleep(timing.backoff_s * 2 ** (attempt - 1))
                 await self._check_permitted(step)
-                if self._looking.visible(step):
+                if self._looking.visible(step) or self._setting.again(step) is not None:
                     break
             result = await self._send(step, attempt, timing)
             if result.ok or result.code == REFUSED:
@@ -206,6 +206,9 @@ class _Run:
         if self._setting.halt.is_set():  # the stop may have come while the intent went to disk
             await self._not_sent(step, action)
             raise _Stop(Ending.HALTED, "stopped before the plan was done")
+        if (why := self._setting.interlocked()) is not None:
+            await self._not_sent(step, action, why)
+            raise _Stop(Ending.NOT_PERMITTED, f"{step}: {why}")
 
         feedback = partial(self._reporting.feedback, step)
         try:
@@ -240,8 +243,8 @@ class _Run:
                 await self._not_sent(step, action)
             raise
 
-    async def _not_sent(self, step: Step, action: Action) -> None:
-        refused = ActionResult(REFUSED, "stopped before it was sent")
+    async def _not_sent(self, step: Step, action: Action, why: str = "stopped before it was sent") -> None:
+        refused = ActionResult(REFUSED, why)
         report = self._reporting.note(step, StepTrigger.WENT_WRONG, result=refused, sent_ns=None)
         await self._setting.journal.settle(action, refused, report)
 

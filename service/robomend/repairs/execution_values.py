@@ -30,7 +30,7 @@ MAY_HAVE_ACTED = frozenset({TIMED_OUT, CANCELLED})
 """Results after which nobody knows whether the action acted."""
 
 
-class Sight(Protocol):
+class FreshObs(Protocol):
     """OBS as the execution sees it: only what is fresh."""
 
     @property
@@ -39,7 +39,17 @@ class Sight(Protocol):
         ...
 
     def value(self, atom: Atom) -> bool | None:
-        """Return whether the atom is observed to hold; None: nobody knows, or the observation is stale."""
+        """Return whether the atom is observed to hold; None: nobody knows, the observation is stale, or it is
+        from before an act that may have changed it.
+        """
+        ...
+
+    def reported(self, atom: Atom) -> bool:
+        """Return whether somebody reports the atom, be it from before an act."""
+        ...
+
+    def settling_s(self, atom: Atom) -> float:
+        """Return how long its observers may need to say anew what they say of the atom; 0: they did."""
         ...
 
     async def changed(self, revision: int, timeout_s: float) -> int:
@@ -151,12 +161,14 @@ class Setting:
 
     repair: str  # the repair's id; actions are called `repair:step`
     first_step: int  # number of this plan's first step within the repair
-    sight: Sight
+    sight: FreshObs
     prediction: Prediction
     executors: Mapping[str, Executor]  # action name -> who carries it out
     journal: Journal
     permit: Callable[[Step], Awaitable[str | None]]  # None, or why not
     halt: asyncio.Event  # set by cancel and by the global stop
+    interlocked: Callable[[], str | None]  # asked right before an action is sent: None, or why it is not
+    again: Callable[[Step], str | None]  # asked before a failed action is sent again: None, or why not
     observed: frozenset[Atom]  # atoms that some observer of this robot reports
     timing: Mapping[str, Timing] = field(default_factory=dict)
     default_timing: Timing = Timing()

@@ -6,7 +6,6 @@ import time
 from collections.abc import Iterable
 from functools import partial
 
-from robomend.observations.language import parse
 from robomend.observations.obs import consequences
 from robomend.repairs.conclusions import Silent
 from robomend.repairs.record import RepairRecord
@@ -36,11 +35,7 @@ class Hearing:
         since: int | None,
     ) -> None:
         """`since`: after a crash, the revision of OBS up to which observations do not count; else None."""
-        self.observed = frozenset(
-            literal.atom
-            for sentence in state.config.observed
-            for literal in parse(sentence, state.system.vocabulary)
-        )
+        self.observed = state.sight.observed
         self._anew = since is not None  # what was reported before does not count, until all were heard
         self._store = store
         self._robots = robots
@@ -94,7 +89,7 @@ class Hearing:
         """Return the configured atoms that are unknown or, after a crash, were not reported since."""
         if self._anew:
             await self._hear_since()
-        silent = {atom for atom in self.observed if self._state.value(atom) is None}
+        silent = {atom for atom in self.observed if not self._state.sight.reported(atom)}
         if self._anew:
             board = (await self._robots.board(self._state.id)) if self._state.config.board else None
             silent |= {

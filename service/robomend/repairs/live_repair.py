@@ -7,32 +7,36 @@ itself keeps nothing: after a crash a new one is made from the store and fresh O
 from __future__ import annotations
 
 import time
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from functools import partial
 
 from robomend.cycle import stands_no_more
 from robomend.diagnosis.result import DiagnosisResult
 from robomend.planning.choice import Choice
-from robomend.planning.plan import Plan, Step
-from robomend.planning.policy import Mode, Policy
+from robomend.planning.plan import Plan
 from robomend.planning.prediction import Prediction, theory_of
+from robomend.repairs.acts import Acts
+from robomend.repairs.calm import Calm
 from robomend.repairs.choosing import Chooser
-from robomend.repairs.conclusions import NotPermitted, Overtaken, Silent
+from robomend.repairs.conclusions import Silent
+from robomend.repairs.confirming import Confirming
 from robomend.repairs.execution_values import Ending, Execution, Setting, StepReport, Timing, timings
 from robomend.repairs.hearing import LOOK_S, Hearing
-from robomend.repairs.record import RepairRecord, approval
+from robomend.repairs.permission import Permission
+from robomend.repairs.record import RepairRecord
 from robomend.repairs.remembering import judged
 from robomend.repairs.signals import Signals
 from robomend.repairs.states import RepairTrigger
 from robomend.robots.robot import Robot
 from robomend.robots.robots import Robots
 from robomend.store import Store
-from robomend_client.actions import Action, ActionResult, Executor
+from robomend_client.actions import Executor
+from robomend_client.literals import Literal
 
 
 class LiveRepair:
-    """See the module; implements robomend.cycle.Repair, and the journal of its executions."""
+    """See the module; implements robomend.cycle.Repair."""
 
     def __init__(
         self,
@@ -44,6 +48,7 @@ class LiveRepair:
         executors: Mapping[str, Executor],
         signals: Signals,
         heard_since: int | None,
+        acts: Acts,
     ) -> None:
         """`heard_since`: after a crash, the revision of OBS up to which observations do not count."""
         self._robots = robots
@@ -51,19 +56,19 @@ class LiveRepair:
         self._state = state
         self._record = record
         self._executors = executors
+        self._acts = acts
         self._signals = signals
         self._hearing = Hearing(store, robots, state, record, signals, heard_since)
+        bounds = timings(state.config.actions, ())
+        start_up_s = max([Timing().effect_timeout_s, *(b.effect_timeout_s for b in bounds.values())])
+        about = (state, record, signals, self._hearing.observed, self._newest)
+        self._confirming = Confirming(*about, start_up_s)
+        self._calm = Calm(*about, partial(robots.diagnosing.of, state), self._would_choose, start_up_s)
         # A crash does not give a repair new rounds, but it may always finish.
-        self.rounds = max(1, self._policy.rounds - len(record.data.get("rounds", ())))
-        self._components = frozenset(state.system.cnf.components)
-        self._settled = 0  # the revision of OBS when the last action had answered
+        acts.influences = self._confirming.acted
+        self.rounds = max(1, chooser.policy(state).rounds - len(record.data.get("rounds", ())))
+        self._permission = Permission(state, record, signals, chooser, acts, self._newest)
         self._first = 0  # number of the present round's first step within the repair
-        self._attempts: Counter[str] = Counter()  # actions by component in the last hour
-
-    @property
-    def _policy(self) -> Policy:
-        """The policy as it is configured now: a change counts from the next action on."""
-        return self._chooser.policy(self._state)
 
     # --- diagnose
 
@@ -72,6 +77,9 @@ class LiveRepair:
         if await self._hearing.hear_all():
             await self._record.update(RepairTrigger.HEARD, waiting_for=[])
         result = await self._newest()
+        if result.healthy:
+            result = await self._confirming.healthy(result)
+        result = await self._calm.settled(result)
         wanted = self._record.data.get("wanted")
         if wanted and not result.healthy and not self._record.data.get("rounds"):
             named = tuple(d for d in result.diagnoses if set(d.bad) == set(wanted))
@@ -81,7 +89,11 @@ class LiveRepair:
 
     async def _newest(self) -> DiagnosisResult:
         """Return the diagnosis of OBS as it is now; the fault, if there is none, is raised."""
-        return await self._signals.unless_halted(self._robots.waiting.result(self._state))
+        result = await self._signals.unless_halted(self._robots.waiting.result(self._state))
+        if not self._state.sight.not_confirmed():
+            return result
+        confirmed = self._robots.diagnosing.of(self._state, self._state.sight.literals())
+        return await self._signals.unless_halted(confirmed)
 
     # --- choose
 
@@ -97,7 +109,7 @@ class LiveRepair:
                 probe={"atom": str(atom)},
             )
             deadline = time.monotonic() + self._state.config.observed_timeout_s
-            while self._state.value(atom) is None and time.monotonic() < deadline:
+            while self._state.sight.value(atom) is None and time.monotonic() < deadline:
                 await self._signals.unless_halted(self._state.changed(self._state.revision, LOOK_S))
             result = await self._newest()
             found = await self._planned(result, looks=False)
@@ -112,61 +124,34 @@ class LiveRepair:
             )
         return found
 
+    async def _would_choose(self, result: DiagnosisResult, literals: Iterable[Literal]) -> Choice:
+        return await self._signals.unless_halted(
+            self._chooser.choose_in_turn(self._state, result, looks=False, literals=literals)
+        )
+
     async def _planned(self, result: DiagnosisResult, *, looks: bool) -> Choice:
         return await self._signals.unless_halted(
-            self._chooser.choose_in_turn(self._state, result, looks=looks)
+            self._chooser.choose_in_turn(
+                self._state,
+                result,
+                looks=looks,
+                avoided=self._acts.exhausted(),
+                left_off=self._acts.left_off(),
+            )
         )
 
     # --- approve
 
     async def approved(self, choice: Choice) -> bool:
         """Ask the policy, and a person where it says so; a yes counts while the plan's diagnosis stands."""
-        assert choice.plan is not None
-        steps = choice.plan.steps
-        self._attempts = Counter(await self._chooser.attempts(self._state.id))
-        refusal = self._policy.plan_refusal(steps, self._attempts, self._components)
-        if refusal is not None:
-            raise NotPermitted(refusal)
-        if self._policy.mode_for(steps) is not Mode.APPROVE or self._covered(steps):
-            await self._record.update(RepairTrigger.PERMITTED)
-            return not self._signals.halt.is_set()
-        self._signals.ask()  # before the question can be seen, or a quick yes would be lost
-        await self._record.update(RepairTrigger.NEEDS_APPROVAL, reason=choice.reason)
-        while not await self._signals.decided(LOOK_S):
-            if self._signals.halt.is_set():
-                return False
-            self._check_stands(choice, await self._newest())
-        self._check_stands(choice, await self._newest())
-        by = self._signals.by
-        await self._record.update(
-            RepairTrigger.APPROVED,
-            by=by,
-            reason=f"approved by {by}",
-            answers=self._signals.answers(),
-            approved=approval(by, map(str, steps)),
-        )
-        return not self._signals.halt.is_set()
-
-    def _covered(self, steps: Sequence[Step]) -> bool:
-        """Whether a yes that was given before a crash covers the plan that is left."""
-        given = self._record.data.get("approved")
-        return given is not None and Counter(map(str, steps)) <= Counter(given["steps"])
-
-    def _check_stands(self, choice: Choice, result: DiagnosisResult) -> None:
-        assert choice.diagnosis is not None
-        if not any(set(d.bad) >= set(choice.diagnosis.bad) for d in result.diagnoses):
-            now = "the robot is healthy again" if result.healthy else "the diagnosis is another one now"
-            raise Overtaken(f"{now}: the plan no longer applies")
+        return await self._permission.approved(choice)
 
     # --- act
 
     def setting(self, plan: Plan) -> Setting:
         """Return what the execution of this plan needs."""
         _, system, _ = self._state.question()
-        once = self._chooser.not_idempotent(self._state)
-
-        async def permit(step: Step) -> str | None:
-            return self._policy.refusal(step, self._attempts, self._components)
+        once = self._chooser.not_idempotent(self._state, self._executors)
 
         async def report(report: StepReport) -> None:
             await self._record.report(report, self._first)
@@ -174,27 +159,19 @@ class LiveRepair:
         return Setting(
             repair=self._record.id,
             first_step=self._first,
-            sight=self._state,
+            sight=self._state.sight,
             prediction=Prediction(theory_of(system.cnf), system.cnf.components, plan.initial),
             executors=self._executors,
-            journal=self,
-            permit=permit,
+            journal=self._acts,
+            permit=self._permission.refusal,
             halt=self._signals.halt,
+            interlocked=self._state.interlocked,
+            again=self._acts.again,
             observed=self._hearing.observed,
             timing=timings(self._state.config.actions, once),
             not_idempotent=once,
             report=report,
         )
-
-    async def intend(self, action: Action, report: StepReport) -> None:
-        """Write an intent (see Journal in execution_values), and count it for the limit per hour."""
-        await self._record.intend(action, report)
-        self._attempts.update(self._components.intersection(action.parameters))
-
-    async def settle(self, action: Action, result: ActionResult, report: StepReport) -> None:
-        """Write an outcome (robomend.repairs.execution_values.Journal)."""
-        self._settled = self._state.revision
-        await self._record.settle(action, result, report)
 
     # --- look, remember
 
@@ -205,6 +182,7 @@ class LiveRepair:
             await self._hear_the_missing(execution)
         done = execution.ending is Ending.DONE
         timing = Timing()
+        await self._confirming.seen()
         deadline = time.monotonic() + (timing.effect_timeout_s if done else timing.hold_s)
         while True:
             revision = self._state.revision
@@ -214,6 +192,9 @@ class LiveRepair:
                 # Nothing is known to be wrong because nothing is known: an observer fell silent meanwhile.
                 await self._hearing.hear_all()
                 return await self._newest()
+            if result.healthy:
+                result = await self._confirming.healthy(result)
+                helped = stands_no_more(choice.diagnosis.bad, result)
             if result.healthy or (done and helped) or time.monotonic() >= deadline:
                 return result
             await self._signals.unless_halted(self._state.changed(revision, LOOK_S))
@@ -221,7 +202,7 @@ class LiveRepair:
     async def _hear_the_missing(self, execution: Execution) -> None:
         """An effect that nobody could tell us of says nothing of the robot: Silent, unless they speak."""
         missing = [literal.atom for report in execution.steps for literal in report.missing]
-        silent = await self._hearing.still_silent(missing, self._settled)
+        silent = await self._hearing.still_silent(missing, self._acts.settled)
         if silent:
             why = (
                 f"{execution.reason}, and nobody reported {', '.join(map(str, silent))} "

@@ -76,13 +76,18 @@ class Looking:
         Awaited is what somebody observes: the robot's `observed` list names it, or OBS knows it already.
         """
         awaited = {
-            literal for literal in wanted if literal.atom in self._observed or self.known(literal.atom)
+            literal
+            for literal in wanted
+            if literal.atom in self._observed or self._sight.reported(literal.atom)
         }
 
         def missing() -> frozenset[Literal] | None:
             return frozenset(w for w in awaited if self._sight.value(w.atom) != w.positive) or None
 
-        left = await self._until_none(missing, timeout_s) or frozenset()
+        def settling_s() -> float:
+            return max((self._sight.settling_s(w.atom) for w in awaited), default=0.0)
+
+        left = await self._until_none(missing, timeout_s, settling_s) or frozenset()
         # Another step may have begun meanwhile and taken away what this one gave: not missing.
         left &= self._prediction.expected()
         seen = sorted(awaited - left)
@@ -110,13 +115,18 @@ class Looking:
                 return lasting[0]
             await self._sight.changed(revision, self._hold_s / 2 if broken else 1.0)
 
-    async def _until_none(self, wrong: Callable[[], T | None], timeout_s: float) -> T | None:
-        """Wait until `wrong()` is None, looking at each change of OBS; return its last answer."""
+    async def _until_none(
+        self, wrong: Callable[[], T | None], timeout_s: float, longer_s: Callable[[], float] = lambda: 0.0
+    ) -> T | None:
+        """Wait until `wrong()` is None, looking at each change of OBS; return its last answer.
+
+        `longer_s`: how much longer than the time-out observers may need.
+        """
         deadline = time.monotonic() + timeout_s
         while True:
             revision = self._sight.revision
             answer = wrong()
-            left = deadline - time.monotonic()
+            left = deadline + longer_s() - time.monotonic()
             if answer is None or left <= 0:
                 return answer
             await self._sight.changed(revision, min(left, LOOK_S))

@@ -2,8 +2,8 @@
 
 A reason is: the policy is `approve` or `auto`, the diagnosis is not healthy and has held for `hold_s`, no
 stop is active, the time is inside a maintenance window, and it is not what the last repair gave up on. That
-is tried again when the diagnosis changes, a person releases a component, the robot is configured anew, or
-the back-off of a quarantine ends.
+is tried again when the diagnosis changes, a person releases a component, the robot is configured anew, the
+back-off of a quarantine ends, or OBS shows the model's `act_when` that it did not show then.
 """
 
 from __future__ import annotations
@@ -23,12 +23,13 @@ RECONSIDERED = frozenset({"quarantine.release", "robot.put"})
 """Entries of the audit log after which what a repair gave up on is worth another try."""
 
 
-class Reasons:
+class ReasonsToRepair:
     """Of one robot."""
 
     def __init__(self) -> None:
         self.given_up: BadSets | None = None  # the diagnoses that the last repair could not mend
         self.retry_ns: int | None = None  # when they may be tried again
+        self.interlocked = False  # it ended while nothing might be sent: worth a try when something may
         self._unhealthy: tuple[BadSets, float] | None = None  # and since when, monotonic
 
     def recall(self, view: View, robot: str) -> None:
@@ -40,14 +41,15 @@ class Reasons:
         if data.get("given_up") is not None:
             self.given_up = frozenset(tuple(bad) for bad in data["given_up"])
             self.retry_ns = data.get("retry_ns")
+            self.interlocked = bool(data.get("interlocked"))
 
     def reconsider(self) -> None:
         """A person changed something: what was given up on may be worth another try."""
         self.given_up = None
 
-    def gave_up(self, situation: BadSets | None, retry_ns: int | None) -> None:
+    def gave_up(self, situation: BadSets | None, retry_ns: int | None, *, interlocked: bool) -> None:
         """A repair has ended; `situation` is what it could not mend."""
-        self.given_up, self.retry_ns = situation, retry_ns
+        self.given_up, self.retry_ns, self.interlocked = situation, retry_ns, interlocked
 
     def wait_s(self, state: Robot, policy: Policy, stop: Stop) -> float:
         """Return 0 if there is a reason to begin a repair now, else after how long to look again."""
@@ -63,6 +65,8 @@ class Reasons:
         held_s = now - self._unhealthy[1]
         if self.retry_ns is not None and time.time_ns() >= self.retry_ns:
             self.given_up = self.retry_ns = None
+        if self.interlocked and state.interlocked() is None:
+            self.given_up, self.interlocked = None, False
         acts = state.config.policy != "observe" and state.system.parts is not None
         if not acts or stop.active or situation == self.given_up:
             return IDLE_S

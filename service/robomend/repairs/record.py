@@ -60,6 +60,9 @@ def new_repair(
         "reason": reason,
         # What the last one asked a person, or left to ask, and nobody answered.
         "question": last[0].data.get("question") if last else None,
+        "left_off": last[0].data.get("left_off")
+        if last
+        else None,  # what it switched off and did not bring back
     }
     repair = repairs.create(tx, robot, state=INITIAL, data=data, fence=fence)
     tx.emit(Kind.REPAIR, robot, repair_json(repair))
@@ -102,6 +105,19 @@ class RepairRecord:
     def data(self) -> Json:
         """What is written of the repair besides its state."""
         return self._data
+
+    @property
+    def left_off(self) -> dict[str, int]:
+        """Component -> when this repair, or one before it, switched it off or stopped it (left_off.py)."""
+        return dict(self._data.get("left_off") or {})
+
+    def leave_off(self, left: Mapping[str, int]) -> None:
+        """Change what is left off; it is on disk with the next intent, outcome or state."""
+        self._data = {**self._data, "left_off": dict(left)}
+
+    def _keep_left_off(self, tx: Transaction) -> None:
+        if self.left_off != (self._repair.data.get("left_off") or {}):
+            repairs.update(tx, self.id, state=self.state, data=self._data, open=True, fence=self._fence)
 
     async def update(
         self,
@@ -264,14 +280,17 @@ class RepairRecord:
                 attempts.count(tx, self.robot, component, self.id, fence=self._fence)
             tx.note(entry)
             self._put_step(tx, report, number)
+            self._keep_left_off(tx)
             return None
 
         refusal = await self._store.write(write, robots=(self.robot,))
         if refusal is not None:
             raise Withheld(refusal)
 
-    async def settle(self, action: Action, result: ActionResult, report: StepReport) -> None:
-        """Write the outcome of an action."""
+    async def settle(
+        self, action: Action, result: ActionResult, report: StepReport, anew: Json | None = None
+    ) -> None:
+        """Write the outcome of an action; `anew` is what agents are to judge anew, for its event."""
         entry = AuditEntry(
             actor=LOOP,
             action="action.result",
@@ -284,7 +303,8 @@ class RepairRecord:
         def write(tx: Transaction) -> None:
             journal.settle(tx, action.id, result.code, result.message, fence=self._fence)
             tx.note(entry)
-            self._put_step(tx, report, step_number(action.id))
+            self._put_step(tx, report, step_number(action.id), **({} if anew is None else {"settle": anew}))
+            self._keep_left_off(tx)
 
         await self._store.write(write, robots=(self.robot,))
 
@@ -293,10 +313,11 @@ class RepairRecord:
         number = first + report.step.index
         await self._store.write(lambda tx: self._put_step(tx, report, number), robots=(self.robot,))
 
-    def _put_step(self, tx: Transaction, report: StepReport, number: int) -> None:
+    def _put_step(self, tx: Transaction, report: StepReport, number: int, **told: Json) -> None:
         data = report_json(report, number)
         repairs.put_step(tx, self.id, number, state=str(report.state), data=data, fence=self._fence)
-        tx.emit(Kind.ACTION, self.robot, {"repair": self.id, "round": self._data.get("round"), **data})
+        told_of = {"repair": self.id, "round": self._data.get("round"), **data, **told}
+        tx.emit(Kind.ACTION, self.robot, told_of)
 
 
 def approval(by: str, steps: Iterable[str]) -> dict[str, object]:

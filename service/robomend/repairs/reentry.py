@@ -120,7 +120,7 @@ class Reentry:
 
     async def left_open(self, state: Robot, why: str, *, patient: bool = False) -> LeftOpen:
         """Return the actions that the journal has without an outcome; `patient`: see `_fate`."""
-        once = self._chooser.not_idempotent(state)
+        once = self._chooser.not_idempotent(state, await self._chooser.actions(state))
         intents = await self._store.read(journal.unsettled, self._record.robot)
         fates = [(intent, *await self._fate(intent, why, patient)) for intent in intents]
         return LeftOpen(tuple(fates), once, self._record.id, self._fence)

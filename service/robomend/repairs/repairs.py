@@ -23,7 +23,8 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Callable, Mapping, Sequence
+import time
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
 import structlog
@@ -33,10 +34,18 @@ from robomend.oneshots.oneshots import OneShots
 from robomend.planning.planner_pool import PlannerPool
 from robomend.repairs.agent_queue import AgentQueue
 from robomend.repairs.choosing import Chooser
+from robomend.repairs.dependencies import Dependencies
+from robomend.repairs.executors.registry import Surroundings, check
+from robomend.repairs.foresight import Asked, findings
 from robomend.repairs.record import new_repair
 from robomend.repairs.repair_json import repair_json
-from robomend.repairs.robot_repairs import Dependencies, RobotRepairs
+from robomend.repairs.robot_repairs import RobotRepairs
 from robomend.repairs.states import RepairState
+from robomend.repairs.stop_switch import StopSwitch, written
+from robomend.robots import configuring
+from robomend.robots.boards import WiredBoard
+from robomend.robots.declared import declaration
+from robomend.robots.reporters import OURSELVES, Reporter
 from robomend.robots.robots import Robots
 from robomend.settings import Settings
 from robomend.store import Store, Transaction, View, agent_actions, attempts, global_stop, repairs, robots
@@ -53,6 +62,9 @@ ORPHANS_S = 1.0
 CLOSE_S = 3.0
 """For the loops to let go at shutdown."""
 
+ASKED_S = 60.0
+"""An agent that has not asked for work for so long is taken to be gone: it asks at least twice a minute."""
+
 DECIDED_S = 1.5
 """How long `approve` and `cancel` wait for the owner, so that their answer shows the effect."""
 
@@ -61,9 +73,10 @@ def make_repairs(
     store: Store, robots: Robots, planners: PlannerPool, one_shots: OneShots, settings: Settings
 ) -> Repairs:
     """Return the repair loops of one instance, over the parts that it has."""
-    agents = AgentQueue(store)
-    chooser = Chooser(store, planners, one_shots)
-    return Repairs(Dependencies(store, robots, agents, chooser, settings.programs))
+    switch = StopSwitch(store)
+    agents = AgentQueue(store, lambda: switch.active)
+    chooser = Chooser(store, planners, one_shots, robots.readers)
+    return Repairs(Dependencies(store, robots, agents, chooser, switch, settings))
 
 
 class Repairs:
@@ -72,9 +85,9 @@ class Repairs:
     def __init__(self, needs: Dependencies) -> None:
         self._needs = needs
         self._store = needs.store
+        self.switch = needs.switch
         self._loops: dict[str, RobotRepairs] = {}
         self._tasks: dict[str, asyncio.Task[None]] = {}
-        self._stop_changes = 0  # so that what was read before a change does not undo it
         self._look = asyncio.Event()
         self._let_go: set[str] = set()  # robots whose loop ended: released before they are kept again
         self._seeker: asyncio.Task[None] | None = None
@@ -90,7 +103,8 @@ class Repairs:
             self._store.ownership.on_lost(self._lost),
         ]
         # After following began, so that a stop in between is not missed.
-        self._needs.stop = await self._store.read(global_stop.get)
+        await self.switch.start()
+        self.switch.on_change(self._stop_changed)
         self._needs.robots.diagnosing.on_diagnosis(self._poke)
         self._seeker = asyncio.create_task(self._seek(), name="looking for robots without an owner")
 
@@ -105,6 +119,7 @@ class Repairs:
         tasks = [*self._tasks.values(), *([self._seeker] if self._seeker else [])]
         if tasks:
             await asyncio.wait(tasks, timeout=CLOSE_S)
+        await self.switch.close()
         await self._needs.agents.close()
 
     async def _seek(self) -> None:
@@ -112,7 +127,7 @@ class Repairs:
         while True:
             self._look.clear()
             try:
-                await self._read_stop()
+                await self.switch.look()
                 await self._acquire()
             except RobomendError as error:
                 log.warning("looking for robots", code=error.code, detail=str(error))
@@ -121,13 +136,6 @@ class Repairs:
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(ORPHANS_S):
                     await self._look.wait()
-
-    async def _read_stop(self) -> None:
-        """Read the global stop, for an event that was lost with its database connection."""
-        changes = self._stop_changes
-        stop = await self._store.read(global_stop.get)
-        if stop.active != self._needs.stop.active and changes == self._stop_changes:
-            self._set(stop)
 
     async def _acquire(self) -> None:
         """Make a loop for each robot that nobody owns, and for each of ours that has none."""
@@ -166,8 +174,7 @@ class Repairs:
     def _follow(self, events: Sequence[Event]) -> None:
         for event in events:
             if event.kind is Kind.STOP:
-                data = event.data
-                self._set(Stop(bool(data.get("active")), data.get("by"), data.get("reason", "")))
+                self.switch.heard(_stop_of(event.data))
             elif event.robot is not None and event.kind in {Kind.REPAIR, Kind.ROBOT, Kind.DIAGNOSIS}:
                 if event.kind is Kind.ROBOT and event.data.get("what") == "deleted":
                     task = self._tasks.get(event.robot)
@@ -182,13 +189,19 @@ class Repairs:
                 else:
                     self._loops[event.robot].poke()
 
-    def _set(self, stop: Stop) -> None:
-        self._stop_changes += 1
-        self._needs.stop = stop
+    def _stop_changed(self) -> None:
         for loop in self._loops.values():
             loop.stopped()
 
     # --- repairs
+
+    def check_actions(self, robot: str, configured: Mapping[str, Mapping[str, Any]]) -> None:
+        """Refuse (InputError) the `actions` of a robot's configuration that cannot work."""
+        check(configured, self._around(robot, None))
+
+    def _around(self, robot: str, board: WiredBoard | None) -> Surroundings:
+        """Return what executors are made with to see whether they can be; nothing is carried out with it."""
+        return self._needs.around(robot, board, {}, asyncio.Event())
 
     async def plan(
         self, robot: str, *, bad: Sequence[str] | None, planner: str | None, timeout_s: float, pddl: bool
@@ -202,6 +215,19 @@ class Repairs:
         return await self._needs.chooser.describe(
             state, bad=bad, planner=planner, timeout_s=timeout_s, pddl=pddl
         )
+
+    async def findings(self, robot: str) -> Sequence[str]:
+        """Return what will not work or not be noticed on a robot, in sentences (foresight.py)."""
+        needs = self._needs
+        state = await needs.robots.memory.robot(robot)
+        board = None if state.config.board is None else await needs.robots.board(robot)
+        faults = await configuring.faults(state.config, state.system, needs.robots.models.readers)
+        actions: Sequence[str] = ()
+        with contextlib.suppress(RobomendError):  # its domain is at fault: named already
+            actions = await needs.chooser.actions(state)
+        since = time.monotonic() - ASKED_S
+        hosts = [host for host, when in needs.agents.asked.get(robot, {}).items() if when > since]
+        return findings(state, faults, actions, self._around(robot, board), Asked(hosts, ASKED_S))
 
     async def create(self, robot: str, *, bad: Sequence[str] | None, by: str, reason: str) -> Json:
         """Begin a repair on request. StateConflict if one is open.
@@ -219,7 +245,8 @@ class Repairs:
                 raise NotFound(f"the model has no component {component!r}")
 
         def begin(tx: Transaction) -> StoredRepair:
-            stop = global_stop.hold(tx)  # not as we heard of it: another instance may have lifted it just now
+            # As it is on disk, where another instance may have lifted it just now; or ours, on its way there.
+            stop = global_stop.hold(tx) if self.switch.settled else self.switch.stop
             if stop.active:
                 raise Refused(f"the global stop is active, set by {stop.by}: {stop.reason}")
             if repairs.page(tx, robot, Paging(limit=1), open_only=True).items:
@@ -284,67 +311,91 @@ class Repairs:
         """Let every waiting agent go with nothing to do: the service shuts down."""
         self._needs.agents.end_waits()
 
-    async def next_action(self, robot: str, *, host: str | None, wait_s: float) -> Json | None:
-        """Hand the agent on `host` its next action, waiting up to `wait_s`; None: nothing to do.
+    async def orders(
+        self,
+        robot: str,
+        *,
+        host: str | None,
+        wait_s: float,
+        by: Reporter = OURSELVES,
+        agent: str | None = None,
+        can: Collection[str] | None = None,
+        observes: Mapping[str, tuple[float, float]] | None = None,
+        settled: int | None = None,
+    ) -> Json | None:
+        """Hand an agent its next action, waiting up to `wait_s`, and what it is to judge anew.
+
+        `host` decides who gets an action, and `can` what an agent is handed (store/agent_actions.py).
 
         An action is handed out again until its first feedback or result comes in, so that an answer lost on
         the way loses no action; the agent knows an id that it has had.
+
+        Args:
+            agent: its name; None: it says nothing of itself.
+            can: the actions that it can do, as `name` or `name:parameter`; None: it does not say.
+            observes: atom -> seconds of detection and of settling.
+            settled: the latest settle number that it acted on.
         """
-        await self._needs.robots.memory.robot(robot)
-        action = await self._needs.agents.take(robot, host, wait_s)
-        if action is None:
-            return None
-        return {
-            "id": action.id,
-            "name": action.name,
-            "parameters": list(action.parameters),
-            "timeout_s": action.timeout_s,
-            "host": action.host,
-        }
+        state = await self._needs.robots.memory.robot(robot)
+        atoms = observes or {}
+        if agent is not None:
+            state.sight.declared.hear(declaration(agent, host, can, atoms, state.system.vocabulary))
+        agents = self._needs.agents
+        action = await agents.take(
+            robot,
+            host,
+            wait_s,
+            by,
+            lambda: agents.settle(robot, settled, atoms.keys()),
+            state.interlocked,
+            agent=agent,
+            can=None if can is None else frozenset(can),
+        )
+        found: Json = {}
+        if action is not None:
+            found = {
+                "id": action.id,
+                "name": action.name,
+                "parameters": list(action.parameters),
+                "timeout_s": action.timeout_s,
+                "host": action.host,
+            }
+        anew = agents.settle(robot, settled, atoms.keys())
+        if anew is not None:
+            found = {**found, "settle": {"n": anew.n, "atoms": list(anew.atoms)}}
+        return found or None
 
     async def action_robot(self, action_id: str) -> str:
         """Return the robot that an action belongs to, so that a robot's key opens its own actions only."""
         return await self._store.read(lambda view: agent_actions.get(view, action_id).robot)
 
-    async def feedback(self, action_id: str, *, code: int, message: str, by: str) -> None:
+    async def feedback(self, action_id: str, *, code: int, message: str) -> None:
         """Note how far an action is, for its step and whoever watches; after its result a StateConflict."""
         await self._needs.agents.feedback(action_id, code, message)
 
-    async def result(self, action_id: str, *, code: int, message: str, by: str) -> Json:
+    async def result(self, action_id: str, *, code: int, message: str, by: Reporter) -> Json:
         """Take an action's result; a repeated one is answered with the first: {"code", "message"}."""
-        action = await self._needs.agents.finish(action_id, code, message)
+        action = await self._needs.agents.finish(action_id, code, message, by)
         return {"code": action.code, "message": action.message}
 
     # --- the global stop, quarantine
 
     async def stopped(self) -> Json:
-        """Return {"active": bool, "by": str | null, "reason": str, "since_ns": int | null}."""
-        return _stop_json(await self._store.read(global_stop.get))
+        """Return {"active", "by", "reason", "since_ns", "written", "detail"}."""
+        await self.switch.look()
+        return self.switch.json(written=self.switch.settled)
 
     async def stop(self, *, by: str, reason: str) -> Json:
         """The global stop: no action starts anywhere and running ones are cancelled. Survives a restart."""
-        return await self._set_stop(True, by, reason)
+        return await self._change_stop(True, by, reason)
 
     async def resume(self, *, by: str, reason: str) -> Json:
         """Lift the global stop."""
-        return await self._set_stop(False, by, reason)
+        return await self._change_stop(False, by, reason)
 
-    async def _set_stop(self, active: bool, by: str, reason: str) -> Json:
-        if active:  # here at once, before it is on disk; other instances hear of it by the event
-            self._set(Stop(True, by, reason))
-
-        def change(tx: Transaction) -> Stop:
-            stop = global_stop.put(tx, active, by=by, reason=reason)
-            tx.emit(Kind.STOP, None, _stop_json(stop))
-            tx.note(AuditEntry(by, "stop.set" if active else "stop.lifted", "all robots", None, reason))
-            return stop
-
-        try:
-            stop = await self._store.write(change)
-        finally:
-            self._stop_changes += 1
-        self._set(stop)
-        return _stop_json(stop)
+    async def _change_stop(self, active: bool, by: str, reason: str) -> Json:
+        change = self.switch.ask(active, by=by, reason=reason)
+        return self.switch.json(written=await written(change, None))
 
     async def quarantined(self, robot: str) -> Mapping[str, str]:
         """Return component -> why it is not tried again."""
@@ -363,5 +414,5 @@ class Repairs:
         await self._store.write(let_go, robots=(robot,))
 
 
-def _stop_json(stop: Stop) -> dict[str, object]:
-    return {"active": stop.active, "by": stop.by, "reason": stop.reason, "since_ns": stop.since_ns}
+def _stop_of(data: Json) -> Stop:
+    return Stop(bool(data.get("active")), data.get("by"), data.get("reason", ""), data.get("since_ns"))

@@ -12,45 +12,39 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 
 import structlog
 
 from robomend.cycle import mend
 from robomend.errors import NotFound, Refused, RobomendError, StoreError
-from robomend.repairs.agent_queue import AgentQueue
-from robomend.repairs.choosing import Chooser
-from robomend.repairs.conclusions import BadSets, conclusion, end_of, in_doubt, nobodys_fault, situation_of
-from robomend.repairs.executors.registry import Surroundings, executors
+from robomend.repairs.acts import Acts
+from robomend.repairs.conclusions import (
+    BadSets,
+    conclusion,
+    end_of,
+    in_doubt,
+    nobodys_fault,
+    situation_of,
+    unconfirmed,
+)
+from robomend.repairs.dependencies import Dependencies
+from robomend.repairs.executors.registry import executors
+from robomend.repairs.left_off import in_words
 from robomend.repairs.live_repair import LiveRepair
-from robomend.repairs.reasons import IDLE_S, Reasons
+from robomend.repairs.reasons import IDLE_S, ReasonsToRepair
 from robomend.repairs.record import LOOP, RepairRecord, new_repair
 from robomend.repairs.reentry import Reentry
 from robomend.repairs.signals import Declined, Requests, Signals
 from robomend.repairs.states import RepairTrigger
 from robomend.robots.robot import Robot
-from robomend.robots.robots import Robots
-from robomend.store import Store, Transaction, repairs, robots
-from robomend.store.records import Fence, Paging, Stop, StoredRepair
+from robomend.store import Transaction, repairs, robots
+from robomend.store.records import Fence, Paging, StoredRepair
 from robomend_client.actions import Executor
 
 log = structlog.get_logger("robomend.repairs.robot_repairs")
 
 RETRY_S = 1.0
 """After a failure of the store or of a worker."""
-
-
-@dataclass
-class Dependencies:
-    """What the repairs of all robots share."""
-
-    store: Store
-    robots: Robots
-    agents: AgentQueue
-    chooser: Chooser
-    programs: Mapping[str, Sequence[str]] = field(default_factory=dict)
-    stop: Stop = field(default_factory=Stop)
 
 
 class RobotRepairs:
@@ -62,8 +56,8 @@ class RobotRepairs:
         self._robot = robot
         self._news = asyncio.Event()  # something may have changed
         self._look_up = True  # there may be an open repair in the store that we do not know of
-        self._reasons = Reasons()
-        self._signals = Signals()
+        self._reasons = ReasonsToRepair()
+        self._signals = Signals(lambda: needs.switch.active)
         self._requests = Requests(needs.store, fence)
 
     # --- what wakes it
@@ -85,7 +79,7 @@ class RobotRepairs:
 
     def stopped(self) -> None:
         """The global stop changed."""
-        stop = self._needs.stop
+        stop = self._needs.switch.stop
         if stop.active:
             self._signals.end(by=stop.by or LOOP, reason=f"global stop: {stop.reason}", stop=True)
         self._news.set()
@@ -149,7 +143,7 @@ class RobotRepairs:
     async def _begin(self) -> tuple[StoredRepair | None, float]:
         """Return a new repair if there is a reason for one, and how long to wait if there is none yet."""
         state = await self._needs.robots.memory.robot(self._robot)
-        wait_s = self._reasons.wait_s(state, self._needs.chooser.policy(state), self._needs.stop)
+        wait_s = self._reasons.wait_s(state, self._needs.chooser.policy(state), self._needs.switch.stop)
         if wait_s > 0:
             return None, wait_s
 
@@ -166,7 +160,7 @@ class RobotRepairs:
     async def _carry_out(self, repair: StoredRepair) -> None:
         state = await self._needs.robots.memory.robot(self._robot)
         record = RepairRecord(self._needs.store, repair, self.fence, state.system.cnf.components)
-        signals = self._signals = Signals()
+        signals = self._signals = Signals(lambda: self._needs.switch.active)
         self.stopped()
         entry = Reentry(
             self._needs.store, self._needs.agents, self._needs.chooser, record, signals, self.fence
@@ -181,14 +175,19 @@ class RobotRepairs:
                 heard_since = await entry.ask_about(doubt, state)
                 last = await mend(await self._live(state, record, heard_since))
             situation = situation_of(state)
+            self.stopped()
             end, reason = conclusion(last, signals, record.data)
             if end is RepairTrigger.HEALTHY:
+                silent = state.sight.confirmed_by_silence()
+                reason = unconfirmed(silent) if silent else reason
                 reason += nobodys_fault(state)
+                state.sight.unconfirmed.clear()
         except StoreError:
             raise  # the repair stays open and is entered again
         except Exception as error:  # whatever it is: a person must see it, and the loop lives on
             if await self._is_lost(error):
                 raise
+            self.stopped()  # where the stop is younger than what the loop has heard of it
             end, reason = end_of(error, signals)
             declined = isinstance(error, Declined)
             if end is RepairTrigger.OVERTAKEN:
@@ -221,7 +220,9 @@ class RobotRepairs:
             reason += f"; {left.in_doubt} was under way: nothing else is sent before a person has looked"
         gives_up = end is not RepairTrigger.HEALTHY and not signals.stopped
         retry_ns = await entry.next_try() if end is RepairTrigger.NEEDS_PERSON else None
-        self._reasons.gave_up(situation if gives_up else None, retry_ns)
+        reason += in_words(state, record.left_off)
+        interlocked = end is RepairTrigger.NEEDS_PERSON and state.interlocked() is not None
+        self._reasons.gave_up(situation if gives_up else None, retry_ns, interlocked=interlocked)
         given_up = self._reasons.given_up
         await record.update(
             end,
@@ -234,12 +235,16 @@ class RobotRepairs:
             also=left.settle,
             given_up=None if given_up is None else [list(bad) for bad in sorted(given_up)],
             retry_ns=retry_ns,
+            interlocked=interlocked,
         )
 
     async def _live(self, state: Robot, record: RepairRecord, heard_since: int | None) -> LiveRepair:
         needs, signals = self._needs, self._signals
         who = await self._executors(state)
-        return LiveRepair(needs.store, needs.robots, needs.chooser, state, record, who, signals, heard_since)
+        acts = await Acts.of(needs.store, state, record)
+        return LiveRepair(
+            needs.store, needs.robots, needs.chooser, state, record, who, signals, heard_since, acts
+        )
 
     async def _executors(self, state: Robot) -> dict[str, Executor]:
         """Return who carries out what for this robot, as it is configured now."""
@@ -247,12 +252,7 @@ class RobotRepairs:
         parts = state.system.parts
         if parts is None:
             raise Refused(f"a {state.system.format} model says nothing of what can be repaired")
-        around = Surroundings(
-            robot=state.id,
-            board=None if state.config.board is None else await needs.robots.board(state.id),
-            agents=needs.agents,
-            hosts={name: node.host for name, node in parts.nodes.items()},
-            programs=needs.programs,
-            halt=self._signals.halt,
-        )
-        return executors(needs.chooser.actions(state), state.config.actions, around)
+        board = None if state.config.board is None else await needs.robots.board(state.id)
+        hosts = {name: node.host for name, node in parts.nodes.items()}
+        around = needs.around(state.id, board, hosts, self._signals.halt)
+        return executors(await needs.chooser.actions(state), state.config.actions, around)

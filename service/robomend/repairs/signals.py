@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Awaitable
+from collections.abc import Awaitable, Callable
 from functools import partial
 from typing import TypeVar
 
@@ -37,15 +37,32 @@ class Declined(Halted):
     """A person answered a question with a cancellation."""
 
 
+class Halt(asyncio.Event):
+    """Set when a repair is to send nothing more; also while the global stop is active.
+
+    Whoever asks sees the stop from the moment on in which it was set, in whatever thread that was; those who
+    wait are woken by the event loop, when it comes to it.
+    """
+
+    def __init__(self, stopped: Callable[[], bool]) -> None:
+        super().__init__()
+        self._stopped = stopped
+
+    def is_set(self) -> bool:
+        return super().is_set() or self._stopped()
+
+
 class Signals:
     """See the module; one per repair that is carried out."""
 
-    def __init__(self) -> None:
-        self.halt = asyncio.Event()  # cancelled, or the global stop
+    def __init__(self, stopped: Callable[[], bool] = lambda: False) -> None:
+        """`stopped` tells whether the global stop is active, at any moment."""
+        self.halt = Halt(stopped)  # cancelled, or the global stop
         self.by = ""  # who approved, then who halted
         self.reason = ""  # of the halt
         self.stopped = False  # by the global stop
         self.halted_by: int | None = None  # the cancellation, None: the global stop
+        self._ended = False
         self._yes = asyncio.Event()
         self._approval: int | None = None  # the request that a yes came with
         self._seen: set[int] = set()
@@ -55,8 +72,9 @@ class Signals:
         """Send nothing more, and cut off what runs."""
         if request is not None:
             self._note(request)
-        if not self.halt.is_set():
+        if not self._ended:
             self.by, self.reason, self.stopped, self.halted_by = by, reason, stop, request
+            self._ended = True
             self.halt.set()
 
     def approve(self, *, by: str, request: int) -> None:

@@ -62,6 +62,7 @@ REPAIR: dict[tuple[RepairState, RepairTrigger], RepairState] = {
     (RepairState.WAITING, RepairTrigger.HEARD): RepairState.PLANNING,
     (RepairState.WAITING, RepairTrigger.LOOKS_FIRST): RepairState.WAITING,
     (RepairState.WAITING, RepairTrigger.PLANNED): RepairState.PLANNING,
+    (RepairState.PLANNING, RepairTrigger.UNHEARD): RepairState.WAITING,
     (RepairState.PLANNING, RepairTrigger.LOOKS_FIRST): RepairState.WAITING,
     (RepairState.PLANNING, RepairTrigger.PLANNED): RepairState.PLANNING,
     (RepairState.PLANNING, RepairTrigger.NEEDS_APPROVAL): RepairState.AWAITING_APPROVAL,

@@ -13,16 +13,26 @@ from dataclasses import dataclass, field
 import structlog
 
 from robomend.entry import Entry
-from robomend.errors import InputError, ObservationError
+from robomend.errors import InputError, ObservationError, TooLarge
+from robomend.model.budget import check_steps
 from robomend.model.clauses import Assertion
 from robomend.model.system import System
-from robomend.observations.language import Unknown, parse, read, read_assertion
+from robomend.model.vocabulary import Vocabulary
+from robomend.observations.language import Unknown, parse
+from robomend.observations.obs import Obs
 from robomend.robots.clock import AHEAD_NS, CLOCK
 from robomend.robots.configuration import RobotConfig
-from robomend.store.records import StoredAssertion
+from robomend.robots.evidence import Dating
+from robomend.robots.readers import Readers
+from robomend.settings import Settings
+from robomend.store.records import StoredAssertion, StoredModel
+from robomend.turns import Turns
 from robomend_client.literals import Atom
 
 log = structlog.get_logger("robomend.robots.batches")
+
+MAX_REFUSED = 100
+"""Bad sentences of one batch of which the good ones are kept."""
 
 
 @dataclass(frozen=True)
@@ -32,9 +42,13 @@ class Batch:
     observations: Sequence[str] = ()
     assertions: Mapping[str, str] = field(default_factory=dict)
     time_ns: int | None = None  # None: now
-    source: str = "http"
+    source: str | None = None  # None: the name of whoever reports it
     lifetime_s: float | None = None
     together: bool = True  # one bad sentence refuses the batch
+    since: Sequence[int | None] = ()  # for each observation the beginning of what it rests on
+    onset: Sequence[int | None] = ()  # … and the last good sample before it turned bad
+    unknown: Sequence[str] = ()  # atoms that are unknown from now on
+    settled: int | None = None  # the number of the `settle` that this answers
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +66,26 @@ class Update:
         """Whether there is nothing to keep."""
         return not (self.entries or self.asserted or self.withdrawn or self.forgotten)
 
+    async def ready(self, _: object) -> Update:
+        """Return it: how to read what is read already."""
+        return self
+
+    def check_room(self, obs: Obs, settings: Settings) -> None:
+        """Refuse what there is no room for, beside what is in OBS.
+
+        Raises:
+            TooLarge: too many literals.
+            ObservationError: too many steps of richer sentences.
+        """
+        room = settings.max_observed
+        if len(obs) >= room and len(obs) + len(self.entries) > room:
+            raise TooLarge(f"OBS of this robot holds {room} literals; max_observed is reached")
+        if self.asserted:
+            steps = {name: assertion.steps for name, assertion in obs.assertions.items()}
+            for assertion, _ in self.asserted:
+                steps[assertion.name] = assertion.steps
+                check_steps(sum(steps.values()), settings.max_assertion_steps, assertion.text)
+
 
 @dataclass(frozen=True, slots=True)
 class Acknowledged:
@@ -62,40 +96,84 @@ class Acknowledged:
     refused: Sequence[ObservationError] = ()
 
 
-def read_batches(system: System, config: RobotConfig, batches: Iterable[Batch]) -> Update:
-    """Read the sentences of batches, as one update.
+@dataclass(frozen=True, slots=True)
+class Words:
+    """In which sentences are read: a version's vocabulary, and what becomes of names that are not in it."""
+
+    version: str  # names the vocabulary, which a worker keeps
+    vocabulary: Vocabulary
+    unknown: Unknown
+
+    @classmethod
+    def of(cls, model: StoredModel, system: System, config: RobotConfig) -> Words:
+        """Return those of a robot that follows this version."""
+        unknown: Unknown = "keep" if config.keep_unknown else "refuse"
+        return cls(f"{model.name}@{model.version}", system.vocabulary, unknown)
+
+
+async def read_batches(
+    words: Words, batches: Iterable[Batch], readers: Readers, evidence: Dating, by: str
+) -> Update:
+    """Read the sentences of batches, as one update; in turns, and long ones in a worker.
 
     Raises:
         ObservationError: the sentence at fault, where its batch is kept or refused together.
-        InputError: a batch is from too far in the future.
+        InputError: a batch is from too far in the future, or its evidence does not fit it.
     """
-    now_ns = CLOCK.now_ns()
-    vocabulary, unknown = system.vocabulary, _unknown(config)
+    now_ns, turns = CLOCK.now_ns(), Turns()
+    vocabulary, unknown = words.vocabulary, words.unknown
     entries: list[Entry] = []
     asserted: list[tuple[Assertion, StoredAssertion]] = []
     refused: list[ObservationError] = []
+    newest: dict[Atom, Entry] = {}  # of atoms that a batch calls unknown, and of those in batches after it
+    forgotten: dict[Atom, None] = {}
     for batch in batches:
         at_ns, expires_ns = _times(batch, now_ns)
-        for sentence in batch.observations:
+        source = batch.source or by
+        rests_on = evidence.of(source, at_ns, now_ns, len(batch.observations), batch.since, batch.onset)
+        for sentence in batch.unknown:
             try:
                 for literal in parse(sentence, vocabulary, unknown=unknown):
-                    entries.append(Entry(literal, batch.source, at_ns, expires_ns))
+                    held = newest.get(literal.atom) or evidence.obs.get(literal.atom)
+                    # What another source says of it, or has said since, still stands.
+                    if held is not None and held.source == source and held.time_ns <= at_ns:
+                        forgotten[literal.atom] = None
             except ObservationError as error:
-                if batch.together:
-                    raise
-                refused.append(error)
-        for name, sentence in batch.assertions.items():
-            record = StoredAssertion(name, sentence, batch.source, at_ns, expires_ns)
+                _refuse(batch, refused, error)
+            await turns.rest()
+        for position, sentence in enumerate(batch.observations):
             try:
-                said = read(sentence, vocabulary, name=name, unknown=unknown)
-                if not isinstance(said, Assertion):
-                    said = read_assertion(name, sentence, vocabulary, unknown=unknown)
+                for literal in parse(sentence, vocabulary, unknown=unknown):
+                    since_ns, onset_ns = rests_on(literal, position)
+                    entry = Entry(literal, source, at_ns, expires_ns, since_ns, onset_ns, batch.settled)
+                    entries.append(entry)
+                    newest[literal.atom] = entry
+                    forgotten.pop(literal.atom, None)
+            except ObservationError as error:
+                _refuse(batch, refused, error)
+            await turns.rest()
+        for name, sentence in batch.assertions.items():
+            record = StoredAssertion(name, sentence, source, at_ns, expires_ns)
+            try:
+                said = await readers.assertion(words.version, vocabulary, name, sentence, unknown=unknown)
                 asserted.append((said, record))
             except ObservationError as error:
-                if batch.together:
-                    raise
-                refused.append(error)
-    return Update(entries, asserted, refused=refused)
+                _refuse(batch, refused, error)
+            await turns.rest()
+    return Update(entries, asserted, forgotten=tuple(forgotten), refused=refused)
+
+
+def _refuse(batch: Batch, refused: list[ObservationError], error: ObservationError) -> None:
+    """Note a bad sentence where the others are kept. Many are no slips, and each takes time to explain."""
+    if batch.together:
+        raise error
+    if len(refused) >= MAX_REFUSED:
+        raise ObservationError(
+            f"{MAX_REFUSED} sentences of this batch are refused already; is it meant for another model?",
+            error.sentence,
+            error.position,
+        )
+    refused.append(error)
 
 
 def _times(batch: Batch, now_ns: int) -> tuple[int, int | None]:
@@ -107,14 +185,14 @@ def _times(batch: Batch, now_ns: int) -> tuple[int, int | None]:
     return at_ns, None if batch.lifetime_s is None else at_ns + round(batch.lifetime_s * 1e9)
 
 
-def stored_assertion(record: StoredAssertion, system: System, config: RobotConfig) -> Assertion | None:
+async def stored_assertion(
+    robot: str, record: StoredAssertion, words: Words, readers: Readers
+) -> Assertion | None:
     """Return a stored assertion in the present model's vocabulary; None if that has no words for it."""
     try:
-        return read_assertion(record.name, record.sentence, system.vocabulary, unknown=_unknown(config))
+        return await readers.assertion(
+            words.version, words.vocabulary, record.name, record.sentence, unknown=words.unknown
+        )
     except ObservationError as error:
-        log.warning("assertion set aside", robot=config.id, assertion=record.name, detail=str(error))
+        log.warning("assertion set aside", robot=robot, assertion=record.name, detail=str(error))
         return None
-
-
-def _unknown(config: RobotConfig) -> Unknown:
-    return "keep" if config.keep_unknown else "refuse"

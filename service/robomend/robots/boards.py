@@ -11,20 +11,22 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import replace
 
 from robomend.board.link import BoardLink, LinkState
-from robomend.board.observer import HardwareObserver, Wiring
 from robomend.board.snapshot import Snapshot
 from robomend.entry import Entry
-from robomend.errors import NotFound, Refused
+from robomend.errors import NotFound, Refused, RobomendError
 from robomend.model.components import ComponentModel
 from robomend.model.vocabulary import Vocabulary
 from robomend.observations.obs import Obs
+from robomend.planning.protection import Protection, protected_channels
 from robomend.robots.batches import Update
-from robomend.robots.configuration import BoardConfig
-from robomend.store import Store
-from robomend.store.records import AuditEntry
+from robomend.robots.configuration import BoardConfig, RobotConfig, protection_of
+from robomend.store import Store, Transaction, global_stop
+from robomend.store.records import AuditEntry, Stop
 from robomend_client.literals import Literal
+from robomend_client.observers import BOARD, BoardReadings, HardwareObserver, Wiring
 
 SOURCE = "board"
 CONNECT_S = 2.0
@@ -42,6 +44,7 @@ class WiredBoard:
         store: Store,
         robot: str,
         config: BoardConfig,
+        protected: Protection,
         parts: ComponentModel | None,
         report: Report,
         on_state: Callable[[str, LinkState, str], None],
@@ -52,11 +55,14 @@ class WiredBoard:
         self.components: Mapping[int, str] = {
             device.channel: name for name, device in hardware.items() if device.channel is not None
         }
-        self.protected = frozenset(config.protected) | {
-            device.channel for device in hardware.values() if device.protected and device.channel is not None
-        }
+        self.protected = (
+            dict.fromkeys(config.protected, "it is protected")
+            if parts is None
+            else protected_channels(parts, protected, config.protected)
+        )
         self._observer = HardwareObserver(
-            {name: _wiring(channel, config) for channel, name in self.components.items()}
+            {name: _wiring(channel, config) for channel, name in self.components.items()},
+            BoardReadings(rate_hz=config.rate_hz, lifetime_s=max(3.0, 3 / config.rate_hz)),
         )
         self._store = store
         self._report = report
@@ -89,10 +95,20 @@ class WiredBoard:
             await asyncio.wait([self._task], timeout=1.0)
         await self.link.close()
 
-    async def switch(self, channel: int, on: bool, *, by: str, reason: str) -> None:
-        """Switch a channel, with an entry in the audit log before it is sent.
+    async def switch(
+        self,
+        channel: int,
+        on: bool,
+        *,
+        stop: Callable[[], Stop],
+        interlocked: Callable[[], str | None],
+        by: str,
+        reason: str,
+    ) -> None:
+        """Switch a channel, with an entry in the audit log before it is sent, and one if it did not work.
 
-        Refused for switching off a protected one; BoardError as the link has it.
+        Refused for switching off a protected one, while the robot is interlocked, and during the global
+        stop; BoardError as the link has it.
         """
         if self.link.channels is not None and channel >= self.link.channels:
             raise NotFound(f"the board of {self.robot!r} has channels 0 to {self.link.channels - 1}")
@@ -103,18 +119,35 @@ class WiredBoard:
             robot=self.robot,
             reason=reason,
         )
-        await self._store.write(lambda tx: tx.note(entry))
-        if not on and channel in self.protected:
-            raise Refused(f"channel {channel} is protected: nothing switches it off")
-        await self.link.wait_connected(CONNECT_S)
-        await self.link.switch(channel, on)
+
+        def note(tx: Transaction) -> None:
+            _check_stop(global_stop.hold(tx))  # another instance's, of which we may not have heard
+            tx.note(entry)
+
+        _check_stop(stop())
+        await self._store.write(note)
+        try:
+            if not on and channel in self.protected:
+                raise Refused(f"channel {channel} is protected: {self.protected[channel]}")
+            await self.link.wait_connected(CONNECT_S)
+            if (why := interlocked()) is not None:
+                raise Refused(why)
+            _check_stop(stop())  # it may have come while the link came up
+            await self.link.switch(channel, on)
+        except RobomendError as error:
+            failed = replace(
+                entry, action=f"{entry.action}.failed", after={"error": f"{error.code}: {error}"}
+            )
+            await self._store.write(lambda tx: tx.note(failed))
+            raise
 
     async def _listen(self) -> None:
         async for snapshot in self.link.measurements():
             await self._tell(snapshot)
 
     async def _tell(self, snapshot: Snapshot) -> None:
-        said = self._observer.observe(snapshot)
+        self._observer.feed(BOARD, snapshot.time_ns, snapshot.channels)
+        said = frozenset(self._observer.check(snapshot.time_ns))
         if said != self._told:
             await self._report(self.robot, said, snapshot.time_ns)
             self._told = said
@@ -123,7 +156,7 @@ class WiredBoard:
 def board_update(obs: Obs, vocabulary: Vocabulary, said: frozenset[Literal], time_ns: int) -> Update:
     """Return what a board changes in OBS by saying this: what is new, and to forget what it says no more."""
     entries = [
-        Entry(literal, SOURCE, time_ns)
+        Entry(literal, SOURCE, time_ns, since_ns=time_ns)
         for literal in sorted(said)
         if vocabulary.declares(literal.atom)
         and ((held := obs.get(literal.atom)) is None or held.literal != literal)
@@ -131,6 +164,11 @@ def board_update(obs: Obs, vocabulary: Vocabulary, said: frozenset[Literal], tim
     atoms = {literal.atom for literal in said}
     gone = [entry.atom for entry in obs.entries() if entry.source == SOURCE and entry.atom not in atoms]
     return Update(entries, forgotten=gone)
+
+
+def _check_stop(stop: Stop) -> None:
+    if stop.active:
+        raise Refused(f"the global stop is active, set by {stop.by}: {stop.reason}")
 
 
 def _wiring(channel: int, config: BoardConfig) -> Wiring:
@@ -156,12 +194,17 @@ class Boards:
             raise NotFound(f"robot {robot!r} has no board configured")
         return board
 
-    async def put(self, robot: str, config: BoardConfig | None, parts: ComponentModel | None) -> None:
+    def made(self, robot: str, config: RobotConfig, parts: ComponentModel | None) -> WiredBoard | None:
+        """Return the board that is configured, not connected yet."""
+        if config.board is None:
+            return None
+        protected = protection_of(config, parts)
+        return WiredBoard(self._store, robot, config.board, protected, parts, self._report, self._on_state)
+
+    async def put(self, robot: str, config: RobotConfig, parts: ComponentModel | None) -> None:
         """Make the robot's board what is configured; the link stays if nothing about it changed."""
         old = self._boards.get(robot)
-        new = None
-        if config is not None:
-            new = WiredBoard(self._store, robot, config, parts, self._report, self._on_state)
+        new = self.made(robot, config, parts)
         if (
             old is not None
             and new is not None

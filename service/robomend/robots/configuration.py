@@ -1,23 +1,32 @@
 """What is configured of one robot, as values.
 
 The store keeps the JSON that HTTP puts (checked by robomend.api.schemas); this is what the service reads of
-it. To add a setting of a robot: a field with a default here, one in schemas.RobotBody, a line in
-docs/http.md.
+it.
+
+To add a setting of a robot: 1. a field with a default in RobotConfig, here (and in `from_json`, unless it
+has the name that HTTP gives it); 2. the same in RobotBody of robomend/api/schemas/robots.py, with what it
+may be; 3. its row in docs/http.md. tests/robots/test_configuration.py holds the three against each other.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 from robomend.errors import InputError
+from robomend.model.components import ComponentModel
 from robomend.planning.policy import Mode, Policy, Window
+from robomend.planning.protection import marked, protection
 
 POLICIES = ("observe", "approve", "auto")
 
 COVERED = "**********"
 """What is shown of a webhook's secret. Put back as it is, it leaves the secret as it was."""
+
+SECRET = re.compile(r"secret|token|password|credential|api_?key|(^|_)key$", re.IGNORECASE)
+"""Options of executors with such names are shown to nobody."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +70,7 @@ class RobotConfig:
     expected_stopped: tuple[str, ...] = ()  # components that are meant to be stopped or off
     observed: tuple[str, ...] = ()  # literals that the observers will report, either sign
     observed_timeout_s: float = 30.0
+    detection_s: float = 2.5  # what an observer that does not say so needs from a change to its verdict
     hold_s: float = 0.0  # a diagnosis must hold this long before an automatic repair
     debounce_s: float = 0.0  # a diagnosis waits for OBS to be quiet this long, but at most ten times it
     period_s: float | None = None  # diagnose this often, changed or not (the paper's second)
@@ -83,58 +93,93 @@ class RobotConfig:
         skipped.
         """
         options = values.get("diagnosis") or {}
-        flat = {
-            **{name: value for name, value in values.items() if name in _PLAIN},
-            **{name: value for name, value in options.items() if name in _OPTIONS},
-        }
-        for name in ("protected", "observed", "windows"):
-            flat[name] = tuple(values.get(name) or ())
         allow = values.get("allow")
-        limits = values.get("limits") or {}
-        return cls(
-            id=robot,
-            model=values["model"],
-            limits=Limits(
-                **{name: limits[name] for name in ("attempts_per_hour", "rounds") if name in limits}
-            ),
-            allow=None if allow is None else tuple(allow),
-            board=_board(values.get("board")),
-            expected_stopped=tuple((values.get("expected") or {}).get("stopped", ())),
-            keep_unknown=values.get("unknown") == "keep",
-            **flat,
-        )
+        read = {
+            **_fields(cls, values),
+            **_fields(cls, options),
+            **{name: tuple(values.get(name) or ()) for name in ("protected", "observed", "windows")},
+            "id": robot,
+            "limits": Limits(**_fields(Limits, values.get("limits") or {})),
+            "allow": None if allow is None else tuple(allow),
+            "board": _board(values.get("board")),
+            "expected_stopped": tuple((values.get("expected") or {}).get("stopped", ())),
+            "keep_unknown": values.get("unknown") == "keep",
+        }
+        return cls(**read)
 
 
 def covered(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a configuration without the secrets of its webhooks, for answers and the audit log."""
-    return _with_secrets(values, lambda _: COVERED)
+    """Return a configuration as it is shown: without secrets, for answers, the audit log and exports."""
+    return _with_options(values, lambda _action, name, value: _shown(name, value))
 
 
 def uncovered(values: Mapping[str, Any], before: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a configuration with the secrets of the one before where they are covered.
+    """Return a configuration with what the one before had where it is covered.
+
+    A secret stays with its receiver: where the kind of the executor or an address changes, it is not known.
 
     Raises:
-        InputError: an action has a covered secret that had none before.
+        InputError: something covered stands for nothing.
     """
+    earlier = before.get("actions") or {}
 
-    def known(action: str) -> str:
-        found: str | None = _options_of((before.get("actions") or {}).get(action)).get("secret")
-        if found is None:
-            raise InputError(f"actions.{action}: there is no secret yet that {COVERED} could stand for")
-        return found
+    def known(action: str, name: str, value: Any) -> Any:
+        if not isinstance(value, str) or COVERED not in value:
+            return value
+        if _receiver(values["actions"][action]) == _receiver(earlier.get(action)):
+            found = _options_of(earlier.get(action)).get(name)
+            if found is not None and _shown(name, found) == value:
+                return found
+        where = f"actions.{action}.executor.options.{name}"
+        raise InputError(
+            f"{where}: {value!r} stands for nothing that is known for this receiver; write it anew"
+        )
 
-    return _with_secrets(values, known, only=COVERED)
+    return _with_options(values, known)
 
 
-def _with_secrets(
-    values: Mapping[str, Any], secret_of: Callable[[str], str], only: str | None = None
-) -> dict[str, Any]:
+def shown_url(url: str) -> str:
+    """Return an address without what may be a credential: its user, query and fragment."""
+    scheme, separator, rest = url.partition("://")
+    if not separator:
+        return url
+    end = min((place for mark in "/?#" if (place := rest.find(mark)) >= 0), default=len(rest))
+    authority, path = rest[:end], rest[end:]
+    if "@" in authority:
+        authority = f"{COVERED}@{authority.rpartition('@')[2]}"
+    for mark in "?#":
+        beginning, found, _ = path.partition(mark)
+        if found:
+            path = f"{beginning}{mark}{COVERED}"
+            break
+    return f"{scheme}://{authority}{path}"
+
+
+def _shown(name: str, value: Any) -> Any:
+    """Return an executor's option as it is shown."""
+    if SECRET.search(name):
+        return COVERED
+    return shown_url(value) if isinstance(value, str) else value
+
+
+def _receiver(action: Mapping[str, Any] | None) -> tuple[Any, tuple[tuple[str, Any], ...]]:
+    """Return whom an action's executor tells: its kind and addresses, as they are shown."""
+    kind = ((action or {}).get("executor") or {}).get("kind")
+    options = _options_of(action).items()
+    addresses = [
+        (name, shown_url(value)) for name, value in options if isinstance(value, str) and "://" in value
+    ]
+    return kind, tuple(sorted(addresses))
+
+
+def _with_options(values: Mapping[str, Any], value_of: Callable[[str, str, Any], Any]) -> dict[str, Any]:
+    """Return a configuration with its executors' options replaced by `value_of(action, name, value)`."""
     actions = dict(values.get("actions") or {})
-    for name, action in actions.items():
-        options = _options_of(action)
-        if "secret" in options and only in (None, options["secret"]):
-            executor = {**action["executor"], "options": {**options, "secret": secret_of(name)}}
-            actions[name] = {**action, "executor": executor}
+    for action, configured in actions.items():
+        options = _options_of(configured)
+        if options:
+            new = {name: value_of(action, name, value) for name, value in options.items()}
+            actions[action] = {**configured, "executor": {**configured["executor"], "options": new}}
     return {**values, "actions": actions} if actions else dict(values)
 
 
@@ -142,37 +187,46 @@ def _options_of(action: Mapping[str, Any] | None) -> Mapping[str, Any]:
     return ((action or {}).get("executor") or {}).get("options") or {}
 
 
-_PLAIN = frozenset(
-    {"policy", "observed_timeout_s", "hold_s", "debounce_s", "period_s", "planner", "domain", "actions"}
-)
-_OPTIONS = frozenset({"engine", "minimal", "max_size", "limit", "timeout_s"})
+def _fields(kind: type[RobotConfig | BoardConfig | Limits], values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return those of the values that are fields of `kind`, by their names."""
+    return {name: values[name] for name in (one.name for one in fields(kind)) if name in values}
 
 
 def _board(values: Mapping[str, Any] | None) -> BoardConfig | None:
     if values is None:
         return None
     currents = values.get("expected_currents") or {}
-    return BoardConfig(
-        host=values["host"],
-        port=values["port"],
-        rate_hz=values.get("rate_hz", 5),
-        protected=tuple(values.get("protected", (2,))),
-        expected_currents={int(channel): ExpectedCurrent(**current) for channel, current in currents.items()},
-    )
+    read = {
+        **_fields(BoardConfig, values),
+        "protected": tuple(values.get("protected", (2,))),
+        "expected_currents": {
+            int(channel): ExpectedCurrent(**current) for channel, current in currents.items()
+        },
+    }
+    return BoardConfig(**read)
 
 
-def policy_of(config: RobotConfig, protected: Iterable[str]) -> Policy:
-    """Return the policy that a robot's configuration describes.
+def protected_of(config: RobotConfig, parts: ComponentModel | None) -> tuple[str, ...]:
+    """Return the components that a robot protects: by its model, its board's channels, its configuration."""
+    if parts is None:
+        return ()
+    known = {name for name in config.protected if name in parts.hardware or name in parts.nodes}
+    return tuple(sorted(known | marked(parts, () if config.board is None else config.board.protected)))
 
-    Args:
-        protected: what the model and the board's protected channels add to the configuration's own.
-    """
+
+def protection_of(config: RobotConfig, parts: ComponentModel | None) -> dict[str, str]:
+    """Return all that nothing switches off or stops on this robot, and why (robomend.planning.protection)."""
+    return {} if parts is None else protection(parts, protected_of(config, parts))
+
+
+def policy_of(config: RobotConfig, parts: ComponentModel | None) -> Policy:
+    """Return the policy that a robot's configuration describes, with what its model protects."""
     modes = {name: Mode(value["policy"]) for name, value in config.actions.items() if value.get("policy")}
     return Policy(
         mode=Mode(config.policy),
         actions=modes,
         allowed=None if config.allow is None else frozenset(config.allow),
-        protected=frozenset(config.protected) | frozenset(protected),
+        protected=protection_of(config, parts),
         attempts_per_hour=config.limits.attempts_per_hour,
         rounds=config.limits.rounds,
         hold_s=config.hold_s,

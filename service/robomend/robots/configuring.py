@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
-import asyncio
-from typing import Any
+from collections.abc import Iterable, Iterator
 
 from robomend.diagnosis.engines import ENGINES
-from robomend.errors import InputError, OptionRefused
+from robomend.errors import InputError, OptionRefused, RobomendError
+from robomend.model.components import ComponentModel
 from robomend.model.system import System
 from robomend.observations.language import parse
 from robomend.planning.domain.loading import load_domain
+from robomend.planning.foresight import check_domain, check_names
 from robomend.planning.planners import PLANNERS
 from robomend.robots.configuration import RobotConfig, covered, uncovered
+from robomend.robots.readers import Readers
 from robomend.store import Transaction, records, robots
 from robomend.store.records import AuditEntry, Json
+from robomend.turns import Turns
 from robomend_client.events import Kind
-from robomend_client.registry import Registry
+from robomend_client.near import did_you_mean
 
 
-def put(tx: Transaction, robot: str, config: Json, *, expected: str | None, by: str) -> None:
+def put(
+    tx: Transaction, robot: str, config: Json, *, expected: str | None, by: str, reason: str = ""
+) -> None:
     """Create or replace a robot."""
     created = expected in (None, records.ABSENT)
     before = None if created else robots.get(tx, robot).config
@@ -34,21 +39,22 @@ def put(tx: Transaction, robot: str, config: Json, *, expected: str | None, by: 
             action="robot.put",
             subject=robot,
             robot=robot,
+            reason=reason,
             before=None if before is None else covered(before),
             after=covered(config),
         )
     )
 
 
-def delete(tx: Transaction, robot: str, *, expected: str, by: str) -> None:
+def delete(tx: Transaction, robot: str, *, expected: str, by: str, reason: str = "") -> None:
     """Delete a robot; Conflict while a repair is open."""
     before = covered(robots.get(tx, robot).config)
     robots.delete(tx, robot, expected=expected)
     tx.emit(Kind.ROBOT, robot, {"what": "deleted", "by": by})
-    tx.note(AuditEntry(actor=by, action="robot.delete", subject=robot, robot=robot, before=before))
+    tx.note(AuditEntry(by, "robot.delete", robot, robot, reason, before=before))
 
 
-async def check(config: RobotConfig, system: System) -> None:
+async def check(config: RobotConfig, system: System, readers: Readers) -> None:
     """Refuse a configuration that speaks of what the model or this installation does not have."""
     for what, parts, name in (
         ("diagnosis.engine", ENGINES, config.engine),
@@ -58,19 +64,62 @@ async def check(config: RobotConfig, system: System) -> None:
             parts.check(name)
         except OptionRefused as error:
             raise OptionRefused(f"{what}: {error}") from error
-    if config.domain is not None:
-        await asyncio.to_thread(load_domain, config.domain, "domain")
+    await _check_actions(config, system, readers)
+    await _check_names(config, system)
+
+
+async def faults(config: RobotConfig, system: System, readers: Readers) -> list[str]:
+    """Return what was in order when the robot was configured, and is no more as its model has changed."""
+    found: list[str] = []
+    for look in (_check_actions(config, system, readers), _check_names(config, system)):
+        try:
+            await look
+        except RobomendError as error:
+            found.append(str(error))
+    return found
+
+
+async def _check_actions(config: RobotConfig, system: System, readers: Readers) -> None:
+    wanted = (config.domain, config.allow or (), tuple(config.actions), system.parts)
+    if config.domain is None:
+        check_actions(*wanted)
+    else:
+        await readers.call(check_actions, *wanted)
+
+
+async def _check_names(config: RobotConfig, system: System) -> None:
+    turns = Turns()
+    for _ in names_checked(config, system):
+        await turns.rest()
+
+
+def check_actions(
+    domain: str | None, allow: Iterable[str], actions: Iterable[str], parts: ComponentModel | None
+) -> None:
+    """Refuse PDDL that no plan can be made with, and actions that there are not. For a worker, or for PDDL
+    that is known already.
+
+    Raises:
+        DomainError, InputError: name the place and the remedy.
+    """
+    found = load_domain() if domain is None else check_domain(domain, parts)
+    check_names("allow", allow, found)
+    check_names("actions", actions, found)
+
+
+def names_checked(config: RobotConfig, system: System) -> Iterator[None]:
+    """Refuse names that the model does not have; yields after each, so that others get their turn.
+
+    Raises:
+        InputError, ObservationError: name the place and the remedy.
+    """
     known = frozenset(system.cnf.components)
     for what, names in (("expected.stopped", config.expected_stopped), ("protected", config.protected)):
         for name in names:
             if name not in known:
-                raise InputError(f"{what}: the model {config.model!r} has no component {name!r}")
+                raise InputError(
+                    f"{what}: the model {config.model!r} has no component {name!r}{did_you_mean(name, known)}"
+                )
     for sentence in config.observed:
         parse(sentence, system.vocabulary)
-
-
-def _check_part(what: str, parts: Registry[Any], name: str) -> None:
-    try:
-        parts.check(name)
-    except OptionRefused as error:
-        raise OptionRefused(f"{what}: {error}") from error
+        yield

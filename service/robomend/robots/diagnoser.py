@@ -28,9 +28,11 @@ from robomend.diagnosis.result import DiagnosisResult, Engine, Options
 from robomend.errors import RobomendError
 from robomend.metrics import Metrics
 from robomend.model.cnf import HealthCnf
+from robomend.model.packed import PackedCnf
 from robomend.model.system import System
 from robomend.oneshots.result_json import result_json, timeless
 from robomend.oneshots.warm_model import ask_engine
+from robomend.robots.readers import memory_unlimited
 from robomend.settings import Settings
 from robomend.store.encoding import to_json
 from robomend_client.literals import Literal
@@ -108,6 +110,7 @@ class Diagnoser:
         self._slow: set[tuple[str, str]] = set()
         self._strikes: Counter[tuple[str, str]] = Counter()
         self._turns: dict[tuple[str, str], asyncio.Lock] = {}
+        self._at_once = memory_unlimited()
 
     async def diagnose(
         self, version: str, system: System, literals: Iterable[Literal], engine: str, options: Options
@@ -182,7 +185,12 @@ class Diagnoser:
         """Diagnose here and now; None if that is not for the event loop, or took too long to finish."""
         if (version, engine) in self._slow:
             return None
-        if len(system.cnf.components) > self._settings.inline_components or engine != "sat":
+        if (
+            engine != "sat"
+            or isinstance(system.cnf, PackedCnf)
+            or len(system.cnf.components) > self._settings.inline_components
+            or not self._at_once
+        ):
             self._slow.add((version, engine))
             return None
         budget_s = min(4 * self._settings.inline_budget_s, options.timeout_s or float("inf"))

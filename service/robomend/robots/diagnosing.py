@@ -14,12 +14,12 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 
 import structlog
 
-from robomend.diagnosis.result import Options
+from robomend.diagnosis.result import DiagnosisResult, Options
 from robomend.errors import NotFound, RobomendError
 from robomend.metrics import Metrics
 from robomend.robots.clock import CLOCK
@@ -29,6 +29,7 @@ from robomend.robots.robot import Robot
 from robomend.settings import Settings
 from robomend.store import Store, Transaction
 from robomend.store.records import IdempotencyKey, Json
+from robomend_client.literals import Literal
 
 log = structlog.get_logger("robomend.robots.diagnosing")
 
@@ -189,6 +190,11 @@ class Diagnosing:
         if answer is None:
             return None
         return Current.of(revision, robot.model.version, answer, robot.config.expected_stopped)
+
+    async def of(self, robot: Robot, literals: Iterable[Literal]) -> DiagnosisResult:
+        """Return the diagnosis of these literals instead of all that is known; a fault is raised."""
+        answer = await self._diagnoser.diagnose(*robot.question(literals), *_how(robot, self._settings))
+        return answer.result_or_fault()
 
     async def _publish(self, robot: Robot, current: Current, began: float | None) -> None:
         """Write a diagnosis if it is news; then tell it."""

@@ -13,7 +13,7 @@ from collections.abc import Awaitable, Callable
 from weakref import WeakValueDictionary
 
 from robomend.errors import NotFound
-from robomend.robots.batches import stored_assertion
+from robomend.robots.batches import Words, stored_assertion
 from robomend.robots.configuration import RobotConfig
 from robomend.robots.robot import Robot
 from robomend.robots.systems import Systems
@@ -61,6 +61,16 @@ class Memory:
         finally:
             self._loading.pop(robot, None)  # also for names that are no robot, of which there is no end
         return state
+
+    async def take_up_working(self) -> None:
+        """Read the robots that work without being asked: those with a board or a period."""
+        paging: records.Paging | None = records.Paging(limit=1000)
+        while paging is not None:
+            page = await self._store.read(robots.page, paging)
+            for stored in page.items:
+                if stored.config.get("board") or stored.config.get("period_s"):
+                    await self.robot(stored.id)
+            paging = records.Paging(page.next, 1000) if page.next is not None else None
 
     def _use(self, state: Robot) -> None:
         """Keep a state in memory, and let go of the one that nobody asked for longest."""
@@ -126,10 +136,11 @@ class Memory:
             raise
         system = await self._models.compiled(model)
         config = RobotConfig.from_json(robot, stored.config)
+        words = Words.of(model, system, config)
         assertions = [
             assertion
             for record in obs.assertions
-            if (assertion := stored_assertion(record, system, config)) is not None
+            if (assertion := await stored_assertion(robot, record, words, self._models.readers)) is not None
         ]
         state = self.states.get(robot)
         if state is None:

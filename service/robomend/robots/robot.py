@@ -19,15 +19,16 @@ from robomend.entry import Entry
 from robomend.model.clauses import Assertion
 from robomend.model.system import System, variant
 from robomend.observations.obs import Obs, consequences
-from robomend.robots.batches import Update
+from robomend.robots.batches import Update, Words
 from robomend.robots.clock import AHEAD_NS, CLOCK
 from robomend.robots.configuration import RobotConfig
 from robomend.robots.current import Current
+from robomend.robots.sight import Sight
 from robomend.robots.states import HELD, SEARCH, Held, HeldTrigger, Search, SearchTrigger
 from robomend.robots.turnstile import Turnstile
 from robomend.store import records
 from robomend.transitions import after
-from robomend_client.literals import Atom, Literal
+from robomend_client.literals import Literal
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +62,7 @@ class Robot:
         "model",
         "obs",
         "observed",
+        "sight",
         "stored",
         "system",
     )
@@ -75,6 +77,7 @@ class Robot:
         """`read_again` calls `read` on the robot of this id, if it is stale. NotFound."""
         self._configure(stored, model, system)
         self.obs = Obs()
+        self.sight = Sight(self)
         self.assertion_records: dict[str, records.StoredAssertion] = {}
         self.observed = Turnstile()  # committed revisions
         self.diagnosed = Turnstile()  # publications and confirmations, counted
@@ -125,16 +128,16 @@ class Robot:
         """Whether a diagnosis is under way."""
         return self._search is not Search.IDLE
 
-    # --- what the repair loop looks at (its Sight)
+    # --- what the repair loop looks at (see sight.py)
 
     @property
     def revision(self) -> int:
         """The latest revision that is on disk."""
         return self.observed.value
 
-    def value(self, atom: Atom) -> bool | None:
-        """Return whether the atom is observed to hold; None: unknown, or stale."""
-        return self.obs.known(atom, CLOCK.now_ns())
+    def interlocked(self) -> str | None:
+        """Return why nothing may be sent to the robot now (`act_when` of its model), or None."""
+        return None if self.system.act_when is None else self.system.act_when.why_not(self.sight.value)
 
     async def changed(self, revision: int, timeout_s: float) -> int:
         """Return the revision once it is above `revision`, or the present one after the time-out.
@@ -154,15 +157,20 @@ class Robot:
         """Return what is known now."""
         return self.obs.literals(CLOCK.now_ns())
 
+    @property
+    def words(self) -> Words:
+        """In which sentences about it are read."""
+        return Words.of(self.model, self.system, self.config)
+
     # --- what the engine is asked
 
-    def question(self) -> tuple[str, System, frozenset[Literal]]:
-        """Return version, system and literals for the engine.
+    def question(self, literals: Iterable[Literal] | None = None) -> tuple[str, System, frozenset[Literal]]:
+        """Return version, system and literals for the engine; by default what is known now.
 
         Assertions join the system description, and nodes that are meant to be stopped leave scheme 5. The
         version names the result: equal versions are equal clauses.
         """
-        literals = frozenset(self.literals())
+        literals = frozenset(self.literals() if literals is None else literals)
         assertions = tuple(self.obs.assertions.values())
         stopped = self.config.expected_stopped
         if not assertions and not stopped:
@@ -194,6 +202,7 @@ class Robot:
             self.assertion_records.pop(name, None)
         if update.forgotten:
             self.obs.forget(update.forgotten)
+        self.sight.hear(update.entries)
         return changed, tuple(kept.values())
 
     # --- what happens to what is held
@@ -215,6 +224,7 @@ class Robot:
         if newest_ns > CLOCK.now_ns() + AHEAD_NS:  # no client's clock may be so far ahead: ours went back
             CLOCK.no_earlier_than(newest_ns)
         self.assertion_records = {assertion.name: assertion for assertion in obs.assertions}
+        self.sight.hear(obs.entries)
         self._head = obs.revision
         self._generation += 1
         self.observed.advance(obs.revision)

@@ -11,21 +11,12 @@ configuring.py has what is set of each. All belongs to one event loop.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from functools import partial
+from collections.abc import Awaitable, Callable
 
 import structlog
 
 from robomend.board.link import LinkState
-from robomend.errors import (
-    InputError,
-    NotFound,
-    ObservationError,
-    Overloaded,
-    RobomendError,
-    StateConflict,
-    TooLarge,
-)
+from robomend.errors import InputError, NotFound, ObservationError, Overloaded, RobomendError, StateConflict
 from robomend.metrics import Metrics
 from robomend.robots import configuring
 from robomend.robots.background import Background
@@ -36,13 +27,16 @@ from robomend.robots.configuration import RobotConfig
 from robomend.robots.diagnoser import Diagnoser
 from robomend.robots.diagnosing import Diagnosing
 from robomend.robots.following import Following
+from robomend.robots.health import HealthWatch
 from robomend.robots.memory import Memory
+from robomend.robots.readers import Readers
+from robomend.robots.reporters import OURSELVES, Reporter, Reports, note
 from robomend.robots.robot import Robot
 from robomend.robots.systems import Systems
 from robomend.robots.waiting import Waiting
 from robomend.settings import Settings
-from robomend.store import Store, Transaction, View, observations, robots
-from robomend.store.records import IdempotencyKey, Json, Page, Paging, StoredRobot
+from robomend.store import Store, Transaction, observations
+from robomend.store.records import IdempotencyKey, Json
 from robomend_client.events import Kind
 from robomend_client.literals import Literal
 
@@ -55,18 +49,24 @@ ATTEMPTS = 8
 class Robots:
     """See the module."""
 
-    def __init__(self, store: Store, settings: Settings, metrics: Metrics, diagnoser: Diagnoser) -> None:
-        self.models = Systems(store, settings)
+    def __init__(
+        self, store: Store, settings: Settings, metrics: Metrics, diagnoser: Diagnoser, readers: Readers
+    ) -> None:
+        self.models = Systems(store, settings, readers)
+        self.readers = readers
         self.boards = Boards(store, self._hear_board, self._board_changed)
         self.memory = Memory(
             store, self.models, settings.max_robots, taken_up=self._taken_up, left=self.boards.remove
         )
         self.diagnosing = Diagnosing(store, settings, metrics, diagnoser)
+        self._health = HealthWatch(store, metrics, self.memory.states)
+        self.diagnosing.on_diagnosis(self._health.look)
         self.waiting = Waiting(self.diagnosing, metrics, settings.max_waiters)
         self._store = store
         self._settings = settings
         self._metrics = metrics
         self._background = Background()
+        self._reports = Reports()
         self._unsubscribe: Callable[[], None] | None = None
         self.models.on_change(self._model_changed)
         metrics.on_demand("robomend_robots", "robots in memory", (), lambda: [((), len(self.memory.states))])
@@ -79,44 +79,58 @@ class Robots:
 
     # --- observations
 
-    async def observe(self, robot: str, *batches: Batch, once: IdempotencyKey | None = None) -> Acknowledged:
+    async def observe(
+        self, robot: str, *batches: Batch, by: Reporter = OURSELVES, once: IdempotencyKey | None = None
+    ) -> Acknowledged:
         """Take in batches as one revision; when this returns, they are on disk.
 
         Raises:
             ObservationError: names the sentence at fault.
             TooLarge, Overloaded: OBS is full; too many instances write to this robot.
         """
+
+        async def read(state: Robot) -> Update:
+            evidence = state.sight.evidence()
+            return await read_batches(state.words, batches, self.readers, evidence, by.name)
+
         state = await self.memory.robot(robot)
         generation = state.generation
         try:
-            return await self._accept(state, lambda: read_batches(state.system, state.config, batches), once)
+            return await self._accept(state, read, by, once)
         except ObservationError:
             latest = await self.memory.latest(robot)
             if latest is state and state.generation == generation:
                 raise
         # Another instance has given it a model that may well have this word.
-        return await self._accept(latest, lambda: read_batches(latest.system, latest.config, batches), once)
+        return await self._accept(latest, read, by, once)
 
-    async def withdraw(self, robot: str, assertion: str) -> Acknowledged:
+    async def withdraw(self, robot: str, assertion: str, *, by: Reporter = OURSELVES) -> Acknowledged:
         """Withdraw a named assertion."""
         state = await self.memory.latest(robot)
         if assertion not in state.assertion_records:
             raise NotFound(f"robot {robot!r} has no assertion {assertion!r}")
-        return await self._accept(state, lambda: Update(withdrawn=(assertion,)))
+        return await self._accept(state, Update(withdrawn=(assertion,)).ready, by)
 
     async def _accept(
-        self, state: Robot, read: Callable[[], Update], once: IdempotencyKey | None = None
+        self,
+        state: Robot,
+        read: Callable[[Robot], Awaitable[Update]],
+        by: Reporter,
+        once: IdempotencyKey | None = None,
     ) -> Acknowledged:
         """Take an update into OBS and onto the disk; again, on fresh OBS, if another instance was faster."""
         for _ in range(ATTEMPTS):
-            update = read()
+            system = state.system
+            update = await read(state)
+            if state.stale or state.system is not system:  # reading it took a while
+                await state.refreshed()
+                if state.system is not system:
+                    continue
             if update.empty:
                 return Acknowledged(state.revision, (), update.refused)
-            room = self._settings.max_observed
-            if len(state.obs) >= room and len(state.obs) + len(update.entries) > room:
-                raise TooLarge(f"OBS of robot {state.id!r} holds {room} literals; max_observed is reached")
+            update.check_room(state.obs, self._settings)
             try:
-                said = await self._keep(state, update, once)
+                said = await self._keep(state, update, by, once)
             except StateConflict as error:
                 if error.code != "stale-revision":
                     raise
@@ -127,7 +141,7 @@ class Robots:
             return Acknowledged(said["revision"], said["changed"], update.refused)
         raise Overloaded(f"robot {state.id!r} is written to by too many instances at once")
 
-    async def _keep(self, state: Robot, update: Update, once: IdempotencyKey | None) -> Json:
+    async def _keep(self, state: Robot, update: Update, by: Reporter, once: IdempotencyKey | None) -> Json:
         """Take an update into OBS in memory, and write it with its event and, if possible, its diagnosis."""
         before, accepted_ns = state.head, time.time_ns()
         try:
@@ -137,6 +151,7 @@ class Robots:
             raise
         texts = [str(entry.literal) for entry in changed]
         forgotten = [str(atom) for atom in update.forgotten]
+        reports = self._reports.due(state.id, by, update)
 
         def keep(tx: Transaction) -> Json:
             revision = observations.observe(
@@ -148,20 +163,24 @@ class Robots:
                 asserted=[record for _, record in update.asserted],
                 withdrawn=update.withdrawn,
                 expected=before,
+                by=by.name,
             )
+            note(tx, state.id, by, update, revision, reports)
             said = {"revision": revision, "changed": texts}
             told = {**said, "forgotten": forgotten, "accepted_ns": accepted_ns}
             tx.emit(Kind.OBSERVATIONS, state.id, told)
             return said
 
-        return await self.diagnosing.write(state, keep, once)
+        written = await self.diagnosing.write(state, keep, once)
+        self._reports.noted(state.id, by, update)
+        return written
 
     async def _hear_board(self, robot: str, said: frozenset[Literal], time_ns: int) -> None:
         """Take what a board says into OBS."""
         try:
             state = await self.memory.robot(robot)
             update = board_update(state.obs, state.system.vocabulary, said, CLOCK.now_ns())
-            await self._accept(state, lambda: update)
+            await self._accept(state, update.ready, OURSELVES)
         except RobomendError as error:
             log.warning("board observation not kept", robot=robot, code=error.code, detail=str(error))
 
@@ -178,7 +197,9 @@ class Robots:
         await self.memory.latest(robot)
         return self.boards.get(robot)
 
-    async def put_robot(self, robot: str, config: Json, *, expected: str | None, by: str) -> Robot:
+    async def put_robot(
+        self, robot: str, config: Json, *, expected: str | None, by: str, reason: str = ""
+    ) -> Robot:
         """Create or replace a robot's configuration; OBS stays.
 
         Raises:
@@ -186,19 +207,21 @@ class Robots:
             InputError: what is configured does not fit the model.
         """
         _, system = await self.models.current(config["model"])
-        await configuring.check(RobotConfig.from_json(robot, config), system)
+        await configuring.check(RobotConfig.from_json(robot, config), system, self.readers)
         await self._store.write(
-            lambda tx: configuring.put(tx, robot, config, expected=expected, by=by), robots=(robot,)
+            lambda tx: configuring.put(tx, robot, config, expected=expected, by=by, reason=reason),
+            robots=(robot,),
         )
         state = self.memory.states.get(robot)
         if state is not None:
             state.changed_elsewhere()
         return await self.memory.robot(robot)
 
-    async def delete_robot(self, robot: str, *, expected: str, by: str) -> None:
+    async def delete_robot(self, robot: str, *, expected: str, by: str, reason: str = "") -> None:
         """Delete a robot; StateConflict while a repair is open."""
         await self._store.write(
-            lambda tx: configuring.delete(tx, robot, expected=expected, by=by), robots=(robot,)
+            lambda tx: configuring.delete(tx, robot, expected=expected, by=by, reason=reason),
+            robots=(robot,),
         )
         await self.memory.drop(robot)
 
@@ -208,13 +231,7 @@ class Robots:
         """Take up the robots that work without being asked: those with a board or a period."""
         following = Following(self.memory.states, self.diagnosing, self._deleted_elsewhere)
         self._unsubscribe = self._store.subscribe(following.follow)
-        paging: Paging | None = Paging(limit=1000)
-        while paging is not None:
-            page = await self._store.read(partial(_page, paging))
-            for stored in page.items:
-                if stored.config.get("board") or stored.config.get("period_s"):
-                    await self.memory.robot(stored.id)
-            paging = Paging(page.next, 1000) if page.next is not None else None
+        await self.memory.take_up_working()
 
     def end_waits(self) -> None:
         """Let every long poll go, with what there is: the service shuts down."""
@@ -232,13 +249,14 @@ class Robots:
         for state in self.memory.states.values():
             state.cancel_timers()
         await self.diagnosing.close()
+        await self._health.close()
         await self._background.close()
 
     # --- what happens elsewhere
 
     async def _taken_up(self, state: Robot) -> None:
         """Connect the board of a robot that was read from the store, and diagnose it."""
-        await self.boards.put(state.id, state.config.board, state.system.parts)
+        await self.boards.put(state.id, state.config, state.system.parts)
         self.diagnosing.set_period(state)
         self.diagnosing.wake(state)
 
@@ -257,7 +275,3 @@ class Robots:
             data = {"link": str(link), "reason": reason}
             writing = self._store.write(lambda tx: tx.emit(Kind.BOARD, robot, data))
             self._background.begin(writing, "board event")
-
-
-def _page(paging: Paging, view: View) -> Page[StoredRobot]:
-    return robots.page(view, paging)

@@ -6,41 +6,36 @@ through `on_change`: they are diagnosed anew over the same OBS.
 
 from __future__ import annotations
 
-import asyncio
 import hashlib
 from collections import OrderedDict
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Sequence
 
-from robomend.errors import InputError, TooLarge
-from robomend.model.checking import contradictory
-from robomend.model.loading import load_text
+from robomend.errors import InputError
+from robomend.model.budget import check_steps
+from robomend.model.clauses import Assertion
 from robomend.model.system import System
+from robomend.observations.language import parse, says_literals
 from robomend.oneshots.oneshots import Subject
+from robomend.oneshots.question import Question, together
+from robomend.robots.readers import Readers
 from robomend.settings import Settings
 from robomend.store import Store, Transaction, models
 from robomend.store.records import AuditEntry, StoredModel
+from robomend.turns import Turns
 from robomend_client.events import Kind
+from robomend_client.literals import Literal
 
 KEPT = 256
 """Compiled versions kept; those that a robot uses live on with the robot."""
-
-SHORT = 20_000
-"""Characters that are compiled on the event loop: a few milliseconds, less than a thread's turn."""
-
-LOOKED_AT = 50_000
-"""Clauses of a model that is looked at for rules which contradict one another; `model check` looks at all."""
-
-CONFLICTS = 1_000
-"""Of each search for them: some milliseconds."""
 
 
 class Systems:
     """See the module. Belongs to one event loop."""
 
-    def __init__(self, store: Store, settings: Settings) -> None:
+    def __init__(self, store: Store, settings: Settings, readers: Readers) -> None:
         self._store = store
         self._settings = settings
+        self.readers = readers
         self._compiled: OrderedDict[tuple[str, str], System] = OrderedDict()
         self._on_change: list[Callable[[str], None]] = []
 
@@ -58,9 +53,7 @@ class Systems:
         key = (model.name, model.version)
         system = self._compiled.get(key)
         if system is None:
-            system = await self._looked_at(
-                await self.load(model.source, name=model.name, format=model.format)
-            )
+            system = await self.readers.model(model.source, name=model.name, format=model.format)
             self._keep(key, system)
         else:
             self._compiled.move_to_end(key)
@@ -72,7 +65,7 @@ class Systems:
         Raises:
             InputError: neither, or both.
             NotFound: there is no model of this name.
-            ModelError, TooLarge: as `load`.
+            ModelError, TooLarge, Overloaded: see Readers.model.
         """
         if (model is None) == (source is None):
             raise InputError("give either `model`, the name of a stored one, or `source`, a model's text")
@@ -80,47 +73,43 @@ class Systems:
             stored, system = await self.current(model)
             return Subject(f"{stored.name}@{stored.version}", system)
         assert source is not None
-        system = await self.load(source, name=None, format=None)
+        system = await self.readers.model(source, name=None, format=None, guest=True)
         return Subject(f"text:{hashlib.sha256(source.encode()).hexdigest()}", system)
 
-    async def load(self, source: str, *, name: str | None, format: str | None) -> System:
-        """Compile a text within the service's limits.
+    async def question(self, subject: Subject, sentences: Sequence[str]) -> Question:
+        """Return what a one-shot's sentences say, all of one moment; see robomend.oneshots.question.
 
         Raises:
-            ModelError: with the place and what is allowed.
-            TooLarge: more bytes, components or clauses than the settings allow.
+            ObservationError: a sentence cannot be read, or all together take too many steps.
+            InputError: two contradict one another.
+            Overloaded: too many one-shots wait for a reader.
         """
-        size = len(source.encode())
-        most = self._settings.max_model_bytes
-        if size > most:
-            raise TooLarge(f"the model has {size} bytes; max_model_bytes is {most}")
-        if len(source) <= SHORT:
-            system = load_text(source, name=name, format=format)
-        else:
-            system = await asyncio.to_thread(load_text, source, name=name, format=format)
-        for what, count, limit in (
-            ("components", len(system.cnf.components), self._settings.max_components),
-            ("clauses", len(system.cnf.clauses), self._settings.max_clauses),
-        ):
-            if count > limit:
-                raise TooLarge(f"the model has {count} {what}; max_{what} is {limit}")
-        return system
-
-    async def _looked_at(self, system: System) -> System:
-        """Add the warning that the rules contradict one another, in the words of `model check`.
-
-        Such a model is taken all the same: it is well-formed, and one that cannot be healthy may be meant.
-        """
-        if len(system.cnf.clauses) > LOOKED_AT:
-            return system
-        if len(system.source) <= SHORT:
-            clash = tuple(contradictory(system, CONFLICTS))
-        else:
-            clash = await asyncio.to_thread(lambda: tuple(contradictory(system, CONFLICTS)))
-        return replace(system, warnings=(*system.warnings, *clash)) if clash else system
+        spoken: list[Literal] = []
+        assertions: list[Assertion] = []
+        vocabulary = subject.system.vocabulary
+        turns, steps = Turns(), 0
+        for sentence in sentences:
+            if says_literals(sentence, vocabulary):
+                spoken += parse(sentence, vocabulary)
+            else:
+                said = await self.readers.assertion(
+                    subject.version, vocabulary, sentence, sentence, guest=True
+                )
+                steps += said.steps
+                check_steps(steps, self._settings.max_assertion_steps, sentence)
+                assertions.append(said)
+            await turns.rest()
+        return together(spoken, assertions, opposites="refuse")
 
     async def put(
-        self, name: str, source: str, *, format: str | None, expected: str | None, by: str
+        self,
+        name: str,
+        source: str,
+        *,
+        format: str | None,
+        expected: str | None,
+        by: str,
+        reason: str = "",
     ) -> tuple[StoredModel, System]:
         """Check a model and add it as a new version.
 
@@ -128,12 +117,13 @@ class Systems:
             ModelError: it is none; the version before stays.
             PreconditionRequired, PreconditionFailed: see store.preconditions.
         """
-        system = await self._looked_at(await self.load(source, name=name, format=format))
+        system = await self.readers.model(source, name=name, format=format)
 
         def put(tx: Transaction) -> StoredModel:
             model = models.put(tx, name, source, format=system.format, by=by, expected=expected)
             tx.emit(Kind.MODEL, None, {"name": name, "version": model.version, "number": model.number})
-            tx.note(AuditEntry(actor=by, action="model.put", subject=name, after={"version": model.version}))
+            after = {"version": model.version}
+            tx.note(AuditEntry(by, "model.put", name, None, reason, after=after))
             return model
 
         model = await self._store.write(put)
@@ -142,13 +132,13 @@ class Systems:
             callback(name)
         return model, system
 
-    async def delete(self, name: str, *, expected: str, by: str) -> None:
+    async def delete(self, name: str, *, expected: str, by: str, reason: str = "") -> None:
         """Delete a model; Conflict while a robot follows it."""
 
         def delete(tx: Transaction) -> None:
             models.delete(tx, name, expected=expected)
             tx.emit(Kind.MODEL, None, {"name": name, "version": None})
-            tx.note(AuditEntry(actor=by, action="model.delete", subject=name))
+            tx.note(AuditEntry(by, "model.delete", name, None, reason))
 
         await self._store.write(delete)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 from sqlalchemy import or_, select
@@ -64,21 +64,36 @@ def queue(
     return get(tx, action)
 
 
-def take(tx: Transaction, robot: str, *, host: str | None, agent: str) -> AgentAction | None:
-    """Hand out the oldest action of the robot that has no answer and is for this host, or for any.
+def meant_for(action: AgentAction, host: str | None, can: Collection[str] | None) -> bool:
+    """Return whether an agent may have this action.
+
+    Args:
+        host: the agent's; an action for a host goes to that host only.
+        can: what the agent can do, `name` or `name:parameter` of an action with one; None: anything.
+    """
+    if action.host is not None and action.host != host:
+        return False
+    if can is None or action.name in can:
+        return True
+    return len(action.parameters) == 1 and f"{action.name}:{action.parameters[0]}" in can
+
+
+def take(
+    tx: Transaction, robot: str, *, host: str | None, agent: str, can: Collection[str] | None = None
+) -> AgentAction | None:
+    """Hand out the oldest action of the robot that has no answer and is meant for this agent.
 
     It is handed out again, to the agent that has it, until its first feedback or result: an answer lost
     on the way loses no action.
     """
     table, now = _ACTIONS, tx.now_ns
-    query = (
+    free = (
         select(table)
         .where(
             table.c.robot == checked(robot),
             table.c.settled_ns.is_(None),
             ~table.c.answered,
             table.c.expires_ns > now,
-            or_(table.c.host.is_(None), table.c.host == checked_or_none(host)),
             or_(
                 table.c.taken_by.is_(None),
                 table.c.taken_by == checked(agent),
@@ -86,13 +101,15 @@ def take(tx: Transaction, robot: str, *, host: str | None, agent: str) -> AgentA
             ),
         )
         .order_by(table.c.number)
-        .with_for_update(skip_locked=True)
     )
-    row = tx.first(query)
-    if row is None:
-        return None
-    tx.change(table.update().where(table.c.id == row.id), {"taken_by": agent, "taken_ns": now})
-    return replace(_action(row), taken_by=agent, taken_ns=now)
+    for row in tx.rows(free):
+        # Only the one that is taken is locked: an agent that looks at the same time finds the others.
+        if meant_for(_action(row), host, can) and tx.first(
+            free.where(table.c.id == row.id).with_for_update(skip_locked=True)
+        ):
+            tx.change(table.update().where(table.c.id == row.id), {"taken_by": agent, "taken_ns": now})
+            return replace(_action(row), taken_by=agent, taken_ns=now)
+    return None
 
 
 def answer(tx: Transaction, action: str) -> AgentAction:

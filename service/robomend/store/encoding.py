@@ -112,12 +112,10 @@ def atom_from_text(text: str) -> Atom:
 
 
 def batch_to_text(
-    entries: Sequence[Entry], asserted: Sequence[StoredAssertion], withdrawn: Sequence[str]
+    entries: Sequence[Entry], asserted: Sequence[StoredAssertion], withdrawn: Sequence[str], by: str
 ) -> str:
     """Return one accepted batch as JSON: arrays, as names would take most of the space."""
-    rows: dict[str, Any] = {
-        "e": [[e.atom.predicate, e.atom.args, e.positive, e.source, e.time_ns, e.expires_ns] for e in entries]
-    }
+    rows: dict[str, Any] = {"b": checked(by), "e": [_entry_row(entry) for entry in entries]}
     if asserted:
         rows["a"] = [[a.name, a.sentence, a.source, a.time_ns, a.expires_ns] for a in asserted]
     if withdrawn:
@@ -125,11 +123,20 @@ def batch_to_text(
     return to_json(rows)
 
 
-def batch_from_text(text: str) -> tuple[tuple[Entry, ...], tuple[StoredAssertion, ...], tuple[str, ...]]:
-    """Return entries, assertions and withdrawn names of a batch."""
+def _entry_row(entry: Entry) -> list[Any]:
+    """Return an entry as an array, without the values at its end that it has not got."""
+    row = [entry.atom.predicate, entry.atom.args, entry.positive, entry.source, entry.time_ns]
+    row += [entry.expires_ns, entry.since_ns, entry.onset_ns, entry.settled]
+    while row[-1] is None:
+        row.pop()
+    return row
+
+
+def batch_from_text(text: str) -> tuple[tuple[Entry, ...], tuple[StoredAssertion, ...], tuple[str, ...], str]:
+    """Return entries, assertions, withdrawn names and the reporter of a batch."""
     rows = cast(dict[str, Any], json.loads(text))
     entries = tuple(
         Entry(Literal(Atom(p, tuple(args)), positive), *rest) for p, args, positive, *rest in rows["e"]
     )
     asserted = tuple(StoredAssertion(*row) for row in rows.get("a", ()))
-    return entries, asserted, tuple(rows.get("w", ()))
+    return entries, asserted, tuple(rows.get("w", ())), rows.get("b", "")

@@ -43,7 +43,15 @@ def obs(view: View, robot: str) -> StoredObs:
     return StoredObs(
         revision(view, robot),
         tuple(
-            Entry(Literal(atom_from_text(row.atom), row.positive), row.source, row.time_ns, row.expires_ns)
+            Entry(
+                Literal(atom_from_text(row.atom), row.positive),
+                row.source,
+                row.time_ns,
+                row.expires_ns,
+                row.since_ns,
+                row.onset_ns,
+                row.settled,
+            )
             for row in view.rows(select(entries).where(entries.c.robot == robot).order_by(entries.c.atom))
         ),
         tuple(
@@ -71,11 +79,12 @@ def observe(
     asserted: Sequence[StoredAssertion] = (),
     withdrawn: Sequence[str] = (),
     expected: int | None = None,
+    by: str = "",
 ) -> int:
     """Keep one batch and return the robot's new revision, one higher than before.
 
     `accepted` goes into the history; `changed` and `forgotten` are what OBS ⊕ accepted changes in OBS
-    (the store knows nothing of ⊕); `asserted` and `withdrawn` are named assertions.
+    (the store knows nothing of ⊕); `asserted` and `withdrawn` are named assertions; `by` is the reporter.
 
     Raises:
         NotFound: no such robot.
@@ -93,7 +102,7 @@ def observe(
             "robot": robot,
             "revision": revision,
             "time_ns": tx.now_ns,
-            "data": batch_to_text(accepted, asserted, withdrawn),
+            "data": batch_to_text(accepted, asserted, withdrawn, by),
         }
     )
     for entry in changed:
@@ -105,6 +114,9 @@ def observe(
             "source": checked(entry.source),
             "time_ns": checked_ns(entry.time_ns),
             "expires_ns": None if entry.expires_ns is None else checked_ns(entry.expires_ns),
+            "since_ns": None if entry.since_ns is None else checked_ns(entry.since_ns),
+            "onset_ns": None if entry.onset_ns is None else checked_ns(entry.onset_ns),
+            "settled": None if entry.settled is None else checked_ns(entry.settled),
         }
     for gone in forgotten:
         rows.obs[robot, atom_to_text(gone)] = None

@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING
 
 from sqlalchemy import Connection, or_, select
 
-from robomend.errors import RobomendError
+from robomend.errors import RobomendError, StoreError
 from robomend.store import schema
 from robomend.store.records import Fence, Instance
 from robomend.store.session import InstanceSession
@@ -54,6 +54,7 @@ class Ownership:
         self._held: dict[str, Fence] = {}
         self._callbacks: list[Callable[[Fence], None]] = []
         self._heart: asyncio.Task[None] | None = None
+        self._started_ns = time.time_ns()
 
     @property
     def instance(self) -> str:
@@ -133,15 +134,20 @@ class Ownership:
             for callback in tuple(self._callbacks):
                 callback(fence)
 
+    async def beat(self) -> None:
+        """Write that this instance is there; raises where it cannot be written."""
+        instance = self._session.instance
+        if instance is None:
+            raise StoreError("the database dropped our lock, and it is not taken again yet")
+        say = partial(
+            beat, instance=instance, host=socket.gethostname(), pid=os.getpid(), started_ns=self._started_ns
+        )
+        await self._store.write(say)
+
     async def _beat(self) -> None:
-        started = time.time_ns()
-        host, pid = socket.gethostname(), os.getpid()
         while True:
-            instance = self._session.instance
-            if instance is not None:
-                say = partial(beat, instance=instance, host=host, pid=pid, started_ns=started)
-                with contextlib.suppress(RobomendError):  # for people only: the next one will do
-                    await self._store.write(say)
+            with contextlib.suppress(RobomendError):  # for people only: the next one will do
+                await self.beat()
             await asyncio.sleep(HEARTBEAT_S)
 
 

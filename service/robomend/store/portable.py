@@ -1,12 +1,13 @@
 """Everything in one file: export and import as NDJSON, and backups of SQLite while it is in use.
 
-    {"robomend_export": 1, "schema": "0002"}
+    {"robomend_export": 1, "schema": "0003"}
     {"table": "models", "row": {"name": "tedusar", "current": 1}}
     …
     {"end": true, "rows": 4711}
 
 An export is one snapshot, from either kind of database into either kind. The last line tells a whole file
-from one that was cut off. Hashes of API keys are in it: keep it as safe as the database. What means something
+from one that was cut off. Hashes of API keys are in it: keep it as safe as the database. Secrets of
+configurations are in it if they are asked for. What means something
 to running instances only is left out: who owns which robot, and which browsers are signed in. Fencing numbers
 are in, so that they never go back.
 """
@@ -16,7 +17,7 @@ from __future__ import annotations
 import json
 import os
 import sqlite3
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,8 @@ from sqlalchemy import Connection, Table, func, select, text
 from robomend.errors import InputError, OptionRefused, StateConflict, StoreError
 from robomend.store import schema
 from robomend.store.database import Database, translated
+from robomend.store.encoding import from_json, to_json
+from robomend.store.records import Json
 
 FORMAT = 1
 _CHUNK = 1000
@@ -56,8 +59,16 @@ TABLES: tuple[Table, ...] = (
 )
 
 
-def export(database: Database) -> Iterator[str]:
-    """Yield the lines of an export, each with its newline. Blocking: for commands."""
+CONFIGURATIONS = {schema.robots: ("config",), schema.audit: ("before", "after")}
+"""Columns with JSON that a robot was configured with."""
+
+
+def export(database: Database, cover: Callable[[Json], Json] = dict) -> Iterator[str]:
+    """Yield the lines of an export, each with its newline. Blocking: for commands.
+
+    Args:
+        cover: makes what is exported of a robot's configuration; the store does not know what is secret.
+    """
     database.prepare()
     with database.reading() as connection:
         yield _line({"robomend_export": FORMAT, "schema": schema.HEAD})
@@ -69,6 +80,9 @@ def export(database: Database) -> Iterator[str]:
                     values = dict(row)
                     if table is schema.robot_state:
                         values["owner"] = None
+                    for column in CONFIGURATIONS.get(table, ()):
+                        if values[column] is not None:
+                            values[column] = to_json(cover(from_json(values[column])))
                     yield _line({"table": table.name, "row": values})
                     count += 1
         yield _line({"end": True, "rows": count})

@@ -108,6 +108,7 @@ class StoredBatch:
     entries: tuple[Entry, ...]
     asserted: tuple[StoredAssertion, ...] = ()
     withdrawn: tuple[str, ...] = ()  # names of assertions
+    by: str = ""  # the name of the key that reported it; empty: nobody noted it
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,7 +29,7 @@ from sqlalchemy import (
     text,
 )
 
-HEAD = "0002"
+HEAD = "0003"
 """The schema version that this program reads and writes."""
 
 metadata = MetaData()
@@ -120,6 +120,9 @@ obs = Table(
     _name("source", nullable=False),
     _time("time_ns"),
     _time("expires_ns", nullable=True),
+    _time("since_ns", nullable=True),
+    _time("onset_ns", nullable=True),
+    _time("settled", nullable=True),
     sqlite_with_rowid=False,
 )
 

@@ -32,6 +32,9 @@ from robomend.workers.parent import die_with_parent
 LENGTH = struct.Struct("<Q")
 MAX_MESSAGE = 1 << 30  # bytes
 
+NICENESS = 5
+"""Of workers: what takes long must not keep the service, on the same cores, from a stop."""
+
 READY, RESULT, ERROR = "ready", "result", "error"
 
 
@@ -140,6 +143,7 @@ def _receive_exactly(connection: socket.socket, count: int, deadline: float | No
 def serve(fd: int, parent: int) -> None:
     """Answer calls until the parent is gone. Runs in the worker process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.nice(NICENESS)
     die_with_parent()
     if os.getppid() != parent:  # it ended before we asked
         os._exit(0)

@@ -58,6 +58,29 @@ async def test_the_agent_on_the_component_s_host_gets_it_and_its_answer_counts(
     assert await result == ActionResult(OK, "started")
 
 
+async def test_an_agent_is_handed_only_what_it_can_do(store: Store, queue: AgentQueue) -> None:
+    result = sent(store, queue, 10.0)
+    others = {"stop_node:driver", "start_node:other", "driver", "calibrate"}
+    assert await queue.take("r1", "nuc", 0.2, agent="bridge", can=others) is None
+    assert await queue.take("r1", "nuc", 0.2, agent="bridge", can=()) is None
+    assert await queue.take("r1", "other", 0.2, agent="elsewhere", can={"start_node:driver"}) is None
+    action = await queue.take("r1", "nuc", 5.0, agent="onboard", can={"start_node:driver"})
+    assert action is not None
+    assert action.taken_by == "onboard"
+    await queue.finish(action.id, OK, "started")
+    assert await result == ActionResult(OK, "started")
+
+
+async def test_an_agent_that_says_nothing_of_what_it_can_is_handed_anything(
+    store: Store, queue: AgentQueue
+) -> None:
+    result = sent(store, queue, 10.0)
+    action = await queue.take("r1", "nuc", 5.0, agent="old")
+    assert action is not None
+    await queue.finish(action.id, OK, "started")
+    assert await result == ActionResult(OK, "started")
+
+
 async def test_an_action_that_returns_twice_keeps_its_first_result(store: Store, queue: AgentQueue) -> None:
     result = sent(store, queue, 10.0)
     action = await queue.take("r1", "nuc", 5.0)
@@ -72,7 +95,7 @@ async def test_an_action_that_returns_twice_keeps_its_first_result(store: Store,
 async def test_nobody_there_means_that_it_did_not_act(store: Store, queue: AgentQueue) -> None:
     result = await sent(store, queue, 0.2)
     assert result.code == UNREACHABLE
-    assert result.message == "the agent on nuc did not ask for work in 0.2 s"
+    assert result.message == "the agent on nuc did not ask for such work in 0.2 s"
     assert await queue.take("r1", "nuc", 0.1) is None  # withdrawn: too late
     with pytest.raises(StateConflict):
         await queue.feedback("r-1:0", 0, "begun")

@@ -34,7 +34,7 @@ def quiet(code: int, message: str) -> None:
 
 
 def executor(board: Board) -> BoardExecutor:
-    return BoardExecutor(board, {"jaguar": 7, "pc": 2}, frozenset({2}))
+    return BoardExecutor(board, {"jaguar": 7, "pc": 2}, {2: "nothing switches it off"})
 
 
 @pytest.mark.parametrize(("name", "on"), [("power_up", True), ("shutdown", False)])
@@ -55,7 +55,7 @@ async def test_a_protected_channel_is_never_switched_off() -> None:
 @pytest.mark.parametrize(
     ("failure", "code"),
     [
-        (BoardRefused("channel faulty"), FAILED),
+        (BoardRefused("channel faulty"), REFUSED),
         (BoardTimeout("no acknowledge"), TIMED_OUT),
         (BoardUnreachable("no connection"), UNREACHABLE),
         (BoardError("something else"), FAILED),

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from robomend.repairs.executors.process import ProcessExecutor
-from robomend_client.actions import OK, REFUSED, TIMED_OUT, UNREACHABLE, Action
+from robomend_client.actions import NO_PROGRAM, NOT_EXECUTABLE, OK, REFUSED, TIMED_OUT, Action
 
 pytestmark = pytest.mark.anyio
 
@@ -33,10 +33,10 @@ def action(name: str, *parameters: str, timeout_s: float = 10.0) -> Action:
 async def test_parameters_stay_single_arguments_whatever_they_hold() -> None:
     program = [sys.executable, "-c", "import sys; print(sys.argv[1:])", "--bus={0}", "{1}"]
     done = await ProcessExecutor({"reset_usb": program}).execute(
-        action("reset_usb", "$(reboot); rm -rf /", "a b"), no_feedback
+        action("reset_usb", "$(reboot); rm -rf ~", "a b"), no_feedback
     )
     assert done.code == OK
-    assert done.message == "['--bus=$(reboot); rm -rf /', 'a b']"
+    assert done.message == "['--bus=$(reboot); rm -rf ~', 'a b']"
 
 
 async def test_the_exit_status_is_the_result() -> None:
@@ -55,10 +55,12 @@ async def test_a_missing_parameter_is_refused() -> None:
     assert done.code == REFUSED
 
 
-async def test_a_missing_program_is_told() -> None:
+async def test_a_missing_program_is_told_as_a_shell_tells_it(tmp_path: Path) -> None:
     done = await ProcessExecutor({"reset": ["/nonexistent/program"]}).execute(action("reset"), no_feedback)
-    assert done.code == UNREACHABLE
+    assert done.code == NO_PROGRAM
     assert "/nonexistent/program" in done.message
+    done = await ProcessExecutor({"reset": [str(tmp_path)]}).execute(action("reset"), no_feedback)
+    assert done.code == NOT_EXECUTABLE
 
 
 async def test_a_time_out_ends_the_program_and_its_children(tmp_path: Path) -> None:

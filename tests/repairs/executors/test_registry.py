@@ -36,6 +36,7 @@ AROUND = Surroundings(
     agents=cast(AgentQueue, None),
     hosts={},
     programs={"usb-reset": ("usbreset", "{0}")},
+    webhook_hosts=(),
     halt=asyncio.Event(),
 )
 
@@ -70,11 +71,35 @@ def test_a_board_carries_out_nothing_but_power() -> None:
         (by("webhook"), "a webhook needs url and secret"),
         (by("webhook", url="https://h", secret="s", method="GET"), "a webhook needs url and secret"),
         (by("webhook", url="file:///etc/passwd", secret="s"), "is no http or https address"),
+        (by("webhook", url="ftp://h/", secret="s"), "is no http or https address"),
+        (by("webhook", url="http://", secret="s"), "is no http or https address with a host"),
+        (by("webhook", url="https://h:port/", secret="s"), "'https://h:port/': "),
+        (by("webhook", url="https://ann:pw@h/", secret="s"), "no user and password in an address"),
+        (by("webhook", url="http://10.0.0.1/", secret="s"), "10.0.0.1 is a private address"),
+        (by("webhook", url="http://localhost/", secret="s"), "localhost is a private address"),
+        (by("webhook", url="http://[::1]:80/", secret="s"), "::1 is a private address"),
+        (by("webhook", url="http://h.example/", secret="s", allow_private=True), "webhook_hosts"),
     ],
 )
-def test_options_that_do_not_fit_are_refused(configured: dict[str, Any], said: str) -> None:
-    with pytest.raises(InputError, match=said):
+def test_what_cannot_work_is_refused_when_it_is_configured(configured: dict[str, Any], said: str) -> None:
+    with pytest.raises(InputError, match=f"actions.reset_usb: .*{said}"):
+        check(configured, AROUND)
+    with pytest.raises(InputError, match=said):  # and where it is stored already
         executors(NAMES, configured, AROUND)
+
+
+@pytest.mark.parametrize("hosts", [("10.0.0.1",), ("10.0.0.1:8080",)])
+def test_a_private_address_is_called_where_the_settings_name_its_host(hosts: tuple[str, ...]) -> None:
+    around = replace(AROUND, webhook_hosts=hosts)
+    check(by("webhook", url="http://10.0.0.1:8080/", secret="s"), around)
+    with pytest.raises(InputError, match="private"):
+        check(by("webhook", url="http://10.0.0.2:8080/", secret="s"), around)
+
+
+def test_another_port_of_a_named_host_is_not_opened() -> None:
+    around = replace(AROUND, webhook_hosts=("10.0.0.1:8080",))
+    with pytest.raises(InputError, match="private"):
+        check(by("webhook", url="http://10.0.0.1/", secret="s"), around)
 
 
 def test_a_program_of_the_settings_and_a_webhook_are_taken() -> None:
@@ -85,7 +110,7 @@ def test_a_program_of_the_settings_and_a_webhook_are_taken() -> None:
 def test_a_kind_that_nobody_registered_is_refused_by_name_and_never_taken_for_the_agent() -> None:
     said = "no executor is named 'agnet': choose one of board, agent, process, webhook"
     with pytest.raises(OptionRefused, match=f"actions.reset_usb.executor.kind: {said}"):
-        check(by("agnet"))
+        check(by("agnet"), AROUND)
     with pytest.raises(OptionRefused, match=said):  # one that is stored already, say
         executors(NAMES, by("agnet"), AROUND)
 

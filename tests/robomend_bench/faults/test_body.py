@@ -134,10 +134,10 @@ def watch(robot: str, preset: Preset, fault: Fault | None, until_s: float, each:
                 body.plant(fault)
         on = {device: body.on(device) for device in anatomy.devices}
         for host in hosts:
-            atoms, literals = host.check(step / 10, body.running(), on) or ([], [])
-            for atom in atoms:
-                held.pop(atom, None)
-            held.update({literal.atom: literal for literal in literals})
+            for change in host.check(step / 10, body.running(), on):
+                held.pop(change.atom, None)
+                if change.value is not None:
+                    held[change.atom] = change.value
         if anatomy.power == "board":
             held |= {Atom("on", (d,)): Literal(Atom("on", (d,)), at) for d, at in on.items()}
         each(step / 10, held)

@@ -6,16 +6,18 @@ import pytest
 from tests.robomend_bench.faults.small import ROBOT
 
 from robomend_bench.faults.classes import Blind
-from robomend_bench.faults.observing import PRESETS, HostObservers
+from robomend_bench.faults.observing import PRESETS, HostObservers, ns
 from robomend_bench.faults.robot import find_robot
+from robomend_client.literals import Atom
 
 ALL = frozenset(ROBOT.nodes)
 FAST = PRESETS["fast"]
 
 
-def said(host: HostObservers, at_s: float, running: frozenset[str] = ALL) -> set[str] | None:
-    found = host.check(at_s, running, {})
-    return None if found is None else {str(literal) for literal in found[1]}
+def said(host: HostObservers, at_s: float, running: frozenset[str] = ALL) -> set[str]:
+    """Return what they hold, and what they say has changed."""
+    changes = host.check(at_s, running, {})
+    return {str(verdict.literal) for verdict in host.standing()} | {str(change.value) for change in changes}
 
 
 def fed(blind: Blind | None = None) -> HostObservers:
@@ -27,11 +29,40 @@ def fed(blind: Blind | None = None) -> HostObservers:
     return host
 
 
-def test_nobody_is_asked_before_it_is_due_but_for_a_process_that_ends() -> None:
+def test_a_process_that_ends_is_told_at_once_and_a_topic_at_its_tick() -> None:
     host = fed()
-    assert "ok(map)" in (said(host, 2.0) or ())
-    assert said(host, 2.01) is None
-    assert "not running(mapper)" in (said(host, 2.02, ALL - {"mapper"}) or ())
+    assert "ok(map)" in said(host, 2.0)
+    assert [str(c.value) for c in host.check(2.02, ALL - {"mapper"}, {})] == ["not running(mapper)"]
+    assert [(str(c.value), c.time_ns) for c in host.check(3.0, ALL - {"mapper"}, {})] == [
+        ("not ok(map)", ns(2.4))
+    ]
+
+
+def test_messages_count_when_they_were_due_whenever_they_are_handed_in() -> None:
+    host = fed()
+    assert "ok(map)" in said(host, 1.95)
+    for at_s in (2.2, 2.1, 2.0, 2.3):
+        host.message("map", at_s)
+    assert [str(c.value) for c in host.check(2.35, ALL, {})] == []
+
+
+def test_an_agent_that_was_held_up_does_not_take_it_for_silence() -> None:
+    host = fed()
+    assert "ok(map)" in said(host, 2.0)
+    host.lapse(7.0)
+    for _ in range(50):
+        host.message("map", 7.0)
+    for tick in range(10):
+        host.message("map", 7.05 + tick / 10)
+    assert [c for c in host.check(8.0, ALL, {}) if c.atom == Atom("ok", ("map",))] == []
+
+
+def test_asked_to_settle_they_judge_anew() -> None:
+    host = fed()
+    assert "ok(map)" in said(host, 2.0)
+    host.settle(3, [Atom("ok", ("map",))])
+    (settled,) = [c for c in host.check(3.0, ALL, {}) if c.settled == 3]
+    assert (str(settled.value), settled.time_ns) == ("not ok(map)", ns(2.5))
 
 
 @pytest.mark.parametrize(
@@ -39,11 +70,12 @@ def test_nobody_is_asked_before_it_is_due_but_for_a_process_that_ends() -> None:
 )
 def test_a_faulty_observer_is_faulty_from_when_it_is(how: str, says: str | None) -> None:
     host = fed(Blind("map", how))
-    assert "ok(map)" in (said(host, 2.0) or ())
+    assert "ok(map)" in said(host, 2.0)
     host.faulty = True
-    after = {literal for literal in said(host, 5.0) or () if "map)" in literal}
-    assert after == ({says} if says else set())
-    assert "not ok(scan)" in (said(host, 6.0) or ())  # the others are as they were
+    host.check(5.0, ALL, {})
+    after = {str(verdict.literal) for verdict in host.standing()}
+    assert {literal for literal in after if "map)" in literal} == ({says} if says else set())
+    assert "not ok(scan)" in after  # the others are as they were
 
 
 def test_a_missing_observer_watches_nothing() -> None:
@@ -58,6 +90,6 @@ def test_each_host_has_its_own_and_together_they_have_all() -> None:
     assert sorted(topics) == sorted(topic.name for topic in anatomy.topics.values() if topic.observed)
     on = dict.fromkeys(anatomy.devices, True)
     found = [host.check(1.0, frozenset(anatomy.nodes), on) for host in hosts]
-    literals = {str(literal) for each in found if each for literal in each[1]}
+    literals = {str(change.value) for each in found for change in each}
     assert {f"on({device})" for device in anatomy.devices} <= literals
     assert {f"running({node})" for node in anatomy.nodes} <= literals

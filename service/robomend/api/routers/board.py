@@ -28,6 +28,19 @@ async def get_board(robot: RobotPath, parts: PartsDep) -> BoardOut:
 async def switch_channel(
     robot: RobotPath, channel: ChannelPath, body: ChannelBody, parts: PartsDep, principal: PrincipalDep
 ) -> None:
-    """Switch a channel; returns when the board has acknowledged. A protected channel is not switched off."""
+    """Switch a channel; returns when the board has acknowledged.
+
+    Refused for switching off what is protected, during the global stop, and while OBS does not show the
+    model's `act_when`.
+    """
+    switch = parts.repairs.switch
     board = await parts.robots.board(robot)
-    await board.switch(channel, body.on, by=principal.name, reason=body.reason)
+    state = await parts.robots.memory.robot(robot)
+    await board.switch(
+        channel,
+        body.on,
+        stop=lambda: switch.stop,
+        interlocked=state.interlocked,
+        by=principal.name,
+        reason=body.reason,
+    )

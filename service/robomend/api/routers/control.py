@@ -2,37 +2,62 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
-from fastapi import APIRouter, Path
+from fastapi import APIRouter, Path, Response
 
-from robomend.api.deps import PartsDep, PrincipalDep, RobotPath
+from robomend.api.deps import Parts, PartsDep, PrincipalDep, ReasonQuery, RobotPath
 from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
 from robomend.api.schemas.repair import ReasonBody, StopOut
+from robomend.repairs.stop_switch import written
 from robomend.security import API
 
 router = APIRouter(prefix=API, tags=["control"], route_class=GuardedRoute)
 
+ANSWER_S = 0.04
+"""For the disk; the answer to a stop does not wait longer."""
+
 ComponentPath = Annotated[str, Path(min_length=1, max_length=200)]
+
+
+UNWRITTEN: dict[int | str, dict[str, Any]] = {
+    202: {"model": StopOut, "description": "Taken, and not on disk yet: `detail` tells what that means"}
+}
 
 
 @router.get("/stop", responses=problems())
 async def get_stop(parts: PartsDep) -> StopOut:
     """Return whether the global stop is active."""
-    return StopOut.model_validate(await parts.repairs.stopped())
+    switch = parts.repairs.switch
+    await switch.latest(ANSWER_S)
+    return StopOut.model_validate(switch.json(written=switch.settled))
 
 
-@router.post("/stop", responses=problems(body=True))
-async def stop(body: ReasonBody, parts: PartsDep, principal: PrincipalDep) -> StopOut:
-    """Stop: no action starts anywhere, running ones are cancelled; it stays over a restart."""
-    return StopOut.model_validate(await parts.repairs.stop(by=principal.name, reason=body.reason))
+@router.post("/stop", responses={**problems(body=True), **UNWRITTEN})
+async def stop(body: ReasonBody, parts: PartsDep, principal: PrincipalDep, response: Response) -> StopOut:
+    """Stop: no action starts anywhere, running ones are cancelled; it stays over a restart.
+
+    Answers at once: where the stop is not on disk within a moment (202), it is in force on this instance, and
+    on the others as soon as it is written.
+    """
+    return await _change(parts, response, True, principal.name, body.reason)
 
 
-@router.delete("/stop", responses=problems())
-async def resume(parts: PartsDep, principal: PrincipalDep) -> StopOut:
-    """Lift the stop."""
-    return StopOut.model_validate(await parts.repairs.resume(by=principal.name, reason=""))
+@router.delete("/stop", responses={**problems(507), **UNWRITTEN})
+async def resume(
+    parts: PartsDep, principal: PrincipalDep, response: Response, reason: ReasonQuery = ""
+) -> StopOut:
+    """Lift the stop. It is lifted when that is on disk, which a 202 says it is not yet."""
+    return await _change(parts, response, False, principal.name, reason)
+
+
+async def _change(parts: Parts, response: Response, active: bool, by: str, reason: str) -> StopOut:
+    switch = parts.repairs.switch
+    on_disk = await written(switch.ask(active, by=by, reason=reason), ANSWER_S)
+    if not on_disk:
+        response.status_code = 202
+    return StopOut.model_validate(switch.json(written=on_disk))
 
 
 @router.get("/robots/{robot}/quarantine", responses=problems(404))

@@ -15,6 +15,7 @@ from robomend.api.deps import (
     PagingDep,
     PartsDep,
     PrincipalDep,
+    ReasonQuery,
     expected_etag,
     needs_etag,
     quoted,
@@ -60,14 +61,15 @@ async def put_model(
     response: Response,
     if_match: IfMatch = None,
     if_none_match: IfNoneMatch = None,
+    reason: ReasonQuery = "",
 ) -> ModelOut:
     """Create a model, or add a version; replacing needs If-Match.
     The robots that follow it are diagnosed anew.
     """
-    body = await read_model(request, parts.settings)
+    body = await read_model(request, parts.settings, parts.robots.readers)
     expected = expected_etag(if_match, if_none_match)
     model, system = await parts.robots.models.put(
-        name, body.source, format=body.format, expected=expected, by=principal.name
+        name, body.source, format=body.format, expected=expected, by=principal.name, reason=reason
     )
     response.status_code = 201 if model.number == 1 and expected in (None, ABSENT) else 200
     response.headers["ETag"] = quoted(model.version)
@@ -76,10 +78,14 @@ async def put_model(
 
 @router.delete("/{name}", status_code=204, responses=problems(404, 409, 412, 428))
 async def delete_model(
-    name: ModelPath, parts: PartsDep, principal: PrincipalDep, if_match: IfMatch = None
+    name: ModelPath,
+    parts: PartsDep,
+    principal: PrincipalDep,
+    if_match: IfMatch = None,
+    reason: ReasonQuery = "",
 ) -> None:
     """Delete a model with all its versions; a conflict while a robot follows it."""
-    await parts.robots.models.delete(name, expected=needs_etag(if_match), by=principal.name)
+    await parts.robots.models.delete(name, expected=needs_etag(if_match), by=principal.name, reason=reason)
 
 
 @router.get("/{name}/versions", responses=problems(404))

@@ -6,12 +6,22 @@ The answer means that the batch is on disk. Its diagnosis follows as an event, o
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Annotated
 
 from fastapi import APIRouter, Path, Request, Response
 
 from robomend.api.body import content_type
-from robomend.api.deps import IdempotencyKey, PartsDep, RobotPath, parts_of, principal_of
+from robomend.api.deps import (
+    IdempotencyKey,
+    PartsDep,
+    PrincipalDep,
+    ReasonQuery,
+    RobotPath,
+    parts_of,
+    principal_of,
+    reporter_of,
+)
 from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
 from robomend.api.ingestion import NDJSON, OPENAPI_BODY, read_batch
@@ -43,7 +53,8 @@ async def post_observations(
     if content_type(request) == NDJSON:
         return await ingest(request, parts, robot, principal, idempotency_key)
     batch, once = await read_batch(request, parts, principal, idempotency_key)
-    return accepted_response(await parts.robots.observe(robot, batch, once=once))
+    by = reporter_of(principal)
+    return accepted_response(await parts.robots.observe(robot, batch, by=by, once=once))
 
 
 @router.get("/observations", responses=problems(404))
@@ -53,7 +64,13 @@ async def get_observations(robot: RobotPath, parts: PartsDep) -> ObsOut:
 
 
 @router.delete("/assertions/{assertion}", responses=problems(404))
-async def withdraw(robot: RobotPath, assertion: AssertionPath, parts: PartsDep) -> Accepted:
+async def withdraw(
+    robot: RobotPath,
+    assertion: AssertionPath,
+    parts: PartsDep,
+    principal: PrincipalDep,
+    reason: ReasonQuery = "",
+) -> Accepted:
     """Withdraw a named assertion; what it said is no longer supposed."""
-    outcome = await parts.robots.withdraw(robot, assertion)
+    outcome = await parts.robots.withdraw(robot, assertion, by=replace(reporter_of(principal), reason=reason))
     return Accepted(revision=outcome.revision, changed=list(outcome.changed))

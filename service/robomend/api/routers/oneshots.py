@@ -13,7 +13,6 @@ from robomend.api.schemas.diagnosis import AskBody, ResultOut
 from robomend.api.schemas.repair import OneShotPlanBody
 from robomend.api.views import engine_options, result_response
 from robomend.oneshots.plan_json import choice_json
-from robomend.oneshots.question import question
 from robomend.security import API
 
 router = APIRouter(prefix=API, tags=["one-shots"], route_class=GuardedRoute)
@@ -23,7 +22,7 @@ router = APIRouter(prefix=API, tags=["one-shots"], route_class=GuardedRoute)
 async def diagnose(body: AskBody, parts: PartsDep) -> Response:
     """Diagnose observations over a model, with components assumed healthy or abnormal if asked: what if?"""
     subject = await parts.robots.models.subject(body.model, body.source)
-    asked = question(body.observations, subject.system.vocabulary, opposites="refuse")
+    asked = await parts.robots.models.question(subject, body.observations)
     options = engine_options(body.options, parts.settings, healthy=body.healthy, abnormal=body.abnormal)
     return result_response(await parts.one_shots.diagnose(subject, asked, body.options.engine, options))
 
@@ -32,7 +31,7 @@ async def diagnose(body: AskBody, parts: PartsDep) -> Response:
 async def plan(body: OneShotPlanBody, parts: PartsDep) -> dict[str, Any]:
     """Choose and plan a repair over a model and observations, or plan for the components `bad`."""
     subject = await parts.robots.models.subject(body.model, body.source)
-    asked = question(body.observations, subject.system.vocabulary, opposites="refuse")
+    asked = await parts.robots.models.question(subject, body.observations)
     choice = await parts.one_shots.plan(
         subject,
         asked,

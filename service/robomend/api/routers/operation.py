@@ -9,7 +9,7 @@ from fastapi import APIRouter, Response
 from robomend.api.deps import PartsDep
 from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
-from robomend.api.problems import RETRY_AFTER_S
+from robomend.api.problems import RETRY_AFTER_S, Problem
 from robomend.api.readiness import readiness
 from robomend.api.schemas.operation import Readiness
 from robomend.metrics import CONTENT_TYPE
@@ -19,15 +19,17 @@ router = APIRouter(tags=["operation"], route_class=GuardedRoute)
 
 
 @router.get("/healthz", responses=problems())
-async def healthz() -> dict[str, str]:
-    """Answer: the process is alive and its event loop turns. Restart it when it does not."""
+async def healthz(parts: PartsDep) -> dict[str, str]:
+    """Answer: the process is alive and its event loop turns. Restart it when it does not (503)."""
+    if parts.watch.frozen:
+        raise Problem(503, f"the event loop has not turned for {parts.watch.held_s:.0f} s", code="frozen")
     return {"status": "ok"}
 
 
 @router.get("/readyz", responses={**problems(), 503: {"model": Readiness, "description": "Not ready"}})
 async def readyz(parts: PartsDep, response: Response) -> Readiness:
-    """Say whether requests can be served: the store writes, workers live.
-    Boards are told, but do not decide.
+    """Say whether requests can be served: the store reads and writes, no write waits for long, the event loop
+    turns, workers live. Boards are told, but do not decide.
     """
     found = await readiness(parts)
     if not found.ready:

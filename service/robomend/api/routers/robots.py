@@ -10,6 +10,7 @@ from robomend.api.deps import (
     PagingDep,
     PartsDep,
     PrincipalDep,
+    ReasonQuery,
     RobotPath,
     expected_etag,
     needs_etag,
@@ -20,7 +21,6 @@ from robomend.api.gate import GuardedRoute
 from robomend.api.schemas.base import Items
 from robomend.api.schemas.robots import RobotBody, RobotLine, RobotOut
 from robomend.api.views import robot_line, robot_out
-from robomend.repairs.executors.registry import check as check_executors
 from robomend.security import API
 from robomend.store import robots
 from robomend.store.records import ABSENT
@@ -40,7 +40,7 @@ async def get_robot(robot: RobotPath, parts: PartsDep, response: Response) -> Ro
     """Return a robot's configuration, its revision and whether it is healthy."""
     state = await parts.robots.diagnosed(robot)
     response.headers["ETag"] = quoted(state.stored.etag)
-    return robot_out(state)
+    return robot_out(state, await parts.repairs.findings(robot))
 
 
 @router.put(
@@ -55,20 +55,25 @@ async def put_robot(
     response: Response,
     if_match: IfMatch = None,
     if_none_match: IfNoneMatch = None,
+    reason: ReasonQuery = "",
 ) -> RobotOut:
     """Create a robot, or replace its configuration; replacing needs If-Match. OBS stays."""
     expected = expected_etag(if_match, if_none_match)
     config = body.model_dump(mode="json")
-    check_executors(config["actions"])
-    state = await parts.robots.put_robot(robot, config, expected=expected, by=principal.name)
+    parts.repairs.check_actions(robot, config["actions"])
+    state = await parts.robots.put_robot(robot, config, expected=expected, by=principal.name, reason=reason)
     response.status_code = 201 if expected in (None, ABSENT) else 200
     response.headers["ETag"] = quoted(state.stored.etag)
-    return robot_out(state)
+    return robot_out(state, await parts.repairs.findings(robot))
 
 
 @router.delete("/{robot}", status_code=204, responses=problems(404, 409, 412, 428))
 async def delete_robot(
-    robot: RobotPath, parts: PartsDep, principal: PrincipalDep, if_match: IfMatch = None
+    robot: RobotPath,
+    parts: PartsDep,
+    principal: PrincipalDep,
+    if_match: IfMatch = None,
+    reason: ReasonQuery = "",
 ) -> None:
     """Delete a robot; a conflict while a repair is open. Its history stays as long as the retention says."""
-    await parts.robots.delete_robot(robot, expected=needs_etag(if_match), by=principal.name)
+    await parts.robots.delete_robot(robot, expected=needs_etag(if_match), by=principal.name, reason=reason)

@@ -28,13 +28,16 @@ class ConflictOut(Out):
     observations: list[str]
     rules: list[str]
     text: str
+    unmet: str | None = Field(default=None, description="the one of the observations that was not expected")
+    minimal: bool = Field(default=True, description="false: not each component was made sure to be needed")
 
 
 class FactorOut(Out):
-    """A component that any one of its alternatives, itself among them, may stand in for."""
+    """A diagnosis takes one of the alternatives, or all components of one of the sets."""
 
-    component: str
+    component: str = Field(description="the first of them")
     alternatives: list[str]
+    sets: list[list[str]] = Field(default=[])
 
 
 class ResultOut(Out):
@@ -44,14 +47,23 @@ class ResultOut(Out):
     complete: bool
     stopped_by: Literal["limit", "size", "time"] | None
     conflicts: list[ConflictOut]
+    conflicts_complete: bool = Field(
+        default=True, description="false: no time, or no room, for all that the diagnoses rest on"
+    )
     learned: dict[str, str] = Field(default={}, description="observation -> whom it raises suspicion of")
     cleared: dict[str, str] = Field(default={}, description="healthy suspect -> why it is cleared")
     unused: list[str] = Field(default=[], description="observations that no rule mentions")
     unexplored: float | None = Field(
         default=None, description="at most so much prior probability was not looked at; null without priors"
     )
-    factored: list[list[FactorOut]] = Field(default=[], description="diagnoses as products, where asked for")
-    count: int | None = Field(default=None, description="how many diagnoses there are; null: not known")
+    factored: list[list[FactorOut]] = Field(
+        default=[],
+        description="every diagnosis, as products: where asked for, and where there are more than the limit; "
+        "a row is a product of factors, and no two rows share a diagnosis",
+    )
+    count: int | None = Field(
+        default=None, description="how many diagnoses there are, listed or not; null: not known"
+    )
     elapsed_s: float = Field(description="the diagnosis alone, without compilation")
 
 

@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import ConfigDict, Field, TypeAdapter
 from pydantic.dataclasses import dataclass
 
-from robomend.api.schemas.base import Nanoseconds, Out, Sentence
+from robomend.api.schemas.base import MAX_INT, Nanoseconds, Out, Sentence
 from robomend.robots.batches import Batch
 
 
@@ -30,7 +30,9 @@ class ObservationsBody(Batch):
     time_ns: Nanoseconds | None = Field(
         default=None, alias="time", strict=True, description="nanoseconds since the epoch; null: now"
     )
-    source: str = Field(default="http", min_length=1, max_length=200, examples=["general_observer"])
+    source: Annotated[str, Field(min_length=1, max_length=200)] | None = Field(
+        default=None, examples=["general_observer"], description="null: the name of the key"
+    )
     lifetime_s: float | None = Field(
         default=None,
         gt=0,
@@ -40,6 +42,27 @@ class ObservationsBody(Batch):
     )
     together: bool = Field(
         default=True, strict=True, description="false: keep the good sentences of the batch, report the rest"
+    )
+    since: list[Nanoseconds | None] = Field(
+        default_factory=list,
+        max_length=10_000,
+        description="for each observation the beginning of what it rests on, by the clock of `time`",
+        json_schema_extra={"default": []},
+    )
+    onset: list[Nanoseconds | None] = Field(
+        default_factory=list,
+        max_length=10_000,
+        description="for each observation the last good sample before it",
+        json_schema_extra={"default": []},
+    )
+    unknown: list[Sentence] = Field(
+        default_factory=list,
+        max_length=10_000,
+        description="atoms that are unknown from now on, to this source",
+        json_schema_extra={"default": []},
+    )
+    settled: int | None = Field(
+        default=None, ge=0, le=MAX_INT, strict=True, description="the `n` of the `settle` that this answers"
     )
 
 
@@ -77,6 +100,9 @@ class ObservedLiteral(Out):
     source: str
     time_ns: int
     expires_ns: int | None = None
+    since_ns: int | None = Field(None, description="the beginning of what it rests on, by our clock")
+    onset_ns: int | None = Field(None, description="the last good sample before it turned bad")
+    confirmed: bool = Field(True, description="false: from before an act that may have changed it")
     fresh: bool = Field(description="false: it has outlived its lifetime and is unknown")
     used: bool = Field(description="false: no rule of the model mentions it")
 

@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from robomend.api.schemas.base import Component, In, ModelName, Out, Reason, Sentence
+from robomend.api.schemas.base import MAX_INT, Component, In, ModelName, Out, Reason, Sentence
 from robomend.api.schemas.robots import ExpectedBody
 
 
@@ -79,6 +79,30 @@ class ActionResultBody(In):
     message: str = Field(default="", max_length=4000)
 
 
+class ObservesBody(In):
+    """An atom that an agent observes, and how fast its observers are."""
+
+    atom: Sentence = Field(examples=["ok(scan)"])
+    detection_s: float = Field(ge=0, le=86400, description="from a fault to its verdict, at most")
+    settling_s: float = Field(ge=0, le=86400, description="from `settle` to a verdict, at most")
+
+
+class PollBody(In):
+    """An agent asks what there is to do, and says what it can."""
+
+    agent: str = Field(min_length=1, max_length=253)
+    host: str | None = Field(default=None, max_length=253, description="null: the robot's only agent")
+    can: list[Sentence] | None = Field(
+        default=None,
+        max_length=10_000,
+        description="`name` or `name:parameter` of each action; null: anything",
+        examples=[["start_node:hokuyo_node", "stop_node:hokuyo_node"]],
+    )
+    observes: list[ObservesBody] = Field(default=[], max_length=10_000)
+    settled: int | None = Field(default=None, ge=0, le=MAX_INT, description="the newest `n` it acted on")
+    wait_s: float = Field(default=0.0, ge=0, le=3600, description="wait this long for something to do")
+
+
 class ActionOut(Out):
     """What an agent is asked to do; `id` is the same when it is asked again."""
 
@@ -87,6 +111,24 @@ class ActionOut(Out):
     parameters: list[str] = Field(examples=[["jaguar_node"]])
     timeout_s: float
     host: str | None = None
+
+
+class SettleOut(Out):
+    """What the agent's observers are to judge anew, from now on, whatever they have seen."""
+
+    n: int = Field(description="goes back as `settled`, with the verdicts that answer this")
+    atoms: list[str] = Field(examples=[["ok(scan)", "running(hokuyo_node)"]])
+
+
+class OrdersOut(Out):
+    """What an agent is asked to do: an action, as GET gives it, or to judge anew, or both."""
+
+    id: str | None = Field(None, examples=["r-7k2m9x4q:2"])
+    name: str | None = Field(None, examples=["start_node"])
+    parameters: list[str] | None = Field(None, examples=[["jaguar_node"]])
+    timeout_s: float | None = None
+    host: str | None = None
+    settle: SettleOut | None = None
 
 
 class FirstResult(Out):
@@ -103,6 +145,8 @@ class StopOut(Out):
     by: str | None = None
     reason: str = ""
     since_ns: int | None = None
+    written: bool = Field(default=True, description="false: not on disk yet; a restart would not know of it")
+    detail: str = Field(default="", description="what that means, where it is not written")
 
 
 class ChannelOut(Out):

@@ -109,6 +109,12 @@ class RobotBody(In):
         default=[], max_length=10_000, description="literals that the observers will report, with either sign"
     )
     observed_timeout_s: float = Field(default=30.0, gt=0, le=86400)
+    detection_s: float = Field(
+        default=2.5,
+        ge=0,
+        le=3600,
+        description="what an observer that does not say so itself needs from a change to its verdict",
+    )
     hold_s: float = Field(default=0.0, ge=0, le=86400, description="before an automatic repair")
     debounce_s: float = Field(
         default=0.0, ge=0, le=3600, description="OBS must be quiet this long; at most ten times it"
@@ -141,6 +147,13 @@ class RobotOut(Out):
     revision: int = Field(description="of OBS; each accepted batch raises it")
     model_version: str | None = None
     healthy: bool | None = Field(default=None, description="null: not diagnosed yet")
+    state: Literal["healthy", "unhealthy", "partly-unknown", "unknown"] = Field(
+        default="unknown", description="silence is not health: what should be observed and is not, is unknown"
+    )
+    unknown: list[str] = Field(default=[], description="what of `observed` is not known now")
+    findings: list[str] = Field(
+        default=[], description="what will not work or not be noticed as the robot is configured and observed"
+    )
 
 
 class RobotLine(Out):

@@ -11,10 +11,14 @@ back on methods that need none.
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
 
 from robomend.model.cnf import Clause, HealthCnf
+
+CHECK_EVERY = 256
+"""Gates between two looks at the clock."""
 
 WIDEST_TABLE = 6
 """Variables of a parity, and inputs of a gate of no other known kind: their truth tables are gone through."""
@@ -45,8 +49,12 @@ class Netlist:
         return {gate.output: index for index, gate in enumerate(self.gates)}
 
 
-def recover(cnf: HealthCnf) -> Netlist | None:
-    """Return the netlist behind the clauses of a circuit, or None when they are not those of one."""
+def recover(cnf: HealthCnf, check: Callable[[], None] = lambda: None) -> Netlist | None:
+    """Return the netlist behind the clauses of a circuit, or None when they are not those of one.
+
+    Args:
+        check: called now and then; may raise to end the work.
+    """
     if not cnf.circuit or not cnf.weak or cnf.modes:
         return None
     n = len(cnf.components)
@@ -65,6 +73,8 @@ def recover(cnf: HealthCnf) -> Netlist | None:
         title.setdefault(-health[0], cnf.rules[origin].source.partition(" ")[2])
     gates: dict[int, Gate] = {}
     for component in range(1, n + 1):
+        if component % CHECK_EVERY == 0:
+            check()
         names = {cnf.components[component - 1], title.get(component, "")}
         gate = _gate(own.get(component, []), names, cnf, gates, component)
         if gate is None:
@@ -83,7 +93,8 @@ def _gate(
     after = first + len(cnf.atoms)  # auxiliary variables come after the atoms
     sets = [{abs(literal) for literal in clause} for clause in clauses]
     parity = _parity(clauses, after) if any(max(one) >= after for one in sets if one) else None
-    shared = (set.intersection(*sets) if parity is None else parity[0]) - taken.keys()
+    common = set.intersection(*sets) if parity is None else parity[0]
+    shared = {net for net in common if net not in taken}
     named = {
         net
         for net in shared

@@ -39,6 +39,9 @@ SIMPLIFIED_CLAUSES = 200_000
 SIMULATED_GATES = 20_000
 """Larger circuits are left to the solver: Python takes long to compile their passes."""
 
+COMPILED_S = 100e-6
+"""A gate, to write and compile a pass: it cannot be interrupted, so half of the time left must be enough."""
+
 SUPPORTS_TRIED = 3
 SMALL_TOP = 600
 """With more top-level gates, one pair is found faster by the solver than by simulation."""
@@ -136,14 +139,15 @@ class TopLevel:
 
     def _simulates(self) -> bool:
         """Whether passes are worth compiling: at once for small circuits, at the second use for others."""
-        if not self.determined or len(self.netlist.gates) > SIMULATED_GATES:
-            return False
-        return self.uses > 1 or len(self.netlist.gates) <= 1_000
+        return self.can_simulate and (self.uses > 1 or len(self.netlist.gates) <= 1_000)
 
     @property
     def can_simulate(self) -> bool:
-        """Whether the circuit and its sensors allow simulation at all."""
-        return self.determined and len(self.netlist.gates) <= SIMULATED_GATES
+        """Whether the circuit, its sensors and the time that is left allow simulation at all."""
+        gates = len(self.netlist.gates)
+        if not self.determined or gates > SIMULATED_GATES:
+            return False
+        return bool(self._flips) or 2 * gates * COMPILED_S < self._clock.left_s
 
     def _passes(self, flat: bool) -> Flips:
         flips = self._flips.get(flat)

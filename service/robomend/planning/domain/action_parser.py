@@ -212,7 +212,7 @@ def _cost(item: Brackets) -> float:
 
 def _check_pairs(name: str, effects: Sequence[Effect], vocabulary: DomainVocabulary, where: Brackets) -> None:
     """An action that adds a fact and leaves its opposite would plan in a state that cannot be."""
-    deleted = [(effect.condition, effect.atom) for effect in effects if not effect.adds]
+    deleted = {(effect.condition, effect.atom) for effect in effects if not effect.adds}
     for effect in effects:
         if not effect.adds:
             continue
@@ -221,9 +221,7 @@ def _check_pairs(name: str, effects: Sequence[Effect], vocabulary: DomainVocabul
                 continue
             other = pair[1] if effect.atom.predicate == pair[0] else pair[0]
             opposite = Is(other, effect.atom.terms)
-            if not any(
-                atom == opposite and condition in (TRUE, effect.condition) for condition, atom in deleted
-            ):
+            if (TRUE, opposite) not in deleted and (effect.condition, opposite) not in deleted:
                 terms = " ".join(effect.atom.terms)
                 fail(
                     where,

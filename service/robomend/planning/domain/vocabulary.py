@@ -17,6 +17,9 @@ from robomend_client.near import did_you_mean
 RESERVED = frozenset({"=", "and", "or", "not", "imply", "forall", "exists", "when", "increase"})
 """Words of the language, which name no predicate."""
 
+MAX_TYPES = 1_000
+"""Every use of a name walks up the kinds of its type."""
+
 
 def hint(name: str, known: Collection[str]) -> str:
     """Return the end of a message on an unknown name: the one that was meant, or all there are."""
@@ -42,6 +45,8 @@ class DomainVocabulary:
                 if word.text in self.supertype:
                     fail(word, f"the type {word.text!r} is declared twice")
                 self.supertype[word.text] = parent
+                if len(self.supertype) > MAX_TYPES:
+                    fail(word, f"more than {MAX_TYPES} types")
         for name, parent in self.supertype.items():
             if parent != "object" and parent not in self.supertype:
                 fail(

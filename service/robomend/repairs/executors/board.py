@@ -49,8 +49,8 @@ def make(action: str, options: Mapping[str, Any], around: Surroundings) -> Execu
 class BoardExecutor:
     """Switches the channels of one robot's board. Protected channels are never switched off, whoever asks."""
 
-    def __init__(self, link: Switch, channels: Mapping[str, int], protected: frozenset[int]) -> None:
-        """`channels`: hardware name -> channel, from 0."""
+    def __init__(self, link: Switch, channels: Mapping[str, int], protected: Mapping[int, str]) -> None:
+        """`channels`: hardware name -> channel, from 0; `protected`: channel -> why it stays on."""
         self._link = link
         self._channels = dict(channels)
         self._protected = protected
@@ -63,14 +63,16 @@ class BoardExecutor:
         if channel is None:
             return ActionResult(REFUSED, f"{action.parameters[0]} has no channel on this board")
         if not on and channel in self._protected:
-            return ActionResult(REFUSED, f"channel {channel} ({action.parameters[0]}) is protected")
+            return ActionResult(
+                REFUSED, f"channel {channel} ({action.parameters[0]}) stays on: {self._protected[channel]}"
+            )
         if self._link.state is not LinkState.CONNECTED:
             feedback(0, f"the board's link is {self._link.state}; waiting for it")
         try:
             await self._link.wait_connected(min(CONNECT_S, action.timeout_s))
             await self._link.switch(channel, on, action.timeout_s)
-        except BoardRefused as error:
-            return ActionResult(FAILED, str(error))
+        except BoardRefused as error:  # a faulty channel, a channel that it does not have
+            return ActionResult(REFUSED, str(error))
         except BoardTimeout as error:
             return ActionResult(TIMED_OUT, str(error))
         except BoardUnreachable as error:

@@ -1,7 +1,7 @@
 """Run a configured program for an action: an argument list, never a shell.
 
 A template such as `["usbreset", "--bus", "{0}"]` names the program; `{0}`, `{1}`, … stand for the action's
-parameters, each of which stays one argument whatever it holds. Only the configured actions run.
+parameters (robomend.programs), each of which stays one argument. Only the configured actions run.
 
 Programs are started by the standard library: it has the new process borrow our memory until it is another
 program (vfork), 0.5 ms, while the event loop would copy our page tables for it (fork), some 10 ms in which a
@@ -13,13 +13,13 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import os
-import re
 import signal
 import subprocess
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
+from robomend import programs
 from robomend.errors import InputError
 from robomend.repairs.executors.registry import Surroundings
 from robomend_client.actions import (
@@ -27,11 +27,11 @@ from robomend_client.actions import (
     OK,
     REFUSED,
     TIMED_OUT,
-    UNREACHABLE,
     Action,
     ActionResult,
     Executor,
     Feedback,
+    not_started,
 )
 
 OUTPUT_BYTES = 4096
@@ -40,13 +40,11 @@ OUTPUT_BYTES = 4096
 GRACE_S = 0.5
 """From SIGTERM to SIGKILL, and from there to giving up; and from a program's end to that of its output."""
 
-PLACE = re.compile(r"\{(\d+)\}")
-
 
 def make(action: str, options: Mapping[str, Any], around: Surroundings) -> Executor:
     """Return the program of the service's settings that the options name (see registry.MakeExecutor)."""
     name = options.get("program", action)
-    if name not in around.programs:
+    if not isinstance(name, str) or name not in around.programs:
         known = ", ".join(sorted(around.programs)) or "none"
         raise InputError(
             f"actions.{action}: the service's settings name no program {name!r} (programs: {known}); "
@@ -67,11 +65,9 @@ class ProcessExecutor:
         if template is None:
             return ActionResult(REFUSED, f"no program is configured for {action.name!r}")
         try:
-            arguments = [PLACE.sub(lambda m: action.parameters[int(m[1])], part) for part in template]
-        except IndexError:
-            return ActionResult(
-                REFUSED, f"the program of {action.name!r} wants more parameters than {action}"
-            )
+            arguments = programs.arguments(template, action.parameters)
+        except programs.Unfit as error:
+            return ActionResult(REFUSED, f"the program of {action} {error}")
         try:
             process = subprocess.Popen(
                 arguments,
@@ -81,7 +77,7 @@ class ProcessExecutor:
                 start_new_session=True,  # so that a time-out ends its children too
             )
         except (OSError, ValueError) as error:
-            return ActionResult(UNREACHABLE, f"{arguments[0]}: {error}")
+            return ActionResult(not_started(error), f"{arguments[0]}: {error}")
         kept = bytearray()
         async with _ended(process) as ended:
             feedback(process.pid, f"{arguments[0]} started")

@@ -19,7 +19,7 @@ robot over HTTP must not thereby choose programs for this computer.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -41,6 +41,7 @@ class Surroundings:
     agents: AgentQueue
     hosts: Mapping[str, str | None]  # component -> the host that acts on it; None: any of the robot's
     programs: Mapping[str, Sequence[str]]  # of the service's settings: name -> argument list
+    webhook_hosts: Collection[str]  # of the settings too: hosts that may have private addresses
     halt: asyncio.Event  # set when an action is cut off because nobody wants it any more
 
 
@@ -48,7 +49,7 @@ class MakeExecutor(Protocol):
     """Makes the executor of one action of one robot."""
 
     def __call__(self, action: str, options: Mapping[str, Any], around: Surroundings) -> Executor | None:
-        """Return it; None: nobody can carry this action out.
+        """Return it; None: nobody can carry this action out. Makes only: configurations are checked so.
 
         Args:
             action: the name of the action; its parameters come with each call.
@@ -74,13 +75,19 @@ EXECUTORS = Registry[MakeExecutor](
 )
 
 
-def check(configured: Mapping[str, Mapping[str, Any]]) -> None:
-    """Refuse (OptionRefused) the `actions` of a robot that name an executor which nobody registered."""
+def check(configured: Mapping[str, Mapping[str, Any]], around: Surroundings) -> None:
+    """Refuse the `actions` of a robot that cannot work, by making their executors.
+
+    Raises:
+        OptionRefused: they name an executor which nobody registered.
+        InputError: options that do not fit their kind.
+    """
     for action in configured:
         try:
-            EXECUTORS.check(_configured(action, configured)[0])
+            EXECUTORS.check(kind_of(action, configured)[0])
         except OptionRefused as error:
             raise OptionRefused(f"actions.{action}.executor.kind: {error}") from error
+    executors(configured, configured, around)
 
 
 def executors(
@@ -98,14 +105,14 @@ def executors(
     """
     found: dict[str, Executor] = {}
     for action in actions:
-        kind, options = _configured(action, configured)
+        kind, options = kind_of(action, configured)
         made = EXECUTORS.load(kind)(action, options, around)
         if made is not None:
             found[action] = Once(made)
     return found
 
 
-def _configured(action: str, configured: Mapping[str, Mapping[str, Any]]) -> tuple[str, Mapping[str, Any]]:
+def kind_of(action: str, configured: Mapping[str, Mapping[str, Any]]) -> tuple[str, Mapping[str, Any]]:
     """Return kind and options of an action, those of the configuration or the usual ones."""
     executor = (configured.get(action) or {}).get("executor")
     if executor is not None:

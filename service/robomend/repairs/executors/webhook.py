@@ -22,7 +22,7 @@ import ipaddress
 import json
 import socket
 import time
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
 from urllib.parse import urlsplit
@@ -31,6 +31,7 @@ import httpx
 
 from robomend.errors import InputError
 from robomend.repairs.executors.registry import Surroundings
+from robomend.robots.configuration import COVERED, shown_url
 from robomend_client.actions import (
     FAILED,
     OK,
@@ -66,25 +67,69 @@ NAT64 = ipaddress.ip_network("64:ff9b::/96")
 
 @dataclass(frozen=True, slots=True)
 class Webhook:
-    """One receiver. `secret` never appears in logs or over HTTP."""
+    """One receiver. Neither `secret` nor what may be a credential of the address is in logs or answers."""
 
     url: str
     secret: str
     allow_private: bool = False  # else loopback, private, link-local and metadata addresses are refused
 
+    @property
+    def shown(self) -> str:
+        """The address as messages have it."""
+        return shown_url(self.url)
+
     def __repr__(self) -> str:
-        return f"Webhook(url={self.url!r}, secret=…, allow_private={self.allow_private})"
+        return f"Webhook(url={self.shown!r}, secret=…, allow_private={self.allow_private})"
+
+
+def receiver(options: Mapping[str, Any], hosts: Collection[str]) -> Webhook:
+    """Return the receiver that an executor's options name.
+
+    Args:
+        hosts: those that may have private addresses, from the service's settings: `name` or `name:port`.
+
+    Raises:
+        InputError: options that do not fit, or an address that cannot be called.
+    """
+    unknown = set(options) - {"url", "secret", "allow_private"}
+    url, secret = options.get("url"), options.get("secret")
+    if unknown or not isinstance(url, str) or not isinstance(secret, str) or not secret:
+        raise InputError("a webhook needs url and secret, and takes nothing else")
+    try:
+        parts = urlsplit(url)
+        host, port = (parts.hostname or "").lower(), parts.port
+    except ValueError as error:
+        raise InputError(f"url: {shown_url(url)!r}: {error}") from error
+    if parts.scheme not in ("http", "https") or not host:
+        raise InputError(f"url: {shown_url(url)!r} is no http or https address with a host")
+    if "@" in parts.netloc:
+        raise InputError("url: no user and password in an address; a receiver knows us by `secret`")
+    allowed = {name.lower() for name in hosts}
+    private = host in allowed or f"{host}:{port or (443 if parts.scheme == 'https' else 80)}" in allowed
+    if options.get("allow_private") and not private:
+        raise InputError(
+            f"allow_private: which private addresses may be called is for the service's own settings to say: "
+            f"name {host!r} in webhook_hosts there"
+        )
+    if not private and _is_inside(host):
+        raise InputError(f"url: {host} is a private address, and the setting webhook_hosts does not name it")
+    return Webhook(url, secret, private)
+
+
+def _is_inside(host: str) -> bool:
+    """Return whether a host is given by a private address. Names are looked up at each call."""
+    try:
+        return not outside(host)
+    except ValueError:
+        return host == "localhost" or host.endswith(".localhost")
 
 
 def make(action: str, options: Mapping[str, Any], around: Surroundings) -> Executor:
     """Return the receiver that the options name (see registry.MakeExecutor)."""
-    unknown = set(options) - {"url", "secret", "allow_private"}
-    url, secret = options.get("url"), options.get("secret")
-    if unknown or not isinstance(url, str) or not isinstance(secret, str):
-        raise InputError(f"actions.{action}: a webhook needs url and secret (and may have allow_private)")
-    if not url.startswith(("http://", "https://")):
-        raise InputError(f"actions.{action}: {url!r} is no http or https address")
-    return WebhookExecutor({action: Webhook(url, secret, bool(options.get("allow_private", False)))})
+    try:
+        return WebhookExecutor({action: receiver(options, around.webhook_hosts)})
+    except InputError as error:
+        raise InputError(f"actions.{action}: {error}") from error
 
 
 def signature(secret: str, timestamp: str, body: bytes) -> str:
@@ -104,6 +149,8 @@ class WebhookExecutor:
         hook = self._hooks.get(action.name)
         if hook is None:
             return ActionResult(REFUSED, f"no webhook is configured for {action.name!r}")
+        if COVERED in hook.secret + hook.url:  # what somebody put back, or an export left out
+            return ActionResult(REFUSED, f"{hook.shown}: its secret is not known here; put it in again")
         deadline = time.monotonic() + action.timeout_s
         body = json.dumps(
             {
@@ -123,29 +170,29 @@ class WebhookExecutor:
                     async with asyncio.timeout(left):
                         address = await allowed_address(hook)
                         if address is None:
-                            refusal = f"{hook.url} leads to an address that only allow_private opens"
-                            return ActionResult(REFUSED, refusal)
+                            why = "a private address, and the setting webhook_hosts does not name its host"
+                            return ActionResult(REFUSED, f"{hook.shown} leads to {why}")
                         called = True
                         response = await _post(client, hook, address, action.id, body)
                 except (httpx.ConnectError, httpx.ConnectTimeout) as error:
-                    answer = ActionResult(UNREACHABLE, f"{hook.url}: {error}")
+                    answer = ActionResult(UNREACHABLE, f"{hook.shown}: {error}")
                 except (TimeoutError, httpx.TimeoutException):
                     may_have_acted |= called
                     break
                 except (httpx.HTTPError, OSError, ValueError) as error:
                     may_have_acted |= called
-                    answer = ActionResult(UNREACHABLE, f"{hook.url}: {error}")
+                    answer = ActionResult(UNREACHABLE, f"{hook.shown}: {error}")
                 else:
                     if response.status_code != 429 and response.status_code < 500:
                         return _result(hook, response)
                     may_have_acted |= response.status_code != 429  # a gateway that gave up waiting, say
-                    answer = ActionResult(UNREACHABLE, f"{hook.url} answered {response.status_code}")
+                    answer = ActionResult(UNREACHABLE, f"{hook.shown} answered {response.status_code}")
                 feedback(0, f"{answer.message}; trying again")
                 await asyncio.sleep(max(0.0, min(pause_s, deadline - time.monotonic())))
                 pause_s = min(2 * pause_s, 5.0)
         if may_have_acted:
             why = f" ({answer.message})" if answer.message != "not called" else ""
-            return ActionResult(TIMED_OUT, f"{hook.url} said nothing of it in {action.timeout_s:g} s{why}")
+            return ActionResult(TIMED_OUT, f"{hook.shown} said nothing of it in {action.timeout_s:g} s{why}")
         return answer
 
 
@@ -204,13 +251,13 @@ async def _post(
 
 def _result(hook: Webhook, response: httpx.Response) -> ActionResult:
     if response.status_code >= 300:
-        return ActionResult(FAILED, f"{hook.url} answered {response.status_code}")
+        return ActionResult(FAILED, f"{hook.shown} answered {response.status_code}")
     try:
         answer = json.loads(response.content)
         code = answer["code"]
         message = str(answer.get("message", ""))[:1000]
     except (ValueError, KeyError, TypeError, AttributeError):
-        return ActionResult(TIMED_OUT, f"{hook.url} answered {response.status_code} without a code")
+        return ActionResult(TIMED_OUT, f"{hook.shown} answered {response.status_code} without a code")
     if isinstance(code, bool) or not isinstance(code, int):
-        return ActionResult(TIMED_OUT, f"{hook.url}: code {code!r} is no integer")
+        return ActionResult(TIMED_OUT, f"{hook.shown}: code {code!r} is no integer")
     return ActionResult(OK if code == 0 else code, message)

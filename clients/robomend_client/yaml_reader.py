@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from difflib import get_close_matches
 from pathlib import Path
 
+from robomend_client.near import nearest
 from robomend_client.yaml_tree import Mapping, RepeatedKey, Scalar, Sequence, Tree, YamlError, read_tree
 
 LARGEST_FILE = 4 * 1024 * 1024
@@ -78,8 +78,8 @@ class Section:
     def missing(self, key: str, message: str) -> ConfigError:
         """Return a complaint that `key` is needed: about its misspelling, if that is what is there."""
         unknown = [name for name in self._values if name not in self._asked]
-        if near := get_close_matches(key, unknown, n=1):
-            return self.error(near[0], f"is no key here; did you mean {key}?")
+        if (near := nearest(key, unknown)) is not None:
+            return self.error(near, f"is no key here; did you mean {key}?")
         return self.error(key, message)
 
     def text(self, key: str, default: str | None = None) -> str:
@@ -143,6 +143,10 @@ class Section:
         for name in entries._values:
             yield name, entries.section(name)
 
+    def names(self) -> tuple[str, ...]:
+        """Return the keys that are there."""
+        return tuple(self._values)
+
     def words(self) -> dict[str, str]:
         """Return all of this mapping as texts (environment variables)."""
         return {key: self.text(key) for key in self._values}
@@ -151,10 +155,8 @@ class Section:
         """Refuse the keys that nobody asked for."""
         for key in self._values:
             if key not in self._asked:
-                near = get_close_matches(key, sorted(self._asked), n=1)
-                hint = (
-                    f"; did you mean {near[0]}?" if near else f"; known are {', '.join(sorted(self._asked))}"
-                )
+                near = nearest(key, self._asked)
+                hint = f"; did you mean {near}?" if near else f"; known are {', '.join(sorted(self._asked))}"
                 raise self.error(key, f"is no key here{hint}")
 
     def _take(self, key: str) -> Tree | None:
@@ -173,4 +175,4 @@ class Section:
         raise ConfigError(self._file, tree.line, self._name(key), message)
 
     def _name(self, key: str) -> str:
-        return f"{self._place}.{key}" if self._place else key
+        return ".".join(name for name in (self._place, key) if name)

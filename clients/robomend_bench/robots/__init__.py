@@ -1,0 +1,6 @@
+"""The robot's side by itself and under a real service: `robomend-bench robots`.
+
+streams.py  observers over streams in memory: samples a second, silence, false alarms; log time, no clock
+live.py     a real agent and service: from a SIGKILL or the last message to the service; memory
+command.py  the command
+"""

@@ -1,0 +1,116 @@
+"""The command `robomend-bench robots`: what the robot's side takes, and how fast the service knows."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from robomend_bench.robots import live, streams
+from robomend_bench.service.measure import load_of_others
+from robomend_bench.service.process import processors, served
+
+Row = tuple[str, str, str]
+"""What was measured, what came out, the goal."""
+
+Measured = tuple[dict[str, Any], list[Row]]
+
+
+def _speed(wish: dict[str, Any]) -> Measured:
+    found: dict[str, Any] = {}
+    rows = []
+    for name, make, goal in (
+        ("rate and silence, asked each 0.5 s of log time", streams.rate, "1,000,000; stretch 2,000,000"),
+        ("trend, a verdict each sample", streams.trend, "500,000; stretch 1,000,000"),
+    ):
+        each = streams.samples_a_second(make, wish["samples"], wish["repeats"])
+        found[name] = {"median": round(each[len(each) // 2]), "best": round(each[-1])}
+        rows.append((f"{name}, samples/s", f"{found[name]['median']:,} (best {found[name]['best']:,})", goal))
+    return found, rows
+
+
+def _silence(wish: dict[str, Any]) -> Measured:
+    times = streams.silences_s(1000, wish["seed"])
+    found = live.row(times)
+    shown = f"median {found['median_s']:.2f} s, max {found['max_s']:.2f} s"
+    return found, [("10 Hz topic silent to `not ok`, default settings, 1,000 times", shown, "0.5 s; 0.35 s")]
+
+
+def _alarms(wish: dict[str, Any]) -> Measured:
+    count = streams.alarms(wish["messages"], wish["seed"])
+    what = f"false alarms in {wish['messages']:,} messages, 5 % jitter, 0.1 % lost"
+    return {"alarms": count, "messages": wish["messages"]}, [(what, str(count), "0")]
+
+
+def _live(wish: dict[str, Any]) -> Measured:
+    with served() as service, tempfile.TemporaryDirectory(prefix="robomend-bench-") as folder:
+        rig = live.Rig(service.url, Path(folder), wish["nodes"])
+        with rig.agent() as agent:
+            alone_mb = live.settled_mb(agent.pid)
+            silent = live.row(rig.silent_s(wish["seed"]))
+            killed = live.row(rig.killed_s(agent, wish["seed"]))
+    found = {"alone_mb": round(alone_mb, 1), "killed": killed, "silent": silent}
+    count = wish["nodes"]
+    return found, [
+        (
+            f"process under the agent, SIGKILL to service, {count} times",
+            f"median {killed['median_s'] * 1e3:.0f} ms, max {killed['max_s'] * 1e3:.0f} ms",
+            "0.3 s; 0.1 s",
+        ),
+        (
+            f"10 Hz topic of the bus, last message to service, {count} times",
+            f"median {silent['median_s']:.2f} s, max {silent['max_s']:.2f} s",
+            "0.5 s; 0.35 s and the way",
+        ),
+        (f"agent's memory, {count} processes and topics", f"{alone_mb:.1f} MB", "40 MB; 36 MB"),
+    ]
+
+
+PARTS: dict[str, Callable[[dict[str, Any]], Measured]] = {
+    "speed": _speed,
+    "silence": _silence,
+    "alarms": _alarms,
+    "live": _live,
+}
+
+
+@click.command("robots", context_settings={"help_option_names": ["-h", "--help"]})
+@click.option("--only", default="", help=f"Parts, comma-separated: {','.join(PARTS)}.")
+@click.option(
+    "--samples", type=click.IntRange(1000), default=500_000, show_default=True, help="In part speed."
+)
+@click.option("--repeats", type=click.IntRange(1, 100), default=5, show_default=True, help="In part speed.")
+@click.option(
+    "--messages", type=click.IntRange(1000), default=1_000_000, show_default=True, help="In part alarms."
+)
+@click.option("--nodes", type=click.IntRange(1, 100), default=20, show_default=True, help="In part live.")
+@click.option("--seed", type=int, default=1, show_default=True)
+@click.option("--format", "output", type=click.Choice(["markdown", "json"]), default="markdown")
+def command(only: str, output: str, **wish: Any) -> None:
+    """Measure observers in memory, and an agent under a service of its own.
+
+    \b
+    robomend-bench robots
+    robomend-bench robots --only speed,alarms --format json
+    robomend-bench robots --only live --nodes 50
+    """
+    parts = tuple(filter(None, only.split(","))) or tuple(PARTS)
+    results: dict[str, dict[str, Any]] = {}
+    rows: list[Row] = []
+    for part in parts:
+        if part not in PARTS:
+            raise click.BadParameter(f"{part!r} is none of {', '.join(PARTS)}", param_hint="--only")
+        click.echo(f"measuring: {part}", err=True)
+        results[part], more = PARTS[part](wish)
+        rows += more
+    if output == "json":
+        click.echo(json.dumps(results, indent=1))
+        return
+    click.echo(f"{processors()} cores, load {load_of_others():.1f}\n")
+    click.echo("| what | measured | goal |\n|---|---|---|")
+    for what, measured, goal in rows:
+        click.echo(f"| {what} | {measured} | {goal} |")

@@ -1,0 +1,178 @@
+"""A real agent under a real service: nodes are killed, topics fall silent, and events say when it was known.
+
+Agent, nodes and service run on this machine; the time of an event is the one at which the service accepted
+the report.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import queue
+import random
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from robomend_bench.service.measure import children, memory_mb
+from robomend_client.bus import Bus
+from robomend_client.events import Event, Kind
+from robomend_client.rest.errors import ClientError
+from robomend_client.rest.sync import Client
+
+WITHIN_S = 60.0
+"""Everything waited for takes seconds at most; this is for a machine that others use."""
+
+PERIOD_S = 0.1
+
+
+class NotTold(Exception):
+    """What was waited for did not come in time."""
+
+
+class Rig:
+    """A robot of so many nodes that publish a topic each, its agent, and who listens to the service."""
+
+    def __init__(self, url: str, folder: Path, count: int) -> None:
+        self.client = Client(url)
+        self._url = url
+        self._folder = folder
+        self._nodes = [f"node{number}" for number in range(count)]
+        self._events: queue.Queue[Event] = queue.Queue()
+        self._holds: dict[str, bool] = {}
+        self._bus = f"unix:{folder}/bus"
+        nodes: dict[str, Any] = {node: {"publishes": {f"{node}_topic": []}} for node in self._nodes}
+        self.client.put_model("bench", json.dumps({"robomend": 1, "name": "bench", "nodes": nodes}))
+        self.client.put_robot("bench", {"model": "bench", "policy": "observe"})
+        threading.Thread(target=self._listen, daemon=True).start()
+
+    @contextmanager
+    def agent(self) -> Iterator[subprocess.Popen[bytes]]:
+        """Run the agent with all nodes until they are known to run."""
+        file = self._folder / "agent.yaml"
+        file.write_text(
+            json.dumps(
+                {
+                    "robot": "bench",
+                    "service": {"url": self._url},
+                    "state_dir": str(self._folder / "state"),
+                    "bus": {"listen": self._bus},
+                    "topics": {f"{node}_topic": {"first_s": 86400} for node in self._nodes},
+                    "processes": {
+                        node: {"command": ["sleep", "86400"], "start": True} for node in self._nodes
+                    },
+                }
+            )
+        )
+        with (self._folder / "agent.log").open("wb") as log:
+            process = subprocess.Popen(
+                [sys.executable, "-m", "robomend_client.agent.main", str(file)], stderr=log
+            )
+        try:
+            self.told({f"running({node})": True for node in self._nodes})
+            yield process
+        finally:
+            process.terminate()
+            process.wait(WITHIN_S)
+
+    def killed_s(self, agent: subprocess.Popen[bytes], seed: int) -> list[float]:
+        """Kill each node, one after another; return the times until the service knew, sorted."""
+        draw = random.Random(seed)
+        pids = {_environment(pid).get("ROBOMEND_NODE"): pid for pid in _below(agent.pid)}
+        found = []
+        for node in self._nodes:
+            time.sleep(draw.uniform(0.1, 0.3))  # anywhere in the agent's periods
+            began_ns = time.time_ns()
+            os.kill(pids[node], signal.SIGKILL)
+            found.append((self.told({f"running({node})": False}) - began_ns) / 1e9)
+        return sorted(found)
+
+    def silent_s(self, seed: int) -> list[float]:
+        """Let all topics come at 10 Hz and fall silent one by one; return the times until that was known."""
+        draw = random.Random(seed)
+        talking = {f"{node}_topic" for node in self._nodes}
+        last_ns: dict[str, int] = {}
+        end = threading.Event()
+
+        def talk() -> None:
+            bus = Bus(self._bus, WITHIN_S)
+            due = time.monotonic()
+            while not end.is_set():
+                for topic in tuple(talking):
+                    last_ns[topic] = time.time_ns()
+                    bus.publish(topic)
+                due = max(due + PERIOD_S, time.monotonic())
+                end.wait(due - time.monotonic())
+            bus.close()
+
+        thread = threading.Thread(target=talk)
+        thread.start()
+        found = []
+        try:
+            self.told({f"ok({topic})": True for topic in talking})
+            for topic in sorted(talking):
+                time.sleep(draw.uniform(0.1, 0.3))  # anywhere in the agent's periods
+                talking.discard(topic)
+                time.sleep(PERIOD_S)  # the round that is under way is its last
+                told_ns = self.told({f"ok({topic})": False})
+                found.append((told_ns - last_ns[topic]) / 1e9)
+        finally:
+            end.set()
+            thread.join()
+        return sorted(found)
+
+    def told(self, wanted: dict[str, bool]) -> int:
+        """Wait until the service holds this; return when it accepted the last of it.
+
+        Raises:
+            NotTold: it did not come.
+        """
+        deadline = time.monotonic() + WITHIN_S
+        at_ns = time.time_ns()
+        while not wanted.items() <= self._holds.items():
+            try:
+                event = self._events.get(timeout=max(0.0, deadline - time.monotonic()))
+            except queue.Empty:
+                missing = sorted(f"{atom}: {sign}" for atom, sign in wanted.items() - self._holds.items())
+                raise NotTold(", ".join(missing[:5])) from None
+            at_ns = int(event.data.get("accepted_ns") or event.time_ns)
+            for literal in event.data["changed"]:
+                self._holds[literal.removeprefix("not ")] = not literal.startswith("not ")
+        return at_ns
+
+    def _listen(self) -> None:
+        try:
+            for event in self.client.events("bench", after=0):
+                if event.kind is Kind.OBSERVATIONS:
+                    self._events.put(event)
+        except ClientError:
+            pass  # the service has gone, at the end
+
+
+def settled_mb(pid: int) -> float:
+    """Return the resident memory of a process that has nothing new to do."""
+    time.sleep(3.0)  # buffers, connections and a few heartbeats
+    return memory_mb(pid)
+
+
+def _below(pid: int) -> list[int]:
+    """Return the processes that this one has started, and they in turn."""
+    found = children(pid)
+    return [*found, *(one for child in found for one in _below(child))]
+
+
+def _environment(pid: int) -> dict[str, str]:
+    pairs = Path(f"/proc/{pid}/environ").read_bytes().decode(errors="replace").split("\0")
+    return {name: value for name, _, value in (pair.partition("=") for pair in pairs)}
+
+
+def row(seconds: list[float]) -> dict[str, Any]:
+    """Return what is told of sorted times."""
+    middle = seconds[len(seconds) // 2]
+    return {"count": len(seconds), "median_s": round(middle, 3), "max_s": round(seconds[-1], 3)}

@@ -1,0 +1,186 @@
+"""Stop, health and readiness while others send what takes long to read, to solve or to answer.
+
+    viewer, robot and operator keys ── 20 clients, one hostile request after another ──► the service
+    operator ── GET /healthz, GET /readyz, POST and DELETE /stop, 20 a second ─────────► how long each takes
+
+Each request of the second kind comes on a connection of its own, and on one that is used again, as clients do
+both. The prober's own lateness is measured beside it, without a service: what the machine adds.
+"""
+
+from __future__ import annotations
+
+import http.client
+import itertools
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+from robomend_bench.service.attackers import ROBOT, address, source_body
+from robomend_bench.service.measure import Latency
+from robomend_bench.service.process import Served, model_text
+
+EVERY_S = 0.05
+ANSWER_S = 120.0
+
+
+@dataclass
+class AttackResult:
+    """What the operator saw alone and in the crowd, and how the crowd fared."""
+
+    seconds: float
+    clients: int
+    alone: dict[str, Latency]
+    attacked: dict[str, Latency]
+    answers: dict[str, dict[str, int]]  # request -> status -> how often
+    slowest_s: dict[str, float]
+    held: dict[str, float]  # of the service's own metrics
+    errors: list[str] = field(default_factory=list)
+
+    @property
+    def worst_ms(self) -> float:
+        """The slowest answer to an operator in the crowd."""
+        return max(latency.max_ms for latency in self.attacked.values())
+
+
+# --- the operator
+
+
+def probe(url: str, key: str, seconds: float, errors: list[str]) -> dict[str, Latency]:
+    """Ask for health, readiness and stops for a while; return how long each took."""
+    times: dict[str, list[float]] = {}
+    kept = http.client.HTTPConnection(*address(url), timeout=ANSWER_S)
+    wanted = [
+        ("GET /healthz", "GET", "/healthz"),
+        ("GET /readyz", "GET", "/readyz"),
+        ("POST /stop", "POST", "/api/v1/stop"),
+        ("DELETE /stop", "DELETE", "/api/v1/stop?reason=bench"),
+    ]
+    until = time.monotonic() + seconds
+    for number in itertools.count():
+        if time.monotonic() > until:
+            break
+        name, method, path = wanted[number % len(wanted)]
+        again = number % 3 == 2
+        if again:
+            name = f"{name}, connection used again"
+        began = time.perf_counter()
+        try:
+            status = _once(kept if again else None, url, key, method, path)
+        except (OSError, http.client.HTTPException) as error:
+            errors.append(f"{name}: {type(error).__name__}: {error}")
+            kept.close()
+            continue
+        times.setdefault(name, []).append(time.perf_counter() - began)
+        if status not in ({200, 503} if path == "/readyz" else {200, 202}):
+            errors.append(f"{name}: {status}")
+        time.sleep(EVERY_S)
+    kept.close()
+    return {name: Latency.of(found) for name, found in sorted(times.items())}
+
+
+def _once(kept: http.client.HTTPConnection | None, url: str, key: str, method: str, path: str) -> int:
+    headers = {"Authorization": f"Bearer {key}"}
+    body = None
+    if method == "POST":
+        body, headers["Content-Type"] = b'{"reason": "bench"}', "application/json"
+    connection = kept or http.client.HTTPConnection(*address(url), timeout=ANSWER_S)
+    try:
+        if kept is not None and kept.sock is None:
+            # A request of another kind comes first, so that the service's event loop has the connection.
+            kept.request("GET", "/version-info")
+            kept.getresponse().read()
+        connection.request(method, path, body, headers)
+        answer = connection.getresponse()
+        answer.read()
+        return answer.status
+    finally:
+        if kept is None:
+            connection.close()
+
+
+def make_keys(data: str) -> dict[str, str]:
+    """Create a key of each role in a service's database."""
+    keys = {}
+    for role in ("viewer", "robot", "operator", "admin"):
+        arguments = ["keys", "create", "--data", data, "--role", role, "--format", "json"]
+        arguments += ["--robot", ROBOT] if role == "robot" else []
+        program = [sys.executable, "-c", "from robomend.cli.main import main; main()", *arguments]
+        made = subprocess.run(program, capture_output=True, text=True, check=True)
+        keys[role] = json.loads(made.stdout)["key"]
+    return keys
+
+
+def run_attack(process: Served, *, clients: int, seconds: float, seed: int) -> AttackResult:
+    """Measure alone, then in the crowd."""
+    keys = make_keys(str(process.data))
+    time.sleep(2.5)  # the service reads its keys anew
+    _prepare(process.url, keys["operator"])
+    errors: list[str] = []
+    alone = probe(process.url, keys["operator"], min(seconds, 10.0), errors)
+    with attacking(process.url, keys, clients, seed) as found:
+        attacked = probe(process.url, keys["operator"], seconds, errors)
+    answers = {name: dict(sorted(statuses.items())) for name, statuses in sorted(found["answers"].items())}
+    broken = sum(statuses.get("500", 0) for statuses in answers.values())
+    if broken:
+        errors.append(f"{broken} answers of 500")
+    slowest = {name: round(took, 2) for name, took in sorted(found["slowest_s"].items())}
+    held = _held(process.url, keys["operator"])
+    return AttackResult(seconds, clients, alone, attacked, answers, slowest, held, errors)
+
+
+def _prepare(url: str, key: str) -> None:
+    put: list[tuple[str, bytes]] = [
+        ("/api/v1/models/tedusar", source_body(model_text())),
+        ("/api/v1/models/hostile", source_body(model_text())),
+        ("/api/v1/models/heavy", source_body(model_text())),
+        (f"/api/v1/robots/{ROBOT}", json.dumps({"model": "tedusar", "policy": "observe"}).encode()),
+    ]
+    for path, body in put:
+        connection = http.client.HTTPConnection(*address(url), timeout=ANSWER_S)
+        headers = {"Authorization": f"Bearer {key}", "Content-Type": "application/json"}
+        connection.request("PUT", path, body, headers)
+        answer = connection.getresponse()
+        assert answer.status == 201, (path, answer.status, answer.read())
+        connection.close()
+
+
+def _held(url: str, key: str) -> dict[str, float]:
+    """Return what the service says of its event loop."""
+    connection = http.client.HTTPConnection(*address(url), timeout=ANSWER_S)
+    connection.request("GET", "/metrics", headers={"Authorization": f"Bearer {key}"})
+    text = connection.getresponse().read().decode()
+    connection.close()
+    values = dict(line.rsplit(" ", 1) for line in text.splitlines() if line and not line.startswith("#"))
+    count = float(values["robomend_request_hold_seconds_count"])
+    within = {
+        bound: float(values[f'robomend_request_hold_seconds_bucket{{le="{bound}"}}'])
+        for bound in ("0.005", "0.05")
+    }
+    return {
+        "requests": count,
+        "over_5_ms": count - within["0.005"],
+        "over_50_ms": count - within["0.05"],
+        "worst_s": float(values["robomend_request_hold_worst_seconds"]),
+        "loop_worst_s": float(values["robomend_loop_delay_worst_seconds"]),
+    }
+
+
+@contextmanager
+def attacking(url: str, keys: dict[str, str], clients: int, seed: int) -> Iterator[dict[str, Any]]:
+    """Attack while the block runs; afterwards the dictionary has what came of it."""
+    program = [sys.executable, "-m", "robomend_bench.service.attackers", url, str(clients), str(seed)]
+    with subprocess.Popen(program, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as attackers:
+        assert attackers.stdin is not None
+        attackers.stdin.write(json.dumps(keys) + "\n")
+        attackers.stdin.flush()
+        found: dict[str, Any] = {}
+        try:
+            yield found
+        finally:
+            said, _ = attackers.communicate()
+            found.update(json.loads(said))

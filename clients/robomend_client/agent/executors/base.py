@@ -1,0 +1,81 @@
+"""The shape of the agent's executors, and the table that finds the right one for an action.
+
+An executor acts under one name, and each parameter is one of a list: what is not on it is refused, whatever
+it is, and no shell ever reads it. To add a kind: a class of this shape in a file here, a line in kinds.py,
+its row in docs/agent.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Protocol
+
+from robomend_client.actions import REFUSED, Action, ActionResult, Feedback
+
+
+class ActionExecutor(Protocol):
+    """Carries out the actions of one name."""
+
+    @property
+    def name(self) -> str:
+        """The action, as the plan has it."""
+        ...
+
+    @property
+    def parameters(self) -> Sequence[Sequence[str]]:
+        """What each parameter may be."""
+        ...
+
+    @property
+    def gives_up(self) -> bool:
+        """Whether an action that was withdrawn may be left half-way: it leaves things as they were."""
+        ...
+
+    async def execute(self, action: Action, feedback: Feedback) -> ActionResult:
+        """Act. Bounded by `action.timeout_s` from outside; cancelled, it leaves nothing running."""
+        ...
+
+
+class Executors:
+    """All of one agent."""
+
+    def __init__(self, agent: str, executors: Iterable[ActionExecutor]) -> None:
+        self._agent = agent
+        self._by_name: dict[str, list[ActionExecutor]] = {}
+        for executor in executors:
+            self._by_name.setdefault(executor.name, []).append(executor)
+
+    @property
+    def can(self) -> list[str]:
+        """What the poll says: `name:parameter` of actions with one parameter, the name alone of others."""
+        found: dict[str, None] = {}
+        for name, executors in self._by_name.items():
+            for executor in executors:
+                if len(executor.parameters) == 1:
+                    found.update((f"{name}:{value}", None) for value in executor.parameters[0])
+                else:
+                    found[name] = None
+        return list(found)
+
+    def find(self, action: Action) -> ActionExecutor | ActionResult:
+        """Return who carries out `action`, or why nobody here may."""
+        executors = self._by_name.get(action.name)
+        if executors is None:
+            known = ", ".join(self._by_name) or "nothing"
+            return _refused(f"agent {self._agent} knows no {action.name}; it knows {known}")
+        for executor in executors:
+            if len(executor.parameters) == len(action.parameters) and all(
+                value in allowed
+                for value, allowed in zip(action.parameters, executor.parameters, strict=True)
+            ):
+                return executor
+        lists = [
+            " with ".join(", ".join(allowed) for allowed in e.parameters) or "no parameter" for e in executors
+        ]
+        return _refused(
+            f"agent {self._agent}: {action} is not allowed; configured are: {'; or '.join(lists)}"
+        )
+
+
+def _refused(message: str) -> ActionResult:
+    return ActionResult(REFUSED, message)

@@ -1,0 +1,66 @@
+"""The kinds of executors by name, and the section `actions:` of the agent's file.
+
+    actions:
+      calibrate: {kind: process, command: [/opt/robot/calibrate, "{arm}"], parameters: {arm: [left, right]}}
+      reset_usb: {kind: reset_usb, devices: {camera: "046d:0825"}}
+
+Its keys are the parameters of the executor's class (observers/parameters.py). Bridges and other
+distributions add kinds (`ros_action`, `lifecycle`, `launch`) by the entry points
+`robomend.agent_executors`.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from robomend_client.agent.executors.base import ActionExecutor
+from robomend_client.observers.parameters import UnreadableParameter, made, read_arguments
+from robomend_client.registry import BrokenKind, Registry, UnknownKind
+from robomend_client.yaml_reader import Section
+
+ROOM = "robomend_client.agent.executors"
+
+
+KINDS = Registry[Callable[..., ActionExecutor]](
+    "kind of action",
+    "robomend.agent_executors",
+    {
+        "process": f"{ROOM}.program:Program",
+        "systemd": f"{ROOM}.systemd:Units",
+        "reset_usb": f"{ROOM}.usb:ResetUsb",
+    },
+)
+
+
+@dataclass(frozen=True)
+class ActionSpec:
+    """An action that the agent's file describes."""
+
+    name: str
+    kind: str
+    make: Callable[[], ActionExecutor]
+
+
+def read_actions(top: Section, base: Path) -> tuple[ActionSpec, ...]:
+    """Return the actions in the section `actions:` of a file in the folder `base`.
+
+    Raises:
+        ConfigError: with file, line and key.
+    """
+    return tuple(_read_action(name, section, base) for name, section in top.sections("actions"))
+
+
+def _read_action(name: str, section: Section, base: Path) -> ActionSpec:
+    kind = section.text("kind")
+    try:
+        make = KINDS.load(kind)
+        given = {"base": base} if "base" in inspect.signature(make).parameters else {}
+        arguments = read_arguments(section, make, None, name, frozenset(given)) | given
+        section.finish()
+        made(section, make, **arguments)
+    except (UnknownKind, BrokenKind, UnreadableParameter) as error:
+        raise section.error("kind", str(error.args[0])) from error
+    return ActionSpec(name, kind, lambda: make(**arguments))

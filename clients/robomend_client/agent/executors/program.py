@@ -1,0 +1,132 @@
+"""The kind `process`: a program that is run to its end; its exit code says whether it did what it should.
+
+    calibrate: {kind: process, command: [/opt/robot/calibrate, --arm, "{arm}"], parameters: {arm: [left,
+    right]}}
+
+`{arm}` in an argument is replaced by the action's parameter, which is one of the list. The arguments go to
+the program as they are: no shell reads them.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import re
+import signal
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from robomend_client.actions import FAILED, OK, Action, ActionResult, Feedback
+from robomend_client.python310 import timeout
+
+TAIL = 8 * 1024
+"""Bytes of a program's newest output that are kept, to be quoted."""
+
+QUOTED = 500
+END_S = 0.5
+"""From SIGTERM to SIGKILL for a program that is not wanted any more; the caller gives a second for both."""
+
+PLACE = re.compile(r"\{([^{}]*)\}")
+
+
+class Program:
+    """Runs one program."""
+
+    def __init__(
+        self,
+        name: str,
+        command: Sequence[str],
+        base: Path,
+        parameters: Mapping[str, Sequence[str]] | None = None,
+        directory: str | None = None,
+        environment: Mapping[str, str] | None = None,
+        gives_up: bool = False,
+    ) -> None:
+        """
+        Args:
+            name: the action, as the plan has it.
+            command: the program and its arguments; `{NAME}` stands for a parameter.
+            base: the folder of the agent's file.
+            parameters: name -> what it may be, in the order in which the action has them.
+            directory: working directory, relative to `base`.
+            environment: variables beside the agent's own.
+            gives_up: a program that is cut off leaves things as they were.
+        """
+        if not command or not command[0]:
+            raise ValueError("command must be a list of the program and its arguments")
+        self.name = name
+        self.gives_up = gives_up
+        self.parameters = tuple(tuple(values) for values in (parameters or {}).values())
+        self._names = tuple(parameters or {})
+        if PLACE.search(command[0]):
+            raise ValueError("command must name its program itself: only arguments take parameters")
+        for argument in command:
+            for place in PLACE.findall(argument):
+                if place not in self._names:
+                    known = ", ".join(self._names) or "none"
+                    raise ValueError(f"command has a place for {{{place}}}, but the parameters are: {known}")
+        self._command = tuple(command)
+        self._directory = base / directory if directory else None
+        self._environment = dict(environment or {})
+
+    async def execute(self, action: Action, feedback: Feedback) -> ActionResult:
+        values = dict(zip(self._names, action.parameters, strict=True))
+        command = [PLACE.sub(lambda place: values[place[1]], argument) for argument in self._command]
+        return await run(command, str(action), feedback, self._directory, self._environment)
+
+
+async def run(
+    command: Sequence[str],
+    what: str,
+    feedback: Feedback,
+    directory: Path | None = None,
+    environment: Mapping[str, str] | None = None,
+) -> ActionResult:
+    """Run a program to its end; cancelled, end it and all that it started."""
+    try:
+        process = await asyncio.create_subprocess_exec(
+            *command,
+            cwd=directory,
+            env={**os.environ, **(environment or {})},
+            stdin=asyncio.subprocess.DEVNULL,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.STDOUT,
+            start_new_session=True,
+        )
+    except (OSError, ValueError) as error:
+        return ActionResult(FAILED, f"{command[0]} cannot be started: {error}")
+    feedback(1, f"{what} runs as process {process.pid}")
+    assert process.stdout is not None
+    tail = b""
+    try:
+        while data := await process.stdout.read(65536):
+            tail = (tail + data)[-TAIL:]
+        code = await process.wait()
+    finally:
+        await asyncio.shield(_end(process))
+    said = tail.decode("utf-8", "replace").strip()[-QUOTED:]
+    quoted = f"; its last output: {said}" if said else ""
+    if code == 0:
+        return ActionResult(OK, f"{what} is done{quoted}")
+    how = f"was ended by signal {-code}" if code < 0 else f"failed with exit code {code}"
+    return ActionResult(FAILED, f"{what} {how}{quoted}")
+
+
+async def _end(process: asyncio.subprocess.Process) -> None:
+    """End what is left of a program and of what it started."""
+    if process.returncode is None:
+        _signal(process.pid, signal.SIGTERM)
+        await asyncio.wait([asyncio.ensure_future(process.wait())], timeout=END_S)
+    _signal(process.pid, signal.SIGKILL)
+    await process.wait()
+    if process.stdout is not None:  # to its end, or the loop holds on to the pipe
+        with contextlib.suppress(TimeoutError):  # a process that left the group may keep it open
+            async with timeout(END_S):
+                while await process.stdout.read(65536):
+                    pass
+
+
+def _signal(group: int, number: int) -> None:
+    with contextlib.suppress(ProcessLookupError, PermissionError):
+        os.killpg(group, number)

@@ -1,0 +1,42 @@
+"""start_node and stop_node of the processes that the agent supervises."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from robomend_client.actions import Action, ActionResult, Feedback
+from robomend_client.agent.executors.base import ActionExecutor
+from robomend_client.agent.processes import SupervisedProcess
+
+
+class StartNode:
+    """Starts a process and waits for the evidence that it runs."""
+
+    name = "start_node"
+    gives_up = True
+
+    def __init__(self, processes: Mapping[str, SupervisedProcess]) -> None:
+        self.parameters = (tuple(processes),)
+        self._processes = processes
+
+    async def execute(self, action: Action, feedback: Feedback) -> ActionResult:
+        return await self._processes[action.parameters[0]].start(feedback, action.timeout_s)
+
+
+class StopNode:
+    """Stops a process."""
+
+    name = "stop_node"
+    gives_up = False
+
+    def __init__(self, processes: Mapping[str, SupervisedProcess]) -> None:
+        self.parameters = (tuple(processes),)
+        self._processes = processes
+
+    async def execute(self, action: Action, feedback: Feedback) -> ActionResult:
+        return await self._processes[action.parameters[0]].stop(feedback, action.timeout_s)
+
+
+def supervised(processes: Mapping[str, SupervisedProcess]) -> Iterable[ActionExecutor]:
+    """Return the executors of an agent's processes; none if it has none."""
+    return (StartNode(processes), StopNode(processes)) if processes else ()

@@ -1,0 +1,145 @@
+"""Where the observers' samples come from: one feed for each origin, the `from:` of the agent's file.
+
+    bus      the local bus: everything that `from:` does not send elsewhere
+    agent    what the agent knows itself: `processes`, and what usage.py measures
+
+A bridge (ROS 1, ROS 2, zenoh) is a feed, too. To add one, write a class of the shape of Feed and name it as
+an entry point `robomend.feeds`; its section in the agent's file has the same name. It is loaded only when
+an observer wants it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, Protocol
+
+from robomend_client.registry import Registry
+from robomend_client.yaml_reader import Section
+
+AGENT, BUS = "agent", "bus"
+OWN = ("processes", "host")
+"""Sources that only the agent itself can have."""
+
+EXTRAS = {name: f"pip install 'robomend-client[{name}]'" for name in ("ros1", "ros2", "zenoh")}
+"""Feeds that are installed apart, and how."""
+
+Deliver = Callable[[str, object, "int | None"], None]
+"""Called with source, value, and when the sample was made (None: now)."""
+
+
+class Feed(Protocol):
+    """Hands the samples of one origin to the observers."""
+
+    def __init__(self, section: Section, base: Path, sources: frozenset[str]) -> None:
+        """Read its section of the agent's file; what is wrong in it is a ConfigError.
+
+        Args:
+            section: of the origin's name; the caller finishes it.
+            base: the folder of the file.
+            sources: what observers want of it: `scan`, `odom:twist.twist.linear.x`.
+        """
+
+    async def run(self, deliver: Deliver) -> None:
+        """Deliver until cancelled; what goes wrong outside is waited out and logged, not raised."""
+
+
+class MissingExtra(Exception):
+    """A part that is installed apart is not; the message says how to install it."""
+
+
+class UnknownFeed(LookupError):
+    """No feed has this name."""
+
+
+class BrokenFeed(Exception):
+    """The code of a feed cannot be loaded."""
+
+
+FEEDS = Registry[Callable[..., Feed]](
+    "origin of samples", "robomend.feeds", {}, unknown=UnknownFeed, broken=BrokenFeed
+)
+
+
+def load_feed(origin: str) -> Callable[..., Feed]:
+    """Return the class of a feed.
+
+    Raises:
+        MissingExtra: it is installed apart.
+        UnknownFeed, BrokenFeed: there is none of this name, or it cannot be imported.
+    """
+    if origin in EXTRAS and origin not in FEEDS.names():
+        raise MissingExtra(f"from: {origin} needs what is installed with: {EXTRAS[origin]}")
+    return FEEDS.load(origin)
+
+
+def split(source: str) -> tuple[str, str]:
+    """Return topic and field of a source; without one, the field is empty."""
+    topic, _, field = source.partition(":")
+    return topic.removeprefix("/"), field
+
+
+def is_own(source: str) -> bool:
+    """Return whether only the agent itself can have a source."""
+    return split(source)[0] in OWN
+
+
+def field_of(data: object, path: str) -> Any:
+    """Return what a dotted path leads to: `pose.position.x`, `ranges.0`.
+
+    Raises:
+        LookupError: the data has no such field.
+    """
+    value = data
+    for name in path.split("."):
+        try:
+            if isinstance(value, Mapping):
+                value = value[name]
+            elif isinstance(value, list):
+                value = value[int(name)]
+            else:
+                raise LookupError(name)
+        except (LookupError, ValueError):
+            raise LookupError(f"no field {path}: {name!r} is not there") from None
+    return value
+
+
+class Samples:
+    """Makes samples of messages, for the observers that want the topic, or fields of it."""
+
+    def __init__(
+        self, sources: frozenset[str], deliver: Deliver, on_problem: Callable[[str, str], None]
+    ) -> None:
+        """`on_problem` is told of each source that a message does not have, with the reason."""
+        self._deliver = deliver
+        self._on_problem = on_problem
+        self._wanted: dict[str, list[tuple[str, str]]] = {}
+        for source in sorted(sources):
+            topic, field = split(source)
+            self._wanted.setdefault(topic, []).append((source, field))
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """The topics that somebody wants."""
+        return tuple(self._wanted)
+
+    def message(
+        self,
+        topic: str,
+        data: object = None,
+        time_ns: int | None = None,
+        fields: Mapping[str, Any] | None = None,
+    ) -> None:
+        """A message came in; `fields` are those that were taken out of it already."""
+        for source, field in self._wanted.get(topic.removeprefix("/"), ()):
+            if not field:
+                self._deliver(source, data, time_ns)
+            elif fields is not None and field in fields:
+                self._deliver(source, fields[field], time_ns)
+            else:
+                try:
+                    value = field_of(data, field)
+                except LookupError as error:
+                    self._on_problem(source, str(error))
+                else:
+                    self._deliver(source, value, time_ns)

@@ -1,0 +1,111 @@
+"""The observers of one agent, live: where the driver meets the clock.
+
+    feeders ──samples──► watch ──► driver ──changes──► reporter
+                           ▲
+                     a beat of BEAT_S
+
+The driver's time is the agent's clock (clock.py), so that what goes to the service needs no conversion. The
+beat asks the observers that are due, and shows whether the agent itself was late: time in which it did not
+run, or over which the computer's clock was set, is told to the driver as time that nobody looked at. It is
+not taken for silence of the robot; and what came in meanwhile, all at once, is not taken for its rate.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections.abc import Callable, Collection, Iterable, Sequence
+from pathlib import Path
+
+from robomend_client.clock import Clock
+from robomend_client.literals import Atom
+from robomend_client.observers import SECOND, Change, Driver, Observer, Verdict, ns
+from robomend_client.observers.recording import Recording
+
+log = logging.getLogger(__name__)
+
+BEAT_S = 0.05
+LATE_NS = ns(0.15)
+"""The agent was late when it has not looked at the clock for this long; three beats."""
+
+DRAIN_NS = ns(0.02)
+"""After that, what waited in sockets is let in before anything is judged."""
+
+
+class Watch:
+    """See the module."""
+
+    def __init__(
+        self,
+        observers: Iterable[Observer],
+        clock: Clock,
+        on_changes: Callable[[Sequence[Change]], None],
+        lenient: Collection[Atom] = (),
+        recording: tuple[Path, int] | None = None,
+    ) -> None:
+        """
+        Args:
+            recording: a file and its bound in bytes; what the observers are fed with is written down there.
+
+        Raises:
+            OSError: the recording cannot be written.
+        """
+        self._clock = clock
+        self._on_changes = on_changes
+        start_ns = clock.now_ns()
+        self._recording = Recording(recording[0], start_ns, recording[1]) if recording else None
+        self.driver = Driver(observers, start_ns, lenient=lenient, listener=self._recording)
+        self._looked = (start_ns, time.monotonic_ns())
+
+    def sample(self, source: str, value: object = None, time_ns: int | None = None) -> None:
+        """A feeder has something; `time_ns` is its own stamp, if it has one."""
+        now_ns = self._look()
+        self._tell(self.driver.sample(source, now_ns if time_ns is None else time_ns, value, now_ns))
+
+    def settle(self, n: int, atoms: Collection[Atom]) -> None:
+        """The service wants these atoms judged anew, from now on."""
+        now_ns = self._look()
+        self._tell(self.driver.advance(now_ns))
+        self._tell(self.driver.settle(n, atoms))
+
+    def standing(self) -> list[Verdict]:
+        """Return what holds now, with its present evidence."""
+        self._tell(self.driver.advance(self._look()))
+        return self.driver.standing()
+
+    async def run(self) -> None:
+        """Keep the beat, for ever."""
+        while True:
+            now_ns = self._look()
+            self._tell(self.driver.advance(now_ns))
+            beat_ns = (now_ns // ns(BEAT_S) + 1) * ns(
+                BEAT_S
+            )  # the observers' grid has many of its ticks there
+            next_ns = min(beat_ns, self.driver.next_ns or beat_ns)
+            await asyncio.sleep(max(0, next_ns - now_ns) / SECOND)
+
+    def close(self) -> None:
+        """End the recording."""
+        if self._recording is not None:
+            self._recording.close(self.driver.now_ns)
+
+    def _look(self) -> int:
+        """Return the time; tell the driver of time in which nobody looked."""
+        now_ns, at = self._clock.now_ns(), time.monotonic_ns()
+        before_ns, before = self._looked
+        self._looked = (now_ns, at)
+        if now_ns < before_ns - SECOND:  # it follows the computer's clock again
+            log.warning("the clock went back by %.1f s: all is observed anew", (before_ns - now_ns) / SECOND)
+            self._tell(self.driver.restart(now_ns))
+        elif now_ns - before_ns > LATE_NS:
+            if at - before > LATE_NS:
+                log.debug("nobody looked for %.2f s", (at - before) / SECOND)
+            else:
+                log.warning("the clock was set ahead by %.1f s", (now_ns - before_ns) / SECOND)
+            self._tell(self.driver.lapse(now_ns + DRAIN_NS))
+        return now_ns
+
+    def _tell(self, changes: Sequence[Change]) -> None:
+        if changes:
+            self._on_changes(changes)

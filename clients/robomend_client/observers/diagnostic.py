@@ -1,0 +1,212 @@
+"""The diagnostic observer (DObs): ok(d) from the diagnostics that a device's driver publishes.
+
+    status   name "hokuyo: connection", level 0, values {"temperature": "39.5"}
+             └ matched by `status`      └ OK 0, WARN 1, ERROR 2, STALE 3
+    rules    temperature < 40           → ok(temperature)
+             motor: CPU 1 temp <= 60    → ok(motor), where the key is no good name
+
+ok(d) iff no status that matches is as bad as `bad_from`; the worst of the newest ones counts. STALE says
+that the publisher itself does not know: unknown, unless `stale: bad`. When nothing comes for `lifetime_s`,
+d is unknown, unless `missing: bad`.
+
+A sample is one status or a list of them (diagnostic_msgs/DiagnosticArray's `status`), as mappings with
+`name`, `level`, `values` (a mapping, or a list of `key` and `value`). Names are matched whole or by pattern
+(`hokuyo: *`): the published observer took any name that contained the device's.
+
+Source: the paper, section IV-B.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from operator import eq, ge, gt, le, lt, ne
+from typing import Any, ClassVar
+
+from robomend_client.literals import Atom, Literal, parse_atom
+from robomend_client.observers.base import Evidence, number
+from robomend_client.observers.judgement import Judgement, earliest
+from robomend_client.observers.reading import Readings
+
+DIAGNOSTICS = "diagnostics"
+"""The source whose samples are diagnostic statuses."""
+
+OK, WARN, ERROR, STALE = range(4)
+LEVELS = {"warn": WARN, "error": ERROR}
+MOST_STATUSES = 1000
+
+RULE = re.compile(
+    r"(?:(?P<name>[^:<>=!]+):)?(?P<key>[^<>=!]+?)\s*(?P<op><=|>=|==|!=|<|>)\s*"
+    r"(?P<limit>[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*\Z"
+)
+OPERATORS = {"<": lt, "<=": le, ">": gt, ">=": ge, "==": eq, "!=": ne}
+LEADING_NUMBER = re.compile(r"\s*[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
+
+
+@dataclass(frozen=True)
+class Levels:
+    """Which levels are bad."""
+
+    bad_from: str = "warn"  # or error: a warning is still ok
+    stale: str = "unknown"  # or bad
+    missing: str = "unknown"  # or bad: what it means that no status comes
+
+    PRESETS: ClassVar[Mapping[str, Mapping[str, Any]]] = {
+        "published": {"bad_from": "warn", "stale": "bad", "missing": "bad", "lifetime_s": 2.0}
+    }
+
+    def __post_init__(self) -> None:
+        for name, allowed in (
+            ("bad_from", tuple(LEVELS)),
+            ("stale", ("unknown", "bad")),
+            ("missing", ("unknown", "bad")),
+        ):
+            if getattr(self, name) not in allowed:
+                raise ValueError(f"{name} must be one of {', '.join(allowed)}, not {getattr(self, name)!r}")
+
+
+@dataclass(frozen=True)
+class NumberRule:
+    """A number that a status carries, and what it should be."""
+
+    atom: Atom
+    key: str
+    op: str
+    limit: float
+
+    @classmethod
+    def parse(cls, text: str) -> NumberRule:
+        found = RULE.match(text)
+        if found is None:
+            raise ValueError(f"rules: {text!r} is no rule; write e.g. temp_cpu1 < 40")
+        key = found["key"].strip()
+        return cls(parse_atom((found["name"] or key).strip()), key, found["op"], float(found["limit"]))
+
+    def holds(self, values: Mapping[str, Any]) -> bool | None:
+        """Return whether it holds; None where the status does not say."""
+        value = values.get(self.key)
+        if isinstance(value, str):
+            leading = LEADING_NUMBER.match(value)  # "39.5 °C" is 39.5
+            value = float(leading[0]) if leading else None
+        reading = None if value is None else number(value)
+        return None if reading is None else bool(OPERATORS[self.op](reading, self.limit))
+
+
+class DiagnosticObserver:
+    """Watches the statuses of one device."""
+
+    def __init__(
+        self,
+        atom: str,
+        status: Sequence[str],
+        rules: Sequence[str] = (),
+        levels: Levels | None = None,
+        readings: Readings | None = None,
+        source: str = DIAGNOSTICS,
+    ) -> None:
+        """
+        Args:
+            atom: what the levels say, e.g. `ok(hokuyo)`; `hokuyo` is short for it.
+            status: names or patterns of the statuses that speak of it.
+            rules: on their values.
+        """
+        if not status:
+            raise ValueError("status must name at least one status, e.g. 'hokuyo: *'")
+        levels, readings = levels or Levels(), readings or Readings()
+        self._patterns = tuple(status)
+        self._rules = tuple(NumberRule.parse(rule) for rule in rules)
+        device = parse_atom(atom)
+        self.atoms: tuple[Atom, ...] = tuple(dict.fromkeys((device, *(rule.atom for rule in self._rules))))
+        self.sources = frozenset((source,))
+        self.period_ns = 0
+        self.detection_s = readings.delay_s
+        self.settling_s = max(readings.delay_s, readings.lifetime_s if levels.missing == "bad" else 0.0)
+        self._device = device
+        self._bad_from = LEVELS[levels.bad_from]
+        self._stale_is_bad = levels.stale == "bad"
+        self._missing_is_bad = levels.missing == "bad"
+        self._lifetime_ns = round(readings.lifetime_s * 1e9)
+        self._judgements: dict[Atom, Judgement] = {atom: readings.judgement() for atom in self.atoms}
+        self.reset(0)
+
+    def reset(self, time_ns: int) -> None:
+        self._newest: dict[str, tuple[int, int]] = {}  # status -> when, level
+        self._heard_ns = time_ns
+        for judgement in self._judgements.values():
+            judgement.reset()
+
+    def feed(self, source: str, time_ns: int, value: object) -> None:
+        statuses = [value] if isinstance(value, Mapping) else value
+        if not isinstance(statuses, Sequence) or isinstance(statuses, str | bytes):
+            raise TypeError(f"a diagnostic status or a list of them is needed, not {value!r}")
+        ours = [s for s in statuses if self._matches(str(s["name"]))]
+        for status in ours:
+            level = status["level"]
+            level = level[0] if isinstance(level, bytes) else int(level)  # ROS 2 has a byte
+            name = str(status["name"])
+            if name in self._newest or len(self._newest) < MOST_STATUSES:
+                self._newest[name] = (time_ns, level)
+            self._judge_rules(time_ns, status)
+        if ours:
+            self._judge_levels(time_ns)
+
+    def due_ns(self) -> int | None:
+        times = [judgement.due_ns() for judgement in self._judgements.values()]
+        if self._missing_is_bad:
+            times.append(self._heard_ns + self._lifetime_ns)
+        return earliest(times)
+
+    def check(self, now_ns: int) -> tuple[Literal, ...]:
+        found = []
+        for atom, judgement in self._judgements.items():
+            good = judgement.at(now_ns)
+            if atom == self._device and self._missing(now_ns):
+                good = False
+            if good is not None:
+                found.append(Literal(atom, good))
+        return tuple(found)
+
+    def evidence(self, atom: Atom, now_ns: int) -> Evidence:
+        judgement = self._judgements[atom]
+        if atom == self._device and self._missing(now_ns):
+            return Evidence(now_ns - self._lifetime_ns, judgement.good_ns)
+        return judgement.evidence
+
+    # --- inside ----------------------------------------------------------------------------------------
+
+    def _matches(self, name: str) -> bool:
+        name = name.removeprefix("/")
+        return any(fnmatchcase(name, pattern.removeprefix("/")) for pattern in self._patterns)
+
+    def _missing(self, now_ns: int) -> bool:
+        return self._missing_is_bad and now_ns - self._heard_ns >= self._lifetime_ns
+
+    def _judge_levels(self, time_ns: int) -> None:
+        self._heard_ns = time_ns
+        fresh = {n: (t, level) for n, (t, level) in self._newest.items() if time_ns - t < self._lifetime_ns}
+        self._newest = fresh
+        bad = [t for t, level in fresh.values() if self._is_bad(level)]
+        good = [t for t, level in fresh.values() if level < self._bad_from]
+        judgement = self._judgements[self._device]
+        if bad:
+            judgement.add(time_ns, False, max(bad))
+        elif good:
+            judgement.add(time_ns, True, min(good))
+        else:
+            judgement.reset()  # all of them are stale: the publisher does not know
+
+    def _is_bad(self, level: int) -> bool:
+        return self._stale_is_bad if level == STALE else level >= self._bad_from
+
+    def _judge_rules(self, time_ns: int, status: Mapping[str, Any]) -> None:
+        if not self._rules:
+            return
+        values = status.get("values") or {}
+        if not isinstance(values, Mapping):
+            values = {pair["key"]: pair["value"] for pair in values}
+        for rule in self._rules:
+            good = rule.holds(values)
+            if good is not None and rule.atom != self._device:
+                self._judgements[rule.atom].add(time_ns, good)

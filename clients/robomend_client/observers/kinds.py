@@ -1,0 +1,148 @@
+"""The kinds of observers by name, and the section `observers:` of a file, for the agent and for batch alike.
+
+    observers:
+      scan: {kind: general, rate_hz: 10}
+      odom_yaw: {kind: qualitative, source: "odom:twist.twist.angular.z", slope: 0.1}
+      motor: {kind: too_hot.py:NotTooHot, source: "motor:temperature", limit: 70}
+
+A kind is a class with the shape of base.Observer, or a function that judges a reading: by its name in
+KINDS, by the entry points `robomend.observers` of other distributions, or by `FILE.py:NAME`, relative to
+the file that names it. What is made here is a recipe: batch makes fresh observers of it for every log.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import inspect
+import sys
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import Any, cast
+
+from robomend_client.literals import Atom, parse_atom
+from robomend_client.observers.base import Observer
+from robomend_client.observers.parameters import UnreadableParameter, made, read_arguments
+from robomend_client.observers.reading import FunctionObserver
+from robomend_client.registry import BrokenKind, Registry, UnknownKind
+from robomend_client.yaml_reader import Section
+
+BUS = "bus"
+"""Where samples come from unless `from:` says otherwise."""
+
+ROOM = "robomend_client.observers"
+
+
+KINDS = Registry[Callable[..., Observer]](
+    "kind of observer",
+    "robomend.observers",
+    {
+        "general": f"{ROOM}.general:GeneralObserver",
+        "node": f"{ROOM}.node:NodeObserver",
+        "diagnostic": f"{ROOM}.diagnostic:DiagnosticObserver",
+        "multiple": f"{ROOM}.multiple:MultipleObserver",
+        "qualitative": f"{ROOM}.qualitative:QualitativeObserver",
+        "binary_qualitative": f"{ROOM}.binary_qualitative:BinaryQualitativeObserver",
+        "hardware": f"{ROOM}.hardware:HardwareObserver",
+        "property": f"{ROOM}.property:PropertyObserver",
+    },
+)
+
+
+@dataclass(frozen=True)
+class ObserverSpec:
+    """An observer that a file describes."""
+
+    name: str
+    kind: str
+    origin: str  # the `from:`: who feeds it
+    make: Callable[[], Observer]  # a fresh one each time
+    sources: frozenset[str]
+    atoms: tuple[Atom, ...]
+
+
+def read_observers(top: Section, base: Path) -> tuple[ObserverSpec, ...]:
+    """Return the observers in the section `observers:` of a file in the folder `base`.
+
+    Raises:
+        ConfigError: with file, line and key.
+    """
+    return tuple(_read_observer(name, section, base) for name, section in top.sections("observers"))
+
+
+def read_lenient(top: Section) -> frozenset[Atom]:
+    """Return the atoms of the list `lenient:`, of which good news wins where observers disagree."""
+    try:
+        return frozenset(map(parse_atom, top.texts("lenient")))
+    except ValueError as error:
+        raise top.error("lenient", str(error)) from error
+
+
+def observer_spec(name: str, kind: str, origin: str, make: Callable[[], Observer]) -> ObserverSpec:
+    """Return the recipe of observers that `make` makes; it is tried once, so that mistakes come out now."""
+    observer = make()
+    return ObserverSpec(name, kind, origin, make, observer.sources, observer.atoms)
+
+
+def _read_observer(name: str, section: Section, base: Path) -> ObserverSpec:
+    kind = section.text("kind")
+    origin = section.text("from", BUS)
+    preset = section.optional("preset")
+    try:
+        found = load_kind(kind, base)
+        is_class = inspect.isclass(found)
+        make = cast("Callable[..., Observer]", found) if is_class else FunctionObserver
+        given: frozenset[str] = frozenset() if is_class else frozenset({"function"})
+        arguments = read_arguments(section, make, preset, name, given)
+        if given:
+            arguments["function"] = _bound(section, found)
+        section.finish()
+        made(section, make, **arguments)
+    except (UnknownKind, BrokenKind, UnreadableParameter) as error:
+        raise section.error("kind", str(error.args[0])) from error
+    return observer_spec(name, kind, origin, lambda: make(**arguments))
+
+
+def load_kind(kind: str, base: Path) -> Callable[..., Any]:
+    """Return the class or function that a kind stands for.
+
+    Raises:
+        UnknownKind, BrokenKind: there is none, or it cannot be imported.
+    """
+    file, colon, attribute = kind.rpartition(":")
+    return load_file(base / file, attribute) if colon and file.endswith(".py") else KINDS.load(kind)
+
+
+def load_file(file: Path, attribute: str) -> Callable[..., Any]:
+    """Return a class or function of a Python file; the file is run once, however many name it."""
+    name = f"robomend_file_{sha256(str(file.resolve()).encode()).hexdigest()[:16]}"
+    module = sys.modules.get(name)
+    if module is None:
+        if not file.is_file():
+            raise UnknownKind(f"there is no file {file}")
+        spec = importlib.util.spec_from_file_location(name, file)
+        assert spec is not None
+        assert spec.loader is not None
+        module = sys.modules[name] = importlib.util.module_from_spec(spec)
+        try:
+            spec.loader.exec_module(module)
+        except Exception as error:  # anybody's file may raise anything
+            del sys.modules[name]
+            raise BrokenKind(f"{file} cannot be run: {type(error).__name__}: {error}") from error
+    found = getattr(module, attribute, None)
+    if not callable(found):
+        raise UnknownKind(f"{file} has no class or function {attribute!r}")
+    return found  # type: ignore[no-any-return]  # whatever it is, it can be called
+
+
+def _bound(section: Section, function: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a function of one value: its other parameters are keys of the file."""
+    value, *_ = inspect.signature(function).parameters
+    more = read_arguments(section, function, None, "", frozenset({value}))
+    return (lambda reading: function(reading, **more)) if more else function
+
+
+def all_sources(specs: Iterable[ObserverSpec], origin: str) -> frozenset[str]:
+    """Return what the observers of one origin want to be fed with."""
+    return frozenset(source for spec in specs if spec.origin == origin for source in spec.sources)

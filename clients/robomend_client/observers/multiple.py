@@ -1,0 +1,111 @@
+"""The multiple observer (MObs): ok(OUT_triggered) while each message of one topic is answered on another in
+time.
+
+    in    |              |              |
+    out      |  in time     ···········x   |  too late
+              ok                  not ok at `within_s`, without waiting for the answer
+
+An answer counts for all that was asked before it. A message on the other topic that nothing was asked for
+says nothing, or that something is wrong, with `unasked: bad`. When nothing is asked for `lifetime_s`, the
+verdict is unknown.
+
+Source: the paper, section IV-B. The published observer judges only when an answer comes, so that a node that
+never answers is never noticed; `preset: published` has its parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from robomend_client.literals import Atom, Literal, parse_atom
+from robomend_client.observers.base import NOTHING, Evidence, ns, positive
+
+
+@dataclass(frozen=True)
+class Answers:
+    """What is expected."""
+
+    within_s: float = 0.5  # from a message to its answer
+    unasked: str = "ignored"  # or bad: what an answer means that nothing was asked for
+    interval_s: float = 1.0  # how often something is asked; only for the delays that are declared
+    lifetime_s: float = 10.0  # a verdict that is older says nothing
+
+    PRESETS: ClassVar[Mapping[str, Mapping[str, Any]]] = {"published": {"within_s": 0.5, "unasked": "bad"}}
+
+    def __post_init__(self) -> None:
+        positive(within_s=self.within_s, interval_s=self.interval_s, lifetime_s=self.lifetime_s)
+        if self.unasked not in ("ignored", "bad"):
+            raise ValueError(f"unasked must be one of ignored, bad, not {self.unasked!r}")
+
+
+class MultipleObserver:
+    """Watches whether one topic answers another."""
+
+    def __init__(self, atom: str, in_topic: str, out_topic: str, expected: Answers | None = None) -> None:
+        """
+        Args:
+            atom: what it speaks of, e.g. `ok(map_triggered)`.
+            in_topic: what asks.
+            out_topic: what answers.
+        """
+        if in_topic == out_topic:
+            raise ValueError(f"out_topic must be another topic than in_topic, {in_topic}")
+        expected = expected or Answers()
+        self.atoms: tuple[Atom, ...] = (parse_atom(atom),)
+        self.sources = frozenset((in_topic, out_topic))
+        self.period_ns = 0
+        self.detection_s = expected.within_s
+        self.settling_s = expected.interval_s + expected.within_s
+        self._in = in_topic
+        self._within_ns = ns(expected.within_s)
+        self._lifetime_ns = ns(expected.lifetime_s)
+        self._unasked_is_bad = expected.unasked == "bad"
+        self._signs = {good: (Literal(self.atoms[0], good),) for good in (True, False)}
+        self.reset(0)
+
+    def reset(self, time_ns: int) -> None:
+        self._asked_ns: int | None = None  # the oldest that is not answered
+        self._verdict: bool | None = None
+        self._since_ns = self._judged_ns = time_ns
+        self._good_ns: int | None = None
+
+    def feed(self, source: str, time_ns: int, value: object = None) -> None:
+        """A message of either topic; its value does not matter."""
+        if source == self._in:
+            if self._asked_ns is None:
+                self._asked_ns = time_ns
+        elif self._asked_ns is not None:
+            self._judge(time_ns, time_ns - self._asked_ns <= self._within_ns, self._asked_ns)
+            self._asked_ns = None
+        elif self._unasked_is_bad:
+            self._judge(time_ns, False, time_ns)
+
+    def due_ns(self) -> int | None:
+        if self._asked_ns is not None:
+            return self._asked_ns + self._within_ns + 1
+        return None if self._verdict is None else self._judged_ns + self._lifetime_ns
+
+    def check(self, now_ns: int) -> tuple[Literal, ...]:
+        if self._overdue(now_ns):
+            return self._signs[False]
+        if self._verdict is None or now_ns - self._judged_ns >= self._lifetime_ns:
+            return NOTHING
+        return self._signs[self._verdict]
+
+    def evidence(self, atom: Atom, now_ns: int) -> Evidence:
+        if self._overdue(now_ns):
+            assert self._asked_ns is not None
+            return Evidence(self._asked_ns, self._good_ns)
+        return Evidence(self._since_ns, None if self._verdict else self._good_ns)
+
+    def _overdue(self, now_ns: int) -> bool:
+        return self._asked_ns is not None and now_ns - self._asked_ns > self._within_ns
+
+    def _judge(self, time_ns: int, good: bool, since_ns: int) -> None:
+        self._verdict = good
+        self._judged_ns = time_ns
+        self._since_ns = since_ns
+        if good:
+            self._good_ns = time_ns

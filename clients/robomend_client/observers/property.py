@@ -1,0 +1,87 @@
+"""The property observer (PObs): ok(p) while a number is where it should be: CPU, memory, temperature,
+current.
+
+    high ───────────────────────── bad above
+         ┄┄┄┄┄┄ hysteresis ┄┄┄┄┄┄┄ good again below
+         ┄┄┄┄┄┄┄┄┄┄┄┄┄┄┄┄┄┄┄┄┄┄┄┄┄ good again above
+    low  ───────────────────────── bad below
+
+The readings go through a filter first, then `agreeing` and `debounce_s` decide when a verdict turns. What
+is not a number (NaN, infinite) is no reading. When no reading comes for `lifetime_s`, the property is
+unknown.
+
+Source: the paper, section IV-B. The published observer tested `v ≥ th − dev or v ≤ th + dev`, which always
+holds; `preset: published` has the band that was meant.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from robomend_client.observers.base import number
+from robomend_client.observers.filters import Filter
+from robomend_client.observers.reading import ReadingObserver, Readings
+
+
+@dataclass(frozen=True)
+class Band:
+    """Where the number should be; one of the limits may be absent."""
+
+    low: float | None = None
+    high: float | None = None
+    hysteresis: float = 0.0  # how far inside the band it must be to be good again
+
+    PRESETS: ClassVar[Mapping[str, Mapping[str, Any]]] = {"published": {"low": 0.1, "high": 0.3}}
+
+    def __post_init__(self) -> None:
+        if self.low is None and self.high is None:
+            raise ValueError("low or high is needed: what is the number measured against?")
+        if self.low is not None and self.high is not None and self.low > self.high:
+            raise ValueError(f"low must not be above high, {self.high:g}")
+        if self.hysteresis < 0:
+            raise ValueError(f"hysteresis must not be below 0, but is {self.hysteresis:g}")
+        if self.low is not None and self.high is not None and 2 * self.hysteresis > self.high - self.low:
+            raise ValueError("hysteresis leaves nothing of the band: it must be at most half as wide")
+
+    def holds(self, value: float, was_good: bool) -> bool:
+        """Return whether a value is good, coming from good or bad."""
+        inside = 0.0 if was_good else self.hysteresis
+        return (self.low is None or value >= self.low + inside) and (
+            self.high is None or value <= self.high - inside
+        )
+
+
+class PropertyObserver(ReadingObserver):
+    """Watches one number."""
+
+    def __init__(
+        self,
+        atom: str,
+        source: str,
+        band: Band,
+        readings: Readings | None = None,
+        smoothing: Filter | None = None,
+    ) -> None:
+        super().__init__(atom, source, readings)
+        smoothing = smoothing or Filter()
+        self._band = band
+        self._filter = smoothing.make()
+        self._good = True
+        interval_s = (readings or Readings()).interval_s
+        self.detection_s += (smoothing.samples - 1) * interval_s
+        self.settling_s = self.detection_s
+
+    def reset(self, time_ns: int) -> None:
+        super().reset(time_ns)
+        self._filter.reset()
+        self._good = True
+
+    def feed(self, source: str, time_ns: int, value: object) -> None:
+        reading = number(value)
+        if reading is None:
+            return
+        smooth = self._filter.add(time_ns, reading)
+        self._good = self._band.holds(smooth, self._good)
+        self._judgement.add(time_ns, self._good, self._filter.since_ns)

@@ -1,0 +1,165 @@
+"""The qualitative observer (QObs): inc(v), dec(v) or const(v), the trend of a value in the messages of a
+topic.
+
+    slope r of the regression line over window_s:   r > b  inc      r < −b  dec      else const
+
+The three exclude each other, so each verdict comes with the negation of the other two. With `hysteresis` a
+trend that was told holds on until |r| is below b (1 − hysteresis); with `debounce_s` a new one must last
+that long. A value of an angle that wraps around has `wraps_at` (360, or 6.28318530718).
+
+A line needs three samples over half the window; without, and when no sample came for a whole window,
+nothing is said. What is not a number (NaN, infinite) is left out.
+
+Source: the paper, section IV-B. The published observer meant a hysteresis by derivatives, which never ran:
+whenever it was asked it said const.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from robomend_client.literals import Atom, Literal
+from robomend_client.observers.base import NOTHING, Evidence, ns, number, positive
+from robomend_client.observers.slope import Slope
+
+DEC, CONST, INC = -1, 0, 1
+FAR = 1 << 62
+WORDS = {INC: "inc", DEC: "dec", CONST: "const"}
+
+
+@dataclass(frozen=True)
+class Trend:
+    """When a value counts as increasing or decreasing."""
+
+    window_s: float = 1.0  # seconds that the line is fitted over
+    slope: float = 0.05  # b, in units of the value per second
+    hysteresis: float = 0.2  # part of b, from 0 to below 1
+    debounce_s: float = 0.0  # how long a new trend must last
+    wraps_at: float | None = None  # the size of a full turn, for angles
+    check_s: float = 0.1  # how often a verdict is given; 0: with each sample
+
+    PRESETS: ClassVar[Mapping[str, Mapping[str, Any]]] = {
+        "published": {"window_s": 1.0, "slope": 5e-7, "hysteresis": 0.0, "check_s": 0.0}
+    }
+
+    def __post_init__(self) -> None:
+        positive(window_s=self.window_s, slope=self.slope)
+        if not 0 <= self.hysteresis < 1:
+            raise ValueError(f"hysteresis must be from 0 to below 1, not {self.hysteresis:g}")
+        for name in ("debounce_s", "check_s"):
+            if not 0 <= getattr(self, name) <= 86400:
+                raise ValueError(f"{name} must be from 0 to 86400, not {getattr(self, name):g}")
+        if self.wraps_at is not None:
+            positive(wraps_at=self.wraps_at)
+
+
+class TrendOf:
+    """The trend of one value, sample by sample."""
+
+    def __init__(self, expected: Trend) -> None:
+        self._line = Slope(ns(expected.window_s))
+        self._window_ns = self._line.window_ns
+        self._half_ns = self._window_ns // 2
+        outer, inner = expected.slope, expected.slope * (1 - expected.hysteresis)
+        # The trend that was told -> above which slope it is inc, below which dec.
+        self._limits = {
+            None: (outer, -outer),
+            CONST: (outer, -outer),
+            INC: (inner, -outer),
+            DEC: (outer, -inner),
+        }
+        self._debounce_ns = ns(expected.debounce_s)
+        self._turn = expected.wraps_at
+        self.reset()
+
+    def reset(self) -> None:
+        self._line.reset()
+        self.now: int | None = None  # the trend
+        self.ends_ns: int | None = None  # when it is unknown by itself
+        self._newest_ns = -FAR
+        self._raw: float | None = None
+        self._unwrapped = 0.0
+        self._next: int | None = None  # the trend that must last, and since when it does
+        self._next_ns = 0
+
+    @property
+    def oldest_ns(self) -> int:
+        """The time of the oldest sample that the trend rests on."""
+        return min(self._line.oldest_ns, self._newest_ns - self._debounce_ns)
+
+    def add(self, time_ns: int, value: float) -> None:
+        gap_ns = time_ns - self._newest_ns
+        if not 0 <= gap_ns < self._window_ns:
+            if gap_ns >= 0 or -gap_ns > self._window_ns:
+                self.reset()  # a gap, or time went back: what was before is no part of this line
+            else:
+                time_ns = self._newest_ns
+        self._newest_ns = time_ns
+        self.ends_ns = time_ns + self._window_ns
+        if self._turn is not None:
+            value = self._unwrap(value, self._turn)
+        slope = self._line.add(time_ns, value)
+        if slope is None or time_ns - self._line.oldest_ns < self._half_ns:
+            return
+        now = self.now
+        upper, lower = self._limits[now]
+        trend = INC if slope > upper else DEC if slope < lower else CONST
+        if trend != now and self._debounce_ns:
+            if trend != self._next:
+                self._next, self._next_ns = trend, time_ns
+            if time_ns - self._next_ns < self._debounce_ns:
+                return
+        self._next = None
+        self.now = trend
+
+    def _unwrap(self, value: float, turn: float) -> float:
+        """Return the value without the jumps of full turns."""
+        if self._raw is None:
+            self._unwrapped = value
+        else:
+            step = (value - self._raw) % turn
+            self._unwrapped += step - turn if step > turn / 2 else step
+        self._raw = value
+        return self._unwrapped
+
+
+class QualitativeObserver:
+    """Watches the trend of one value."""
+
+    def __init__(self, value: str, source: str, expected: Trend | None = None) -> None:
+        """
+        Args:
+            value: the model's name of the value, as in inc(value).
+            source: topic and field, e.g. `odom:twist.twist.linear.x`.
+        """
+        expected = expected or Trend()
+        self.sources = frozenset((source,))
+        atoms = {trend: Atom(word, (value,)) for trend, word in WORDS.items()}
+        self.atoms = tuple(atoms.values())
+        self.period_ns = ns(expected.check_s)
+        self.detection_s = self.settling_s = expected.window_s + expected.debounce_s + expected.check_s
+        self._said: dict[int | None, tuple[Literal, ...]] = {
+            trend: tuple(Literal(atom, trend == other) for other, atom in atoms.items()) for trend in atoms
+        }
+        self._said[None] = NOTHING
+        self._trend = TrendOf(expected)
+
+    def reset(self, time_ns: int) -> None:
+        self._trend.reset()
+
+    def feed(self, source: str, time_ns: int, value: object) -> None:
+        reading = number(value)
+        if reading is not None:
+            self._trend.add(time_ns, reading)
+
+    def due_ns(self) -> int | None:
+        return self._trend.ends_ns
+
+    def check(self, now_ns: int) -> tuple[Literal, ...]:
+        trend = self._trend
+        return NOTHING if trend.ends_ns is None or now_ns >= trend.ends_ns else self._said[trend.now]
+
+    def evidence(self, atom: Atom, now_ns: int) -> Evidence:
+        return Evidence(self._trend.oldest_ns)

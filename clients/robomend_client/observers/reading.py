@@ -1,0 +1,103 @@
+"""Observers that judge one reading at a time, good or bad: the base of the property observer, and of your
+own.
+
+    class NotTooHot(ReadingObserver):
+        def __init__(self, limit: float = 60.0, **rest: Any) -> None:
+            super().__init__(**rest)
+            self.limit = limit
+
+        def judge(self, value: object) -> bool:
+            return number(value) < self.limit
+
+The annotated parameters are its keys in the agent's file. A function from a value to good, bad or None (this
+reading says nothing) will do as well: FunctionObserver makes an observer of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from robomend_client.literals import Atom, Literal, parse_atom
+from robomend_client.observers.base import NOTHING, Evidence, ns, positive
+from robomend_client.observers.judgement import Judgement
+
+
+@dataclass(frozen=True)
+class Readings:
+    """How readings become a verdict that lasts."""
+
+    agreeing: int = 1  # readings in a row that say the same, for a verdict
+    debounce_s: float = 0.0  # and for how long they must
+    lifetime_s: float = 5.0  # an older reading says nothing
+    interval_s: float = 1.0  # how often a reading comes; only for the delays that are declared
+
+    def __post_init__(self) -> None:
+        positive(lifetime_s=self.lifetime_s, interval_s=self.interval_s)
+        if not 1 <= self.agreeing <= 10_000:
+            raise ValueError(f"agreeing must be from 1 to 10000, not {self.agreeing}")
+        if not 0 <= self.debounce_s <= 86400:
+            raise ValueError(f"debounce_s must be from 0 to 86400, not {self.debounce_s:g}")
+
+    def judgement(self) -> Judgement:
+        return Judgement(self.agreeing, ns(self.debounce_s), ns(self.lifetime_s))
+
+    @property
+    def delay_s(self) -> float:
+        """From a step of the value to the verdict, at most."""
+        return max(self.agreeing * self.interval_s, self.debounce_s + self.interval_s)
+
+
+class ReadingObserver:
+    """Says whether the readings of one source are good. Subclasses write `judge`."""
+
+    def __init__(self, atom: str, source: str, readings: Readings | None = None) -> None:
+        """
+        Args:
+            atom: what it speaks of, e.g. `ok(CPU,hokuyo_node)`; `temperature` is short for ok(temperature).
+            source: where its readings come from, e.g. `motor:temperature`.
+            readings: how many make a verdict.
+        """
+        readings = readings or Readings()
+        self.atoms: tuple[Atom, ...] = (parse_atom(atom),)
+        self.sources = frozenset((source,))
+        self.period_ns = 0
+        self.detection_s = self.settling_s = readings.delay_s
+        self._signs = {good: (Literal(self.atoms[0], good),) for good in (True, False)}
+        self._judgement = readings.judgement()
+
+    def judge(self, value: Any) -> bool | None:
+        """Return whether a reading is good; None: it says nothing."""
+        raise NotImplementedError
+
+    def reset(self, time_ns: int) -> None:
+        self._judgement.reset()
+
+    def feed(self, source: str, time_ns: int, value: object) -> None:
+        good = self.judge(value)
+        if good is not None:
+            self._judgement.add(time_ns, bool(good))
+
+    def due_ns(self) -> int | None:
+        return self._judgement.due_ns()
+
+    def check(self, now_ns: int) -> tuple[Literal, ...]:
+        good = self._judgement.at(now_ns)
+        return NOTHING if good is None else self._signs[good]
+
+    def evidence(self, atom: Atom, now_ns: int) -> Evidence:
+        return self._judgement.evidence
+
+
+class FunctionObserver(ReadingObserver):
+    """Judges by a function of the value."""
+
+    def __init__(
+        self, function: Callable[..., bool | None], atom: str, source: str, readings: Readings | None = None
+    ) -> None:
+        super().__init__(atom, source, readings)
+        self._function = function
+
+    def judge(self, value: object) -> bool | None:
+        return self._function(value)

@@ -1,0 +1,113 @@
+"""What a driver took in, as lines of JSON, and its replay: the same literals at the same times.
+
+    {"start": 1764000000000000000}
+    {"source": "scan", "time": 1764000000100000000}
+    {"source": "odom:twist.twist.linear.x", "time": …, "at": …, "value": 0.31}
+                                                      └ when it was taken in, if later
+    {"lapse": …, "at": …}   {"settle": 7, "atoms": ["ok(scan)"], "at": …}   {"restart": …}   {"end": …}
+
+A recording has a bound; when it is full, it says so at its end and stays as it is.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Collection, Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+from robomend_client.literals import Atom
+from robomend_client.observers.driver import Change, Driver, Listener
+
+
+class Recording(Listener):
+    """Writes down what a driver takes in."""
+
+    def __init__(self, file: Path, start_ns: int, most_bytes: int) -> None:
+        """
+        Raises:
+            OSError: the file cannot be written.
+        """
+        self._file = file.open("w", encoding="utf-8", buffering=1 << 16)
+        self._left = most_bytes
+        self._write({"start": start_ns})
+
+    def sample(self, source: str, time_ns: int, value: object, now_ns: int) -> None:
+        line: dict[str, Any] = {"source": source, "time": time_ns}
+        if now_ns != time_ns:
+            line["at"] = now_ns
+        if value is not None:
+            line["value"] = value
+        self._write(line)
+
+    def lapse(self, now_ns: int, until_ns: int) -> None:
+        self._write({"lapse": until_ns, "at": now_ns})
+
+    def settle(self, now_ns: int, n: int, atoms: Collection[Atom]) -> None:
+        self._write({"settle": n, "atoms": [[atom.predicate, *atom.args] for atom in atoms], "at": now_ns})
+
+    def restart(self, now_ns: int) -> None:
+        self._write({"restart": now_ns})
+
+    def close(self, now_ns: int) -> None:
+        """End the recording at this time."""
+        self._write({"end": now_ns})
+        self._file.close()
+
+    def _write(self, line: dict[str, Any]) -> None:
+        if self._left <= 0:
+            return
+        text = json.dumps(line, separators=(",", ":"), default=_plain) + "\n"
+        self._left -= len(text)
+        if self._left <= 0:
+            at_ns = line.get("at", line.get("time", next(iter(line.values()))))
+            text = json.dumps({"end": at_ns, "full": True}) + "\n"
+        self._file.write(text)
+
+
+def replay(lines: Iterable[str], make: Callable[[int], Driver]) -> Iterator[Change]:
+    """Yield the changes of a recording.
+
+    Args:
+        lines: of the file; a torn last one, of an agent that was killed, is left out.
+        make: makes the driver, with fresh observers, for a time to start at.
+
+    Raises:
+        ValueError: this is no recording.
+    """
+    driver: Driver | None = None
+    for text in lines:
+        try:
+            line = json.loads(text)
+        except ValueError:
+            if text.endswith("\n"):
+                raise ValueError(f"not a line of a recording: {text[:80]!r}") from None
+            return
+        if driver is None:
+            driver = make(int(line["start"]))
+            continue
+        at_ns = line.get("at")
+        if "source" in line:
+            time_ns = line["time"]
+            yield from driver.sample(
+                line["source"], time_ns, line.get("value"), time_ns if at_ns is None else at_ns
+            )
+            continue
+        if at_ns is not None:
+            yield from driver.advance(at_ns)
+        if "lapse" in line:
+            yield from driver.lapse(line["lapse"])
+        elif "settle" in line:
+            atoms = [Atom(predicate, tuple(args)) for predicate, *args in line["atoms"]]
+            yield from driver.settle(line["settle"], atoms)
+        elif "restart" in line:
+            yield from driver.restart(line["restart"])
+        elif "end" in line:
+            yield from driver.advance(line["end"])
+
+
+def _plain(value: object) -> object:
+    """Return what JSON has for a value that it does not know: tables of nodes are sets."""
+    if isinstance(value, set | frozenset):
+        return sorted(value)
+    raise TypeError(f"{value!r} cannot be recorded")

@@ -1,0 +1,241 @@
+"""A way of their own for stop, health and readiness: a thread that accepts, and answers these itself.
+
+    the listening socket ──► control lane (a thread with an event loop of its own)
+                                  │ looks at the first line, without taking it
+               /stop, /healthz,   │            │ anything else
+               /readyz ◄──────────┘            └──► the connection goes to the service's event loop, untouched
+               answered here
+
+So these answer while the service's event loop is held, or its database does not answer: the address is the
+same, and clients need to know nothing. Such an answer ends its connection; the next request on a connection
+may be any, and finds its way by its first line again.
+
+Under TLS the first line cannot be seen before the handshake, and on a connection that is used again the
+service's event loop reads it. There, too, the stop waits for no disk and no key ring (see
+robomend.repairs.stop_switch, robomend.api.urgent), but it waits for the loop's next turn.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import re
+import socket
+import sys
+import threading
+from collections.abc import Callable, Sequence
+
+import structlog
+import uvicorn
+from fastapi import FastAPI
+from uvicorn.server import ServerState
+
+from robomend.api.protocol import limited
+from robomend.settings import Settings
+
+log = structlog.get_logger("robomend.control")
+
+FIRST_LINES = re.compile(rb"(?:(?:GET|POST|DELETE) /api/v1/stop|(?:GET|HEAD) /(?:healthz|readyz))[ ?]")
+LONGEST = len(b"DELETE /api/v1/stop?")
+BEGINNINGS = tuple(
+    line
+    for path, methods in (
+        (b"/api/v1/stop", (b"GET", b"POST", b"DELETE")),
+        (b"/healthz", (b"GET", b"HEAD")),
+        (b"/readyz", (b"GET", b"HEAD")),
+    )
+    for line in (method + b" " + path for method in methods)
+)
+
+PART_S = 0.01
+"""Between two looks at a first line that came in part."""
+
+ACCEPTED = 64
+"""Connections taken from the queue in a row."""
+
+PAUSE_S = 0.1
+"""Before trying again when none could be accepted: no descriptors are left, say."""
+
+URGENT = -10
+"""The thread's niceness, where the service may choose one (root, CAP_SYS_NICE)."""
+
+HURRY_S = 0.0005
+HURRIED_S = 0.2
+"""How long the interpreter's lock is handed over so soon: for an answer, and the next one."""
+
+JOIN_S = 5.0
+
+
+class ControlLane:
+    """See the module."""
+
+    def __init__(
+        self,
+        app: FastAPI,
+        settings: Settings,
+        listeners: Sequence[socket.socket],
+        hand_over: Callable[[socket.socket], None],
+        headers: Callable[[], list[tuple[bytes, bytes]]],
+    ) -> None:
+        """
+        Args:
+            app: answers what this lane keeps; see robomend.api.app.create_control_app.
+            hand_over: takes every other connection; called in this lane's thread.
+            headers: what each answer carries.
+        """
+        self._listeners = listeners
+        self._hand_over = hand_over
+        self._headers = headers
+        self._timeout_s = settings.head_timeout_s
+        self._peeks = not settings.tls_certificate
+        self._state = ServerState()
+        protocol = limited(settings.max_head_bytes, settings.head_timeout_s, once=True)
+        self._config = uvicorn.Config(
+            app,
+            http=protocol,
+            ws="none",
+            lifespan="off",
+            log_config=None,
+            access_log=False,
+            server_header=False,
+        )
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._ready = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="control-lane", daemon=True)
+        self._usual_s = sys.getswitchinterval()
+        self._hurrying: asyncio.TimerHandle | None = None
+        self._quiet: dict[socket.socket, asyncio.TimerHandle] = {}  # connections that have said nothing yet
+        self._answering: set[asyncio.Task[None]] = set()
+
+    def start(self) -> None:
+        """Begin to accept; returns when it does."""
+        self._config.load()
+        for listener in self._listeners:
+            listener.setblocking(False)
+        self._thread.start()
+        self._ready.wait(JOIN_S)
+
+    def close(self) -> None:
+        """Accept no more, and end the thread. Blocking, but not for long."""
+        if self._loop is not None:
+            with contextlib.suppress(RuntimeError):
+                self._loop.call_soon_threadsafe(self._loop.stop)
+            self._thread.join(JOIN_S)
+
+    def _run(self) -> None:
+        with contextlib.suppress(OSError):  # where we may: on a busy machine this thread goes first
+            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), URGENT)
+        # The standard library's loop: it lets us look at a socket that it then gives to a transport.
+        with asyncio.Runner(loop_factory=asyncio.SelectorEventLoop) as runner:
+            self._loop = loop = runner.get_loop()
+            for listener in self._listeners:
+                loop.add_reader(listener, self._accept, listener)
+            self._ready.set()
+            loop.run_forever()
+            sys.setswitchinterval(self._usual_s)
+            for listener in self._listeners:
+                loop.remove_reader(listener)
+            for connection in (*self._quiet,):
+                self._forget(connection)
+                connection.close()
+
+    def _accept(self, listener: socket.socket) -> None:
+        assert self._loop is not None
+        for _ in range(ACCEPTED):
+            try:
+                connection, _ = listener.accept()
+            except (BlockingIOError, InterruptedError, ConnectionAbortedError):
+                return
+            except OSError as error:
+                log.error("cannot accept", detail=str(error))
+                self._loop.remove_reader(listener)
+                self._loop.call_later(PAUSE_S, self._loop.add_reader, listener, self._accept, listener)
+                return
+            connection.setblocking(False)
+            if self._peeks:
+                self._look(connection)
+            else:
+                self._hand_over(connection)
+
+    def _wait(self, connection: socket.socket) -> None:
+        """Look again when something has come."""
+        assert self._loop is not None
+        if connection not in self._quiet:
+            self._quiet[connection] = self._loop.call_later(self._timeout_s, self._give_up, connection)
+            self._loop.add_reader(connection, self._look, connection)
+
+    def _forget(self, connection: socket.socket) -> None:
+        assert self._loop is not None
+        timer = self._quiet.pop(connection, None)
+        if timer is not None:
+            timer.cancel()
+            self._loop.remove_reader(connection)
+
+    def _give_up(self, connection: socket.socket) -> None:
+        """It never said anything."""
+        self._forget(connection)
+        connection.close()
+
+    def _look(self, connection: socket.socket) -> None:
+        """Look at what a connection begins with, and decide whose it is."""
+        assert self._loop is not None
+        try:
+            line = connection.recv(LONGEST, socket.MSG_PEEK)
+        except (BlockingIOError, InterruptedError):
+            self._wait(connection)
+            return
+        except OSError:
+            line = b""
+        if not line:  # gone again
+            self._give_up(connection)
+        elif FIRST_LINES.match(line):
+            self._forget(connection)
+            self._answer(connection)
+        elif len(line) < LONGEST and any(whole.startswith(line) for whole in BEGINNINGS):
+            # It may become one of ours. It stays readable, so the look is repeated by the clock.
+            self._wait(connection)
+            self._loop.remove_reader(connection)
+            self._loop.call_later(PART_S, self._look_again, connection)
+        else:
+            self._forget(connection)
+            self._hand_over(connection)
+
+    def _look_again(self, connection: socket.socket) -> None:
+        if connection in self._quiet:
+            self._look(connection)
+
+    def _answer(self, connection: socket.socket) -> None:
+        """Give the connection to a protocol of this thread's loop."""
+        assert self._loop is not None
+        self._hurry()
+        self._state.default_headers = self._headers()
+
+        async def connect() -> None:
+            assert self._loop is not None
+            try:
+                await self._loop.connect_accepted_socket(self._protocol, connection)
+            except OSError:
+                connection.close()
+
+        task = self._loop.create_task(connect())
+        self._answering.add(task)
+        task.add_done_callback(self._answering.discard)
+
+    def _hurry(self) -> None:
+        """Have the interpreter's lock handed over sooner for a while.
+
+        Whoever holds it keeps it for 5 ms, and an answer takes it a dozen times.
+        """
+        assert self._loop is not None
+        sys.setswitchinterval(HURRY_S)
+        if self._hurrying is not None:
+            self._hurrying.cancel()
+        self._hurrying = self._loop.call_later(HURRIED_S, sys.setswitchinterval, self._usual_s)
+
+    def _protocol(self) -> asyncio.Protocol:
+        protocol_class = self._config.http_protocol_class
+        assert not isinstance(protocol_class, str)
+        return protocol_class(  # type: ignore[call-arg]  # as uvicorn calls it
+            config=self._config, server_state=self._state, app_state={}, _loop=self._loop
+        )

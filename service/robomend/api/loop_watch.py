@@ -1,0 +1,180 @@
+"""How long the event loop is held: by each request, and by whatever it is.
+
+A request holds the loop from one `await` to the next; nothing else happens in that time. Each request's
+longest hold goes into a histogram, in processor time, as a busy machine is no request's fault.
+
+A thread of its own looks at the loop from outside: it asks the loop for a sign every 25 ms. Where none comes
+for a while, it notes what the loop is at, and says so in the log when the sign has come: how long, how much
+of it was processor time, and where. The delay of the signs is what every request waits before it begins.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Coroutine, Generator
+from types import FrameType, coroutine
+from typing import Any, TypeVar
+
+import structlog
+
+from robomend.metrics import Metrics
+
+T = TypeVar("T")
+
+log = structlog.get_logger("robomend.loop")
+
+EVERY_S = 0.025
+"""Between two signs."""
+
+HELD_S = 0.05
+"""A hold that is told in the log."""
+
+DELAYS = 40
+"""Of the latest signs, kept: a second's."""
+
+FROZEN_S = 10.0
+"""Without a sign for so long, the process is of no use."""
+
+FRAMES = 6
+"""Of the place at which the loop was held, told."""
+
+
+@coroutine
+def timed(work: Coroutine[Any, Any, T], note: Callable[[float], None]) -> Generator[Any, Any, T]:
+    """Run a coroutine; `note` is given the longest time of the processor that it took between two awaits."""
+    call: Callable[[Any], Any] = work.send
+    argument: Any = None
+    longest = 0.0
+    try:
+        while True:
+            began = time.thread_time()
+            try:
+                awaited = call(argument)
+            except StopIteration as end:
+                result: T = end.value
+                return result
+            finally:
+                longest = max(longest, time.thread_time() - began)
+            try:
+                argument = yield awaited
+                call = work.send
+            except BaseException as error:  # noqa: BLE001  # what is thrown in goes where it was meant to
+                call, argument = work.throw, error
+    finally:
+        note(longest)
+
+
+class LoopWatch:
+    """See the module: the thread that looks at the event loop from outside."""
+
+    def __init__(self, metrics: Metrics) -> None:
+        self._metrics = metrics
+        self._watched_loop: asyncio.AbstractEventLoop | None = None
+        self._ending = threading.Event()
+        self._sign = threading.Event()
+        self._turned_s = time.monotonic()
+        self._delays: deque[float] = deque(maxlen=DELAYS)
+        self._worst_s = 0.0
+        self._thread = threading.Thread(target=self._run, name="loop-watch", daemon=True)
+        metrics.on_demand(
+            "robomend_loop_delay_worst_seconds",
+            "the longest that the event loop was held since the start",
+            (),
+            lambda: [((), max(self._worst_s, self.held_s))],
+        )
+
+    def start(self) -> None:
+        """Watch the running event loop from now on."""
+        self._watched_loop = asyncio.get_running_loop()
+        self._watched = threading.get_ident()
+        self._turned_s = time.monotonic()
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the thread."""
+        self._ending.set()
+        self._sign.set()
+        if self._thread.is_alive():
+            self._thread.join(1.0)
+
+    @property
+    def loop(self) -> asyncio.AbstractEventLoop:
+        """The event loop that is watched: the service's own."""
+        assert self._watched_loop is not None
+        return self._watched_loop
+
+    @property
+    def held_s(self) -> float:
+        """How long the loop has not given a sign; under EVERY_S means nothing."""
+        return time.monotonic() - self._turned_s
+
+    @property
+    def frozen(self) -> bool:
+        """Whether the loop has not turned for so long that nobody should wait for it."""
+        return self.held_s > FROZEN_S
+
+    @property
+    def delay_s(self) -> float:
+        """The delay of the signs lately (median of a second), or of the one that is awaited."""
+        latest = sorted(self._delays)
+        usual = latest[len(latest) // 2] if latest else 0.0
+        return max(usual, self.held_s - EVERY_S)
+
+    def _give_sign(self) -> None:
+        self._turned_s = time.monotonic()
+        self._sign.set()
+
+    def _run(self) -> None:
+        clock = _processor_clock(self._watched)
+        while not self._ending.wait(EVERY_S):
+            self._sign.clear()
+            asked_s, used_s = time.monotonic(), clock()
+            try:
+                self.loop.call_soon_threadsafe(self._give_sign)
+            except RuntimeError:  # the loop is closed
+                return
+            where = "" if self._sign.wait(HELD_S) else self._place()
+            self._sign.wait()
+            delay_s = self._turned_s - asked_s
+            self._delays.append(delay_s)
+            self._worst_s = max(self._worst_s, delay_s)
+            self._metrics.loop_delay_s.observe(delay_s)
+            if where and not self._ending.is_set():
+                log.warning(
+                    "event loop held",
+                    ms=round(delay_s * 1000),
+                    processor_ms=round((clock() - used_s) * 1000),
+                    where=where,
+                )
+
+    def _place(self) -> str:
+        """Return where the loop's thread is, innermost first, and which request it is about."""
+        frame = sys._current_frames().get(self._watched)
+        places: list[str] = []
+        request = ""
+        while frame is not None:
+            if len(places) < FRAMES:
+                code = frame.f_code
+                module = frame.f_globals.get("__name__", "")
+                places.append(f"{module}.{code.co_name}:{frame.f_lineno}")
+            request = request or _request(frame)
+            frame = frame.f_back
+        return " < ".join(places) + (f"; {request}" if request else "")
+
+
+def _request(frame: FrameType) -> str:
+    """Return the request that a frame of the edge is about."""
+    if frame.f_globals.get("__name__") != "robomend.api.edge" or frame.f_code.co_name != "__call__":
+        return ""
+    scope = frame.f_locals.get("scope", {})
+    return f"{scope.get('method', '')} {scope.get('path', '')}"
+
+
+def _processor_clock(thread: int) -> Callable[[], float]:
+    """Return a function that tells how much time of the processor a thread has used."""
+    clock = time.pthread_getcpuclockid(thread)
+    return lambda: time.clock_gettime(clock)

@@ -1,0 +1,197 @@
+"""Diagnoses as hitting sets of conflicts: the way of robots.
+
+    all conflicts can be listed (derivations.py)    the parts that share no component, each by itself
+    else                                            conflicts on demand: a solver call at each leaf
+        several conflicts apart from one another    the regions of the model (regions.py), each by itself
+        too many nodes, or too wide                 by_solver.py goes on from what was found
+    order of probability                            ranking.py, over either kind of conflicts
+
+What the parts give is put together by parts.py: the first few in order of size, all as a product, their
+number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+
+from robomend.diagnosis.by_solver import BySolver
+from robomend.diagnosis.conflicts import Conflicts, Known
+from robomend.diagnosis.consistency import Consistency
+from robomend.diagnosis.hitting import HittingSets, TooManyNodes
+from robomend.diagnosis.masks import mask_of, members, outside
+from robomend.diagnosis.observed import NOTHING_SUPPOSED, SignedObs, Supposed
+from robomend.diagnosis.oll import MinimumTooLarge
+from robomend.diagnosis.oracle import OutOfTime
+from robomend.diagnosis.parts import IndependentPart, independent, list_diagnoses, minimal
+from robomend.diagnosis.ranking import by_probability, size_then_odds
+from robomend.diagnosis.regions import regions
+from robomend.diagnosis.result import Options
+from robomend.diagnosis.search import NoDiagnosis, SearchState
+
+COUNTED = 5_000
+"""Alternatives of a part that are listed, whatever the limit, for the exact count."""
+
+SEARCHED_NODES = 2_000
+"""Nodes of a search that asks the solver at its leaves."""
+
+WIDE_CONFLICT = 60
+"""The hitting-set tree branches this much at most; wider conflicts go to a SAT search."""
+
+
+class ByConflicts:
+    """See the module."""
+
+    def __init__(self, consistency: Consistency, conflicts: Conflicts, by_solver: BySolver) -> None:
+        self._consistency = consistency
+        self._cnf = consistency.cnf
+        self._clock = consistency.clock
+        self._conflicts = conflicts
+        self._by_solver = by_solver
+        self._cost = size_then_odds(self._cnf) if self._cnf.priors else int.bit_count
+
+    def list_all(self, observed: SignedObs, what_if: Supposed, options: Options, answer: SearchState) -> None:
+        """List the diagnoses in order of size."""
+        forced = mask_of(what_if.abnormal)
+        derived = answer.derived = self._conflicts.all_of(observed, what_if)
+        if derived is None:
+            self._by_found_conflicts(observed, what_if, options, answer)
+            return
+        masks = [one.mask for one in derived]
+        if 0 in masks:
+            raise NoDiagnosis
+        groups = [minimal(group) for group in independent(masks)]
+        answer.minimal = [mask for group in groups for mask in group]
+        parts = [IndependentPart.of(group, self._clock) for group in groups]
+        list_diagnoses(parts, forced, options, answer, COUNTED, self._cost)
+
+    def _by_found_conflicts(
+        self, observed: SignedObs, what_if: Supposed, options: Options, answer: SearchState
+    ) -> None:
+        """Ask the solver for conflicts one by one."""
+        forced = mask_of(what_if.abnormal)
+        search = self._hitting_sets(observed, what_if, answer)
+        part = IndependentPart.of_search(search)
+        parts = [part]
+        try:
+            if search.find_disjoint() > 1 and answer.limit > 1:
+                parts = self._apart(observed, what_if, answer) or parts
+            list_diagnoses(parts, forced, options, answer, 0, self._cost)
+        except TooManyNodes:
+            known = [members(mask | forced) for mask in part.found]
+            for bad in known:
+                answer.add(bad)
+            size = search.next_size + len(what_if.abnormal)
+            self._by_solver.go_on(observed, what_if, options, answer, known, size)
+        finally:
+            if self._cnf.modes and len(parts) > 1:
+                self._note_modes(observed, what_if, answer)
+
+    def _note_modes(self, observed: SignedObs, what_if: Supposed, answer: SearchState) -> None:
+        """Note the fault modes of diagnoses that were put together of parts, as far as there is time."""
+        literals = [*observed.numbers, *what_if.numbers]
+        with suppress(OutOfTime):
+            for bad in answer.found:
+                if bad not in answer.modes:
+                    answer.modes[bad] = self._consistency.modes_behind(bad, literals)
+
+    def _hitting_sets(
+        self, observed: SignedObs, what_if: Supposed, answer: SearchState, region: int | None = None
+    ) -> HittingSets:
+        find_conflict = self._conflict_finder(observed, what_if, answer, WIDE_CONFLICT, region)
+        known = [one.mask for one in answer.known if region is not None and not one.mask & ~region]
+        return HittingSets(find_conflict, SEARCHED_NODES, known, self._clock.check)
+
+    def _apart(self, observed: SignedObs, what_if: Supposed, answer: SearchState) -> list[IndependentPart]:
+        """Return the regions that say nothing of one another, each as a part; none: all is one."""
+        numbers = [*observed.numbers, *what_if.numbers]
+        _, implied = self._consistency.oracle.propagate(numbers)
+        found = regions(self._cnf, [*numbers, *implied], what_if.abnormal)
+        if len(found) < 2:
+            return []
+        return [
+            IndependentPart.of_search(self._hitting_sets(observed, what_if, answer, region))
+            for region in found
+        ]
+
+    def most_probable_first(
+        self, observed: SignedObs, what_if: Supposed, options: Options, answer: SearchState
+    ) -> None:
+        """List the subset-minimal diagnoses in order of probability."""
+        forced = mask_of(what_if.abnormal)
+        derived = answer.derived = self._conflicts.all_of(observed, what_if)
+        if derived is None:
+            find_conflict = self._conflict_finder(observed, what_if, answer, widest=len(self._cnf.components))
+        else:
+            masks = minimal([one.mask for one in derived])
+            if 0 in masks:
+                raise NoDiagnosis
+
+            def find_conflict(abnormal: int) -> int | None:
+                return next((mask for mask in masks if not mask & abnormal), None)
+
+        left_out = False
+        order = by_probability(find_conflict, self._cnf.components, self._cnf.priors, self._clock)
+        for mask in order:
+            bad = members(mask | forced)
+            if options.max_size is not None and len(bad) > options.max_size:
+                left_out = True
+            else:
+                answer.add(bad)
+        if left_out:
+            raise MinimumTooLarge
+
+    def _conflict_finder(
+        self,
+        observed: SignedObs,
+        what_if: Supposed,
+        answer: SearchState,
+        widest: int,
+        region: int | None = None,
+    ) -> Callable[[int], int | None]:
+        """Return the question that hitting-set searches ask: a conflict outside these components, or None.
+
+        Args:
+            widest: a conflict wider than this ends the search.
+            region: the components, as a mask, that alone matter; None: all.
+
+        Raises (the question):
+            TooManyNodes: a conflict is wider than `widest`.
+            NoDiagnosis: a conflict has no component.
+        """
+        forced = mask_of(what_if.abnormal)
+        oracle, health = self._consistency.oracle, self._consistency.health
+        elsewhere = 0 if region is None else ~region
+        tail = [*observed.numbers, *what_if.numbers]
+        plain = what_if is NOTHING_SUPPOSED
+        conflicts, known = self._conflicts, answer.known
+        library = conflicts.applicable(observed) if plain else []
+
+        def find_conflict(mask: int) -> int | None:
+            mask |= forced | elsewhere
+            for one in known:
+                if not one.mask & mask:
+                    return one.mask
+            for one in library:
+                if not one.mask & mask:
+                    known.append(one)
+                    return one.mask
+            # OBS first: what was seen is then no consequence of health, so that cores stay near the fault
+            if oracle.sat(
+                tail + (outside(health, mask) if region is None else list(members(region & ~mask)))
+            ):
+                if self._cnf.modes and region is None:
+                    bad = members(mask)
+                    answer.modes[bad] = self._consistency.modes_of(bad, oracle.model() or ())
+                return None
+            conflict: Known = conflicts.shrink(oracle, oracle.core() or (), observed, what_if)
+            if not conflict.mask:
+                raise NoDiagnosis
+            if plain:
+                conflicts.keep(conflict)
+            known.append(conflict)
+            if conflict.mask.bit_count() > widest:
+                raise TooManyNodes
+            return conflict.mask
+
+        return find_conflict

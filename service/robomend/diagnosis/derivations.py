@@ -1,0 +1,290 @@
+"""All minimal conflicts of a robot at once, by backward chaining: no solver, no search.
+
+The clauses of a component model are Horn, health occurs in them as a premise only, and observations are
+facts:
+
+    ¬AB(n) ∧ ok(a) ∧ ok(b) → ok(t)        definite: n healthy, a and b ok, so t is ok
+    ok(t) seen not ok                     a goal: whatever derives ok(t) is a conflict
+
+A set of components conflicts with OBS exactly if their being healthy derives something that was seen to be
+otherwise (or a rule without conclusion). So each literal that was seen to fail is asked for its derivations,
+and these for theirs, until they rest on observations:
+
+    not ok(t) ◄── n, ok(a), ok(b)      ok(a) was seen: a premise
+                             ok(b) ◄── m, …      ok(b) was not: whatever derives it
+                     an atom that was seen to fail derives nothing: deriving it is a smaller conflict
+
+A derivation is told by the set of components that it takes to be healthy, its *environment*; only minimal
+ones are kept. An atom that was not seen mostly has one, so that the work is in proportion to what is behind
+the failures, not to the model. Two publishers a topic in a row of k topics have 2^k environments, though:
+past a bound the caller asks the solver for conflicts one by one instead.
+
+Sources:
+    J. de Kleer. An assumption-based TMS. AIJ 28(2), 1986 (environments and labels).
+    W. Dowling, J. Gallier. Linear-time algorithms for testing the satisfiability of propositional Horn
+    formulae. JLP 1(3), 1984.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import NamedTuple
+
+from robomend.diagnosis.masks import mask_of
+from robomend.diagnosis.observed import SignedObs, Supposed
+from robomend.model.cnf import HealthCnf
+
+MAX_ENVIRONMENTS = 5_000
+"""Of all atoms together, beyond one an atom."""
+
+CHECK_EVERY = 256
+"""Atoms between two looks at the clock."""
+
+
+class TooManyEnvironments(Exception):
+    """The conflicts are too many to be listed beforehand."""
+
+
+class DerivationStep(NamedTuple):
+    """How an atom, or a contradiction, is derived: what rule, from what was seen, and from what else."""
+
+    origin: int  # index into cnf.rules
+    head: int  # what it derives; 0: a contradiction
+    premises: tuple[int, ...]  # atoms that were seen to hold
+    before: tuple[Environment, ...]
+
+
+class Environment(NamedTuple):
+    """Components whose health derives an atom, as a mask, and the last step of how."""
+
+    mask: int
+    step: DerivationStep
+
+
+class HornRule(NamedTuple):
+    """A clause: the health of these components and the body derive the head."""
+
+    mask: int
+    body: tuple[int, ...]
+    opposite: tuple[int, ...]  # of the body: one of these seen, and the rule says nothing
+    head: int  # 0: none, they contradict one another
+    origin: int
+
+
+class Derived(NamedTuple):
+    """A conflict: the components as a mask, the atom that was seen to fail (0: none), and the last step."""
+
+    mask: int
+    failed: int
+    step: DerivationStep
+
+    def steps(self) -> list[DerivationStep]:
+        """Return all steps of the derivation, the last one first."""
+        if not self.step.before:
+            return [self.step]
+        found: dict[int, DerivationStep] = {}
+        todo = [self.step]
+        while todo:
+            step = todo.pop()
+            if id(step) not in found:
+                found[id(step)] = step
+                todo.extend(environment.step for environment in reversed(step.before))
+        return list(found.values())
+
+
+class Derivations:
+    """The rules of one model, by what they conclude."""
+
+    def __init__(self, cnf: HealthCnf) -> None:
+        n = len(cnf.components)
+        self._rules: dict[int, list[HornRule]] = {}
+        self._goals: list[HornRule] = []  # rules without conclusion
+        for clause, origin in zip(cnf.clauses, cnf.origins, strict=True):
+            head = next((literal for literal in clause if literal > 0), 0)
+            mask = mask_of(-literal for literal in clause if -n <= literal < 0)
+            body = tuple(-literal for literal in clause if literal < -n)
+            rule = HornRule(mask, body, tuple(-atom for atom in body), head, origin)
+            (self._rules.setdefault(head, []) if head else self._goals).append(rule)
+
+    @staticmethod
+    def suit(cnf: HealthCnf) -> bool:
+        """Return whether the clauses are Horn and health is a premise only."""
+        n = len(cnf.components)
+        return (
+            not cnf.modes
+            and not cnf.circuit
+            and all(
+                sum(literal > 0 for literal in clause) < 2 and not any(0 < literal <= n for literal in clause)
+                for clause in cnf.clauses
+            )
+        )
+
+    def conflicts(self, observed: SignedObs, supposed: Supposed, check: Callable[[], None]) -> list[Derived]:
+        """Return conflicts among which are all minimal ones; those supposed healthy are not in their masks.
+
+        Args:
+            check: called now and then; may raise to end the work.
+
+        Raises:
+            TooManyEnvironments: see the module.
+        """
+        seen = observed.seen
+        asked = _Asked(self._rules, seen, supposed, check)
+        found: list[Derived] = []
+        for rule in self._goals:
+            found += [Derived(mask, 0, step) for mask, step in asked.environments(rule)]
+        rules_of = self._rules.get
+        for number in observed.numbers:
+            if number < 0 and (rules := rules_of(-number)):
+                for rule in rules:
+                    if seen.isdisjoint(rule.opposite):
+                        for mask, step in asked.environments(rule):
+                            found.append(Derived(mask, -number, step))
+        return found
+
+    def may_spare(self, mask: int, steps: Iterable[DerivationStep]) -> bool:
+        """Return whether a derivation may rest on more than it must.
+
+        It does not where its components' health has no other rule for what it derives, for what it takes as
+        seen, and for a contradiction.
+        """
+        rules = self._rules
+        goals = sum(not rule.mask & ~mask for rule in self._goals)
+        for step in steps:
+            if step.head:
+                if sum(not rule.mask & ~mask for rule in rules[step.head]) > 1:
+                    return True
+            else:
+                goals -= 1
+            for atom in step.premises:
+                for rule in rules.get(atom, ()):
+                    if not rule.mask & ~mask:
+                        return True
+        return goals > 0
+
+
+class Applied(NamedTuple):
+    """A rule under the observations: what it still needs."""
+
+    mask: int  # less those supposed healthy
+    premises: tuple[int, ...]  # of its body, what was seen …
+    unseen: tuple[int, ...]  # … and what was not
+    head: int
+    origin: int
+
+
+class _Asked:
+    """One question: the environments of the atoms that were not seen, found as they are needed."""
+
+    def __init__(
+        self,
+        rules: dict[int, list[HornRule]],
+        seen: frozenset[int],
+        supposed: Supposed,
+        check: Callable[[], None],
+    ) -> None:
+        self._rules = rules
+        self._seen = seen
+        self._healthy = ~mask_of(supposed.healthy)
+        self._abnormal = mask_of(supposed.abnormal)
+        self._check = check
+        self._labels: dict[int, list[Environment]] = {}
+        self._left = MAX_ENVIRONMENTS
+
+    def environments(self, rule: HornRule) -> list[Environment]:
+        """Return the minimal environments of what the rule concludes, by this rule."""
+        mask, body, _, head, origin = rule
+        if self._seen.issuperset(body):
+            if mask & self._abnormal:
+                return []
+            return [Environment(mask & self._healthy, DerivationStep(origin, head, body, ()))]
+        applied = self._applied(rule)
+        if applied is None:
+            return []
+        for atom in applied.unseen:
+            if atom not in self._labels:
+                self._derive(atom)
+        return self._joined(applied)
+
+    def _applied(self, rule: HornRule) -> Applied | None:
+        """Return what the rule still needs, or None: it says nothing."""
+        mask, body, opposite, head, origin = rule
+        seen = self._seen
+        if mask & self._abnormal or not seen.isdisjoint(opposite):
+            return None
+        unseen = tuple([atom for atom in body if atom not in seen])
+        if unseen:
+            body = tuple([atom for atom in body if atom in seen])
+        return Applied(mask & self._healthy, body, unseen, head, origin)
+
+    def _derive(self, start: int) -> None:
+        """Label an atom and all that it may be derived from.
+
+        In post-order one pass is enough, unless atoms derive one another; then passes go on until nothing
+        changes. Labels only grow better, so that this ends.
+        """
+        order: list[int] = []
+        usable: dict[int, list[Applied]] = {}
+        circular = False
+        open_: set[int] = set()
+        todo = [start]
+        while todo:
+            atom = todo[-1]
+            if atom not in usable and atom not in self._labels:
+                if len(usable) % CHECK_EVERY == 0:
+                    self._check()
+                open_.add(atom)
+                usable[atom] = [
+                    one for rule in self._rules.get(atom, ()) if (one := self._applied(rule)) is not None
+                ]
+                for one in usable[atom]:
+                    for other in one.unseen:
+                        if other in open_:
+                            circular = True
+                        elif other not in self._labels and other not in usable:
+                            todo.append(other)
+                continue
+            todo.pop()
+            if atom in open_:
+                open_.discard(atom)
+                order.append(atom)
+        labels = self._labels
+        for atom in order:
+            labels[atom] = []
+        changed = True
+        while changed:
+            changed = False
+            for position, atom in enumerate(order):
+                if position % CHECK_EVERY == 0:
+                    self._check()
+                found = [environment for one in usable[atom] for environment in self._joined(one)]
+                if len(found) > 1:
+                    found = self._minimal(found)
+                if {one.mask for one in found} != {one.mask for one in labels[atom]}:
+                    labels[atom] = found
+                    changed = circular
+
+    def _joined(self, applied: Applied) -> list[Environment]:
+        """Return the environments of a rule whose unseen premises are labelled: one of each, joined."""
+        mask, premises, unseen, head, origin = applied
+        if not unseen:
+            return [Environment(mask, DerivationStep(origin, head, premises, ()))]
+        joined: list[tuple[int, tuple[Environment, ...]]] = [(mask, ())]
+        for atom in unseen:
+            label = self._labels[atom]
+            joined = [(mask | one.mask, (*before, one)) for mask, before in joined for one in label]
+            self._left -= max(0, len(joined) - 1)
+            if self._left < 0:
+                raise TooManyEnvironments
+        return [Environment(mask, DerivationStep(origin, head, premises, before)) for mask, before in joined]
+
+    def _minimal(self, found: list[Environment]) -> list[Environment]:
+        self._left -= len(found) - 1
+        if self._left < 0:
+            raise TooManyEnvironments
+        found.sort(key=lambda one: one.mask.bit_count())
+        kept: list[Environment] = []
+        for one in found:
+            if not any(smaller.mask & one.mask == smaller.mask for smaller in kept):
+                kept.append(one)
+        return kept

@@ -1,0 +1,308 @@
+"""Diagnoses of many sets of observations of one model and the same sensors: for logs.
+
+A set is a row of codes: two bits a sensor, so that true, false and unknown differ. What decides the diagnoses
+of a row is which conflicts apply to it, and many rows share that:
+
+    rows ──► distinct rows ──► which conflicts apply (numpy) ──► distinct sets of conflicts ──► diagnoses
+                                                                  each searched once, part by part
+
+This needs all minimal conflicts of the sensors beforehand (sensor_conflicts.py): their minimal hitting sets
+are the diagnoses (Reiter 1987), and no solver is asked. Where they cannot be listed (circuits, fault modes,
+rules that are not Horn, too many) each distinct row is a question to the engine.
+
+Sources:
+    R. Reiter. A theory of diagnosis from first principles. AIJ 32(1), 1987.
+    J. de Kleer. An assumption-based TMS. AIJ 28(2), 1986.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from time import perf_counter
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robomend.diagnosis.by_conflicts import COUNTED
+from robomend.diagnosis.engines import DEFAULT, make_engine
+from robomend.diagnosis.observed import check_options
+from robomend.diagnosis.oll import MinimumTooLarge
+from robomend.diagnosis.oracle import Deadline, OutOfTime
+from robomend.diagnosis.parts import IndependentPart, independent, list_diagnoses, minimal
+from robomend.diagnosis.ranking import rank, size_then_odds
+from robomend.diagnosis.reasons import Reasons
+from robomend.diagnosis.result import Diagnosis, DiagnosisResult, Engine, Options, StoppedBy
+from robomend.diagnosis.search import (
+    MAX_DIAGNOSES,
+    LimitReached,
+    SearchState,
+    by_size,
+    factors,
+    listed_as_rows,
+)
+from robomend.diagnosis.sensor_conflicts import SensorConflict, TooManyConflicts, all_conflicts
+from robomend.errors import ContradictoryModel, OptionRefused
+from robomend.model.cnf import HealthCnf
+from robomend_client.literals import Atom, Literal
+
+SENSORS_A_WORD = 32
+
+ROWS = 1 << 14
+"""That are looked at together: the tables of a step stay small."""
+
+COMPARED = 500
+"""Conflicts up to which those that contain another one that applies are left out in numpy."""
+
+REMEMBERED = 50_000
+"""Sets of conflicts, parts of them, and rows of the engine, whose diagnoses are remembered."""
+
+Codes = NDArray[np.uint64]
+"""Shape (rows, words): see `Library.codes`."""
+
+Answer = DiagnosisResult | ContradictoryModel
+"""What is told of a row; the latter where nothing explains it, whatever is abnormal."""
+
+
+@dataclass(frozen=True, slots=True)
+class RowAnswers:
+    """Row i has the answer `distinct[index[i]]`; each says whether it is complete."""
+
+    index: NDArray[np.intp]
+    distinct: tuple[Answer, ...]
+
+    def __getitem__(self, row: int) -> Answer:
+        """Return the answer of a row."""
+        return self.distinct[int(self.index[row])]
+
+    def __len__(self) -> int:
+        return len(self.index)
+
+
+class Library:
+    """See the module. Not thread-safe; to be made anew in each process, as it holds a solver.
+
+    Args:
+        cnf: the model.
+        sensors: the atoms that are observed, in the order of the codes; one that no rule mentions says
+            nothing.
+        options: of each row, as for an engine; `timeout_s` is for a distinct row.
+
+    Raises:
+        OptionRefused: what-if and order of probability are for single sets; conflicts are not told here.
+    """
+
+    def __init__(self, cnf: HealthCnf, sensors: Sequence[Atom], options: Options) -> None:
+        check_options(options)
+        if options.healthy or options.abnormal or options.order == "probability" or options.conflicts:
+            raise OptionRefused("a library tells no conflicts, supposes nothing and lists by size")
+        if len(set(sensors)) < len(sensors):
+            raise OptionRefused("a sensor is named twice")
+        self.cnf = cnf
+        self.sensors = tuple(sensors)
+        self.words = max(1, -(-len(self.sensors) // SENSORS_A_WORD))
+        self._options = options
+        self._clock = Deadline()
+        self._reasons = Reasons(cnf, self._clock)
+        self._cost = size_then_odds(cnf) if cnf.priors else int.bit_count
+        self._parts: dict[tuple[int, ...], IndependentPart] = {}
+        self._of_sets: dict[bytes, Answer] = {}  # which conflicts apply, as bits -> what they come to
+        self._of_rows: dict[tuple[int, ...], Answer] = {}
+        self._engine: Engine | None = None
+        self.conflicts: list[SensorConflict] = []
+        """All minimal ones, if `whole`."""
+        try:
+            self.conflicts = all_conflicts(cnf, [cnf.atom_variable.get(atom, 0) for atom in self.sensors])
+        except TooManyConflicts:
+            self._engine = make_engine(DEFAULT, cnf)
+        # Conflicts of the same components are one column; each contradiction is one of its own.
+        columns: dict[tuple[int, int], int] = {}
+        self._column = [
+            columns.setdefault((one.components, 0 if one.components else one.states), len(columns))
+            for one in self.conflicts
+        ]
+        self._columns = [*columns]
+        self._contained: NDArray[np.float32] | None = None
+        if len(columns) <= COMPARED:
+            self._contained = _containment([components for components, _ in columns])
+
+    @property
+    def whole(self) -> bool:
+        """Whether all minimal conflicts are known, so that no solver is asked."""
+        return self._engine is None
+
+    # --- codes ------------------------------------------------------------------------------------
+
+    def codes(self, true: NDArray[np.bool_], false: NDArray[np.bool_]) -> Codes:
+        """Return rows of observations as codes.
+
+        Bit 2s of a row is set where sensor s was seen true, bit 2s + 1 where it was seen false, 32 sensors in
+        each word.
+
+        Args:
+            true: shape (rows, sensors): the atom was seen to hold.
+            false: the same: it was seen to fail; neither: nothing is known of it.
+        """
+        rows = len(true)
+        both = np.zeros((rows, self.words * SENSORS_A_WORD, 2), dtype=np.uint8)
+        both[:, : len(self.sensors), 0] = true
+        both[:, : len(self.sensors), 1] = false
+        packed = np.packbits(both.reshape(rows, -1), axis=1, bitorder="little")
+        return packed.view("<u8").astype(np.uint64)
+
+    def code(self, observations: Iterable[Literal]) -> Codes:
+        """Return one set of observations as a row; KeyError for what none of the sensors says."""
+        position = {atom: sensor for sensor, atom in enumerate(self.sensors)}
+        seen = np.zeros((2, 1, len(self.sensors)), dtype=np.bool_)
+        for literal in observations:
+            seen[0 if literal.positive else 1, 0, position[literal.atom]] = True
+        return self.codes(seen[0], seen[1])
+
+    def literals(self, code: Sequence[int]) -> list[Literal]:
+        """Return what a row says."""
+        found = []
+        for sensor, atom in enumerate(self.sensors):
+            word, bit = divmod(2 * sensor, 64)
+            for shown, positive in ((0, True), (1, False)):
+                if int(code[word]) >> (bit + shown) & 1:
+                    found.append(Literal(atom, positive))
+        return found
+
+    # --- diagnoses --------------------------------------------------------------------------------
+
+    def diagnose(self, codes: Codes) -> RowAnswers:
+        """Return the answer of each row.
+
+        Args:
+            codes: see there.
+        """
+        rows, row_of = np.unique(codes.reshape(-1, self.words), axis=0, return_inverse=True)
+        if self._engine is not None:
+            asked = tuple([self._asked(self._engine, tuple(row)) for row in rows.tolist()])
+            return RowAnswers(row_of.reshape(-1), asked)
+        applying = [self._applying(rows[start : start + ROWS]) for start in range(0, len(rows), ROWS)]
+        packed = np.concatenate(applying) if applying else self._applying(rows)
+        sets, set_of = np.unique(packed, axis=0, return_inverse=True)
+        answers = tuple([self._of_set(bits) for bits in sets])
+        return RowAnswers(set_of.reshape(-1)[row_of.reshape(-1)], answers)
+
+    def _applying(self, rows: Codes) -> NDArray[np.uint8]:
+        """Return, packed as bits, the columns of the minimal conflicts of each row."""
+        found = np.zeros((len(rows), len(self._columns)), dtype=np.bool_)
+        for conflict, column in zip(self.conflicts, self._column, strict=True):
+            applies = np.ones(len(rows), dtype=np.bool_)
+            for word in range(self.words):
+                wanted = np.uint64(conflict.states >> (64 * word) & (1 << 64) - 1)
+                if wanted:
+                    applies &= (rows[:, word] & wanted) == wanted
+            found[:, column] |= applies
+        if self._contained is not None:
+            found &= (found.astype(np.float32) @ self._contained) == 0
+        return np.packbits(found, axis=1)
+
+    def _asked(self, engine: Engine, row: tuple[int, ...]) -> Answer:
+        answer = self._of_rows.get(row)
+        if answer is None:
+            if len(self._of_rows) >= REMEMBERED:
+                self._of_rows.clear()
+            try:
+                answer = engine.diagnose(self.literals(row), self._options)
+            except ContradictoryModel as contradiction:
+                answer = contradiction
+            self._of_rows[row] = answer
+        return answer
+
+    def _of_set(self, bits: NDArray[np.uint8]) -> Answer:
+        """Return what a set of conflicts, packed as bits, comes to."""
+        key = bits.tobytes()
+        answer = self._of_sets.get(key)
+        if answer is None:
+            if len(self._of_sets) >= REMEMBERED:
+                self._of_sets.clear()
+            places = np.flatnonzero(np.unpackbits(bits, count=len(self._columns))).tolist()
+            columns = [self._columns[place] for place in places]
+            clash = next((states for components, states in columns if not components), None)
+            if clash is not None:
+                answer = self._contradiction(clash)
+            else:
+                answer = self._searched([components for components, _ in columns])
+            self._of_sets[key] = answer
+        return answer
+
+    def _searched(self, masks: list[int]) -> Answer:
+        started = perf_counter()
+        self._clock.start(self._options.timeout_s)
+        options = self._options
+        answer = SearchState(MAX_DIAGNOSES if options.limit is None else options.limit, self._clock)
+        stopped: StoppedBy | None = None
+        parts = [self._part(tuple(sorted(minimal(group)))) for group in independent(minimal(masks))]
+        try:
+            list_diagnoses(parts, 0, options, answer, COUNTED, self._cost)
+        except OutOfTime:
+            stopped = "time"
+            self._parts.clear()  # their searches were left half way
+        except LimitReached:
+            stopped = "limit"
+        except MinimumTooLarge:
+            stopped = "size"
+        return self._told(answer, stopped, perf_counter() - started)
+
+    def _part(self, conflicts: tuple[int, ...]) -> IndependentPart:
+        """Return the hitting sets of conflicts that share components, as far as they were found before."""
+        if self._options.max_size is not None:  # how far they were looked for then depends on the other parts
+            return IndependentPart.of(conflicts, self._clock)
+        part = self._parts.get(conflicts)
+        if part is None:
+            if len(self._parts) >= REMEMBERED:
+                self._parts.clear()
+            part = self._parts[conflicts] = IndependentPart.of(conflicts, self._clock)
+        return part
+
+    def _told(self, answer: SearchState, stopped: StoppedBy | None, elapsed_s: float) -> DiagnosisResult:
+        names = self.cnf.components
+        found = answer.found
+        if len(found) > 1 and not answer.rows:
+            found.sort(key=by_size)
+        rows = answer.rows
+        if self._options.factored and not rows:
+            rows = listed_as_rows(found)
+        result = DiagnosisResult(
+            components=names,
+            diagnoses=tuple([Diagnosis(tuple([names[v - 1] for v in bad])) for bad in found]),
+            complete=stopped is None,
+            stopped_by=stopped,
+            conflicts=(),
+            elapsed_s=elapsed_s,
+            factored=tuple([factors(row, names) for row in rows]),
+            count=answer.count if answer.count is not None else len(found) if stopped is None else None,
+        )
+        return rank(result, self.cnf, self._options) if self.cnf.priors else result
+
+    def _contradiction(self, states: int) -> ContradictoryModel:
+        """Say that these states of the sensors cannot be, whatever is abnormal."""
+        words = [states >> (64 * word) & (1 << 64) - 1 for word in range(self.words)]
+        literals = self.literals(words)
+        core = [number for literal in literals if (number := self.cnf.literal(literal)) is not None]
+        self._clock.start(self._options.timeout_s)
+        rules = self._reasons.rules(core)
+        return ContradictoryModel(
+            tuple(map(str, literals)), tuple(self.cnf.rules[index].text for index in rules)
+        )
+
+    def close(self) -> None:
+        """Free the solvers."""
+        self._reasons.close()
+        if self._engine is not None:
+            self._engine.close()
+
+
+def _containment(masks: Sequence[int]) -> NDArray[np.float32]:
+    """Return, shape (masks, masks), 1 where the one of the row is inside that of the column.
+
+    Of equal ones the first is inside the others.
+    """
+    table = [
+        [one & other == one and (one != other or row < column) for column, other in enumerate(masks)]
+        for row, one in enumerate(masks)
+    ]
+    return np.array(table, dtype=np.float32).reshape(len(masks), len(masks))

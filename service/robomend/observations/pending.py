@@ -1,0 +1,64 @@
+"""Verdicts that may be about to change: what an act should wait for if they could change it.
+
+An observer needs time to notice. When `not ok(scan)` comes, `ok(path)` may still be the verdict of a window
+from before the fault, or another topic may have stopped whose silence nobody has noticed yet. So each verdict
+is pending until its observer had its detection time, from the newest onset of a symptom on. And what has just
+been started is silent until it has begun: its symptoms are pending for as long as starting may take.
+
+Pure: times are integer nanoseconds by the service's clock.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Mapping
+
+from robomend.entry import Entry
+from robomend_client.literals import Atom
+
+SLACK_NS = 300_000_000
+"""For what is on its way."""
+
+
+def newest_onset(entries: Iterable[Entry]) -> int | None:
+    """Return when the latest of the symptoms began, as far as is known; None without symptoms."""
+    onsets = [entry.onset_ns or entry.since_ns or entry.time_ns for entry in entries if not entry.positive]
+    return max(onsets, default=None)
+
+
+def pending(
+    atoms: Collection[Atom],
+    onset_ns: int,
+    delay_ns: Callable[[Atom], int],
+    now_ns: int,
+) -> dict[Atom, int]:
+    """Return those of the atoms whose observer may still be about to notice, with until when.
+
+    `atoms`: what is known to hold or not known at all. `delay_ns`: an observer's detection time.
+    """
+    until = {atom: onset_ns + delay_ns(atom) + SLACK_NS for atom in atoms}
+    return {atom: end for atom, end in until.items() if end > now_ns}
+
+
+def starting(
+    symptoms: Collection[Atom],
+    began_ns: Mapping[str, int],
+    start_up_ns: Callable[[str], int],
+    influences: Callable[[str], Collection[str]],
+    now_ns: int,
+) -> dict[Atom, int]:
+    """Return those of the symptoms that may be due to something that has just been started, with until when.
+
+    Args:
+        began_ns: component -> since when it is on, or runs.
+        influences: component -> the names of what rests on it.
+    """
+    found: dict[Atom, int] = {}
+    for component, began in began_ns.items():
+        end = began + start_up_ns(component) + SLACK_NS
+        if end <= now_ns:
+            continue
+        names = frozenset(influences(component))
+        for atom in symptoms:
+            if names.intersection(atom.args) and component not in atom.args:
+                found[atom] = max(end, found.get(atom, 0))
+    return found

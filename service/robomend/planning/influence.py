@@ -1,0 +1,63 @@
+"""What an act may change besides its effects: the names that whatever is observed of is in doubt after it.
+
+    acted on ──fed by──► hardware ──driven by──► nodes ──publish──► topics ──rest on──► further topics, values
+
+What the theory derives from all good components and not without those acted on is the core of it. That alone
+misses topics which need each other in circles, or an input from outside: nothing is derived of them. So it is
+followed along the model's own arrows, and what the user's rules derive is added.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping
+
+from robomend.model.components import ComponentModel
+from robomend.planning.prediction import Theory
+from robomend_client.literals import Atom
+
+
+def touched(parts: ComponentModel, acted_on: Iterable[str]) -> frozenset[str]:
+    """Return the components acted on, what hangs on them, and the topics and values that rest on them."""
+    acted = set(acted_on)
+    hardware = acted & parts.hardware.keys()
+    hardware |= _growing(hardware, {name: device.fed_by for name, device in parts.hardware.items()})
+    publishers = {
+        name for name, node in parts.nodes.items() if name in acted or hardware.intersection(node.drives)
+    }
+    rests_on: dict[str, set[str]] = {}
+    begun: set[str] = set()
+    for name, node in parts.nodes.items():
+        for topic, inputs in node.publishes.items():
+            rests_on.setdefault(topic, set()).update(inputs)
+            if name in publishers:
+                begun.add(topic)
+    topics = begun | _growing(begun, rests_on)
+    values = {name for name, value in parts.values.items() if value.topic in topics}
+    return frozenset(acted | hardware | topics | values)
+
+
+def influenced(
+    parts: ComponentModel, theory: Theory, acted_on: Collection[str], known: Iterable[Atom]
+) -> frozenset[Atom]:
+    """Return those of the known atoms whose truth an act on these components may change."""
+    names = touched(parts, acted_on)
+    good = parts.components
+    lost = theory.derived(good) - theory.derived(name for name in good if name not in acted_on)
+    derived = {literal.atom for literal in lost}
+    return frozenset(atom for atom in known if atom in derived or names.intersection(atom.args))
+
+
+def _growing(begun: Collection[str], needs: Mapping[str, Iterable[str]]) -> set[str]:
+    """Return what needs one of these, directly or by way of others."""
+    needed_by: dict[str, list[str]] = {}
+    for name, needed in needs.items():
+        for one in needed:
+            needed_by.setdefault(one, []).append(name)
+    found: set[str] = set()
+    pending = list(begun)
+    while pending:
+        for name in needed_by.get(pending.pop(), ()):
+            if name not in found:
+                found.add(name)
+                pending.append(name)
+    return found

@@ -1,0 +1,111 @@
+"""The acts of one repair: its journal, how often each was done, what it switched off, whether it may be sent.
+
+    intend ──► on disk, counted ──► sent ──► settle ──► on disk: the answer, and what is left off by it
+
+Implements the Journal of robomend.repairs.execution_values; repeating.py and left_off.py have the rules.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable, Collection, Mapping
+
+from robomend.planning.plan import Step
+from robomend.planning.policy import TAKES_AWAY
+from robomend.repairs.execution_values import MAY_HAVE_ACTED, StepReport, Withheld
+from robomend.repairs.left_off import given_by, still, taken_by
+from robomend.repairs.record import RepairRecord
+from robomend.repairs.repeating import Repeats
+from robomend.robots.clock import CLOCK
+from robomend.robots.robot import Robot
+from robomend.store import Store, repairs
+from robomend.store.records import Json
+from robomend_client.actions import Action, ActionResult
+
+INTERLOCK_S = 2.0
+"""How long an action waits for OBS to show the model's `act_when`, before a person hears of it."""
+
+LOOK_S = 0.25
+"""How often that wait looks at the clock as well: what grows stale wakes nobody."""
+
+
+class Acts:
+    """See the module."""
+
+    def __init__(self, state: Robot, record: RepairRecord, repeats: Repeats) -> None:
+        self.attempts: Counter[str] = Counter()  # actions by component in the last hour
+        self.settled = 0  # the revision of OBS when the last action had answered
+        # what an answered act influences, for the agents that observe it
+        self.influences: Callable[[Action, ActionResult, StepReport], Json | None] = _nothing
+        self._state = state
+        self._record = record
+        self._repeats = repeats
+        self._components = frozenset(state.system.cnf.components)
+
+    @classmethod
+    async def of(cls, store: Store, state: Robot, record: RepairRecord) -> Acts:
+        """Return those of a repair, with what is on disk of it after a crash."""
+        steps = await store.read(repairs.steps, record.id)
+        return cls(state, record, Repeats(step.data for step in steps))
+
+    # --- what may be planned and sent
+
+    def exhausted(self) -> tuple[tuple[str, str], ...]:
+        """Return the acts that are not to be planned, each with the reason."""
+        return self._repeats.exhausted(self._state.sight.literals())
+
+    def again(self, step: Step) -> str | None:
+        """Return why an act that failed is not sent once more, or None."""
+        return self._repeats.why_not(str(step), step.parameters, self._state.sight.literals())
+
+    def left_off(self) -> Mapping[str, int]:
+        """Return what is off by our doing; what OBS shows on again, it has had time to, is not."""
+        self._record.leave_off(still(self._state, self._record.left_off))
+        return self._record.left_off
+
+    async def interlocked(self) -> str | None:
+        """Return why nothing may be sent, after a moment in which that may change; None: it may."""
+        deadline = time.monotonic() + INTERLOCK_S
+        while (why := self._state.interlocked()) is not None and time.monotonic() < deadline:
+            await self._state.changed(self._state.revision, LOOK_S)
+        return why
+
+    # --- the journal
+
+    async def intend(self, action: Action, report: StepReport) -> None:
+        """Write an intent (see Journal), and count it: for the limit per hour, and for this repair."""
+        taken = taken_by(report.step, self._state, self._state.config.expected_stopped)
+        if taken is not None:
+            self._record.leave_off({**self._record.left_off, taken: CLOCK.now_ns()})
+        try:
+            await self._record.intend(action, report)
+        except Withheld:
+            self._brought_back({taken} if taken is not None else ())
+            raise
+        self._repeats.sent(action, self._state.sight.literals())
+        self.attempts.update(self._components.intersection(action.parameters))
+
+    async def settle(self, action: Action, result: ActionResult, report: StepReport) -> None:
+        """Write an outcome (see Journal)."""
+        self.settled = self._state.revision
+        if report.sent_ns is None:
+            self._repeats.not_sent(action)
+        else:
+            self._repeats.answered(action, result)
+        did_not_act = report.sent_ns is None or result.code not in MAY_HAVE_ACTED
+        if result.ok:
+            self._brought_back(given_by(report.step))
+        elif did_not_act and action.name in TAKES_AWAY:
+            self._brought_back(action.parameters)
+        await self._record.settle(action, result, report, self.influences(action, result, report))
+
+    def _brought_back(self, names: Collection[str]) -> None:
+        """Note that these are on and running again, or were never switched off."""
+        left = self._record.left_off
+        if not left.keys().isdisjoint(names):
+            self._record.leave_off({name: when for name, when in left.items() if name not in names})
+
+
+def _nothing(action: Action, result: ActionResult, report: StepReport) -> Json | None:
+    return None

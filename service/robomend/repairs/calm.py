@@ -1,0 +1,174 @@
+"""No act without need: a repair waits while a verdict that is about to come could change what it does.
+
+    diagnosis ──► the act ──► pending verdicts? ── none ──► act
+                                   │
+                 each of them otherwise, all bad, all unknown: the same act? ── yes ──► act
+                                   │ no
+                        wait until one comes, or its observer had its time ──► from the start
+
+Whether it could change the act is asked of the engine and the planner themselves. The wait is bounded: by
+what observers declare, and where symptoms go on beginning, by MOST_S.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Awaitable, Callable, Collection, Iterable
+
+from robomend.diagnosis.result import DiagnosisResult
+from robomend.observations.pending import newest_onset, pending, starting
+from robomend.planning.choice import Choice
+from robomend.planning.influence import touched
+from robomend.planning.prediction import OBSERVED_FACTS
+from robomend.repairs.record import RepairRecord
+from robomend.repairs.signals import Signals
+from robomend.repairs.states import RepairTrigger
+from robomend.robots.clock import CLOCK
+from robomend.robots.robot import Robot
+from robomend_client.literals import Atom, Literal
+
+MOST_FLIPS = 32
+"""Pending verdicts that are tried one by one; with more, one waits for some of them first."""
+
+MOST_S = 10.0
+"""Of waiting in one round, however many symptoms begin anew, beyond the slowest observer's time."""
+
+AT_ONCE_S = 0.35
+"""A wait that is shorter than to find out whether it is needed."""
+
+TELL_S = 1.0
+"""Waits that take longer are written into the record."""
+
+Diagnose = Callable[[Iterable[Literal]], Awaitable[DiagnosisResult]]
+Choose = Callable[[DiagnosisResult, Iterable[Literal]], Awaitable[Choice]]
+
+
+class Calm:
+    """Of one repair."""
+
+    def __init__(
+        self,
+        state: Robot,
+        record: RepairRecord,
+        signals: Signals,
+        observed: frozenset[Atom],
+        newest: Callable[[], Awaitable[DiagnosisResult]],
+        diagnose: Diagnose,
+        choose: Choose,
+        start_up_s: float,
+    ) -> None:
+        """
+        Args:
+            observed: what somebody should report.
+            newest: returns the diagnosis of what is confirmed now.
+            diagnose: returns the diagnosis of given literals.
+            choose: returns what would be done about a diagnosis, these literals given.
+            start_up_s: how long what was started may need until it shows.
+        """
+        self._state = state
+        self._record = record
+        self._signals = signals
+        self._observed = observed
+        self._newest = newest
+        self._diagnose = diagnose
+        self._choose = choose
+        self._start_up_ns = round(start_up_s * 1e9)
+
+    async def settled(self, result: DiagnosisResult) -> DiagnosisResult:
+        """Return the diagnosis once no pending verdict could change the first act."""
+        began, told = time.monotonic(), False
+        while not result.healthy:
+            left = self._pending()
+            slowest_s = max((end - CLOCK.now_ns() for end in left.values()), default=0) / 1e9
+            if not left or time.monotonic() - began > MOST_S + min(slowest_s, 60.0):
+                break
+            if slowest_s > AT_ONCE_S and not await self._may_change(result, left):
+                break
+            if not told and slowest_s > TELL_S:
+                told = True
+                names = [str(atom) for atom in sorted(left)]
+                await self._record.update(
+                    RepairTrigger.UNHEARD, reason="for verdicts that are about to come", waiting_for=names
+                )
+            wait_s = min(left.values()) - CLOCK.now_ns()
+            await self._signals.unless_halted(
+                self._state.changed(self._state.revision, max(0.01, wait_s / 1e9))
+            )
+            result = await self._newest()
+        return result
+
+    def _pending(self) -> dict[Atom, int]:
+        """Return the verdicts that are about to come, each with until when."""
+        state, now_ns = self._state, CLOCK.now_ns()
+        entries = {entry.atom: entry for entry in state.obs.entries() if entry.fresh(now_ns)}
+        unconfirmed = frozenset(state.sight.not_confirmed())
+        expected = set(state.config.expected_stopped)
+        said = [e for a, e in entries.items() if a not in unconfirmed]
+        symptoms = [e for e in said if not e.positive and not expected.intersection(e.atom.args)]
+        onset_ns = newest_onset(symptoms)
+        if onset_ns is None:
+            return {}
+        bad = {entry.atom for entry in symptoms}
+        other = (self._observed | entries.keys()) - bad
+        found = pending(other, onset_ns, lambda atom: state.sight.delays(atom).detection_ns, now_ns)
+        parts = state.system.parts
+        if parts is not None:
+            began = {
+                entry.atom.args[0]: entry.onset_ns
+                for entry in said
+                if entry.positive and entry.atom.predicate in OBSERVED_FACTS and entry.onset_ns is not None
+            }
+            found |= starting(
+                bad,
+                {name: since for name, since in began.items() if since + self._start_up_ns > now_ns},
+                lambda _: self._start_up_ns,
+                lambda name: touched(parts, [name]),
+                now_ns,
+            )
+        return found
+
+    async def _may_change(self, result: DiagnosisResult, left: Collection[Atom]) -> bool:
+        """Return whether one of the pending verdicts could change what is done first."""
+        if len(left) > MOST_FLIPS:
+            return True
+        known = {literal.atom: literal for literal in self._state.sight.literals()}
+        now = _bad_sets(result)
+        common = frozenset[str].intersection(*map(frozenset, now))
+        others: dict[frozenset[tuple[str, ...]], tuple[DiagnosisResult, list[Literal]]] = {}
+        for literals in _variants(known, sorted(left)):
+            other = await self._diagnose(literals)
+            if other.healthy:
+                return True
+            sets = _bad_sets(other)
+            repaired_anyhow = len(now) == 1 and all(common <= set(bad) for bad in sets)
+            if sets != now and not repaired_anyhow:
+                others.setdefault(sets, (other, literals))
+        if not others:
+            return False
+        acts = first_acts(await self._choose(result, known.values()))
+        if not acts:
+            return True  # to give up is an act, too
+        for other, literals in others.values():
+            if not acts <= first_acts(await self._choose(other, literals)):
+                return True
+        return False
+
+
+def _bad_sets(result: DiagnosisResult) -> frozenset[tuple[str, ...]]:
+    return frozenset(diagnosis.bad for diagnosis in result.diagnoses)
+
+
+def first_acts(choice: Choice) -> frozenset[str]:
+    """Return the steps that are done first."""
+    return frozenset() if choice.plan is None else frozenset(str(s) for s in choice.plan.steps if not s.after)
+
+
+def _variants(known: dict[Atom, Literal], left: list[Atom]) -> Iterable[list[Literal]]:
+    """Return what else may be observed soon: all of it bad, all unknown, each alone otherwise."""
+    rest = [literal for atom, literal in known.items() if atom not in set(left)]
+    yield [*rest, *(Literal(atom, False) for atom in left)]
+    yield rest
+    for atom in left:
+        held = known.get(atom)
+        others = [literal for other, literal in known.items() if other != atom]
+        yield [*others, Literal(atom, held is not None and not held.positive)]

@@ -1,0 +1,135 @@
+"""What will not work, or not be noticed, on a robot as it is configured and observed now: in sentences.
+
+What can be known for good is refused when the robot is configured (robomend.robots.configuring); the rest
+depends on what changes afterwards: the model, the service's settings, who reports and who asks for work.
+GET /robots/{id} and `robomend doctor --robot` list it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator
+from dataclasses import dataclass
+
+from robomend.errors import RobomendError
+from robomend.model.schemes import publishers_of
+from robomend.observations.language import parse
+from robomend.planning.policy import NODE_ACTIONS, POWER_ACTIONS
+from robomend.repairs.executors.registry import EXECUTORS, Surroundings, kind_of
+from robomend.robots.configuration import RobotConfig
+from robomend.robots.robot import Robot
+from robomend_client.literals import Atom
+
+SHOWN = 10
+"""Names that a sentence lists."""
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """Which agents of a robot have asked for work lately."""
+
+    hosts: Collection[str | None]  # None: an agent that said no host
+    within_s: float
+
+
+def findings(
+    state: Robot, faults: Iterable[str], actions: Iterable[str], around: Surroundings, asked: Asked | None
+) -> list[str]:
+    """Return what is to be known of a robot before a fault; nothing where all is well.
+
+    Args:
+        faults: what would be refused if the robot were configured now (robomend.robots.configuring).
+        actions: the names of its domain's.
+        around: with the robot's board, if one is configured.
+        asked: None where nobody can know, as the service is not asked.
+    """
+    found = [*faults]
+    if state.config.policy != "observe" and state.system.parts is not None:
+        found += _carried_out(state, actions, around, asked)
+        if (why := state.interlocked()) is not None:
+            found.append(f"nothing is sent to the robot now: {why}")
+    return [*found, *_unobserved(state)]
+
+
+def _carried_out(
+    state: Robot, actions: Iterable[str], around: Surroundings, asked: Asked | None
+) -> Iterator[str]:
+    config, parts = state.config, state.system.parts
+    assert parts is not None
+    by_agent: list[str] = []
+    for action in _needed(state, actions):
+        kind, options = kind_of(action, config.actions)
+        try:
+            made = EXECUTORS.load(kind)(action, options, around)
+        except RobomendError as error:
+            yield str(error)
+            continue
+        if kind == "agent":
+            by_agent.append(action)
+        if made is None:
+            yield (
+                f"{action}: nobody carries it out: the robot has no `board`; configure one, or another "
+                f"`actions.{action}.executor`"
+            )
+    if asked is None or not by_agent:
+        return
+    what = ", ".join(by_agent)
+    if not asked.hosts:
+        yield (
+            f"{what}: no agent of this robot has asked for work within {asked.within_s:.0f} s: start "
+            "robomend-agent on it"
+        )
+    elif None not in asked.hosts:
+        hosts = {node.host for node in parts.nodes.values() if node.restartable and node.host is not None}
+        for host in sorted(hosts - set(asked.hosts)):
+            yield (
+                f"{what}: no agent on host {host!r}, where the model has nodes, has asked for work within "
+                f"{asked.within_s:.0f} s"
+            )
+
+
+def _needed(state: Robot, actions: Iterable[str]) -> list[str]:
+    """Return the actions that a plan for this robot may hold."""
+    config, parts = state.config, state.system.parts
+    assert parts is not None
+    aside: set[str] = set()
+    if not any(parts.switchable(name) for name in parts.hardware):
+        aside |= POWER_ACTIONS
+    if not any(node.restartable for node in parts.nodes.values()):
+        aside |= NODE_ACTIONS
+    return [name for name in actions if name not in aside and (config.allow is None or name in config.allow)]
+
+
+def _unobserved(state: Robot) -> Iterator[str]:
+    observed = _observed(state.config, state)
+    silent = [str(atom) for atom in sorted(observed) if state.obs.get(atom) is None]
+    if silent:
+        yield f"nobody has reported {_some(silent)}, which `observed` says that observers will report"
+    parts = state.system.parts
+    if parts is None:
+        return
+    topics = [
+        topic
+        for topic in publishers_of(parts)
+        if (atom := Atom("ok", (topic,))) not in observed and state.obs.get(atom) is None
+    ]
+    if topics:
+        yield (
+            f"topic{'s' if len(topics) > 1 else ''} {_some(topics)}: not in `observed`, and never reported; "
+            "nobody would notice their silence"
+        )
+
+
+def _observed(config: RobotConfig, state: Robot) -> frozenset[Atom]:
+    found: set[Atom] = set()
+    for sentence in config.observed:
+        try:
+            found.update(literal.atom for literal in parse(sentence, state.system.vocabulary))
+        except RobomendError:  # a name that the model has lost: the check of names says so
+            continue
+    return frozenset(found)
+
+
+def _some(names: Iterable[str]) -> str:
+    listed = list(names)
+    more = f" and {len(listed) - SHOWN} more" if len(listed) > SHOWN else ""
+    return f"{', '.join(listed[:SHOWN])}{more}"

@@ -1,0 +1,92 @@
+"""What a repair may do: the robot's policy, its limits, and a person where the policy asks for one."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Awaitable, Callable, Sequence
+
+from robomend.diagnosis.result import DiagnosisResult
+from robomend.planning.choice import Choice
+from robomend.planning.plan import Step
+from robomend.planning.policy import Mode, Policy
+from robomend.repairs.acts import Acts
+from robomend.repairs.choosing import Chooser
+from robomend.repairs.conclusions import NotPermitted, Overtaken
+from robomend.repairs.hearing import LOOK_S
+from robomend.repairs.record import RepairRecord, approval
+from robomend.repairs.signals import Signals
+from robomend.repairs.states import RepairTrigger
+from robomend.robots.robot import Robot
+
+
+class Permission:
+    """Of one repair."""
+
+    def __init__(
+        self,
+        state: Robot,
+        record: RepairRecord,
+        signals: Signals,
+        chooser: Chooser,
+        acts: Acts,
+        newest: Callable[[], Awaitable[DiagnosisResult]],
+    ) -> None:
+        """`newest` returns the diagnosis as it is now."""
+        self._state = state
+        self._record = record
+        self._signals = signals
+        self._chooser = chooser
+        self._acts = acts
+        self._newest = newest
+        self._components = frozenset(state.system.cnf.components)
+
+    @property
+    def _policy(self) -> Policy:
+        """The policy as it is configured now: a change counts from the next action on."""
+        return self._chooser.policy(self._state)
+
+    async def refusal(self, step: Step) -> str | None:
+        """Return why a step may not be done now, if so."""
+        refusal = self._policy.refusal(step, self._acts.attempts, self._components)
+        return refusal or await self._acts.interlocked()
+
+    async def approved(self, choice: Choice) -> bool:
+        """Ask the policy, and a person where it says so; a yes counts while the plan's diagnosis stands."""
+        assert choice.plan is not None
+        steps = choice.plan.steps
+        self._acts.attempts = Counter(await self._chooser.attempts(self._state.id))
+        refusal = self._policy.plan_refusal(steps, self._acts.attempts, self._components)
+        if refusal is not None:
+            raise NotPermitted(refusal)
+        if (why := await self._signals.unless_halted(self._acts.interlocked())) is not None:
+            raise NotPermitted(why)
+        if self._policy.mode_for(steps) is not Mode.APPROVE or self._covered(steps):
+            await self._record.update(RepairTrigger.PERMITTED)
+            return not self._signals.halt.is_set()
+        self._signals.ask()  # before the question can be seen, or a quick yes would be lost
+        await self._record.update(RepairTrigger.NEEDS_APPROVAL, reason=choice.reason)
+        while not await self._signals.decided(LOOK_S):
+            if self._signals.halt.is_set():
+                return False
+            self._check_stands(choice, await self._newest())
+        self._check_stands(choice, await self._newest())
+        by = self._signals.by
+        await self._record.update(
+            RepairTrigger.APPROVED,
+            by=by,
+            reason=f"approved by {by}",
+            answers=self._signals.answers(),
+            approved=approval(by, map(str, steps)),
+        )
+        return not self._signals.halt.is_set()
+
+    def _covered(self, steps: Sequence[Step]) -> bool:
+        """Whether a yes that was given before a crash covers the plan that is left."""
+        given = self._record.data.get("approved")
+        return given is not None and Counter(map(str, steps)) <= Counter(given["steps"])
+
+    def _check_stands(self, choice: Choice, result: DiagnosisResult) -> None:
+        assert choice.diagnosis is not None
+        if not any(set(d.bad) >= set(choice.diagnosis.bad) for d in result.diagnoses):
+            now = "the robot is healthy again" if result.healthy else "the diagnosis is another one now"
+            raise Overtaken(f"{now}: the plan no longer applies")

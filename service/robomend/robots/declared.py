@@ -1,0 +1,83 @@
+"""What a robot's agents say of themselves when they ask for work: what they can do and observe, and how fast.
+
+Kept in memory: an agent says it with each poll. Of an agent that is not heard for a while nothing is assumed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections import OrderedDict
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
+
+from robomend.errors import ObservationError
+from robomend.model.vocabulary import Vocabulary
+from robomend.observations.language import parse
+from robomend_client.literals import Atom
+
+MOST_AGENTS = 64
+HEARD_S = 60.0
+"""A declaration counts for so long after the poll that made it; polls are held for 20 s at most."""
+
+
+@dataclass(frozen=True, slots=True)
+class Delays:
+    """How fast an atom's observer is."""
+
+    detection_ns: int  # from a change to its verdict, at most
+    settling_ns: int  # from `settle` to a verdict, at most
+
+
+@dataclass(frozen=True, slots=True)
+class Declaration:
+    """What one agent says."""
+
+    agent: str
+    host: str | None = None
+    can: frozenset[str] | None = None  # None: it does not say
+    observes: Mapping[Atom, Delays] = field(default_factory=dict)
+
+
+class DeclaredAgents:
+    """The agents of one robot."""
+
+    __slots__ = ("_agents",)
+
+    def __init__(self) -> None:
+        self._agents: OrderedDict[str, tuple[Declaration, float]] = OrderedDict()
+
+    def hear(self, declaration: Declaration) -> None:
+        """An agent polls."""
+        self._agents.pop(declaration.agent, None)
+        self._agents[declaration.agent] = (declaration, time.monotonic())
+        while len(self._agents) > MOST_AGENTS:
+            self._agents.popitem(last=False)
+
+    def agents(self) -> tuple[Declaration, ...]:
+        """Return what the agents that are heard say."""
+        now = time.monotonic()
+        return tuple(said for said, heard in self._agents.values() if now - heard < HEARD_S)
+
+    def delays(self, atom: Atom, usual: Delays) -> Delays:
+        """Return how fast an atom is observed: by the slowest of its observers; `usual` where none says."""
+        said = [agent.observes[atom] for agent, _ in self._agents.values() if atom in agent.observes]
+        if not said:
+            return usual
+        return Delays(max(one.detection_ns for one in said), max(one.settling_ns for one in said))
+
+
+def declaration(
+    agent: str,
+    host: str | None,
+    can: Collection[str] | None,
+    observes: Mapping[str, tuple[float, float]],
+    vocabulary: Vocabulary,
+) -> Declaration:
+    """Return what an agent says, in the words of the robot's model, as far as that has them."""
+    delays: dict[Atom, Delays] = {}
+    for sentence, (detection_s, settling_s) in observes.items():
+        with contextlib.suppress(ObservationError):
+            for literal in parse(sentence, vocabulary):
+                delays[literal.atom] = Delays(round(detection_s * 1e9), round(settling_s * 1e9))
+    return Declaration(agent, host, None if can is None else frozenset(can), delays)

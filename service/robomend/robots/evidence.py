@@ -1,0 +1,75 @@
+"""What the observations of a batch rest on, by the service's clock.
+
+A batch says it beside its observations (`since`, `onset`), by the clock of its source. Where it does not, the
+batch's time counts less what an observer usually needs from a change to its verdict; but what is read off
+(on, running) is as young as the reading, and good news that follows bad rests on what came after the bad.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from robomend.errors import InputError
+from robomend.observations.obs import Obs
+from robomend.planning.prediction import OBSERVED_FACTS
+from robomend.robots.source_clocks import SourceClocks
+from robomend_client.literals import Literal
+
+RestsOn = Callable[[Literal, int], tuple[int, int | None]]
+"""A literal and the position of its sentence -> since and onset."""
+
+
+@dataclass(frozen=True, slots=True)
+class Dating:
+    """What is needed of a robot to date its observations."""
+
+    obs: Obs  # looked at, not changed
+    clocks: SourceClocks  # they learn from the stamps
+    usual_ns: int  # what an observer needs that does not say so
+
+    def of(
+        self,
+        source: str,
+        time_ns: int,
+        arrival_ns: int,
+        observations: int,
+        since: Sequence[int | None],
+        onset: Sequence[int | None],
+    ) -> RestsOn:
+        """Return how the observations of one batch are dated.
+
+        Raises:
+            InputError: there are not as many values as observations, or one is after the batch.
+        """
+        for name, values in (("since", since), ("onset", onset)):
+            if values and len(values) != observations:
+                raise InputError(
+                    f"{name}: {len(values)} values for {observations} observations; give one for each, null "
+                    "where there is none"
+                )
+            late = next((n for n, value in enumerate(values) if value is not None and value > time_ns), None)
+            if late is not None:
+                raise InputError(
+                    f"{name}[{late}]: {values[late]} is after the time of the batch, {time_ns}: what a "
+                    "verdict rests on was there before it was said"
+                )
+        offset_ns = self.clocks.offset_ns(source, time_ns, arrival_ns)
+
+        def rests_on(literal: Literal, position: int) -> tuple[int, int | None]:
+            since_ns = since[position] if since else None
+            onset_ns = onset[position] if onset else None
+            held = self.obs.get(literal.atom)
+            same = held is not None and held.literal == literal
+            fact = literal.atom.predicate in OBSERVED_FACTS
+            if since_ns is None:
+                turned = literal.positive and held is not None and not same
+                since_ns = time_ns if turned or fact else time_ns - self.usual_ns
+            since_ns += offset_ns
+            if onset_ns is not None:
+                return since_ns, onset_ns + offset_ns
+            if held is not None and same:  # it goes on: `since` moves with it, the onset stays
+                return since_ns, held.onset_ns or held.since_ns
+            return since_ns, since_ns if fact else None
+
+        return rests_on

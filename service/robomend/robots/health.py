@@ -1,0 +1,86 @@
+"""How a robot is: silence is not health.
+
+unhealthy        the diagnosis blames somebody
+unknown          nobody observes it: nothing of its `observed` list, or nothing at all, is fresh
+partly-unknown   nothing is known to be wrong, and some of its `observed` list is not known
+healthy          all that should be observed is, and the diagnosis blames nobody
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from enum import StrEnum
+from functools import partial
+
+from robomend.metrics import Metrics
+from robomend.robots.background import Background
+from robomend.robots.robot import Robot
+from robomend.store import Store, Transaction
+from robomend.store.records import Json
+from robomend_client.events import Kind
+from robomend_client.literals import Atom
+
+
+class HealthState(StrEnum):
+    """See the module."""
+
+    HEALTHY = "healthy"
+    UNHEALTHY = "unhealthy"
+    PARTLY_UNKNOWN = "partly-unknown"
+    UNKNOWN = "unknown"
+
+
+def health_of(robot: Robot) -> tuple[HealthState, tuple[Atom, ...]]:
+    """Return how a robot is, and what of its `observed` list is not known."""
+    observed = robot.sight.observed
+    unknown = tuple(sorted(atom for atom in observed if not robot.sight.reported(atom)))
+    if robot.current is None:
+        return HealthState.UNKNOWN, unknown
+    if not robot.current.healthy:
+        return HealthState.UNHEALTHY, unknown
+    if len(unknown) == len(observed) and (observed or not robot.literals()):
+        return HealthState.UNKNOWN, unknown
+    return (HealthState.PARTLY_UNKNOWN if unknown else HealthState.HEALTHY), unknown
+
+
+class HealthWatch:
+    """Tells by an event when observers of a robot fall silent, and when all of them are heard again."""
+
+    def __init__(self, store: Store, metrics: Metrics, robots: Mapping[str, Robot]) -> None:
+        self._store = store
+        self._robots = robots
+        self._told: dict[str, tuple[bool, tuple[Atom, ...]]] = {}
+        self._background = Background()
+        metrics.on_demand(
+            "robomend_robots_health", "robots in memory by how they are", ("state",), self._count
+        )
+
+    def look(self, robot: str) -> None:
+        """A diagnosis was published or confirmed."""
+        state = self._robots.get(robot)
+        if state is None:
+            self._told.pop(robot, None)
+            return
+        how, unknown = health_of(state)
+        # Before anybody was heard there is nothing to fall silent.
+        before = self._told.get(robot, (False, ()))
+        now = (how in {HealthState.UNKNOWN, HealthState.PARTLY_UNKNOWN}, unknown)
+        self._told[robot] = now
+        if now != before and (now[0] or before[0]):
+            data = {"what": "health", "state": str(how), "unknown": [str(atom) for atom in unknown]}
+            self._background.begin(
+                self._store.write(partial(_tell, robot, data)), "event of what is not observed"
+            )
+
+    async def close(self) -> None:
+        """Write what is to be told."""
+        await self._background.close()
+
+    def _count(self) -> list[tuple[tuple[str, ...], float]]:
+        counts = Counter(health_of(state)[0] for state in self._robots.values() if not state.stale)
+        return [((str(how),), float(counts[how])) for how in HealthState]
+
+
+def _tell(robot: str, data: Json, tx: Transaction) -> None:
+    tx.emit(Kind.ROBOT, robot, data)

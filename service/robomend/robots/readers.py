@@ -1,0 +1,247 @@
+"""What somebody sent is read in worker processes: models, richer observations, PDDL domains.
+
+    text ──► counted (robomend.model.budget) ──► read and compiled ──► packed ──► the service
+                   │ too many steps                    │ deadline, memory: the process is ended
+                   └──► refused, with what it takes    └──► WorkerTimeout, WorkerDied
+
+Reading is Python, and a second of it would keep the event loop from a stop for a second; in a thread it would
+take the interpreter from the loop again and again. What is known to be done in a few milliseconds is done at
+once: a short model without quantifiers, a short sentence.
+
+Those who only ask (one-shots) never have all the processes: one is left for what robots and operators send.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import re
+import resource
+from collections import OrderedDict
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, replace
+from typing import TypeVar, TypeVarTuple
+
+from robomend.errors import Overloaded, RobomendError, TooLarge
+from robomend.model.checking import contradictory
+from robomend.model.clauses import Assertion
+from robomend.model.loading import load_text
+from robomend.model.packed import packed, packed_assertion
+from robomend.model.system import System
+from robomend.model.vocabulary import Vocabulary
+from robomend.observations.language import Unknown, read_assertion
+from robomend.planning.domain.loading import load_domain
+from robomend.settings import Settings
+from robomend.workers.pool import WorkerPool
+
+T = TypeVar("T")
+Ts = TypeVarTuple("Ts")
+
+SHORT_MODEL = 2_500
+"""Characters of a model without quantifiers that is read at once: some 3 ms."""
+
+SHORT_SENTENCE = 400
+"""Characters of a richer sentence without quantifiers that is read at once: under a millisecond."""
+
+QUANTIFIER = re.compile(r"forall|exists|∀|∃")
+
+LOOKED_AT = 50_000
+"""Clauses of a model that is looked at for rules which contradict one another; `model check` looks at all."""
+
+CONFLICTS = 1_000
+"""Of each search for them: some milliseconds."""
+
+MEMORY_BYTES = 3 << 30
+"""Address space of a worker: a text that needs more ends its worker."""
+
+VOCABULARIES = 16
+"""Kept in each worker, for sentences."""
+
+DOMAINS = 256
+"""Of which the actions' names are kept."""
+
+
+@dataclass(frozen=True, slots=True)
+class ModelLimits:
+    """What a model may come to."""
+
+    steps: int
+    components: int
+    clauses: int
+
+
+class Readers:
+    """See the module. Belongs to one event loop."""
+
+    def __init__(self, settings: Settings) -> None:
+        self._settings = settings
+        self._limits = ModelLimits(settings.max_model_steps, settings.max_components, settings.max_clauses)
+        self.pool = WorkerPool(
+            "reader",
+            size=settings.reader_workers,
+            spare=0,
+            warm=warm,
+            memory_bytes=MEMORY_BYTES,
+            queue_limit=64 + settings.one_shots,
+        )
+        self._guests = asyncio.Semaphore(max(1, settings.reader_workers - 1))
+        self._asking = 0
+        self._actions: OrderedDict[str, tuple[str, ...]] = OrderedDict()
+        self._at_once = memory_unlimited()
+
+    async def close(self) -> None:
+        """End the processes."""
+        await self.pool.aclose()
+
+    async def model(
+        self, source: str, *, name: str | None, format: str | None, guest: bool = False
+    ) -> System:
+        """Return the system description in a text, with the warning that its rules contradict one another.
+
+        Such a model is taken all the same: it is well-formed, and one that cannot be healthy may be meant.
+
+        Args:
+            guest: it is somebody's who only asks.
+
+        Raises:
+            ModelError: with the place and what is allowed.
+            TooLarge: more bytes, components or clauses than the settings allow.
+            WorkerTimeout, WorkerDied, Overloaded: see robomend.workers.pool.
+        """
+        size, most = len(source.encode()), self._settings.max_model_bytes
+        if size > most:
+            raise TooLarge(f"the model has {size} bytes; max_model_bytes is {most}")
+        if self._at_once and len(source) <= SHORT_MODEL and not QUANTIFIER.search(source):
+            return read_model(source, name, format, self._limits)
+        async with self._turn(guest):
+            return await self.pool.run(
+                read_model, source, name, format, self._limits, timeout_s=self._settings.reading_timeout_s
+            )
+
+    async def assertion(
+        self,
+        key: str,
+        vocabulary: Vocabulary,
+        name: str,
+        sentence: str,
+        *,
+        unknown: Unknown = "refuse",
+        guest: bool = False,
+    ) -> Assertion:
+        """Return a sentence as an assertion; see robomend.observations.language.read_assertion.
+
+        Args:
+            key: names the vocabulary, which goes to a worker once.
+        """
+        most = self._settings.max_assertion_steps
+        if len(sentence) <= SHORT_SENTENCE and not QUANTIFIER.search(sentence):
+            return read_assertion(name, sentence, vocabulary, unknown=unknown, most=most)
+        timeout_s = self._settings.reading_timeout_s
+        async with self._turn(guest):
+            try:
+                return await self.pool.run(
+                    read_sentence, key, None, name, sentence, unknown, most, timeout_s=timeout_s
+                )
+            except VocabularyMissing:
+                return await self.pool.run(
+                    read_sentence, key, vocabulary, name, sentence, unknown, most, timeout_s=timeout_s
+                )
+
+    async def actions(self, domain: str | None) -> tuple[str, ...]:
+        """Return the names of the actions of a robot's repair domain; DomainError if it is none."""
+        if domain is None or not domain.strip():
+            return action_names(None)  # the one that is shipped, read once
+        key = domain
+        found = self._actions.get(key)
+        if found is None:
+            timeout_s = self._settings.reading_timeout_s
+            found = self._actions[key] = await self.pool.run(action_names, domain, timeout_s=timeout_s)
+            while len(self._actions) > DOMAINS:
+                self._actions.popitem(last=False)
+        self._actions.move_to_end(key)
+        return found
+
+    async def call(self, function: Callable[[*Ts], T], *arguments: *Ts) -> T:
+        """Return what a function of a worker's returns."""
+        return await self.pool.run(function, *arguments, timeout_s=self._settings.reading_timeout_s)
+
+    @asynccontextmanager
+    async def _turn(self, guest: bool) -> AsyncIterator[None]:
+        """Wait for a process that guests may have; Overloaded when too many wait."""
+        if not guest:
+            yield
+            return
+        if self._asking >= self._settings.one_shots:
+            raise Overloaded("too many one-shots wait for a reader already; try again later")
+        self._asking += 1
+        try:
+            async with self._guests:
+                yield
+        finally:
+            self._asking -= 1
+
+
+def memory_unlimited() -> bool:
+    """Return whether this process may have as much address space as there is.
+
+    Where it may not (`ulimit -v`), solvers work in processes of their own only: one that runs out of memory
+    throws what nobody catches, and its process is gone.
+    """
+    return resource.getrlimit(resource.RLIMIT_AS)[0] == resource.RLIM_INFINITY
+
+
+# --- in the worker process ---
+
+
+class VocabularyMissing(RobomendError):
+    """The worker does not have this vocabulary: send it. Never leaves this module."""
+
+    code = "vocabulary-missing"
+
+
+_vocabularies: OrderedDict[str, Vocabulary] = OrderedDict()
+
+
+def warm() -> None:
+    """Import what the first call needs."""
+    read_model("robomend: 1\nname: warm\nnodes: [n]\nrules: ['forall n in nodes: running(n)']", None, None)
+
+
+def read_model(
+    source: str, name: str | None, format: str | None, limits: ModelLimits | None = None
+) -> System:
+    """Return the system description in a text, packed where it is large."""
+    if limits is None:
+        system = load_text(source, name=name, format=format)
+    else:
+        system = load_text(source, name=name, format=format, most=limits.steps)
+        for what, count, limit in (
+            ("components", len(system.cnf.components), limits.components),
+            ("clauses", len(system.cnf.clauses), limits.clauses),
+        ):
+            if count > limit:
+                raise TooLarge(f"the model has {count} {what}; max_{what} is {limit}")
+    clash: tuple[str, ...] = ()
+    if len(system.cnf.clauses) <= LOOKED_AT:
+        clash = tuple(contradictory(system, CONFLICTS))
+    return replace(system, cnf=packed(system.cnf), warnings=(*system.warnings, *clash))
+
+
+def read_sentence(
+    key: str, vocabulary: Vocabulary | None, name: str, sentence: str, unknown: Unknown, most: int
+) -> Assertion:
+    """Return a sentence as an assertion, packed where it is large."""
+    known = _vocabularies.get(key)
+    if known is None:
+        if vocabulary is None:
+            raise VocabularyMissing(key)
+        known = _vocabularies[key] = vocabulary
+        while len(_vocabularies) > VOCABULARIES:
+            _vocabularies.popitem(last=False)
+    _vocabularies.move_to_end(key)
+    return packed_assertion(read_assertion(name, sentence, known, unknown=unknown, most=most))
+
+
+def action_names(domain: str | None) -> tuple[str, ...]:
+    """Return the names of a repair domain's actions."""
+    return tuple(load_domain(domain, "domain").schemas)

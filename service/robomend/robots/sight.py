@@ -1,0 +1,153 @@
+"""OBS as a repair looks at it: only what is fresh, and rests on nothing from before an act that may have
+changed it (robomend.observations.unconfirmed).
+
+Also what that takes: the clocks of those who report, and how fast the robot's agents say that they observe.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Collection, Iterable
+from typing import TYPE_CHECKING
+
+from robomend.entry import Entry
+from robomend.errors import ObservationError
+from robomend.model.vocabulary import Vocabulary
+from robomend.observations.language import parse
+from robomend.observations.obs import consequences
+from robomend.observations.unconfirmed import Act, Confirmed, Unconfirmed
+from robomend.planning.prediction import OBSERVED_FACTS
+from robomend.robots.clock import CLOCK
+from robomend.robots.declared import DeclaredAgents, Delays
+from robomend.robots.evidence import Dating
+from robomend.robots.source_clocks import SourceClocks
+from robomend_client.literals import Atom, Literal
+
+if TYPE_CHECKING:
+    from robomend.robots.robot import Robot
+
+SLACK_S = 0.3
+"""For what is on its way, beyond what observers declare."""
+
+SLACK_NS = round(SLACK_S * 1e9)
+
+
+class Sight:
+    """Of one robot in memory (robomend.repairs.execution_values.FreshObs)."""
+
+    __slots__ = ("_clocks", "_listed", "_robot", "_settle", "declared", "unconfirmed")
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot
+        self._clocks = SourceClocks()
+        self._settle = 0  # the latest settle number; by the clock, so that none comes twice after a crash
+        self._listed: tuple[tuple[str, ...], Vocabulary, frozenset[Atom]] | None = None
+        self.declared = DeclaredAgents()
+        self.unconfirmed = Unconfirmed()
+
+    # --- what is seen
+
+    @property
+    def revision(self) -> int:
+        """The latest revision of OBS that is on disk."""
+        return self._robot.revision
+
+    async def changed(self, revision: int, timeout_s: float) -> int:
+        """Return the revision once it is above `revision`, or the present one after the time-out."""
+        return await self._robot.changed(revision, timeout_s)
+
+    def value(self, atom: Atom) -> bool | None:
+        """Return whether the atom is observed to hold; None: unknown, stale, or not seen since an act."""
+        now_ns = CLOCK.now_ns()
+        if atom in self.unconfirmed and self._confirmed(atom, now_ns) is Confirmed.NOT:
+            return None
+        return self._robot.obs.known(atom, now_ns)
+
+    def reported(self, atom: Atom) -> bool:
+        """Return whether somebody reports the atom, with either sign, be it from before an act."""
+        return self._robot.obs.known(atom, CLOCK.now_ns()) is not None
+
+    def literals(self) -> tuple[Literal, ...]:
+        """Return what is known now and rests on nothing from before an act that may have changed it."""
+        left = frozenset(self.not_confirmed())
+        literals = self._robot.literals()
+        return tuple(literal for literal in literals if literal.atom not in left) if left else literals
+
+    @property
+    def observed(self) -> frozenset[Atom]:
+        """What somebody should report: the robot's `observed` list."""
+        robot = self._robot
+        listed, vocabulary = robot.config.observed, robot.system.vocabulary
+        if self._listed is None or self._listed[0] != listed or self._listed[1] is not vocabulary:
+            atoms: set[Atom] = set()
+            for sentence in listed:
+                with contextlib.suppress(ObservationError):  # the model has no such word any more
+                    atoms.update(literal.atom for literal in parse(sentence, vocabulary))
+            self._listed = (listed, vocabulary, frozenset(atoms))
+        return self._listed[2]
+
+    # --- what is not confirmed
+
+    def not_confirmed(self) -> tuple[Atom, ...]:
+        """Return what was influenced by acts and is not seen since."""
+        return self._those(Confirmed.NOT)
+
+    def confirmed_by_silence(self) -> tuple[Atom, ...]:
+        """Return what was influenced by acts, and of which there is no news although there would be some."""
+        return self._those(Confirmed.BY_SILENCE)
+
+    def settling_s(self, atom: Atom) -> float:
+        """Return how long it may take until the atom is confirmed; 0 if it is."""
+        if atom not in self.unconfirmed or self.value(atom) is not None:
+            return 0.0
+        return self.delays(atom).settling_ns / 1e9 + SLACK_S
+
+    def _those(self, how: Confirmed) -> tuple[Atom, ...]:
+        if not self.unconfirmed:
+            return ()
+        now_ns = CLOCK.now_ns()
+        acts = self.unconfirmed.acts
+        return tuple(sorted(atom for atom in acts if self._confirmed(atom, now_ns) is how))
+
+    def _confirmed(self, atom: Atom, now_ns: int) -> Confirmed:
+        entry = self._robot.obs.get(atom)
+        if entry is None:
+            return Confirmed.NOT
+        return self.unconfirmed.how(entry, self.delays(atom).detection_ns + SLACK_NS, now_ns)
+
+    # --- what happens
+
+    def acted(self, facts: Collection[Atom], sent_ns: int, rest: Collection[Atom], answer_ns: int) -> int:
+        """An act has answered. Return the settle number with which it is confirmed.
+
+        Args:
+            facts: what it brings about itself (on, running).
+            rest: what else it influences.
+        """
+        self._settle = max(self._settle + 1, answer_ns // 1_000_000)
+        held = {atom: self._robot.obs.get(atom) for atom in facts}
+        young = {a for a, entry in held.items() if entry and entry.since_ns and entry.since_ns > sent_ns}
+        self.unconfirmed.touch((atom for atom in facts if atom not in young), Act(self._settle, sent_ns))
+        self.unconfirmed.touch((atom for atom in rest if atom not in held), Act(self._settle, answer_ns))
+        return self._settle
+
+    def hear(self, reported: Iterable[Entry]) -> None:
+        """Take note of what was reported, as far as OBS has taken it in."""
+        if self.unconfirmed:
+            said = (entry for given in reported for entry in consequences(given))
+            self.unconfirmed.hear(entry for entry in said if self._robot.obs.get(entry.atom) == entry)
+
+    # --- how fast, and since when
+
+    def delays(self, atom: Atom) -> Delays:
+        """Return how fast the atom's observers are."""
+        usual_ns = 0 if atom.predicate in OBSERVED_FACTS else self._usual_ns
+        return self.declared.delays(atom, Delays(usual_ns, usual_ns))
+
+    def evidence(self) -> Dating:
+        """Return what dates the observations of a batch."""
+        return Dating(self._robot.obs, self._clocks, self._usual_ns)
+
+    @property
+    def _usual_ns(self) -> int:
+        return round(self._robot.config.detection_s * 1e9)

@@ -1,0 +1,252 @@
+"""Every writing route leaves its name in the audit log: who, what, why. A table, walked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.api.conftest import TEDUSAR, Service, running, sign_in
+from tests.waiting import until
+
+from robomend.security import API, RULES, Role
+from robomend.settings import Settings
+from robomend.store import Transaction, agent_actions, attempts
+from robomend.store.records import Quarantine
+
+ASKS = {
+    ("POST", f"{API}/diagnoses"),
+    ("POST", f"{API}/plans"),
+    ("POST", f"{API}/robots/{{robot}}/plans"),
+}
+"""They ask, and write nothing."""
+
+TOLD_ELSEWHERE = {
+    # Each second of an action: its first is told as `action.taken`, the latest is in the step.
+    ("POST", f"{API}/actions/{{action}}/feedback"),
+}
+
+BOARD = {"host": "127.0.0.1", "port": 1}
+"""Nobody listens there: what was asked for is told all the same, and that it failed."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """A request, and what the audit log says of it."""
+
+    rule: tuple[str, str]
+    said: str  # the action in the log
+    role: Role = Role.OPERATOR
+    body: Any = None
+    places: dict[str, str] = field(default_factory=dict)
+    reason: str = "spring cleaning"
+    in_body: bool = False  # the reason
+    headers: dict[str, str] = field(default_factory=dict)
+
+
+ANY = {"If-Match": "*"}
+PLACES = {"name": "tedusar", "robot": "r1", "channel": "3", "component": "jaguar", "assertion": "hint"}
+
+
+def rule(method: str, path: str) -> tuple[str, str]:
+    return method, f"{API}{path}"
+
+
+STEPS = (
+    Step(rule("POST", "/session"), "session.begin", reason=""),
+    Step(rule("DELETE", "/session"), "session.end", reason=""),
+    Step(rule("PUT", "/models/{name}"), "model.put", body={"source": TEDUSAR}),
+    Step(
+        rule("PUT", "/robots/{robot}"),
+        "robot.put",
+        body={"model": "tedusar", "board": BOARD, "hold_s": 86400},
+    ),
+    Step(
+        rule("POST", "/robots/{robot}/observations"),
+        "observations.report",
+        Role.ROBOT,
+        {"observations": ["not ok(scan)"], "source": "laser"},
+        reason="",
+    ),
+    Step(
+        rule("POST", "/robots/{robot}/observations"),
+        "observations.report",
+        body={"observations": ["ok(odom)"]},
+        reason="",
+    ),
+    Step(
+        rule("POST", "/robots/{robot}/observations"),
+        "assertion.put",
+        Role.ROBOT,
+        {"assertions": {"hint": "ok(scan) or ok(odom)"}},
+        reason="",
+    ),
+    Step(rule("DELETE", "/robots/{robot}/assertions/{assertion}"), "assertion.withdraw", Role.ROBOT),
+    Step(rule("POST", "/robots/{robot}/actions/next"), "action.taken", Role.ROBOT, {"agent": "a"}, reason=""),
+    Step(rule("POST", "/actions/{action}/result"), "action.reported", Role.ADMIN, {"code": 0}, reason=""),
+    Step(rule("POST", "/robots/{robot}/repairs"), "repair.create", body={}, in_body=True),
+    Step(rule("POST", "/repairs/{repair}"), "repair.cancel", body={"decision": "cancel"}, in_body=True),
+    Step(
+        rule("PUT", "/robots/{robot}/board/channels/{channel}"),
+        "channel.off",
+        body={"on": False},
+        in_body=True,
+    ),
+    Step(
+        rule("POST", "/robots/{robot}/quarantine/{component}/release"),
+        "quarantine.release",
+        body={},
+        in_body=True,
+    ),
+    Step(rule("POST", "/stop"), "stop.set", body={}, in_body=True),
+    Step(rule("DELETE", "/stop"), "stop.lifted"),
+    Step(rule("DELETE", "/robots/{robot}"), "robot.delete", headers=ANY),
+    Step(rule("DELETE", "/models/{name}"), "model.delete", headers=ANY),
+)
+
+
+def test_the_table_has_every_route_that_changes_something() -> None:
+    changing = {rule for rule in RULES if rule[0] not in {"GET", "HEAD"}}
+    assert changing == {step.rule for step in STEPS} | ASKS | TOLD_ELSEWHERE
+
+
+def queue(action: str, tx: Transaction) -> None:
+    """Queue an action for the robot's agent."""
+    agent_actions.queue(tx, action, "r1", host=None, name="start_node", parameters=["rviz"], timeout_s=60)
+
+
+class Walk:
+    """A service with real repairs, and a key of each role."""
+
+    def __init__(self, service: Service) -> None:
+        self.service = service
+        self.keys = {role: service.key(role, "r1" if role is Role.ROBOT else None) for role in Role}
+        self.places = dict(PLACES)
+        self.cookie: str | None = None
+
+    def name(self, role: Role) -> str:
+        return f"{role}-{self.keys[role][-8:]}"
+
+    def log(self) -> list[dict[str, Any]]:
+        """Return the audit log, newest first."""
+        head = {"Authorization": f"Bearer {self.keys[Role.ADMIN]}"}
+        items: list[dict[str, Any]] = self.service.api("GET", "/audit", headers=head).json()["items"]
+        return items
+
+    def prepare(self, step: Step) -> None:
+        """Bring about what a request needs that no request brings about."""
+        if step.said == "action.taken":
+            self._write(partial(queue, "x:0"))
+            self.places["action"] = "x:0"
+        elif step.said == "quarantine.release":
+            ownership = self.service.runtime.store.ownership
+            until(lambda: "r1" in ownership.held, "nobody owns r1")
+            entry = Quarantine("r1", "jaguar", "three failures", 3, 1, None)
+            self._write(lambda tx: attempts.put_quarantine(tx, entry, fence=ownership.held["r1"]))
+        elif step.said == "robot.delete":
+            until(self._no_repair_is_open, "a repair is open")
+
+    def take(self, step: Step) -> None:
+        """Make the request."""
+        method, template = step.rule
+        if template.endswith("/session") and method == "POST":
+            self.cookie = sign_in(self.service, self.keys[step.role]).headers["set-cookie"].partition(";")[0]
+            return
+        head = {"Authorization": f"Bearer {self.keys[step.role]}", **step.headers}
+        if template.endswith("/session"):
+            assert self.cookie is not None
+            head = {"Cookie": self.cookie, "Origin": self.service.url}
+        params = {"reason": step.reason} if step.reason and not step.in_body else {}
+        body = {**step.body, "reason": step.reason} if step.in_body else step.body
+        path = template.format(**self.places)
+        answer = self.service.http.request(method, path, headers=head, params=params, json=body)
+        if step.said != "channel.off":  # nobody is there to switch it
+            assert answer.is_success, answer.text
+        if step.said == "repair.create":
+            self.places["repair"] = answer.json()["id"]
+
+    def _write(self, change: Callable[[Transaction], object]) -> None:
+        self.service.run(self.service.runtime.store.write(change))
+
+    def _no_repair_is_open(self) -> bool:
+        head = {"Authorization": f"Bearer {self.keys[Role.ADMIN]}"}
+        found = self.service.api("GET", "/robots/r1/repairs", headers=head).json()["items"]
+        return all(repair["finished_ns"] is not None for repair in found)
+
+
+@pytest.fixture(scope="module")
+def walk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Walk]:
+    settings = Settings(port=0, data=tmp_path_factory.mktemp("audit"))
+    with running(settings, repairs=True) as service:
+        yield Walk(service)
+
+
+def test_each_change_has_its_name_and_its_reason(walk: Walk) -> None:
+    for step in STEPS:
+        walk.prepare(step)
+        before = {entry["id"] for entry in walk.log()}
+        walk.take(step)
+
+        def noted(step: Step = step, before: set[int] = before) -> dict[str, Any] | None:
+            new = [entry for entry in walk.log() if entry["id"] not in before]
+            return next((entry for entry in new if entry["action"] == step.said), None)
+
+        until(noted, f"{step.said} is not in the audit log")
+        entry = noted()
+        assert entry is not None
+        assert (step.said, entry["actor"]) == (step.said, walk.name(step.role))
+        assert (step.said, entry["reason"]) == (step.said, step.reason)
+        if "{robot}" in step.rule[1] or "{action}" in step.rule[1]:
+            assert entry["robot"] == "r1"
+
+
+def keyed(service: Service, role: Role) -> tuple[str, dict[str, str]]:
+    key = service.key(role, "r1" if role is Role.ROBOT else None)
+    return f"{role}-{key[-8:]}", {"Authorization": f"Bearer {key}"}
+
+
+@pytest.fixture
+def service(tmp_path: Path) -> Iterator[Service]:
+    with running(Settings(port=0, data=tmp_path), repairs=True) as service:
+        service.with_robot("r1")
+        yield service
+
+
+def test_the_history_has_the_key_of_each_batch_and_the_log_does_not_drown_in_them(service: Service) -> None:
+    robot, head = keyed(service, Role.ROBOT)
+    olga, operator = keyed(service, Role.OPERATOR)
+    _, admin = keyed(service, Role.ADMIN)
+    sent = [("not ok(scan)", head), ("ok(scan)", head), ("not ok(odom)", operator), ("ok(odom)", operator)]
+    for sentence, who in sent:
+        body = {"observations": [sentence]}
+        assert service.api("POST", "/robots/r1/observations", json=body, headers=who).status_code == 200
+    history = service.api("GET", "/robots/r1/history", headers=admin).json()["items"]
+    assert [line["data"]["by"] for line in history] == [olga, olga, robot, robot]
+    assert {o["source"] for line in history for o in line["data"]["observations"]} == {olga, robot}
+    log = service.api("GET", "/audit", headers=admin).json()["items"]
+    reports = [entry for entry in log if entry["action"] == "observations.report"]
+    assert [entry["actor"] for entry in reports] == [olga, robot]
+    assert [entry["after"]["observations"] for entry in reports] == [["not ok(odom)"], ["not ok(scan)"]]
+    assert [entry["after"]["in_place_of_the_robot"] for entry in reports] == [True, False]
+
+
+def test_a_result_in_a_robots_place_says_whose_it_is(service: Service) -> None:
+    robot, head = keyed(service, Role.ROBOT)
+    ada, admin = keyed(service, Role.ADMIN)
+    for action in ("x:0", "x:1"):
+        service.run(service.runtime.store.write(partial(queue, action)))
+    said = {"code": 0, "message": "started"}
+    own = service.api("POST", "/actions/x:0/result", json=said, headers=head).json()
+    others = service.api("POST", "/actions/x:1/result", json=said, headers=admin).json()
+    assert own["message"] == "started"
+    assert others["message"] == f"started (said by {ada} in the robot's place)"
+    log = service.api("GET", "/audit", headers=admin).json()["items"]
+    reported = [entry for entry in log if entry["action"] == "action.reported"]
+    assert [(entry["actor"], entry["after"]["action"]) for entry in reported] == [
+        (ada, "x:1"),
+        (robot, "x:0"),
+    ]
+    assert [entry["after"]["in_place_of_the_robot"] for entry in reported] == [True, False]

@@ -1,0 +1,208 @@
+"""Stop, health and readiness answer whatever else goes on: the loop is held, or writes hang."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import httpx
+import pytest
+from tests.api.conftest import Service, StartService
+from tests.waiting import until
+
+from robomend.api import loop_watch
+from robomend.errors import StoreFull
+from robomend.store import Transaction
+
+
+@contextmanager
+def held_loop(service: Service) -> Iterator[None]:
+    """Hold the service's event loop from within, as a bug would."""
+    release, held = threading.Event(), threading.Event()
+
+    def hold() -> None:
+        held.set()
+        release.wait(30)
+
+    service.loop.call_soon_threadsafe(hold)
+    assert held.wait(10)
+    try:
+        yield
+    finally:
+        release.set()
+
+
+@contextmanager
+def hanging_writes(service: Service) -> Iterator[None]:
+    """Keep the store's writer busy: what is queued behind it waits."""
+    release, hung = threading.Event(), threading.Event()
+
+    def hang(_: Transaction) -> None:
+        hung.set()
+        release.wait(30)
+
+    async def begin() -> Any:
+        return service.loop.create_task(service.runtime.store.write(hang))
+
+    writing = service.run(begin())
+    assert hung.wait(10)
+    try:
+        yield
+    finally:
+        release.set()
+        until(writing.done, "the write did not end")
+
+
+def fresh(service: Service, method: str, path: str, **options: Any) -> httpx.Response:
+    """Ask on a connection of its own."""
+    return httpx.request(method, f"{service.url}{path}", timeout=20, **options)
+
+
+def test_they_answer_while_the_event_loop_is_held(service: Service) -> None:
+    with held_loop(service):
+        stopped = fresh(service, "POST", "/api/v1/stop", json={"reason": "smoke"})
+        assert (stopped.status_code, stopped.json()["active"], stopped.json()["written"]) == (
+            202,
+            True,
+            False,
+        )
+        assert "in force on this instance" in stopped.json()["detail"]
+        assert service.runtime.repairs.switch.active
+        assert fresh(service, "GET", "/api/v1/stop").json()["reason"] == "smoke"
+        assert fresh(service, "GET", "/healthz").status_code == 200
+        assert fresh(service, "GET", "/readyz").json()["checks"].keys() == {"loop"}
+    until(lambda: bool(fresh(service, "GET", "/api/v1/stop").json()["written"]), "the stop was not written")
+    fresh(service, "DELETE", "/api/v1/stop", params={"reason": "no smoke"})
+    until(lambda: not fresh(service, "GET", "/api/v1/stop").json()["active"], "it was not lifted")
+    trail = [entry for entry in service.api("GET", "/audit").json()["items"] if "stop" in entry["action"]]
+    assert [(entry["action"], entry["reason"]) for entry in trail[:2]] == [
+        ("stop.lifted", "no smoke"),
+        ("stop.set", "smoke"),
+    ]
+
+
+def test_a_frozen_loop_is_neither_healthy_nor_ready(
+    service: Service, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(loop_watch, "FROZEN_S", 0.05)
+    monkeypatch.setattr("robomend.api.readiness.DELAY_S", 0.05)
+    with held_loop(service):
+        until(lambda: fresh(service, "GET", "/healthz").status_code == 503, "healthy while it is frozen")
+        assert fresh(service, "GET", "/healthz").json()["code"] == "frozen"
+        assert fresh(service, "GET", "/readyz").status_code == 503
+
+
+def test_a_stop_does_not_wait_for_the_disk(start: StartService) -> None:
+    service = start()
+    with hanging_writes(service):
+        stopped = service.api("POST", "/stop", json={"reason": "smoke"})
+        assert (stopped.status_code, stopped.json()["active"]) == (202, True)
+        lifted = service.api("DELETE", "/stop")
+        assert (lifted.status_code, lifted.json()["active"]) == (202, True)
+        assert "until then the stop stays" in lifted.json()["detail"]
+        assert service.runtime.repairs.switch.active
+    until(lambda: service.api("GET", "/stop").json()["written"], "it was not written")
+    assert not service.api("GET", "/stop").json()["active"]
+
+
+def test_hanging_writes_are_not_ready(start: StartService, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("robomend.api.store_probe.HANGS_S", 0.1)
+    monkeypatch.setattr("robomend.api.store_probe.FRESH_S", 0.0)
+    service = start()
+    assert service.http.get("/readyz").status_code == 200
+    with hanging_writes(service):
+        until(lambda: service.http.get("/readyz").status_code == 503, "ready while writes hang")
+        store = service.http.get("/readyz").json()["checks"]["store"]
+        assert not store["ok"]
+        assert "no answer" in store["detail"]
+    until(lambda: service.http.get("/readyz").status_code == 200, "not ready again")
+
+
+def test_a_stop_on_a_full_disk_is_in_force_and_written_when_there_is_room(
+    start: StartService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one, other = start(), start()
+    full = threading.Event()
+    full.set()
+    write = one.runtime.store.write
+
+    async def refuse(*arguments: Any, **options: Any) -> Any:
+        if full.is_set():
+            raise StoreFull("no space left on the disk")
+        return await write(*arguments, **options)
+
+    monkeypatch.setattr(one.runtime.store, "write", refuse)
+    stopped = one.api("POST", "/stop", json={"reason": "smoke"})
+    assert (stopped.status_code, stopped.json()["active"]) == (202, True)
+    until(lambda: "no space left" in one.api("GET", "/stop").json()["detail"], "the reason is not told")
+    assert not other.api("GET", "/stop").json()["active"]
+    assert one.http.get("/readyz").status_code == 503
+    full.clear()
+    until(lambda: bool(other.api("GET", "/stop").json()["active"]), "the other instance did not hear of it")
+    [entry] = [e for e in one.api("GET", "/audit").json()["items"] if e["action"] == "stop.set"]
+    assert (entry["actor"], entry["reason"]) == ("local", "smoke")
+
+
+def test_a_known_key_stops_while_the_database_does_not_answer(
+    start: StartService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    service = start()
+    operator, viewer = ({"Authorization": f"Bearer {service.key(role)}"} for role in ("operator", "viewer"))
+    assert service.api("GET", "/robots", headers=operator).status_code == 200
+
+    async def hang(*_: Any) -> Any:
+        await service.runtime.app.state.never.wait()
+
+    service.runtime.app.state.never = asyncio.Event()
+    monkeypatch.setattr(service.runtime.store, "read", hang)
+    service.runtime.app.state.gate.ring.forget()
+    assert fresh(service, "POST", "/api/v1/stop", json={}, headers=viewer).status_code == 403
+    assert fresh(service, "POST", "/api/v1/stop", json={}, headers=operator).json()["active"]
+    unknown = {"Authorization": "Bearer rm_" + "x" * 43}
+    assert fresh(service, "POST", "/api/v1/stop", json={}, headers=unknown).status_code == 503
+    service.loop.call_soon_threadsafe(service.runtime.app.state.never.set)
+
+
+@pytest.mark.parametrize("step", [1, 5, 12])
+def test_a_first_line_in_pieces_finds_its_way(service: Service, step: int) -> None:
+    for line, expected in ((b"GET /healthz", b'"ok"'), (b"GET /version-info", b'"robomend"')):
+        request = line + b" HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n"
+        with socket.create_connection(("127.0.0.1", int(service.url.rsplit(":", 1)[1])), 20) as connection:
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            for at in range(0, len(request), step):
+                connection.sendall(request[at : at + step])
+                time.sleep(0.002)  # so that each piece is a packet of its own: nobody tells when it is read
+            answer = b"".join(iter(lambda: connection.recv(65536), b""))
+        assert answer.startswith(b"HTTP/1.1 200")
+        assert expected in answer
+
+
+def test_what_resembles_a_control_path_is_answered_as_ever(service: Service) -> None:
+    for path in ("/healthzz", "/api/v1/stopwatch", "/readyz/x"):
+        assert fresh(service, "GET", path).status_code == 404
+
+
+def test_a_held_loop_is_told_in_the_log_with_its_place(
+    service: Service, capfd: pytest.CaptureFixture[str]
+) -> None:
+    with held_loop(service):
+        until(lambda: service.runtime.watch.held_s > 0.2, "the watch does not see it")
+    lines: list[str] = []
+
+    def told() -> bool:
+        lines.extend(line for line in capfd.readouterr().out.splitlines() if "event loop held" in line)
+        return bool(lines)
+
+    until(told, "nothing is told")
+    assert "test_control_lane.hold" in lines[0]
+    metrics = service.http.get("/metrics").text
+    name = "robomend_loop_delay_worst_seconds "
+    worst = next(line for line in metrics.splitlines() if line.startswith(name))
+    assert float(worst.split()[1]) > 0.1
+    assert json.loads(service.http.get("/healthz").text) == {"status": "ok"}

@@ -1,0 +1,34 @@
+"""Silence is not health: how a robot is, in words of its resource, its events and the metrics."""
+
+from __future__ import annotations
+
+from tests.api.conftest import StartService
+from tests.waiting import until
+
+from robomend.store import events
+
+
+def test_what_should_be_observed_and_is_not_is_unknown(start: StartService) -> None:
+    service = start()
+    service.with_robot("r1", observed=["ok(odom)", "ok(joy)"])
+
+    def robot() -> tuple[str, list[str]]:
+        value = service.api("GET", "/robots/r1").json()
+        return value["state"], value["unknown"]
+
+    assert robot() == ("unknown", ["ok(joy)", "ok(odom)"])
+    service.api("POST", "/robots/r1/observations", json={"observations": ["ok(odom)"], "lifetime_s": 0.4})
+    assert robot() == ("partly-unknown", ["ok(joy)"])
+    service.api("POST", "/robots/r1/observations", json={"observations": ["ok(joy)"]})
+    assert robot() == ("healthy", [])
+    until(lambda: robot() == ("partly-unknown", ["ok(odom)"]), "odom is unknown")  # it outlived its lifetime
+    service.api("POST", "/robots/r1/observations", json={"observations": ["not ok(odom)"]})
+    assert robot() == ("unhealthy", [])
+
+    def told() -> list[object]:
+        page = service.run(service.runtime.store.read(events.after, 0))
+        said = [event.data for event in page if event.data.get("what") == "health"]
+        return [(data["state"], data["unknown"]) for data in said]
+
+    until(lambda: ("partly-unknown", ["ok(odom)"]) in told(), "the event of it")
+    assert 'robomend_robots_health{state="unhealthy"} 1.0' in service.http.get("/metrics").text

@@ -1,0 +1,35 @@
+"""`robomend keys`: what the audit log has of it."""
+
+from __future__ import annotations
+
+import asyncio
+import getpass
+from pathlib import Path
+
+import pytest
+
+from robomend.cli.commands import run
+from robomend.store import Store, audit
+
+
+def test_keys_are_created_and_revoked_by_an_account_for_a_reason(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data = ["--data", str(tmp_path)]
+    created = ["--role", "robot", "--robot", "r1", "--reason", "a new robot"]
+    assert run(["keys", "create", *data, *created]) == 0
+    assert run(["keys", "revoke", *data, "robot-r1", "--reason", "it was stolen"]) == 0
+    assert "revoked" in capsys.readouterr().err
+
+    async def log() -> list[tuple[str, str, str, str | None, str]]:
+        store = Store(f"sqlite:///{tmp_path}/robomend.db")
+        await store.start()
+        entries = (await store.read(audit.page)).items
+        await store.close()
+        return [(entry.actor, entry.action, entry.subject, entry.robot, entry.reason) for entry in entries]
+
+    who = f"command line ({getpass.getuser()})"
+    assert asyncio.run(log()) == [
+        (who, "key.revoke", "robot-r1", "r1", "it was stolen"),
+        (who, "key.create", "robot-r1", "r1", "a new robot"),
+    ]

@@ -1,0 +1,123 @@
+"""The diagnostic observer: levels, rules, silence."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from robomend_client.literals import Atom, Literal, fails, holds
+from robomend_client.observers import DiagnosticObserver, Evidence, Levels, Readings, ns
+from robomend_client.observers.diagnostic import NumberRule
+
+PUBLISHED = Levels(**{k: v for k, v in Levels.PRESETS["published"].items() if k != "lifetime_s"})
+
+
+def status(level: object, name: str = "hokuyo: connection", **values: Any) -> dict[str, object]:
+    return {"name": name, "level": level, "message": "", "values": values}
+
+
+def observer(levels: Levels | None = None, *rules: str, **readings: Any) -> DiagnosticObserver:
+    return DiagnosticObserver("hokuyo", ["hokuyo: *"], rules, levels, Readings(**readings))
+
+
+def said(o: DiagnosticObserver, *samples: object) -> tuple[Literal, ...]:
+    for second, sample in enumerate(samples):
+        o.feed("diagnostics", ns(second), sample)
+    return o.check(ns(len(samples) - 1))
+
+
+@pytest.mark.parametrize(
+    ("level", "ok"), [(0, True), (1, False), (2, False), (b"\x00", True), (b"\x02", False)]
+)
+def test_a_warning_is_bad_and_so_is_an_error(level: object, ok: bool) -> None:
+    assert said(observer(), status(level)) == (Literal(Atom("ok", ("hokuyo",)), ok),)
+
+
+def test_a_warning_may_be_ok() -> None:
+    assert said(observer(Levels(bad_from="error")), status(1)) == (holds("ok", "hokuyo"),)
+
+
+def test_names_are_matched_whole() -> None:
+    assert said(observer(), status(2, "hokuyo2: connection"), status(2, "my hokuyo: x")) == ()
+    assert said(observer(), status(2, "/hokuyo: x")) == (fails("ok", "hokuyo"),)
+
+
+def test_the_worst_of_the_newest_counts() -> None:
+    both = [status(0, "hokuyo: a"), status(2, "hokuyo: b"), status(2, "arm: c")]
+    assert said(observer(), both) == (fails("ok", "hokuyo"),)
+    assert said(observer(), both, status(0, "hokuyo: a")) == (fails("ok", "hokuyo"),)
+    assert said(observer(), both, status(0, "hokuyo: b")) == (holds("ok", "hokuyo"),)
+
+
+def test_stale_is_unknown_unless_it_was_said_to_be_bad() -> None:
+    assert said(observer(), status(0), status(3)) == ()
+    assert said(observer(PUBLISHED), status(0), status(3)) == (fails("ok", "hokuyo"),)
+
+
+def test_silence_is_unknown_unless_it_was_said_to_be_bad() -> None:
+    o = observer(lifetime_s=5)
+    said(o, status(0))
+    assert o.due_ns() == ns(5)
+    assert (o.check(ns(4.9)), o.check(ns(5))) == ((holds("ok", "hokuyo"),), ())
+    bad = observer(PUBLISHED, lifetime_s=2)
+    said(bad, status(0))
+    assert bad.check(ns(2)) == (fails("ok", "hokuyo"),)
+    assert bad.evidence(Atom("ok", ("hokuyo",)), ns(2.5)) == Evidence(ns(0.5), 0)
+
+
+def test_rules_judge_the_values_that_a_status_carries() -> None:
+    o = observer(None, "temp_cpu1 < 40.0", "motor: CPU 1 temp <= 60")
+    values: dict[str, Any] = {"temp_cpu1": "39.5 °C", "CPU 1 temp": 61}
+    assert said(o, status(0, **values)) == (
+        holds("ok", "hokuyo"),
+        holds("ok", "temp_cpu1"),
+        fails("ok", "motor"),
+    )
+    pairs = {"name": "hokuyo: x", "level": 0, "values": [{"key": "temp_cpu1", "value": "41"}]}
+    assert said(o, pairs)[1:] == (fails("ok", "temp_cpu1"), fails("ok", "motor"))
+
+
+@pytest.mark.parametrize("value", ["hot", "", None, float("nan"), "nan"])
+def test_a_value_that_is_no_number_says_nothing(value: object) -> None:
+    assert said(observer(None, "temp < 40"), status(0, temp=value)) == (holds("ok", "hokuyo"),)
+
+
+@pytest.mark.parametrize(
+    ("text", "key", "op", "limit"),
+    [
+        ("t<40", "t", "<", 40),
+        ("t >= -1e3", "t", ">=", -1000),
+        ("t != 0", "t", "!=", 0),
+        ("a b == .5", "a b", "==", 0.5),
+    ],
+)
+def test_rules_are_read(text: str, key: str, op: str, limit: float) -> None:
+    rule = NumberRule.parse(text if " b" not in text else f"n: {text}")
+    assert (rule.key, rule.op, rule.limit) == (key, op, limit)
+
+
+@pytest.mark.parametrize("text", ["t", "t < hot", "< 4", "t <", "t < 4; rm", "CPU 1 temp < 4"])
+def test_what_is_no_rule_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match=r"is no (rule|atom)"):
+        NumberRule.parse(text)
+
+
+def test_an_onset_is_the_last_good_status() -> None:
+    o = observer()
+    assert said(o, status(0), status(0), status(2), status(2)) == (fails("ok", "hokuyo"),)
+    assert o.evidence(Atom("ok", ("hokuyo",)), ns(3)) == Evidence(ns(3), ns(1))
+
+
+def test_other_samples_are_refused() -> None:
+    with pytest.raises(TypeError, match="a diagnostic status or a list"):
+        observer().feed("diagnostics", 0, "fine")
+    with pytest.raises(KeyError):
+        observer().feed("diagnostics", 0, {"level": 0})
+
+
+def test_impossible_parameters_are_refused_by_name() -> None:
+    with pytest.raises(ValueError, match=r"^status must name"):
+        DiagnosticObserver("a", [])
+    with pytest.raises(ValueError, match=r"^stale must be one of"):
+        Levels(stale="maybe")

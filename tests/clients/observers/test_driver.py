@@ -1,0 +1,518 @@
+"""The driver: one order of events, live and in replay; several voices on one atom; settling; mishaps."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robomend_client.literals import Atom, Literal, fails, holds
+from robomend_client.observers import (
+    PROCESSES,
+    SECOND,
+    Change,
+    Driver,
+    Evidence,
+    GeneralObserver,
+    NodeObserver,
+    ObserverProblem,
+    Rate,
+    Table,
+    Verdict,
+    ns,
+)
+from robomend_client.observers.recording import Recording, replay
+
+SCAN = Atom("ok", ("scan",))
+RATE = Rate(window=11, settle=5, silence_s=0.5, check_s=0.1)
+
+
+class Told:
+    """An observer that says what it is told to: the newest sample is its verdict."""
+
+    def __init__(self, source: str, atom: Atom = SCAN, settling_s: float = 1.0) -> None:
+        self.sources = frozenset((source,))
+        self.atoms = (atom,)
+        self.period_ns = 0
+        self.detection_s = 1.0
+        self.settling_s = settling_s
+        self.said: tuple[Literal, ...] = ()
+        self.reset(0)
+
+    def feed(self, source: str, time_ns: int, value: object) -> None:
+        if value == "boom":
+            raise RuntimeError("boom")
+        self.said = () if value is None else (Literal(self.atoms[0], bool(value)),)
+        self.fed_ns = time_ns
+
+    def due_ns(self) -> int | None:
+        return None
+
+    def check(self, now_ns: int) -> tuple[Literal, ...]:
+        return self.said
+
+    def evidence(self, atom: Atom, now_ns: int) -> Evidence:
+        return Evidence(self.fed_ns)
+
+    def reset(self, time_ns: int) -> None:
+        self.said = ()
+        self.fed_ns = time_ns
+
+
+def values(changes: Sequence[Change]) -> list[str]:
+    return [str(change.value) for change in changes]
+
+
+def beat(driver: Driver, source: str, first_s: float, count: int, hz: float = 10.0) -> list[Change]:
+    """Feed a regular topic, live."""
+    changes: list[Change] = []
+    for k in range(count):
+        at_ns = ns(first_s + k / hz)
+        changes += driver.sample(source, at_ns, now_ns=at_ns)
+    return changes
+
+
+# --- the order of events ----------------------------------------------------------------------------------
+
+
+def test_a_late_wake_up_makes_up_for_its_ticks_with_the_samples_in_their_places() -> None:
+    driver = Driver([GeneralObserver("scan", RATE)], 0)
+    beat(driver, "scan", 0, 11)
+    assert values(driver.advance(ns(1.4))) == []
+    (silent,) = driver.advance(ns(7))  # late by far: the tick has its own time all the same
+    assert (silent.time_ns, silent.value) == (ns(1.5), fails("ok", "scan"))
+    assert (silent.since_ns, silent.onset_ns) == (ns(1.0), ns(1.0))
+
+
+def test_all_ticks_up_to_a_samples_time_come_before_the_sample() -> None:
+    driver = Driver([GeneralObserver("scan", RATE)], 0)
+    beat(driver, "scan", 0, 11)
+    assert values(driver.sample("scan", ns(1.5), now_ns=ns(1.5))) == ["not ok(scan)"]
+
+
+def test_ticks_are_on_one_grid_whenever_it_begins() -> None:
+    for start_s in (0.0, 0.013, 0.05):
+        driver = Driver([GeneralObserver("scan", RATE)], ns(start_s))
+        changes = beat(driver, "scan", 0.06, 10)
+        assert [(c.time_ns, str(c.value)) for c in changes] == [(ns(0.6), "ok(scan)")]
+
+
+def test_an_observer_without_a_period_is_asked_after_each_sample() -> None:
+    driver = Driver([NodeObserver(["a"])], 0)
+    (change,) = driver.sample(PROCESSES, 123_456_789, {"a"})
+    assert change == Change(123_456_789, Atom("running", ("a",)), holds("running", "a"), 123_456_789)
+
+
+def test_a_sample_that_nobody_wants_is_nothing() -> None:
+    driver = Driver([Told("a")], 0)
+    assert (driver.sample("b", ns(1), 1), driver.now_ns) == ((), 0)
+
+
+def test_the_next_tick_is_known() -> None:
+    driver = Driver([GeneralObserver("scan", RATE)], 0)
+    driver.advance(ns(0.05))
+    assert driver.next_ns == ns(0.5)
+    assert Driver([], 0).next_ns is None
+
+
+# --- several voices ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("said", "together"),
+    [
+        ([1, 1], "ok(scan)"),
+        ([1, 0], "not ok(scan)"),
+        ([0, 1], "not ok(scan)"),
+        ([0, 0], "not ok(scan)"),
+        ([None, 1], "ok(scan)"),
+        ([1, None], "ok(scan)"),
+        ([None, 0], "not ok(scan)"),
+    ],
+)
+def test_bad_news_wins_and_who_does_not_know_has_no_vote(said: list[object], together: str) -> None:
+    driver = Driver([Told("a"), Told("b")], 0)
+    changes = [*driver.sample("a", 1, said[0]), *driver.sample("b", 2, said[1])]
+    assert values(changes)[-1] == together
+
+
+def test_good_news_wins_where_that_was_asked_for() -> None:
+    driver = Driver([Told("a"), Told("b")], 0, lenient=[SCAN])
+    driver.sample("a", 1, 0)
+    assert values(driver.sample("b", 2, 1)) == ["ok(scan)"]
+    assert values(driver.sample("a", 3, 0)) == []
+    assert values(driver.sample("b", 4, 0)) == ["not ok(scan)"]
+
+
+def test_what_all_say_rests_on_all_and_bad_news_on_the_youngest() -> None:
+    driver = Driver([Told("a"), Told("b")], 0)
+    driver.sample("a", 10, 1)
+    driver.sample("b", 20, 1)
+    assert driver.standing() == [Verdict(holds("ok", "scan"), 10)]
+    driver.sample("a", 30, 0)
+    driver.sample("b", 40, 0)
+    assert driver.standing() == [Verdict(fails("ok", "scan"), 40)]
+
+
+def test_two_observers_that_swap_at_one_tick_do_not_flicker() -> None:
+    class Ticking(Told):
+        def __init__(self, source: str) -> None:
+            super().__init__(source)
+            self.period_ns = ns(1)
+
+    driver = Driver([Ticking("a"), Ticking("b")], 0)
+    driver.sample("a", ns(0.1), 0, ns(0.1))
+    driver.sample("b", ns(0.2), 1, ns(0.2))
+    assert values(driver.advance(ns(1))) == ["not ok(scan)"]
+    driver.sample("a", ns(1.1), 1, ns(1.1))
+    driver.sample("b", ns(1.2), 0, ns(1.2))
+    assert values(driver.advance(ns(2))) == []
+
+
+def test_unknown_from_now_on_is_a_change() -> None:
+    driver = Driver([NodeObserver(["a"], Table(lifetime_s=1))], 0)
+    driver.sample(PROCESSES, ns(0.5), ["a"], ns(0.5))
+    assert driver.advance(ns(9)) == [Change(ns(1.5), Atom("running", ("a",)), None)]
+    assert driver.standing() == []
+
+
+def test_heartbeats_carry_the_present_evidence_and_change_nothing() -> None:
+    observer = GeneralObserver("scan", RATE)
+    driver = Driver([observer], 0)
+    beat(driver, "scan", 0, 30)
+    driver.advance(ns(2.9))
+    assert driver.standing() == [Verdict(holds("ok", "scan"), ns(1.9))]
+    driver.advance(ns(7))
+    assert driver.standing() == [Verdict(fails("ok", "scan"), ns(6.5), ns(2.9))]
+
+
+# --- settling ---------------------------------------------------------------------------------------------
+
+
+def test_settled_observers_judge_anew_and_say_so_with_the_number() -> None:
+    driver = Driver([GeneralObserver("scan", RATE)], 0)
+    beat(driver, "scan", 0, 20)
+    driver.advance(ns(1.95))
+    assert driver.settle(7, [SCAN, Atom("ok", ("other",))]) == []
+    assert driver.standing() == [Verdict(holds("ok", "scan"), ns(0.9))]  # stands, on what it rested on
+    (again,) = beat(driver, "scan", 2.0, 7)
+    assert again == Change(ns(2.6), SCAN, holds("ok", "scan"), ns(2.0), None, 7)
+    assert beat(driver, "scan", 2.7, 20) == []
+
+
+def test_a_successor_that_stays_mute_is_not_ok_after_it_was_settled() -> None:
+    driver = Driver([GeneralObserver("scan", Rate.published())], 0)
+    beat(driver, "scan", 0, 20)
+    driver.settle(1, [SCAN])
+    (mute,) = driver.advance(ns(5))
+    assert (mute.value, mute.settled, mute.since_ns) == (fails("ok", "scan"), 1, ns(1.9))
+
+
+def test_what_sees_nothing_within_its_settling_time_is_unknown() -> None:
+    driver = Driver([Told("a", settling_s=2)], 0)
+    driver.sample("a", ns(1), 1, ns(1))
+    driver.settle(3, [SCAN])
+    assert driver.advance(ns(2.9)) == []
+    assert [(c.value, c.settled) for c in driver.advance(ns(4))] == [(None, 3)]
+
+
+def test_samples_from_before_do_not_settle_anything() -> None:
+    driver = Driver([Told("a")], 0)
+    driver.advance(ns(5))
+    driver.settle(1, [SCAN])
+    assert values(driver.sample("a", ns(4.9), 1, ns(5.1))) == []
+    assert [(c.value, c.settled) for c in driver.sample("a", ns(5), 1, ns(5.1))] == [(holds("ok", "scan"), 1)]
+
+
+def test_bad_news_settles_at_once_and_good_news_when_all_have_judged() -> None:
+    driver = Driver([Told("a"), Told("b")], 0)
+    driver.settle(1, [SCAN])
+    assert [(str(c.value), c.settled) for c in driver.sample("a", ns(0.1), 1, ns(0.1))] == [
+        ("ok(scan)", None)
+    ]
+    assert [(str(c.value), c.settled) for c in driver.sample("b", ns(0.2), 1, ns(0.2))] == [("ok(scan)", 1)]
+    driver.settle(2, [SCAN])
+    assert [(str(c.value), c.settled) for c in driver.sample("a", ns(0.3), 0, ns(0.3))] == [
+        ("not ok(scan)", 2)
+    ]
+    assert values(driver.sample("b", ns(0.4), 1, ns(0.4))) == []
+
+
+def test_a_second_settling_takes_the_place_of_the_first() -> None:
+    driver = Driver([Told("a")], 0)
+    driver.settle(1, [SCAN])
+    driver.settle(2, [SCAN])
+    assert [c.settled for c in driver.sample("a", ns(0.1), 1, ns(0.1))] == [2]
+
+
+# --- time that jumps --------------------------------------------------------------------------------------
+
+
+def test_a_stamp_from_the_future_is_left_out_and_told_once() -> None:
+    problems: list[ObserverProblem] = []
+    driver = Driver([GeneralObserver("scan", RATE)], 0, on_problem=problems.append)
+    assert values(beat(driver, "scan", 0, 11)) == ["ok(scan)"]
+    for k in range(3):
+        assert driver.sample("scan", ns(3600), now_ns=ns(1.05 + k / 100)) == ()
+    assert values(beat(driver, "scan", 1.1, 20)) == []
+    assert [(p.what, p.where) for p in problems] == [("ahead", "scan")]
+    assert driver.problems["ahead", "scan"] == 3
+    assert "3.6e+03 s ahead of this computer's clock: left out" in problems[0].message
+
+
+def test_a_stamp_from_the_future_is_left_out_of_a_log() -> None:
+    driver = Driver([GeneralObserver("scan", RATE)], 0)
+    changes: list[Change] = []
+    for k in range(40):
+        changes += driver.sample("scan", ns(k / 10))
+        if k == 20:
+            changes += driver.sample("scan", ns(3600))
+    assert values(changes) == ["ok(scan)"]
+    assert driver.problems == {("jump", "scan"): 1}
+
+
+def test_a_gap_of_a_log_is_silence() -> None:
+    driver = Driver([GeneralObserver("scan", RATE)], 0)
+    changes: list[Change] = []
+    for k in (*range(20), *range(1000, 1020)):
+        changes += driver.sample("scan", ns(k / 10))
+    assert [(str(c.value), c.time_ns) for c in changes] == [
+        ("ok(scan)", ns(0.6)),
+        ("not ok(scan)", ns(2.4)),
+        ("ok(scan)", ns(100.6)),
+    ]
+
+
+def test_a_log_that_begins_again_begins_anew() -> None:
+    driver = Driver([GeneralObserver("scan", RATE)], 0)
+    changes: list[Change] = []
+    for k in (*range(100), *range(20)):
+        changes += driver.sample("scan", ns(k / 10))
+    assert [(str(c.value), c.time_ns) for c in changes] == [
+        ("ok(scan)", ns(0.6)),
+        ("None", 0),
+        ("ok(scan)", ns(0.6)),
+    ]
+
+
+def test_one_old_sample_in_a_log_does_not_begin_anew() -> None:
+    driver = Driver([GeneralObserver("scan", RATE), Told("a", Atom("ok", ("a",)))], 0)
+    changes: list[Change] = []
+    for k in range(100):
+        changes += driver.sample("scan", ns(k / 10))
+        if k == 50:
+            changes += driver.sample("a", ns(1), 1)
+    assert values(changes) == ["ok(scan)"]
+    assert driver.problems == {("jump", "a"): 1}
+
+
+def test_a_jump_at_the_end_of_a_log_counts_if_the_log_goes_on_to_there() -> None:
+    for end_s, expected in (
+        (100.5, ["ok(scan)", "not ok(scan)", "ok(a)"]),
+        (3.0, ["ok(scan)", "not ok(scan)"]),
+    ):
+        driver = Driver([GeneralObserver("scan", RATE), Told("a", Atom("ok", ("a",)))], 0)
+        changes = [c for k in range(20) for c in driver.sample("scan", ns(k / 10))]
+        changes += driver.sample("a", ns(100), 1)
+        changes += driver.advance(ns(end_s))
+        assert values(changes) == expected
+
+
+def test_samples_that_overtake_each_other_count_as_simultaneous() -> None:
+    driver = Driver([Told("a"), Told("b", Atom("ok", ("b",)))], 0)
+    driver.sample("a", ns(1), 1, ns(1))
+    driver.sample("a", ns(0.9), 1, ns(1.1))
+    driver.sample("b", ns(0.8), 1, ns(1.2))  # of another source: its own time counts
+    assert {v.literal.atom.args[0]: v.since_ns for v in driver.standing()} == {"scan": ns(1), "b": ns(0.8)}
+
+
+def test_time_that_nobody_looked_at_is_no_silence() -> None:
+    driver = Driver([GeneralObserver("scan", RATE)], 0)
+    beat(driver, "scan", 0, 20)
+    assert driver.lapse(ns(8)) == []
+    # What waited in the meantime comes all at once, and tells nothing of the rate.
+    assert [c for k in range(60) for c in driver.sample("scan", ns(7.95), now_ns=ns(7.95))] == []
+    assert driver.standing() == [Verdict(holds("ok", "scan"), ns(0.9))]
+    assert beat(driver, "scan", 8.0, 20) == []
+    assert [v.since_ns >= ns(8) for v in driver.standing()] == [True]
+
+
+def test_after_time_that_nobody_looked_at_a_silent_topic_is_found_silent() -> None:
+    driver = Driver([GeneralObserver("scan", RATE)], 0)
+    beat(driver, "scan", 0, 20)
+    driver.lapse(ns(8))
+    (silent,) = driver.advance(ns(9))
+    assert (silent.time_ns, silent.value, silent.since_ns) == (ns(8.5), fails("ok", "scan"), ns(8))
+
+
+def test_a_short_lapse_only_puts_ticks_off() -> None:
+    driver = Driver([GeneralObserver("scan", RATE), NodeObserver(["n"], Table(lifetime_s=0.3))], 0)
+    beat(driver, "scan", 0, 20)  # the last one at 1.9 s
+    driver.sample(PROCESSES, ns(1.9), ["n"], ns(1.9))
+    driver.advance(ns(1.96))
+    assert driver.lapse(ns(2.25)) == []
+    for _ in range(3):  # what waited meanwhile
+        assert values(driver.sample("scan", ns(2.25), now_ns=ns(2.25))) == []
+    # The topic would have been silent at 2.4 s; the table ran out at 2.2 s, and a new one is waited for.
+    assert [(c.time_ns, c.value) for c in driver.advance(ns(9))] == [
+        (ns(2.75), fails("ok", "scan")),
+        (ns(2.76), None),
+    ]
+
+
+def test_a_restart_makes_all_unknown() -> None:
+    driver = Driver([Told("a")], ns(100))
+    driver.sample("a", ns(100), 1, ns(100))
+    assert driver.restart(ns(5)) == [Change(ns(5), SCAN, None)]
+    assert values(driver.sample("a", ns(5), 1, ns(5))) == ["ok(scan)"]
+
+
+# --- observers that raise ---------------------------------------------------------------------------------
+
+
+def test_an_observer_that_raises_is_told_once_with_its_place_and_the_others_go_on() -> None:
+    problems: list[ObserverProblem] = []
+    driver = Driver(
+        [Told("a"), Told("a", Atom("ok", ("other",))), Told("b", Atom("ok", ("b",)))],
+        0,
+        on_problem=problems.append,
+    )
+    driver.sample("a", 1, 1)
+    assert values(driver.sample("a", 2, "boom")) == ["None", "None"]
+    assert values(driver.sample("b", 3, 1)) == ["ok(b)"]
+    driver.sample("a", 4, "boom")
+    (problem,) = problems
+    assert __file__ in problem.where
+    assert "Told of ok(scan) failed: RuntimeError: boom" in problem.message
+    assert values(driver.sample("a", 5, 1)) == ["ok(scan)", "ok(other)"]  # it may come to its senses
+
+
+@pytest.mark.parametrize("method", ["check", "due_ns", "evidence", "reset"])
+def test_whatever_it_raises_in_the_others_go_on(method: str) -> None:
+    class Broken(Told):
+        pass
+
+    def broken(*_: object) -> None:
+        raise ZeroDivisionError
+
+    driver_of = Broken("a")
+    setattr(Broken, method, broken)
+    driver = Driver([driver_of, Told("b", Atom("ok", ("b",)))], 0)
+    assert values(driver.sample("a", 1, 1)) in ([], ["None"], ["ok(scan)"])
+    assert values(driver.sample("b", 2, 1)) == ["ok(b)"]
+    driver.settle(1, [SCAN])
+    driver.advance(ns(100))
+    assert [str(v.literal) for v in driver.standing()][-1] == "ok(b)"
+    assert sum(driver.problems.values()) < 250  # it is not asked a hundred times a second
+
+
+# --- live and replay --------------------------------------------------------------------------------------
+
+Events = list[tuple[str, int, int]]
+
+
+def observers() -> list[GeneralObserver | NodeObserver | Told]:
+    return [
+        GeneralObserver("scan", RATE),
+        GeneralObserver("scan", Rate(check_s=0.25)),
+        GeneralObserver("odom", Rate(5, 1)),
+        NodeObserver(["n"], Table(lifetime_s=1)),
+        Told("said"),
+    ]
+
+
+events = st.lists(
+    st.tuples(
+        st.sampled_from(
+            [
+                "scan",
+                "scan",
+                "scan",
+                "odom",
+                "odom",
+                PROCESSES,
+                "said",
+                "wake",
+                "wake",
+                "settle",
+                "lapse",
+                "heartbeat",
+            ]
+        ),
+        st.one_of(st.integers(0, 120), st.integers(0, 120), st.integers(0, 3000)),  # ms until it happens
+        st.integers(-30, 80),  # ms by which its own stamp is behind
+    ),
+    max_size=120,
+)
+
+
+@given(events)
+def test_a_recording_replayed_gives_the_same_literals_at_the_same_times(
+    tmp_path_factory: pytest.TempPathFactory, happened: Events
+) -> None:
+    file = tmp_path_factory.mktemp("recording") / "run.jsonl"
+    now_ns, n = ns(1000), 0
+    recording = Recording(file, now_ns, 10**9)
+    driver = Driver(observers(), now_ns, listener=recording)
+    live: list[Change] = []
+    for what, wait_ms, behind_ms in happened:
+        now_ns += wait_ms * 1_000_000
+        if what == "wake":
+            live += driver.advance(now_ns)
+        elif what == "heartbeat":
+            live += driver.advance(now_ns)
+            driver.standing()
+        elif what == "settle":
+            n += 1
+            live += driver.advance(now_ns)
+            live += driver.settle(n, [SCAN, Atom("running", ("n",))])
+        elif what == "lapse":
+            live += driver.lapse(now_ns)
+        else:
+            value = {"said": behind_ms % 3 > 0, PROCESSES: frozenset("n" * (behind_ms % 2))}.get(what)
+            live += driver.sample(what, now_ns - behind_ms * 1_000_000, value, now_ns)
+    live += driver.advance(now_ns)
+    recording.close(now_ns)
+    with file.open() as lines:
+        again = list(replay(lines, lambda start_ns: Driver(observers(), start_ns)))
+    assert again == live
+
+
+@given(st.lists(st.integers(0, 400), max_size=80), st.lists(st.integers(0, 30_000), max_size=30))
+def test_when_the_timer_wakes_up_makes_no_difference(gaps_ms: list[int], wakes_ms: list[int]) -> None:
+    def run(wakes_ns: list[int]) -> list[Change]:
+        driver = Driver([GeneralObserver("scan", RATE)], 0)
+        changes: list[Change] = []
+        time_ns = 0
+        for gap_ms in gaps_ms:
+            time_ns += gap_ms * 1_000_000
+            while wakes_ns and wakes_ns[0] < time_ns:
+                changes += driver.advance(wakes_ns.pop(0))
+                driver.standing()
+            changes += driver.sample("scan", time_ns, now_ns=time_ns)
+        return [*changes, *driver.advance(time_ns + SECOND)]
+
+    assert run(sorted(ms * 1_000_000 for ms in wakes_ms)) == run([])
+
+
+def test_a_recording_has_a_bound_and_says_that_it_is_full(tmp_path: Path) -> None:
+    recording = Recording(tmp_path / "run.jsonl", 0, 500)
+    for k in range(100):
+        recording.sample("scan", k, None, k)
+    recording.close(1000)
+    lines = (tmp_path / "run.jsonl").read_text().splitlines()
+    assert len("\n".join(lines)) < 600
+    assert json.loads(lines[-1])["full"] is True
+
+
+def test_a_torn_last_line_is_left_out_and_another_file_is_refused() -> None:
+    def make(start_ns: int) -> Driver:
+        return Driver([GeneralObserver("scan", RATE)], start_ns)
+
+    assert list(replay(['{"start": 0}\n', '{"source": "sc'], make)) == []
+    with pytest.raises(ValueError, match="not a line of a recording: 'hello"):
+        list(replay(["hello\n"], make))

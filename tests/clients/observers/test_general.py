@@ -1,0 +1,324 @@
+"""The general observer: in sentences, against a naive definition, and calm on an imperfect robot."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robomend_client.literals import Atom, fails, holds
+from robomend_client.observers import SECOND, Change, Driver, Evidence, GeneralObserver, Rate, ns
+
+SCAN = Atom("ok", ("scan",))
+DEMO = Rate(rate_hz=10, tolerance_hz=1, window=11, settle=5, silence_s=0.5, check_s=0.1)
+
+
+def verdict(observer: GeneralObserver, now_s: float) -> bool | None:
+    """Return the sign of the topic's literal, or None if it is unknown."""
+    literals = observer.check(ns(now_s))
+    return literals[0].positive if literals else None
+
+
+def fed(rate: Rate, *times_s: float) -> GeneralObserver:
+    observer = GeneralObserver("scan", rate)
+    for time_s in times_s:
+        observer.feed("scan", ns(time_s))
+    return observer
+
+
+def beats(first_s: float, count: int, hz: float = 10.0) -> list[float]:
+    return [first_s + number / hz for number in range(count)]
+
+
+# --- the rate ---------------------------------------------------------------------------------------------
+
+
+def test_the_published_preset_has_the_published_parameters() -> None:
+    rate = Rate.published()
+    assert (rate.rate_hz, rate.tolerance_hz, rate.messages) == (10, 1, 10)
+    assert (rate.silence, rate.check_s, rate.intervals) == (2, 0.5, 9)
+
+
+def test_parameters_that_are_not_given_follow_from_the_rate() -> None:
+    assert (Rate(10).silence, Rate(2).silence, Rate(100).silence) == (0.35, 1.75, 0.35)
+    assert (Rate(10, 1).messages, Rate(10, 2).messages, Rate(10, 5).messages) == (34, 16, 10)
+
+
+@pytest.mark.parametrize("tolerance_hz", [0.5, 1.0, 1.5, 3.0])
+def test_three_messages_lost_in_a_full_window_are_within_the_tolerance(tolerance_hz: float) -> None:
+    rate = Rate(10, tolerance_hz)
+    times = beats(0, 3 * rate.messages)
+    for lost in range(3):
+        del times[-4 - 3 * lost]
+    assert verdict(fed(rate, *times), times[-1]) is True
+
+
+def test_a_topic_is_unknown_until_it_settled_or_was_silent() -> None:
+    observer = fed(DEMO)
+    assert verdict(observer, 0.49) is None
+    assert verdict(observer, 0.5) is False
+    assert verdict(fed(DEMO, *beats(0, 5)), 0.41) is None
+
+
+def test_five_intervals_at_the_right_rate_are_ok() -> None:
+    assert verdict(fed(DEMO, *beats(0, 6)), 0.51) is True
+
+
+def test_half_a_second_of_silence_is_not_ok_and_the_rate_must_settle_again() -> None:
+    observer = fed(DEMO, *beats(0, 20))
+    assert verdict(observer, 2.39) is True
+    assert verdict(observer, 2.4) is False
+    for number, time_s in enumerate(beats(3, 6)):
+        observer.feed("scan", ns(time_s))
+        assert verdict(observer, time_s) is (number == 5)
+
+
+@pytest.mark.parametrize(("hz", "ok"), [(8.9, False), (9.1, True), (10.9, True), (11.1, False), (50, False)])
+@pytest.mark.parametrize("rate", [DEMO, Rate(), Rate.published()])
+def test_the_rate_must_be_within_the_tolerance(rate: Rate, hz: float, ok: bool) -> None:
+    times = beats(0, 80, hz)
+    assert verdict(fed(rate, *times), times[-1]) is ok
+
+
+def test_the_rate_is_that_of_the_newest_window_only() -> None:
+    three = Rate(rate_hz=10, tolerance_hz=1, window=3, settle=2, silence_s=2)
+    assert verdict(fed(three, 0, 0.2, 0.4, 0.5), 0.55) is False
+    assert verdict(fed(three, 0, 0.2, 0.4, 0.5, 0.6), 0.65) is True
+
+
+def test_a_message_lost_right_after_the_start_is_no_fault_and_half_the_rate_is() -> None:
+    lost = beats(0, 10)
+    del lost[3]
+    observer = GeneralObserver("scan", Rate())
+    seen = []
+    for time_s in lost:
+        observer.feed("scan", ns(time_s))
+        seen.append(verdict(observer, time_s))
+    assert False not in seen
+    assert verdict(fed(Rate(), *beats(0, 10, hz=5)), 1.8) is False
+
+
+def test_a_first_message_that_is_late_is_no_fault_and_twice_the_rate_is() -> None:
+    observer = GeneralObserver("scan", Rate())
+    seen = []
+    for time_s in [0.09, *beats(0.1, 30)]:
+        observer.feed("scan", ns(time_s))
+        seen.append(verdict(observer, time_s))
+    assert False not in seen
+    assert seen[-1] is True
+    assert verdict(fed(Rate(), *beats(0, 6, hz=20)), 0.25) is False
+
+
+def test_once_ok_a_message_lost_while_the_window_fills_leaves_it_ok() -> None:
+    times = beats(0, 12)
+    del times[8]
+    observer = fed(Rate(), *times[:7])
+    assert verdict(observer, times[6]) is True
+    for time_s in times[7:]:
+        observer.feed("scan", ns(time_s))
+        assert verdict(observer, time_s) is True
+
+
+def test_messages_all_at_one_time_are_not_the_right_rate() -> None:
+    assert verdict(fed(DEMO, *([1.0] * 20)), 1.0) is False
+
+
+def test_a_time_that_goes_back_a_little_counts_as_the_newest() -> None:
+    forward, back = fed(DEMO, 0.1, 0.2, 0.2, 0.3), fed(DEMO, 0.1, 0.2, 0.15, 0.3)
+    assert forward.check(ns(0.35)) == back.check(ns(0.35))
+
+
+def test_a_time_that_goes_far_back_begins_anew() -> None:
+    observer = fed(DEMO, *beats(1000, 20), *beats(3, 6))
+    assert verdict(observer, 3.5) is True
+    assert verdict(observer, 4.1) is False
+
+
+def test_after_one_stamp_from_the_future_it_judges_again_as_soon_as_from_the_start() -> None:
+    observer = fed(DEMO, *beats(0, 20), 3600.0, *beats(2.0, 6))
+    assert verdict(observer, 2.5) is True
+
+
+def test_a_topic_that_was_never_heard_of_may_take_longer_to_come_up_but_only_the_first_time() -> None:
+    rate = Rate(settle=5, silence_s=0.5, first_s=2)
+    observer = GeneralObserver("scan", rate)
+    observer.reset(ns(100))
+    assert (verdict(observer, 101.9), verdict(observer, 102)) == (None, False)
+    observer.reset(ns(101.8))  # judged anew: the robot boots no slower for that
+    assert (verdict(observer, 102.2), verdict(observer, 102.3)) == (None, False)
+    in_time = GeneralObserver("scan", rate)
+    in_time.reset(ns(100))
+    for time_s in beats(101.5, 6):
+        in_time.feed("scan", ns(time_s))
+    assert (verdict(in_time, 102.1), verdict(in_time, 102.5)) == (True, False)
+    in_time.reset(ns(110))
+    assert verdict(in_time, 110.5) is False
+    late = GeneralObserver("scan", rate)
+    late.reset(ns(100))
+    late.feed("scan", ns(103))
+    assert verdict(late, 103.1) is False
+
+
+def test_the_literal_names_the_topic() -> None:
+    assert fed(DEMO).check(ns(1)) == (fails("ok", "scan"),)
+    assert fed(DEMO, *beats(0, 6)).check(ns(0.5)) == (holds("ok", "scan"),)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "named"),
+    [
+        ({"rate_hz": 0.0}, "rate_hz"),
+        ({"window": 1}, "window"),
+        ({"window": 10, "settle": 10}, "settle"),
+        ({"silence_s": 0.1}, "silence_s"),
+        ({"check_s": -1.0}, "check_s"),
+        ({"test": "guess"}, "test"),
+        ({"significance": 1.0}, "significance"),
+    ],
+)
+def test_impossible_parameters_are_refused_by_name(wrong: dict[str, object], named: str) -> None:
+    with pytest.raises(ValueError, match=rf"^{named}"):
+        Rate(**wrong)  # type: ignore[arg-type]  # numbers and words in one table
+
+
+def test_a_t_test_forgives_what_may_be_chance_and_the_tolerance_what_is_of_no_matter() -> None:
+    scattered = [0.0]
+    for k in range(10):
+        scattered.append(scattered[-1] + (0.07 if k % 2 else 0.155))
+    exact = beats(0, 11, 8.89)
+    strict = Rate(window=11, settle=10, silence_s=2)
+    tested = Rate(window=11, settle=10, silence_s=2, test="student_t", significance=0.05)
+    assert [verdict(fed(strict, *times), times[-1]) for times in (scattered, exact)] == [False, False]
+    assert [verdict(fed(tested, *times), times[-1]) for times in (scattered, exact)] == [True, False]
+    # On a good clock every bias is significant; within the tolerance it is of no matter.
+    assert verdict(fed(tested, *beats(0, 11, 9.2)), 2) is True
+
+
+# --- evidence ---------------------------------------------------------------------------------------------
+
+
+def test_a_rate_rests_on_its_window() -> None:
+    observer = fed(DEMO, *beats(0, 21))
+    assert observer.evidence(SCAN, ns(2.05)) == Evidence(ns(1.0))
+
+
+def test_silence_rests_on_the_time_waited_for_and_began_with_the_last_message() -> None:
+    observer = fed(DEMO, *beats(0, 21))
+    assert observer.evidence(SCAN, ns(2.5)) == Evidence(ns(2.0), ns(2.0))
+    assert observer.evidence(SCAN, ns(9)) == Evidence(ns(8.5), ns(2.0))
+
+
+def test_silence_from_the_beginning_has_no_onset() -> None:
+    assert fed(DEMO).evidence(SCAN, ns(0.7)) == Evidence(ns(0.2), None)
+
+
+def test_while_the_rate_settles_the_verdict_rests_on_the_silence_before() -> None:
+    observer = fed(DEMO, *beats(0, 21), 5.0, 5.1)
+    assert verdict(observer, 5.15) is False
+    assert observer.evidence(SCAN, ns(5.15)) == Evidence(ns(4.5), ns(2.0))
+
+
+def test_a_wrong_rate_began_with_the_last_message_at_which_it_was_right() -> None:
+    observer, good_s = fed(DEMO, *beats(0, 21)), 0.0
+    for time_s in beats(2.05, 100, 20):  # however long it lasts
+        observer.feed("scan", ns(time_s))
+        if verdict(observer, time_s):
+            good_s = time_s
+        else:
+            assert observer.evidence(SCAN, ns(time_s)).onset_ns == ns(good_s)
+    assert 2.0 < good_s < 2.5
+
+
+def test_after_a_reset_nothing_older_counts() -> None:
+    observer = fed(DEMO, *beats(0, 21))
+    observer.reset(ns(2.05))
+    assert verdict(observer, 2.4) is None
+    assert verdict(observer, 2.55) is False
+    assert observer.evidence(SCAN, ns(2.55)) == Evidence(ns(2.05), None)
+
+
+# --- the definition ---------------------------------------------------------------------------------------
+
+
+def naive(rate: Rate, times_ns: list[int], now_ns: int) -> bool | None:
+    """The definition for a full window, from the whole history each time: the newest run decides."""
+    seen = [0, *times_ns]
+    silence_ns = ns(rate.silence)
+    if now_ns - seen[-1] >= silence_ns:
+        return False
+    starts = [i for i in range(1, len(seen)) if seen[i] - seen[i - 1] >= silence_ns]
+    run = seen[starts[-1] :] if starts else seen[1:]
+    if len(run) < rate.messages:
+        return False if starts else None
+    window = run[-rate.messages :]
+    span_ns = window[-1] - window[0]
+    if span_ns == 0:
+        return False
+    return abs((len(window) - 1) * SECOND / span_ns - rate.rate_hz) < rate.tolerance_hz
+
+
+rates = st.builds(
+    lambda hz, tolerance, window, silence: Rate(
+        rate_hz=hz, tolerance_hz=tolerance, window=window, settle=None, silence_s=max(silence, 1.01 / hz)
+    ),
+    st.sampled_from([1.0, 5.0, 10.0, 100.0]),
+    st.sampled_from([0.1, 1.0, 4.0]),
+    st.integers(2, 12),
+    st.sampled_from([0.2, 0.5, 2.0]),
+)
+# Mostly near 10 Hz, with bursts and gaps: uniform times would hardly ever be ok.
+gaps = st.one_of(st.integers(95, 105), st.integers(0, 50), st.integers(0, 3000))
+
+
+@given(rates, st.lists(gaps, max_size=60), st.integers(0, 2500))
+def test_agrees_with_the_definition(rate: Rate, gaps_ms: list[int], later_ms: int) -> None:
+    observer, times_ns, time_ms = GeneralObserver("scan", rate), [], 0
+    for gap_ms in gaps_ms:
+        time_ms += gap_ms
+        times_ns.append(time_ms * 1_000_000)
+        observer.feed("scan", times_ns[-1])
+        expected = naive(rate, times_ns, times_ns[-1])
+        assert verdict(observer, times_ns[-1] / SECOND) == expected
+    now_ns = (times_ns[-1] if times_ns else 0) + later_ms * 1_000_000
+    expected = naive(rate, times_ns, now_ns)
+    assert [literal.positive for literal in observer.check(now_ns)] == [expected] * (expected is not None)
+
+
+@given(st.lists(gaps, max_size=60), st.integers(-(10**9), 10**9))
+def test_shifting_all_times_shifts_all_verdicts(gaps_ms: list[int], by_ms: int) -> None:
+    first, second = GeneralObserver("scan", DEMO), GeneralObserver("scan", DEMO)
+    second.reset(by_ms * 1_000_000)
+    time_ms = 0
+    for gap_ms in gaps_ms:
+        time_ms += gap_ms
+        first.feed("scan", time_ms * 1_000_000)
+        second.feed("scan", (time_ms + by_ms) * 1_000_000)
+        assert first.check(time_ms * 1_000_000) == second.check((time_ms + by_ms) * 1_000_000)
+
+
+# --- calm -------------------------------------------------------------------------------------------------
+
+
+def imperfect(messages: int, seed: int) -> list[int]:
+    """Return the times of a 10 Hz topic with 5 % jitter of which one message in a thousand is lost."""
+    draw = random.Random(seed)
+    times_ns, time_s = [], 0.0
+    for _ in range(messages):
+        time_s += 0.1 * (1 + draw.uniform(-0.05, 0.05))
+        if draw.random() >= 0.001:
+            times_ns.append(ns(time_s))
+    return times_ns
+
+
+def test_an_imperfect_robot_raises_no_alarm_and_silence_is_told_within_half_a_second(long: bool) -> None:
+    driver = Driver([GeneralObserver("scan")], 0)
+    changes: list[Change] = []
+    times_ns = imperfect(1_000_000 if long else 100_000, seed=12)
+    for time_ns in times_ns:
+        changes += driver.sample("scan", time_ns)
+    assert [change.value for change in changes] == [holds("ok", "scan")]
+    (silent,) = driver.advance(times_ns[-1] + SECOND)
+    assert silent.value == fails("ok", "scan")
+    assert silent.time_ns - times_ns[-1] < 0.4 * SECOND

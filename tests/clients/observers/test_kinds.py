@@ -1,0 +1,279 @@
+"""Observers by name and from a file: the section `observers:`, your own, and the recipes of the manual."""
+
+from __future__ import annotations
+
+import re
+import sys
+from dataclasses import fields
+from pathlib import Path
+from textwrap import dedent
+
+import pytest
+
+from robomend_client.literals import Atom, parse_atom
+from robomend_client.observers import (
+    Answers,
+    Band,
+    BinaryQualitativeObserver,
+    BoardReadings,
+    DiagnosticObserver,
+    Driver,
+    Filter,
+    HardwareObserver,
+    Levels,
+    Match,
+    MultipleObserver,
+    NodeObserver,
+    Observer,
+    PropertyObserver,
+    QualitativeObserver,
+    Rate,
+    Readings,
+    Table,
+    Trend,
+    Wiring,
+    ns,
+)
+from robomend_client.observers import base as recipe
+from robomend_client.observers.kinds import KINDS, ObserverSpec, read_lenient, read_observers
+from robomend_client.yaml_reader import ConfigError, read
+
+ROOT = Path(__file__).parents[3]
+MANUAL = (ROOT / "docs" / "observers.md").read_text()
+
+ALL_EIGHT = """\
+observers:
+  scan: {kind: general, rate_hz: 20, tolerance_hz: 2}
+  hokuyo_node: {kind: node, lifetime_s: 1}
+  hokuyo: {kind: diagnostic, status: ["hokuyo: *"], rules: [temperature < 40], lifetime_s: 3}
+  map_triggered: {kind: multiple, in_topic: scan, out_topic: map, within_s: 0.2}
+  yaw: {kind: qualitative, source: "odom:yaw", preset: published, slope: 0.1}
+  "matched(a,b)": {kind: binary_qualitative, first: "odom:a", second: "imu:b", threshold: 5}
+  board: {kind: hardware, wiring: {jaguar: {channel: 7, expected_current_a: 3}, imu: {channel: 1}}}
+  "ok(CPU,laser)": {kind: property, source: "processes:CPU(laser)", high: 0.9, filter: median, agreeing: 3}
+"""
+
+
+def specs(tmp_path: Path, text: str) -> tuple[ObserverSpec, ...]:
+    file = tmp_path / "agent.yaml"
+    file.write_text(dedent(text))
+    top = read(file)
+    found = read_observers(top, tmp_path)
+    top.finish()
+    return found
+
+
+def test_all_eight_are_made_from_a_file(tmp_path: Path) -> None:
+    found = specs(tmp_path, ALL_EIGHT)
+    assert {spec.kind for spec in found} == set(KINDS.names())
+    atoms = {str(atom) for spec in found for atom in spec.atoms}
+    assert {
+        "ok(scan)", "running(hokuyo_node)", "ok(hokuyo)", "ok(temperature)", "ok(map_triggered)", "inc(yaw)",
+        "matched(a,b)", "on(jaguar)", "ok(current,jaguar)", "on(imu)", "ok(CPU,laser)",
+    } <= atoms  # fmt: skip
+    assert all(isinstance(spec.make(), Observer) for spec in found)
+    assert found[0].make() is not found[0].make()
+
+
+def test_a_preset_has_the_published_numbers_and_a_key_beside_it_counts_more(tmp_path: Path) -> None:
+    def made(observer: str) -> Observer:
+        return specs(tmp_path, f"observers: {{x: {observer}}}")[0].make()
+
+    assert made("{kind: qualitative, source: a, preset: published}").period_ns == 0
+    assert made("{kind: general, preset: published}").detection_s == 2.5
+    assert made("{kind: general, preset: published, silence_s: 3}").detection_s == 3.5
+    assert made("{kind: diagnostic, status: [a], preset: published}").settling_s == 2
+
+
+@pytest.mark.parametrize(
+    ("observer", "complaint"),
+    [
+        (
+            "{kind: genral}",
+            "x.kind: no kind of observer is named 'genral': choose one of general, node, .*did you",
+        ),
+        ("{rate_hz: 10}", "x.kind: is missing"),
+        ("{kind: general, rat_hz: 10}", "x.rat_hz: is no key here; did you mean rate_hz?"),
+        ("{kind: general, rate_hz: fast}", "x.rate_hz: must be a number"),
+        ("{kind: general, rate_hz: 0}", "x.rate_hz: rate_hz must be above 0, not 0"),
+        ("{kind: general, window: 2.5}", "x.window: must be a whole number"),
+        ("{kind: general, preset: publshed}", "x.preset: must be one of published"),
+        ("{kind: hardware, preset: published, wiring: {}}", "x.preset: this kind has none"),
+        ("{kind: qualitative}", "x.source: is missing"),
+        ("{kind: property, source: a}", "x.low: low or high is needed"),
+        ("{kind: property, source: a, high: 1, filter: mode}", "x.filter: filter must be one of none, mean"),
+        ("{kind: diagnostic, status: a}", "x.status: must be a list"),
+        ("{kind: diagnostic, status: [a], rules: [hot]}", "x.rules: rules: 'hot' is no rule; write e.g."),
+        ("{kind: hardware}", "x.wiring: is missing"),
+        (
+            "{kind: hardware, wiring: {a: {chanel: 1}}}",
+            "x.wiring.a.chanel: is no key here; did you mean channel",
+        ),
+        ("{kind: multiple, in_topic: a, out_topic: a}", "x.out_topic: out_topic must be another topic"),
+        ("{kind: property, atom: 'ok((', source: a, high: 1}", r"x: 'ok\(\(' is no atom"),
+        ("{kind: nowhere.py:A}", "x.kind: there is no file .*nowhere.py"),
+        ("{kind: bad.py:A}", "x.kind: .*bad.py cannot be run: ZeroDivisionError"),
+        ("{kind: good.py:B}", "x.kind: .*good.py has no class or function 'B'"),
+        ("{kind: good.py:Untyped}", "x.kind: the parameter limit needs a type"),
+        ("{kind: good.py:Odd, limit: 1}", "x.kind: limit has the type .*complex.*, which no file can hold"),
+    ],
+)
+def test_each_mistake_is_named_with_its_place(tmp_path: Path, observer: str, complaint: str) -> None:
+    (tmp_path / "bad.py").write_text("1 / 0\n")
+    (tmp_path / "good.py").write_text(
+        "class Untyped:\n    def __init__(self, limit): ...\n"
+        "class Odd:\n    def __init__(self, atom: str, limit: complex): ...\n"
+    )
+    with pytest.raises(ConfigError, match=rf"agent.yaml:2: observers\.{complaint}"):
+        specs(tmp_path, f"observers:\n  x: {observer}\n")
+
+
+def test_atoms_of_which_good_news_wins_are_a_list(tmp_path: Path) -> None:
+    (tmp_path / "agent.yaml").write_text('lenient: [ok(scan), "ok(CPU,a)", odom]')
+    assert read_lenient(read(tmp_path / "agent.yaml")) == {
+        Atom("ok", ("scan",)),
+        Atom("ok", ("CPU", "a")),
+        Atom("ok", ("odom",)),
+    }
+    (tmp_path / "agent.yaml").write_text("lenient: [ok(]")
+    with pytest.raises(ConfigError, match=r"agent.yaml:1: lenient: 'ok\(' is no atom"):
+        read_lenient(read(tmp_path / "agent.yaml"))
+
+
+@pytest.mark.parametrize(
+    ("text", "atom"),
+    [
+        ("ok(scan)", Atom("ok", ("scan",))),
+        (" ok ( CPU , node ) ", Atom("ok", ("CPU", "node"))),
+        ("/scan", Atom("ok", ("scan",))),
+        ('ok("a, b)")', Atom("ok", ("a, b)",))),
+        ('"two words"', Atom("ok", ("two words",))),
+    ],
+)
+def test_atoms_are_read_as_they_are_written(text: str, atom: Atom) -> None:
+    assert parse_atom(text) == atom
+    assert parse_atom(str(atom)) == atom
+
+
+# --- your own ---------------------------------------------------------------------------------------------
+
+
+def blocks(language: str, heading: str) -> list[str]:
+    section = MANUAL.split(f"## {heading}\n")[1].split("\n## ")[0]
+    return re.findall(rf"```{language}\n(.*?)```", section, re.DOTALL)
+
+
+def said(spec: ObserverSpec, *values: object) -> list[str]:
+    driver = Driver([spec.make()], 0)
+    (source,) = spec.sources
+    return [str(c.value) for k, v in enumerate(values) for c in driver.sample(source, ns(k), v, ns(k))]
+
+
+def test_the_observers_of_the_manual_do_what_it_says(tmp_path: Path) -> None:
+    for code in blocks("python", "Your own observer"):
+        file = re.match(r"# (\w+\.py)", code)
+        assert file is not None
+        (tmp_path / file[1]).write_text(code)
+        body = [line for line in code.splitlines() if line.strip() and not line.startswith(("#", "from"))]
+        assert len(body) <= 10
+    function, steady = (
+        spec for text in blocks("yaml", "Your own observer") for spec in specs(tmp_path, text)
+    )
+    assert function.sources == {"motor:temperature"}
+    assert function.atoms == (Atom("ok", ("motor",)),)
+    assert said(function, 65.0, 65.0, 65.0, 75.0, 75.0, 75.0) == ["ok(motor)", "not ok(motor)"]
+    assert said(steady, 12.0, 12.2, 10.0, 10.1) == ["ok(voltage)", "not ok(voltage)", "ok(voltage)"]
+
+
+def test_an_observer_of_another_distribution_is_found_by_its_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The entry point of the manual, installed by hand."""
+    (entry,) = blocks("toml", "Your own observer")
+    code = blocks("python", "Your own observer")[1]
+    package = tmp_path / "site" / "my_robot"
+    package.mkdir(parents=True)
+    (package / "__init__.py").write_text("")
+    (package / "steady.py").write_text(code)
+    info = tmp_path / "site" / "my_robot-1.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: my-robot\nVersion: 1\n")
+    group, line = re.findall(r'"(robomend\.observers)"\]\n(.*)', entry)[0]
+    (info / "entry_points.txt").write_text(f"[{group}]\n{line.replace(chr(34), '')}\n")
+    monkeypatch.syspath_prepend(str(tmp_path / "site"))
+    monkeypatch.setattr(KINDS, "_loaded", {})
+    monkeypatch.delitem(sys.modules, "my_robot", raising=False)
+    (spec,) = specs(tmp_path, 'observers: {v: {kind: steady, source: "battery:voltage", most: 1}}')
+    assert said(spec, 1.0, 1.5) == ["ok(v)"]
+    sys.modules.pop("my_robot.steady", None)
+
+
+def test_the_recipe_for_one_of_ours_lists_four_places_at_most_that_all_kinds_have() -> None:
+    steps = [step.rstrip(":;.") for step in re.findall(r"^\d\. (\S+)", recipe.__doc__ or "", re.MULTILINE)]
+    assert len(steps) <= 4
+    for kind in KINDS.names():
+        places = [step.replace("NAME", kind) for step in steps]
+        for place in places[:2]:
+            file = ROOT / "clients" / "robomend_client" / place.removeprefix("clients/")
+            assert file.is_file(), place
+        assert f'"{kind}":' in (ROOT / "clients/robomend_client/observers/kinds.py").read_text()
+        assert f"### {kind} " in MANUAL
+    tests = ROOT / "tests" / "clients" / "observers"
+    assert steps[3].startswith("tests/clients/observers/")
+    assert {"test_general.py", "test_diagnostic.py"} <= {file.name for file in tests.iterdir()}
+
+
+# --- the manual -------------------------------------------------------------------------------------------
+
+KEYS = {
+    "general": (Rate,),
+    "node": (Table,),
+    "diagnostic": (Levels,),
+    "multiple": (Answers,),
+    "qualitative": (Trend,),
+    "binary_qualitative": (Match,),
+    "hardware": (BoardReadings, Wiring),
+    "property": (Band, Filter),
+}
+CLASSES = (
+    NodeObserver, DiagnosticObserver, MultipleObserver, QualitativeObserver, BinaryQualitativeObserver,
+    HardwareObserver, PropertyObserver,
+)  # fmt: skip
+
+
+def row_of(section: str, key: str) -> str:
+    """Return the line of the table that is about a key."""
+    return next(line for line in section.splitlines() if re.match(rf"\|[^|]*`{key}`", line))
+
+
+def section_of(kind: str) -> str:
+    return MANUAL.split(f"### {kind} ")[1].split("\n### ")[0]
+
+
+@pytest.mark.parametrize("kind", sorted(KEYS))
+def test_the_manual_has_every_key_of_a_kind_with_its_default(kind: str) -> None:
+    section = section_of(kind)
+    for parameters in KEYS[kind]:
+        for field in fields(parameters):
+            row = row_of(section, field.name)
+            if isinstance(field.default, int | float) and not isinstance(field.default, bool):
+                assert re.search(rf"(?<![\d.]){field.default:g}(?![\d.])", row), row
+            elif isinstance(field.default, str) and field.name != "table":
+                assert f"`{field.default}`" in row, row
+
+
+@pytest.mark.parametrize("kind", sorted(KEYS))
+def test_the_manual_has_the_published_numbers(kind: str) -> None:
+    section = section_of(kind)
+    for parameters in KEYS[kind]:
+        for name, value in getattr(parameters, "PRESETS", {}).get("published", {}).items():
+            row = row_of(section, name)
+            shown = f"{value:g}".replace("e-07", "e-7") if isinstance(value, float | int) else str(value)
+            assert value is None or shown in row, (row, shown)
+
+
+def test_the_manual_has_the_keys_of_readings() -> None:
+    section = MANUAL.split("### Readings")[1].split("\n## ")[0]
+    for field in fields(Readings):
+        row = row_of(section, field.name)
+        assert f"| {field.default:g} |" in row

@@ -1,0 +1,96 @@
+"""The multiple observer: one topic answers another in time."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robomend_client.literals import Atom
+from robomend_client.observers import Answers, Evidence, MultipleObserver, ns
+
+MAP = Atom("ok", ("map_triggered",))
+
+
+def observer(**answers: object) -> MultipleObserver:
+    return MultipleObserver("map_triggered", "scan", "map", Answers(**answers))  # type: ignore[arg-type]  # two types
+
+
+def fed(o: MultipleObserver, *happened: tuple[str, float]) -> MultipleObserver:
+    for topic, time_s in happened:
+        o.feed(topic, ns(time_s))
+    return o
+
+
+def sign(o: MultipleObserver, now_s: float) -> bool | None:
+    literals = o.check(ns(now_s))
+    return literals[0].positive if literals else None
+
+
+def test_nothing_is_known_before_something_is_asked() -> None:
+    assert sign(observer(), 5) is None
+    assert sign(fed(observer(), ("map", 1)), 1) is None
+
+
+def test_an_answer_in_time_is_ok_and_a_late_one_is_not() -> None:
+    assert sign(fed(observer(), ("scan", 1), ("map", 1.5)), 1.5) is True
+    assert sign(fed(observer(), ("scan", 1), ("map", 1.6)), 1.6) is False
+
+
+def test_no_answer_is_told_without_waiting_for_one() -> None:
+    o = fed(observer(), ("scan", 1), ("map", 1.2), ("scan", 2))
+    assert sign(o, 2.5) is True
+    assert o.due_ns() == ns(2.5) + 1
+    assert o.check(ns(2.5) + 1)[0].positive is False
+    assert o.evidence(MAP, ns(2.6)) == Evidence(ns(2), ns(1.2))
+
+
+def test_an_answer_counts_for_all_that_was_asked_before_it() -> None:
+    o = fed(observer(), ("scan", 1), ("scan", 1.2), ("map", 1.4))
+    assert sign(o, 3) is True
+    assert sign(fed(observer(), ("scan", 1), ("scan", 1.4), ("map", 1.6)), 1.6) is False
+
+
+def test_an_answer_that_nothing_was_asked_for_is_bad_if_it_was_said_to_be() -> None:
+    assert sign(fed(observer(), ("scan", 1), ("map", 1.1), ("map", 1.2)), 1.3) is True
+    assert sign(fed(observer(unasked="bad"), ("scan", 1), ("map", 1.1), ("map", 1.2)), 1.3) is False
+
+
+def test_when_nothing_is_asked_for_long_it_is_unknown() -> None:
+    o = fed(observer(lifetime_s=10), ("scan", 1), ("map", 1.1))
+    assert (sign(o, 11), sign(o, 11.1)) == (True, None)
+
+
+def test_after_a_reset_an_old_question_is_forgotten() -> None:
+    o = fed(observer(), ("scan", 1))
+    o.reset(ns(1.1))
+    assert sign(o, 5) is None
+
+
+def test_impossible_parameters_are_refused_by_name() -> None:
+    with pytest.raises(ValueError, match=r"^out_topic"):
+        MultipleObserver("a", "t", "t")
+    with pytest.raises(ValueError, match=r"^unasked"):
+        Answers(unasked="no")
+    with pytest.raises(ValueError, match=r"^within_s"):
+        Answers(within_s=0)
+
+
+@given(st.lists(st.tuples(st.booleans(), st.integers(0, 900)), max_size=40))
+def test_agrees_with_the_definition(happened: list[tuple[bool, int]]) -> None:
+    o, time_ms = observer(lifetime_s=1000), 0
+    asked: list[int] = []
+    expected: bool | None = None
+    for asks, gap_ms in happened:
+        time_ms += gap_ms
+        overdue = bool(asked) and time_ms - asked[0] > 500
+        before = o.check(time_ms * 1_000_000)
+        assert [literal.positive for literal in before] == (
+            [False] if overdue else [] if expected is None else [expected]
+        )
+        if asks:
+            asked.append(time_ms)
+        elif asked:
+            expected = time_ms - asked[0] <= 500
+            asked = []
+        o.feed("scan" if asks else "map", time_ms * 1_000_000)

@@ -1,0 +1,132 @@
+"""The property observer, and how readings become a verdict that lasts."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robomend_client.literals import Atom, fails, holds
+from robomend_client.observers import Band, Evidence, Filter, PropertyObserver, Readings, ns
+
+CPU = Atom("ok", ("CPU", "laser"))
+
+
+def observer(band: Band, **readings: float) -> PropertyObserver:
+    return PropertyObserver("ok(CPU,laser)", "cpu", band, Readings(**readings))  # type: ignore[arg-type]  # agreeing
+
+
+def signs(o: PropertyObserver, *values: float) -> list[bool | None]:
+    """Feed one value a second; return what is said after each."""
+    said = []
+    for second, value in enumerate(values):
+        o.feed("cpu", ns(second), value)
+        literals = o.check(ns(second))
+        said.append(literals[0].positive if literals else None)
+    return said
+
+
+def test_a_number_in_its_band_is_ok() -> None:
+    assert signs(observer(Band(low=0.1, high=0.3)), 0.05, 0.1, 0.2, 0.3, 0.31) == [
+        False,
+        True,
+        True,
+        True,
+        False,
+    ]
+    assert observer(Band(high=1)).atoms == (CPU,)
+
+
+def test_the_published_band_is_the_one_that_was_meant() -> None:
+    published = Band(**Band.PRESETS["published"])
+    assert (published.low, published.high) == (0.1, 0.3)
+
+
+def test_with_hysteresis_it_is_good_again_only_well_inside() -> None:
+    o = observer(Band(high=0.9, hysteresis=0.1))
+    assert signs(o, 0.85, 0.95, 0.85, 0.8, 0.85) == [True, False, False, True, True]
+
+
+def test_a_spike_is_no_fault_and_one_good_reading_no_recovery() -> None:
+    o = observer(Band(high=1), agreeing=3)
+    assert signs(o, 0, 0, 0, 2, 0, 2, 2, 2, 0, 0, 0) == [
+        None, None, True, True, True, True, True, False, False, False, True,
+    ]  # fmt: skip
+
+
+def test_a_verdict_must_last_for_the_debounce() -> None:
+    o = observer(Band(high=1), debounce_s=2)
+    assert signs(o, 0, 0, 0, 2, 2, 0, 2, 2, 2) == [None, None, True, True, True, True, True, True, False]
+
+
+def test_filters_come_first() -> None:
+    o = PropertyObserver("CPU", "cpu", Band(high=1), Readings(), Filter("median", 3))
+    assert signs(o, 0, 0, 9, 0, 9, 9) == [True, True, True, True, False, False]
+    assert o.evidence(CPU, ns(5)).since_ns == ns(3)
+
+
+def test_what_is_no_number_is_no_reading() -> None:
+    o = observer(Band(high=1))
+    assert signs(o, math.nan, 0.5, math.inf, math.nan) == [None, True, True, True]
+    with pytest.raises(TypeError, match="a number is needed, not 'hot'"):
+        o.feed("cpu", ns(9), "hot")
+
+
+def test_when_no_reading_comes_it_is_unknown() -> None:
+    o = observer(Band(high=1), lifetime_s=5)
+    signs(o, 0.5)
+    assert o.due_ns() == ns(5)
+    assert o.check(ns(4.9)) == (holds("ok", "CPU", "laser"),)
+    assert o.check(ns(5)) == ()
+
+
+def test_a_verdict_rests_on_the_readings_that_agree_and_began_after_the_last_good_one() -> None:
+    o = observer(Band(high=1), agreeing=2)
+    signs(o, 0, 0, 0, 2, 2, 2)
+    assert o.check(ns(5)) == (fails("ok", "CPU", "laser"),)
+    assert o.evidence(CPU, ns(5)) == Evidence(ns(4), ns(2))
+    assert observer(Band(high=1), debounce_s=2).detection_s == 3
+
+
+def test_a_verdict_that_is_in_doubt_rests_on_what_confirmed_it_last() -> None:
+    o = observer(Band(high=1), agreeing=2)
+    signs(o, 0, 0, 0, 2)
+    assert o.evidence(CPU, ns(3)) == Evidence(ns(1))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "named"),
+    [
+        ({}, "low"),
+        ({"low": 2.0, "high": 1.0}, "low"),
+        ({"high": 1.0, "hysteresis": -1.0}, "hysteresis"),
+        ({"low": 0.0, "high": 1.0, "hysteresis": 0.6}, "hysteresis"),
+    ],
+)
+def test_impossible_bands_are_refused_by_name(wrong: dict[str, float], named: str) -> None:
+    with pytest.raises(ValueError, match=rf"^{named} "):
+        Band(**wrong)
+
+
+@given(
+    st.lists(st.tuples(st.integers(0, 3), st.booleans()), max_size=40), st.integers(1, 4), st.integers(0, 5)
+)
+def test_verdicts_follow_their_definition(
+    readings: list[tuple[int, bool]], agreeing: int, debounce_s: int
+) -> None:
+    o = observer(Band(high=0.5), agreeing=agreeing, debounce_s=debounce_s, lifetime_s=100)
+    expected, seen, second = None, list[tuple[int, bool]](), 0
+    for gap, good in readings:
+        second += gap
+        o.feed("cpu", ns(second), 0.0 if good else 1.0)
+        seen.append((second, good))
+        streak = [
+            at for k, (at, was) in enumerate(seen) if all(w is good for _, w in seen[k:]) and was is good
+        ]
+        if len(streak) >= agreeing and second - streak[0] >= debounce_s:
+            expected = good
+        assert [literal.positive for literal in o.check(ns(second))] == (
+            [] if expected is None else [expected]
+        )

@@ -1,0 +1,286 @@
+"""Trends, and whether two of them match."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robomend_client.literals import Atom
+from robomend_client.observers import (
+    BinaryQualitativeObserver,
+    Change,
+    Driver,
+    Evidence,
+    Match,
+    QualitativeObserver,
+    Trend,
+    ns,
+)
+
+YAW = "odom:yaw"
+Signal = Callable[[float], float]
+
+
+def word(o: QualitativeObserver, now_s: float) -> str | None:
+    """Return the trend that is said; the other two are denied with it."""
+    literals = o.check(ns(now_s))
+    if not literals:
+        return None
+    (positive,) = [literal.atom.predicate for literal in literals if literal.positive]
+    assert len(literals) == 3
+    return positive
+
+
+def run(signal: Signal, until_s: float, hz: float = 20, **trend: float) -> QualitativeObserver:
+    o = QualitativeObserver("yaw", YAW, Trend(**trend))
+    for k in range(int(until_s * hz) + 1):
+        o.feed(YAW, ns(k / hz), signal(k / hz))
+    return o
+
+
+@pytest.mark.parametrize(("slope", "trend"), [(1.0, "inc"), (-1.0, "dec"), (0.04, "const"), (0.0, "const")])
+def test_a_trend_is_the_slope_against_b(slope: float, trend: str) -> None:
+    assert word(run(lambda t: 5 + slope * t, 2), 2) == trend
+
+
+def test_the_published_parameters() -> None:
+    published = Trend(**Trend.PRESETS["published"])
+    assert (published.window_s, published.slope, published.hysteresis, published.check_s) == (1.0, 5e-7, 0, 0)
+
+
+def test_a_line_needs_half_a_window_and_three_samples() -> None:
+    assert word(run(lambda t: t, 0.45), 0.45) is None
+    assert word(run(lambda t: t, 0.5), 0.5) == "inc"
+    assert word(run(lambda t: t, 9, hz=1), 9) is None
+
+
+def test_when_samples_stop_for_a_window_nothing_is_known() -> None:
+    o = run(lambda t: t, 2)
+    assert o.due_ns() == ns(3)
+    assert (word(o, 2.99), word(o, 3)) == ("inc", None)
+
+
+def test_after_a_gap_what_was_before_is_no_part_of_the_line() -> None:
+    o = run(lambda t: t, 2)
+    for k in range(20):
+        o.feed(YAW, ns(10 + k / 20), 0.0)
+        assert word(o, 10 + k / 20) in (None, "const")
+    assert word(o, 11) == "const"
+
+
+def test_a_trend_holds_on_within_the_hysteresis() -> None:
+    falling = [1.0, 0.045, 0.041, 0.039]
+    o = QualitativeObserver("yaw", YAW, Trend(slope=0.05, hysteresis=0.2))
+    value, said = 0.0, []
+    for phase, slope in enumerate(falling):
+        for k in range(40):
+            value += slope / 20
+            o.feed(YAW, ns(phase * 2 + k / 20), value)
+        said.append(word(o, phase * 2 + 1.95))
+    assert said == ["inc", "inc", "inc", "const"]
+    assert word(run(lambda t: 0.045 * t, 2, slope=0.05, hysteresis=0.2), 2) == "const"
+
+
+def test_a_new_trend_must_last_for_the_debounce() -> None:
+    o = QualitativeObserver("yaw", YAW, Trend(debounce_s=0.5))
+    turned = None
+    for k in range(200):
+        t = k / 20
+        o.feed(YAW, ns(t), t if t < 5 else 10 - t)
+        if turned is None and word(o, t) == "dec":
+            turned = t
+    plain = next(
+        k / 20 for k in range(200) if word(run(lambda t: t if t < 5 else 10 - t, k / 20), k / 20) == "dec"
+    )
+    assert turned is not None
+    assert plain + 0.45 <= turned <= plain + 0.55
+
+
+def test_an_angle_that_wraps_around_goes_on() -> None:
+    def wrapped(t: float) -> float:
+        return (t + math.pi) % math.tau - math.pi
+
+    said = set()
+    o = QualitativeObserver("yaw", YAW, Trend(wraps_at=math.tau))
+    for k in range(400):
+        o.feed(YAW, ns(k / 20), wrapped(k / 20))
+        said.add(word(o, k / 20))
+    assert said == {None, "inc"}
+    assert word(run(wrapped, 3.4), 3.4) == "dec"  # what the jump looks like otherwise
+
+
+def test_what_is_no_number_is_left_out() -> None:
+    assert word(run(lambda t: math.nan if t == 1.5 else t, 2), 2) == "inc"
+    with pytest.raises(TypeError, match="a number is needed"):
+        QualitativeObserver("yaw", YAW).feed(YAW, 0, [1])
+
+
+def test_a_trend_rests_on_its_window() -> None:
+    assert run(lambda t: t, 5).evidence(Atom("inc", ("yaw",)), ns(5)) == Evidence(ns(4.05))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "named"),
+    [
+        ({"window_s": 0.0}, "window_s"),
+        ({"slope": -1.0}, "slope"),
+        ({"hysteresis": 1.0}, "hysteresis"),
+        ({"debounce_s": -1.0}, "debounce_s"),
+        ({"wraps_at": 0.0}, "wraps_at"),
+    ],
+)
+def test_impossible_parameters_are_refused_by_name(wrong: dict[str, float], named: str) -> None:
+    with pytest.raises(ValueError, match=rf"^{named} "):
+        Trend(**wrong)
+
+
+samples = st.lists(st.tuples(st.integers(0, 400), st.floats(-10, 10)), max_size=60)
+
+
+@given(samples, st.integers(-(10**15), 10**15), st.integers(-1000, 1000))
+def test_neither_when_nor_how_high_makes_a_difference(
+    happened: list[tuple[int, float]], by_ns: int, up: int
+) -> None:
+    first, second, time_ns = QualitativeObserver("v", "v"), QualitativeObserver("v", "v"), 0
+    for gap_ms, value in happened:
+        time_ns += gap_ms * 1_000_000
+        value = round(value)
+        first.feed("v", time_ns, value)
+        second.feed("v", time_ns + by_ns, value + up)
+        assert first.check(time_ns) == second.check(time_ns + by_ns)
+
+
+@given(samples)
+def test_duplicates_at_one_time_do_not_turn_a_trend(happened: list[tuple[int, float]]) -> None:
+    """Each sample twice weighs all alike."""
+    once, twice, time_ns = QualitativeObserver("v", "v"), QualitativeObserver("v", "v"), 0
+    for k, (gap_ms, _) in enumerate(happened):
+        time_ns += (gap_ms + 1) * 1_000_000
+        once.feed("v", time_ns, k)
+        twice.feed("v", time_ns, k)
+        twice.feed("v", time_ns, k)
+    assert word(once, time_ns / 1e9) in (None, "inc")
+    assert word(twice, time_ns / 1e9) in (None, "inc")
+
+
+# --- two of them ------------------------------------------------------------------------------------------
+
+MATCHED = Atom("matched", ("a", "b"))
+
+
+def match(
+    first: Signal, second: Signal, until_s: float, hz: float = 50, **parameters: object
+) -> list[Change]:
+    """Return what changes while both values are said."""
+    o = BinaryQualitativeObserver("matched(a,b)", "a", "b", Match(**parameters))  # type: ignore[arg-type]  # several types
+    driver = Driver([o], 0)
+    changes: list[Change] = []
+    for k in range(int(until_s * hz)):
+        at_ns = ns((k + 0.5) / hz)
+        changes += driver.sample("a", at_ns, first(k / hz))
+        changes += driver.sample("b", at_ns, second(k / hz))
+    return changes
+
+
+def test_equal_trends_match() -> None:
+    (change,) = match(math.sin, lambda t: 3 + 2 * math.sin(t), 20)
+    assert str(change.value) == "matched(a,b)"
+
+
+def test_a_mismatch_is_told_after_the_threshold_and_forgotten_in_twice_the_time_at_most() -> None:
+    def broken(t: float) -> float:
+        return t if t < 10 or t > 30 else 10.0
+
+    changes = match(lambda t: t, broken, 60, threshold=5)
+    assert [str(c.value) for c in changes] == ["matched(a,b)", "not matched(a,b)", "matched(a,b)"]
+    told_s, matched_s = changes[1].time_ns / 1e9, changes[2].time_ns / 1e9
+    assert 11 < told_s < 12.5
+    assert 30 < matched_s < 33
+    assert changes[1].onset_ns is not None
+    assert 10 <= changes[1].onset_ns / 1e9 < 11
+
+
+def test_when_one_is_silent_for_a_window_the_match_is_unknown() -> None:
+    o = BinaryQualitativeObserver("matched(a,b)", "a", "b")
+    driver = Driver([o], 0)
+    changes: list[Change] = []
+    for k in range(500):
+        at_ns = ns(k / 50 + 0.01)
+        changes += driver.sample("a", at_ns, k / 50)
+        if k < 250:
+            changes += driver.sample("b", at_ns, k / 50)
+    assert [str(c.value) for c in changes] == ["matched(a,b)", "None"]
+    assert 6 <= changes[1].time_ns / 1e9 <= 6.4
+    driver.advance(ns(100))
+    assert driver.next_ns is None  # nobody says anything: nothing to tick for
+
+
+def test_a_sign_can_be_compared_with_a_trend() -> None:
+    """A commanded turning rate and the heading that results."""
+    rate: Signal = lambda t: 1.0 if int(t / 5) % 2 else -1.0  # noqa: E731  # a signal of two lines
+
+    def heading(t: float) -> float:
+        phase = t % 10
+        return -phase if phase < 5 else phase - 10
+
+    (change,) = match(rate, heading, 40, compare="sign-trend", threshold=8)
+    assert str(change.value) == "matched(a,b)"
+    assert "not matched(a,b)" in [str(c.value) for c in match(rate, heading, 40, threshold=8)]
+
+
+def test_the_first_value_can_be_derived() -> None:
+    (change,) = match(lambda t: t * t, lambda t: 2 * t, 20, derive="first")
+    assert str(change.value) == "matched(a,b)"
+    (other,) = match(lambda t: 5 * t, lambda t: 5.0, 20, derive="first")
+    assert str(other.value) == "matched(a,b)"
+
+
+def test_a_match_rests_on_its_windows_and_on_nothing_before_a_reset() -> None:
+    o = BinaryQualitativeObserver("matched(a,b)", "a", "b")
+    driver = Driver([o], 0)
+    for k in range(250):
+        driver.sample("a", ns(k / 50), k / 50)
+        driver.sample("b", ns(k / 50), k / 50)
+    (verdict,) = driver.standing()
+    assert 3.7 <= verdict.since_ns / 1e9 <= 3.9
+    o.reset(ns(5))
+    assert o.check(ns(5)) == ()
+
+
+@pytest.mark.parametrize(
+    ("wrong", "named"),
+    [
+        ({"tick_s": 0.0}, "tick_s"),
+        ({"window_s": 0.5}, "window_s"),
+        ({"second_slope": 0.0}, "second_slope"),
+        ({"compare": "trend"}, "compare"),
+        ({"derive": "second"}, "derive"),
+        ({"threshold": -1}, "threshold"),
+    ],
+)
+def test_an_impossible_match_is_refused_by_name(wrong: dict[str, object], named: str) -> None:
+    with pytest.raises(ValueError, match=rf"^{named} "):
+        Match(**wrong)  # type: ignore[arg-type]  # numbers and words in one table
+
+
+@given(
+    st.lists(st.tuples(st.booleans(), st.integers(0, 500), st.integers(-5, 5)), max_size=60),
+    st.lists(st.integers(0, 20_000), max_size=20),
+)
+def test_how_often_it_is_asked_makes_no_difference(
+    happened: list[tuple[bool, int, int]], asked_ms: list[int]
+) -> None:
+    often, seldom = (BinaryQualitativeObserver("matched(a,b)", "a", "b") for _ in range(2))
+    time_ms, asks = 0, sorted(asked_ms)
+    for first, gap_ms, value in happened:
+        time_ms += gap_ms
+        while asks and asks[0] <= time_ms:
+            often.check(asks.pop(0) * 1_000_000)
+        for o in (often, seldom):
+            o.feed("a" if first else "b", time_ms * 1_000_000, value)
+    now_ns = time_ms * 1_000_000
+    assert often.check(now_ns) == seldom.check(now_ns)

@@ -1,0 +1,342 @@
+"""A whole agent, with its observers, its bus, and a service played by a double."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import signal
+import socket
+import subprocess
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.clients.running_agent import SLEEPER, agent, config
+from tests.clients.service_double import ServiceDouble, eventually, service_double
+
+from robomend_client.agent.config import load
+from robomend_client.bus import Bus, BusGone, parse_address
+from robomend_client.observers import Driver
+from robomend_client.observers.recording import replay
+
+MANUAL = (Path(__file__).parents[2] / "docs" / "agent.md").read_text()
+
+
+@pytest.fixture
+def service() -> Iterator[ServiceDouble]:
+    with service_double() as double:
+        yield double
+
+
+def free_port() -> int:
+    """Return a port that is free now; the agent listens on it a moment later."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        return int(server.getsockname()[1])
+
+
+class Talker:
+    """Publishes topics at 10 Hz, from a thread, until it is told to be silent."""
+
+    def __init__(self, address: str) -> None:
+        self._address = address
+        self._topics: dict[str, dict[str, Any]] = {}
+        self._end = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def say(self, topic: str, **message: Any) -> None:
+        self._topics[topic] = message
+
+    def hush(self, topic: str) -> None:
+        del self._topics[topic]
+
+    def close(self) -> None:
+        self._end.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        bus: Bus | None = None
+        due = time.monotonic()
+        while not self._end.wait(max(0.0, due - time.monotonic())):
+            due = max(due + 0.1, time.monotonic() - 0.05)
+            try:
+                bus = bus or Bus(self._address)
+                for topic, message in tuple(self._topics.items()):
+                    bus.publish(topic, **message)
+            except BusGone:
+                bus = None
+
+
+@contextmanager
+def watching(
+    tmp_path: Path, service: ServiceDouble, **more: Any
+) -> Iterator[tuple[subprocess.Popen[bytes], Talker]]:
+    """Run an agent with these sections, and somebody who talks on its bus."""
+    address = f"tcp:127.0.0.1:{free_port()}"
+    file = config(tmp_path, service.url, more.pop("processes", {}), bus={"listen": address}, **more)
+    with agent(file) as process:
+        talker = Talker(address)
+        try:
+            yield process, talker
+        finally:
+            talker.close()
+
+
+def said(service: ServiceDouble, sentence: str) -> list[dict[str, Any]]:
+    """Return the batches that say so."""
+    return [batch for batch in service.batches() if sentence in batch["observations"]]
+
+
+def test_a_topic_that_falls_silent_is_told_with_its_evidence(service: ServiceDouble, tmp_path: Path) -> None:
+    with watching(tmp_path, service, topics={"scan": {}}) as (_, talker):
+        talker.say("scan")
+        eventually(lambda: service.holds().get("ok(scan)"), "ok(scan)")
+        quiet_ns = time.time_ns()
+        talker.hush("scan")
+        eventually(lambda: service.holds().get("ok(scan)") is False, "not ok(scan)")
+        # On a busy machine the talker may have been silent before it was told to.
+        first = next(batch for batch in said(service, "not ok(scan)") if batch["time"] > quiet_ns)
+        (since_ns,), (onset_ns,) = first["since"], first["onset"]
+        assert first["time"] - since_ns == 350_000_000
+        assert abs(onset_ns - quiet_ns) < 500_000_000
+        # A heartbeat says it again, with evidence that moves on; the onset stays.
+        eventually(lambda: said(service, "not ok(scan)")[-1]["since"] > [since_ns], "young evidence")
+        assert said(service, "not ok(scan)")[-1]["onset"] == [onset_ns]
+
+
+def test_values_and_fields_reach_observers_of_every_kind(service: ServiceDouble, tmp_path: Path) -> None:
+    (tmp_path / "checks.py").write_text("def cool(value: float) -> bool:\n    return value < 60\n")
+    observers = {
+        "temperature": {"kind": "property", "source": "motor:temperature", "high": 60},
+        "motor": {"kind": "checks.py:cool", "source": "motor:temperature"},
+        "x": {"kind": "qualitative", "source": "odom:pose.x", "window_s": 0.5},
+        "hokuyo": {"kind": "diagnostic", "status": ["hokuyo: *"]},
+        "host": {"kind": "property", "source": "host:Mem", "high": 1},
+        "ok(Mem,node)": {"kind": "property", "source": "processes:Mem(node)", "high": 0.9},
+    }
+    processes = {"node": {"command": SLEEPER, "start": True}}
+    with watching(tmp_path, service, observers=observers, processes=processes) as (_, talker):
+        talker.say("motor", data={"temperature": 70.0})
+        talker.say("odom", fields={"pose.x": 1})
+        talker.say("diagnostics", data=[{"name": "hokuyo: connection", "level": 2}])
+        expected = {
+            "ok(temperature)": False, "ok(motor)": False, "const(x)": True, "inc(x)": False, "ok(hokuyo)":
+            False, "ok(host)": True, "ok(Mem,node)": True, "running(node)": True,
+        }  # fmt: skip
+        eventually(lambda: expected.items() <= service.holds().items(), f"{expected}")
+
+
+def test_two_observers_of_one_atom_and_bad_news_wins(service: ServiceDouble, tmp_path: Path) -> None:
+    observers = {
+        "scan": {"kind": "general"},
+        "range": {"kind": "property", "source": "scan:range", "low": 0.1, "atom": "ok(scan)"},
+    }
+    with watching(tmp_path, service, observers=observers) as (_, talker):
+        talker.say("scan", data={"range": 1.0})
+        eventually(lambda: service.holds().get("ok(scan)"), "ok(scan)")
+        talker.say("scan", data={"range": 0.0})
+        eventually(lambda: service.holds().get("ok(scan)") is False, "not ok(scan)")
+
+
+def test_what_nobody_can_see_any_more_is_told_to_be_unknown(service: ServiceDouble, tmp_path: Path) -> None:
+    observers = {"t": {"kind": "property", "source": "motor:t", "high": 60, "lifetime_s": 0.3}}
+    with watching(tmp_path, service, observers=observers) as (_, talker):
+        talker.say("motor", data={"t": 1})
+        eventually(lambda: service.holds().get("ok(t)"), "ok(t)")
+        talker.hush("motor")
+        eventually(lambda: any("ok(t)" in batch.get("unknown", ()) for batch in service.batches()), "unknown")
+
+
+def test_an_observer_that_raises_is_unknown_and_the_others_go_on(
+    service: ServiceDouble, tmp_path: Path
+) -> None:
+    (tmp_path / "bad.py").write_text("def bad(value: float) -> bool:\n    return 1 / (value - 1) > 0\n")
+    observers = {"bad": {"kind": "bad.py:bad", "source": "motor:t"}}
+    with watching(tmp_path, service, observers=observers, topics={"motor": {}}) as (_, talker):
+        talker.say("motor", data={"t": 2})
+        eventually(lambda: service.holds().get("ok(bad)"), "ok(bad)")
+        talker.say("motor", data={"t": 1})
+        eventually(lambda: any("ok(bad)" in b.get("unknown", ()) for b in service.batches()), "unknown")
+        eventually(lambda: service.holds().get("ok(motor)"), "ok(motor)")
+        talker.say("motor", data={"t": 2})
+        eventually(
+            lambda: said(service, "ok(bad)")[-1]["time"] > said(service, "ok(bad)")[0]["time"], "again"
+        )
+    log = (tmp_path / "agent.log").read_text()
+    assert len(re.findall(r"failed: ZeroDivisionError.*bad\.py:2", log)) == 1
+
+
+def test_the_poll_says_what_the_agent_can_do_and_what_it_sees(service: ServiceDouble, tmp_path: Path) -> None:
+    actions = {"home": {"kind": "process", "command": ["true"]}}
+    processes = {"laser": {"command": SLEEPER}}
+    with watching(tmp_path, service, topics={"scan": {}}, processes=processes, actions=actions):
+        eventually(lambda: service.polls, "a poll")
+        poll = service.polls[0]
+        assert poll["can"] == ["start_node:laser", "stop_node:laser", "home"]
+        assert {entry["atom"]: entry["detection_s"] for entry in poll["observes"]} == {
+            "ok(scan)": 0.4,
+            "running(laser)": 0.1,
+        }
+        assert poll["settled"] is None
+        assert service.do("r:1", "home")["code"] == 0
+
+
+def test_observers_judge_anew_when_the_service_wants_them_to(service: ServiceDouble, tmp_path: Path) -> None:
+    processes = {"laser": {"command": SLEEPER, "start": True}}
+    with watching(tmp_path, service, topics={"scan": {}, "odom": {}}, processes=processes) as (_, talker):
+        talker.say("scan")
+        talker.say("odom")
+        eventually(lambda: {"ok(scan)", "ok(odom)", "running(laser)"} <= service.holds().keys(), "all")
+        asked_ns = time.time_ns()
+        service.settle = {"n": 7, "atoms": ["ok(scan)", "running(laser)", "ok(elsewhere)"]}
+        eventually(lambda: service.polls[-1].get("settled") == 7, "a poll that says that it was heard")
+
+        def answered() -> dict[str, int]:
+            answers = [batch for batch in service.batches() if batch.get("settled") == 7]
+            return {
+                sentence: since_ns
+                for batch in answers
+                for sentence, since_ns in zip(batch["observations"], batch["since"], strict=True)
+            }
+
+        eventually(lambda: answered().keys() == {"ok(scan)", "running(laser)"}, "both, with the number")
+        assert all(since_ns >= asked_ns for since_ns in answered().values())
+
+
+def test_an_agent_that_stood_still_takes_nothing_for_silence(service: ServiceDouble, tmp_path: Path) -> None:
+    with watching(tmp_path, service, topics={"scan": {}}) as (process, talker):
+        talker.say("scan")
+        eventually(lambda: service.holds().get("ok(scan)"), "ok(scan)")
+        talking_ns = said(service, "ok(scan)")[0]["time"]
+        process.send_signal(signal.SIGSTOP)
+        time.sleep(1.0)  # three times the silence that counts; the topic goes on
+        process.send_signal(signal.SIGCONT)
+        on_ns = time.time_ns()
+        eventually(
+            lambda: said(service, "ok(scan)")[-1].get("since", [0])[0] > on_ns, "evidence from after it"
+        )
+        assert [b["time"] for b in said(service, "not ok(scan)") if b["time"] > talking_ns] == []
+
+
+def test_a_live_run_and_the_replay_of_its_recording_say_the_same_at_the_same_times(
+    service: ServiceDouble, tmp_path: Path
+) -> None:
+    sections: dict[str, Any] = {
+        "topics": {"scan": {}, "odom": {}},
+        "observers": {"x": {"kind": "qualitative", "source": "odom:x"}},
+        "processes": {"laser": {"command": SLEEPER, "start": True}},
+        "recording": {"file": str(tmp_path / "run.jsonl"), "mb": 1},
+    }
+    with watching(tmp_path, service, **sections) as (process, talker):
+        talker.say("scan")
+        talker.say("odom", data={"x": 1})
+        eventually(lambda: {"ok(scan)", "const(x)", "running(laser)"} <= service.holds().keys(), "all")
+        talker.hush("scan")
+        eventually(lambda: service.holds()["ok(scan)"] is False, "not ok(scan)")
+        service.settle = {"n": 3, "atoms": ["ok(odom)"]}
+        eventually(lambda: any(batch.get("settled") == 3 for batch in service.batches()), "settled")
+        process.send_signal(signal.SIGSTOP)
+        time.sleep(0.5)  # so long nobody looks: a lapse in the recording
+        process.send_signal(signal.SIGCONT)
+        service.do("r:1", "stop_node", "laser")
+        eventually(lambda: service.holds()["running(laser)"] is False, "not running(laser)")
+    specs = load(tmp_path / "agent.yaml").observers
+    with (tmp_path / "run.jsonl").open() as lines:
+        changes = list(replay(lines, lambda start_ns: Driver([spec.make() for spec in specs], start_ns)))
+    replayed = {(c.time_ns, str(c.value or c.atom), c.since_ns, c.onset_ns, c.settled) for c in changes}
+    live = set()
+    for batch in service.batches():
+        rows = zip(
+            batch["observations"], batch.get("since", ()), batch.get("onset") or [None] * 99, strict=False
+        )
+        live |= {
+            (batch["time"], sentence, since, onset, batch.get("settled")) for sentence, since, onset in rows
+        }
+        live |= {(batch["time"], atom, None, None, batch.get("settled")) for atom in batch.get("unknown", ())}
+    assert replayed <= live  # what is live beside it are heartbeats
+    assert {sentence for _, sentence, *_ in replayed} >= {"not ok(scan)", "const(x)", "not running(laser)"}
+
+
+def test_what_a_process_prints_is_kept_in_a_file_with_a_bound(service: ServiceDouble, tmp_path: Path) -> None:
+    chatty = "while True: print('x' * 99)"
+    processes = {
+        "chatty": {"command": ["python3", "-c", chatty], "start": True, "log_mb": 0.01},
+        "quiet": {"command": SLEEPER, "start": True, "log_mb": 0},
+    }
+    logs = tmp_path / "state" / "logs"
+    with watching(tmp_path, service, processes=processes):
+        eventually(lambda: (logs / "chatty.log.1").exists(), "a second file")
+        eventually(lambda: {file.name for file in logs.iterdir()} == {"chatty.log", "chatty.log.1"}, "both")
+    assert sum(file.stat().st_size for file in logs.iterdir()) <= 10486
+
+
+@pytest.mark.parametrize("ends", ["stop", "keep"])
+def test_the_output_of_each_start_is_kept(service: ServiceDouble, tmp_path: Path, ends: str) -> None:
+    hello = "import os, time; print('hello from', os.getpid(), flush=True); time.sleep(1000)"
+    processes = {"node": {"command": ["python3", "-c", hello], "start": True, "ready": {"output": "hello"}}}
+    log = tmp_path / "state" / "logs" / "node.log"
+    with watching(tmp_path, service, processes=processes, when_agent_ends=ends):
+        eventually(lambda: service.holds().get("running(node)"), "the evidence in its output")
+        assert service.do("r:1", "stop_node", "node")["code"] == 0
+        assert service.do("r:2", "start_node", "node")["code"] == 0
+        text = log.read_text()
+        assert (text.count("--- started by robomend-agent"), text.count("hello from")) == (2, 2)
+        assert service.do("r:3", "stop_node", "node")["code"] == 0
+
+
+# --- from any language ------------------------------------------------------------------------------------
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"```{language}\n(.*?)```", MANUAL, re.DOTALL)
+
+
+@pytest.mark.parametrize("language", ["bash", "c"])
+def test_any_language_can_publish_in_ten_lines(service: ServiceDouble, tmp_path: Path, language: str) -> None:
+    (code,) = blocks(language)
+    assert len(code.splitlines()) <= 11
+    port = free_port()
+    code = code.replace("7411", str(port))
+    if language == "bash":
+        command = ["bash", "-c", code]
+    else:
+        compiler = shutil.which("cc")
+        if compiler is None:
+            pytest.skip("no C compiler here")
+        (tmp_path / "talk.c").write_text(code)
+        subprocess.run([compiler, "-o", str(tmp_path / "talk"), str(tmp_path / "talk.c")], check=True)
+        command = [str(tmp_path / "talk")]
+    file = config(tmp_path, service.url, {}, bus={"listen": f"tcp:127.0.0.1:{port}"}, topics={"scan": {}})
+    with agent(file):
+        eventually(lambda: service.polls, "an agent")
+        talker = subprocess.Popen(command)
+        try:
+            eventually(lambda: service.holds().get("ok(scan)"), "ok(scan)")
+        finally:
+            talker.kill()
+            talker.wait()
+
+
+def test_the_lines_of_the_manual_are_lines_of_the_bus(service: ServiceDouble, tmp_path: Path) -> None:
+    lines = re.findall(r"^    (\{\"(?:topic|subscribe)\".*?\})(?:  |$)", MANUAL, re.MULTILINE)
+    assert len(lines) == 4
+    observers = {
+        "x": {"kind": "property", "source": "odom:x", "high": 1},
+        "z": {"kind": "property", "source": "odom:twist.twist.angular.z", "high": 1},
+    }
+    with watching(tmp_path, service, observers=observers) as (_, talker):
+        eventually(lambda: service.polls, "an agent")
+        where = parse_address(talker._address)
+        assert isinstance(where, tuple)
+        with socket.create_connection(where) as connection:
+            for line in lines:
+                now = re.sub(r"\"time\": \d+", f'"time": {time.time_ns()}', line)
+                connection.sendall(json.dumps(json.loads(now)).encode() + b"\n")
+            eventually(lambda: {"ok(x)", "ok(z)"} <= service.holds().keys(), "both fields")
+            talker.say("scan", data=1)
+            assert json.loads(connection.recv(4096).split(b"\n")[0])["topic"] == "scan"

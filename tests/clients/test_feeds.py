@@ -1,0 +1,144 @@
+"""Where samples come from: topics and their fields, the agent's own knowledge, feeds that are installed
+apart.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from tests.clients.service_double import eventually
+
+from robomend_client.agent.config import load
+from robomend_client.agent.feeds import FEEDS, MissingExtra, Samples, field_of
+from robomend_client.agent.main import main
+from robomend_client.agent.usage import Usage
+from robomend_client.yaml_reader import ConfigError
+
+TWIST = {"twist": {"angular": {"z": 0.5}}, "ranges": [1.0, 2.0]}
+
+
+def test_a_dotted_path_leads_into_mappings_and_lists() -> None:
+    assert field_of(TWIST, "twist.angular.z") == 0.5
+    assert field_of(TWIST, "ranges.1") == 2.0
+
+
+@pytest.mark.parametrize("path", ["twist.linear", "ranges.2", "ranges.x", "twist.angular.z.more", ""])
+def test_a_field_that_is_not_there_is_named(path: str) -> None:
+    with pytest.raises(LookupError, match=f"no field {path}: "):
+        field_of(TWIST, path)
+
+
+def test_each_observer_gets_what_it_wants_of_a_message() -> None:
+    got: list[tuple[str, object, int | None]] = []
+    missing: list[tuple[str, str]] = []
+    sources = frozenset({"odom", "odom:twist.angular.z", "odom:pose.x", "/scan"})
+    samples = Samples(sources, lambda *sample: got.append(sample), lambda *what: missing.append(what))
+    assert set(samples.topics) == {"odom", "scan"}
+    samples.message("/odom", TWIST, 7)
+    samples.message("scan")
+    samples.message("other", 1)
+    assert got == [("odom", TWIST, 7), ("odom:twist.angular.z", 0.5, 7), ("/scan", None, None)]
+    assert [source for source, _ in missing] == ["odom:pose.x"]
+
+
+def test_fields_that_were_taken_out_need_no_message() -> None:
+    got: list[object] = []
+    samples = Samples(frozenset({"odom:pose.x"}), lambda *sample: got.append(sample), lambda *what: None)
+    samples.message("odom", None, 7, {"pose.x": 1.5})
+    assert got == [("odom:pose.x", 1.5, 7)]
+
+
+# --- what the agent knows itself --------------------------------------------------------------------------
+
+
+def test_usage_is_measured_for_a_node_with_all_that_it_started_and_for_the_host() -> None:
+    busy = "import subprocess, sys; subprocess.run([sys.executable, '-c', 'while True: pass'])"
+    node = subprocess.Popen([sys.executable, "-c", busy], start_new_session=True)
+    try:
+        sources = ["processes:CPU(n)", "processes:Mem(n)", "host:CPU", "host:Mem"]
+        usage = Usage(sources, ["n"])
+        usage.measure({"n": node.pid})
+        found: dict[str, float] = {}
+
+        def worked() -> bool:
+            found.update(usage.measure({"n": node.pid}))
+            return found.get("processes:CPU(n)", 0.0) > 0.1
+
+        eventually(worked, "work of the child of the node")
+        assert set(found) == set(sources)
+        assert 0 < found["processes:Mem(n)"] < 1
+        assert 0 < found["host:Mem"] < 1
+        assert 0 < found["host:CPU"] <= 1.01
+    finally:
+        os.killpg(node.pid, signal.SIGKILL)
+        node.wait()
+    assert set(usage.measure({"n": node.pid})) == {"host:CPU", "host:Mem"}
+    assert set(usage.measure({})) == {"host:CPU", "host:Mem"}
+
+
+@pytest.mark.parametrize("source", ["processes:CPU", "host:CPU(n)", "host:Disk", "processes:CPU(other)"])
+def test_what_cannot_be_measured_is_refused(source: str) -> None:
+    with pytest.raises(ValueError, match=r"is no source|no process other"):
+        Usage([source], ["n"])
+
+
+# --- feeds ------------------------------------------------------------------------------------------------
+
+
+def written(tmp_path: Path, observers: str, more: str = "") -> Path:
+    file = tmp_path / "agent.yaml"
+    file.write_text(f"robot: r\nservice: {{url: 'http://127.0.0.1:1'}}\nobservers:\n{observers}\n{more}\n")
+    return file
+
+
+def test_a_feed_that_is_installed_apart_ends_with_3_and_the_command(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    if "ros1" in FEEDS.names():
+        pytest.skip("the bridge for ROS 1 is installed")
+    file = written(tmp_path, "  scan: {kind: general, from: ros1}")
+    with pytest.raises(MissingExtra):
+        load(file)
+    assert main([str(file)]) == 3
+    assert "pip install 'robomend-client[ros1]'" in capsys.readouterr().err
+
+
+def test_an_unknown_origin_is_refused_with_its_line(tmp_path: Path) -> None:
+    with pytest.raises(
+        ConfigError, match=r"agent.yaml:4: observers.scan.from: no origin of samples is named"
+    ):
+        load(written(tmp_path, "  scan: {kind: general, from: tin_can}"))
+
+
+def test_one_source_from_two_origins_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(FEEDS.built_in, "tin_can", "tests.clients.tin_can:TinCan")
+    observers = "  a: {kind: general, topic: scan}\n  b: {kind: general, topic: scan, from: tin_can}"
+    with pytest.raises(ConfigError, match=r"observers.b.from: scan comes from bus for another observer"):
+        load(written(tmp_path, observers, "tin_can: {string_m: 5}"))
+
+
+def test_a_feed_reads_its_own_section_and_hears_what_is_wanted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(FEEDS.built_in, "tin_can", "tests.clients.tin_can:TinCan")
+    observers = "  a: {kind: general, from: tin_can}\n  p: {kind: property, source: 'host:Mem', high: 1}"
+    (feed,) = load(written(tmp_path, observers, "tin_can: {string_m: 5}")).feeds
+    assert (feed.string_m, feed.sources) == (5, {"a"})  # type: ignore[attr-defined]  # TinCan's
+    with pytest.raises(ConfigError, match=r"tin_can.string: is no key here; did you mean string_m"):
+        load(written(tmp_path, observers, "tin_can: {string: 5}"))
+
+
+@pytest.mark.parametrize(
+    ("source", "complaint"),
+    [("processes:CPU(laser)", "the agent has no process laser"), ("host:Disk", "host:Disk is no source")],
+)
+def test_what_the_agent_does_not_know_is_refused_with_its_line(
+    tmp_path: Path, source: str, complaint: str
+) -> None:
+    with pytest.raises(ConfigError, match=rf"agent.yaml:4: observers.a.source: .*{complaint}"):
+        load(written(tmp_path, f"  a: {{kind: property, source: '{source}', high: 1}}"))

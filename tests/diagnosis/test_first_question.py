@@ -1,0 +1,93 @@
+"""A circuit's first question, if it asks for one diagnosis, is answered before its structure is found."""
+
+from __future__ import annotations
+
+import random
+from time import perf_counter
+
+import pytest
+
+from robomend.diagnosis import sat
+from robomend.diagnosis.oracle import Deadline, OutOfTime
+from robomend.diagnosis.result import Options
+from robomend.diagnosis.sat import SatEngine
+from robomend.model.loading import load_text
+from robomend_bench.circuit_faults import observe_faulty, read_circuit
+from robomend_bench.suite import DATA
+from robomend_client.literals import fails, holds
+
+TEXT = (DATA / "iscas85" / "c432.bench").read_text()
+CNF = load_text(TEXT, name="c432", format="bench").cnf
+FIRST = Options(minimal="cardinality", limit=1, timeout_s=None)
+SEEN = [observe_faulty(read_circuit(TEXT), 4, random.Random(seed)) for seed in range(6)]
+
+
+def least(engine: SatEngine, number: int) -> int:
+    result = engine.diagnose(SEEN[number], FIRST)
+    assert result.conflicts
+    return len(result.diagnoses[0].bad)
+
+
+def with_structure(engine: SatEngine) -> bool:
+    return "_by_structure" in vars(engine)
+
+
+def test_the_structure_is_found_at_the_second_question() -> None:
+    engine = SatEngine(CNF)
+    sizes = [least(engine, 0)]
+    assert not with_structure(engine)
+    sizes += [least(engine, 0)]
+    assert with_structure(engine)
+    assert sizes[0] == sizes[1]
+
+
+def test_all_diagnoses_are_searched_by_structure_at_once() -> None:
+    for options in (Options(), Options(minimal="cardinality"), Options(minimal="cardinality", factored=True)):
+        engine = SatEngine(CNF)
+        engine.diagnose(SEEN[0], options)
+        assert with_structure(engine)
+
+
+def test_a_first_question_that_takes_longer_goes_on_with_the_structure(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(sat, "STRUCTURE_S", 0.0)
+    for number in range(len(SEEN)):
+        engine, other = SatEngine(CNF), SatEngine(CNF)
+        first = least(engine, number)
+        assert with_structure(engine)
+        assert least(other, number) == least(other, number) == first
+
+
+def test_the_time_out_of_the_first_question_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sat, "STRUCTURE_S", 1e6)
+    result = SatEngine(CNF).diagnose(SEEN[0], Options(minimal="cardinality", limit=1, timeout_s=0.0))
+    assert (result.diagnoses, result.stopped_by) == ((), "time")
+
+
+def test_a_time_out_while_the_structure_is_looked_for_is_kept_and_spoils_nothing() -> None:
+    text = "INPUT(n0)\nOUTPUT(n600)\n" + "".join(f"n{i} = NOT(n{i - 1})\n" for i in range(1, 601))
+    cnf = load_text(text, format="bench").cnf
+    engine = SatEngine(cnf)
+    seen = [holds("v", "n0"), fails("v", "n600")]
+    hurried = engine.diagnose(seen, Options(timeout_s=0.0))
+    assert (hurried.diagnoses, hurried.stopped_by) == ((), "time")
+    assert not with_structure(engine)
+    assert engine.diagnose(seen, Options(timeout_s=None, limit=None)).count == 600
+
+
+def test_a_part_of_the_time_ends_before_the_deadline_or_with_it() -> None:
+    clock = Deadline()
+    clock.start(1000.0)
+    whole = clock.deadline
+    with clock.at_most(2000.0):
+        assert clock.deadline == whole
+    with pytest.raises(OutOfTime), clock.at_most(0.0):
+        clock.check()
+    assert clock.deadline == whole
+    clock.check()
+    clock.start(None)
+    with clock.at_most(1000.0):
+        assert clock.deadline is not None
+        assert clock.deadline > perf_counter()
+    assert clock.deadline is None

@@ -1,0 +1,213 @@
+"""The library over fixed sensors says of each row what an engine says of it."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tests.diagnosis.systems import ATOMS, systems
+
+from robomend.diagnosis.engines import make_engine
+from robomend.diagnosis.library import Library
+from robomend.diagnosis.result import DiagnosisResult, Minimal, Options
+from robomend.errors import ContradictoryModel, OptionRefused
+from robomend.model.cnf import HealthCnf
+from robomend.model.loading import load_model, load_text
+from robomend.resources import resource
+from robomend_bench.odd_models import random_triples
+from robomend_client.literals import Atom, Literal, fails, holds
+
+ROOT = Path(__file__).parents[2]
+TEDUSAR = load_model(resource("examples", "tedusar.yaml")).cnf
+MANIPULATOR = load_model(resource("examples", "mobile_manipulator.yaml")).cnf
+PLAIN = Options(conflicts=False, timeout_s=None)
+
+options = st.builds(
+    Options,
+    minimal=st.sampled_from(["subset", "cardinality"]),
+    max_size=st.sampled_from([None, 0, 1, 2]),
+    limit=st.sampled_from([None, 1, 2, 100]),
+    timeout_s=st.none(),
+    conflicts=st.just(False),
+)
+
+
+def by_engine(cnf: HealthCnf, row: list[Literal], asked: Options) -> DiagnosisResult | ContradictoryModel:
+    engine = make_engine("sat", cnf)
+    try:
+        return engine.diagnose(row, asked)
+    except ContradictoryModel as contradiction:
+        return contradiction
+    finally:
+        engine.close()
+
+
+def agree(library: Library, rows: list[list[Literal]], asked: Options) -> None:
+    """Ask for all rows at once, and an engine for each."""
+    answers = library.diagnose(np.concatenate([library.code(row) for row in rows]))
+    assert len(answers) == len(rows)
+    for number, row in enumerate(rows):
+        found, expected = answers[number], by_engine(library.cnf, row, asked)
+        if isinstance(expected, ContradictoryModel) or isinstance(found, ContradictoryModel):
+            assert type(found) is type(expected)
+            continue
+        if asked.limit != 1:  # then it may be known by chance that there is no other
+            assert (found.complete, found.stopped_by) == (expected.complete, expected.stopped_by)
+            assert found.count == expected.count
+        sizes = [[len(diagnosis.bad) for diagnosis in one.diagnoses] for one in (found, expected)]
+        assert sizes[0] == sizes[1]
+        if expected.complete and found.complete:
+            assert found.diagnoses == expected.diagnoses
+
+
+@st.composite
+def rows_of(draw: st.DrawFn, atoms: tuple[Atom, ...]) -> list[list[Literal]]:
+    """Draw some rows in which each atom was seen to hold, to fail, or not at all."""
+    state = st.sampled_from([True, False, None])
+    rows = draw(st.lists(st.tuples(*[state] * len(atoms)), min_size=1, max_size=5))
+    return [
+        [Literal(atom, seen) for atom, seen in zip(atoms, row, strict=True) if seen is not None]
+        for row in rows
+    ]
+
+
+def result(library: Library, *row: Literal) -> DiagnosisResult:
+    """Return the answer of one row that does not contradict the model."""
+    answer = library.diagnose(library.code(row))[0]
+    assert isinstance(answer, DiagnosisResult)
+    return answer
+
+
+@settings(deadline=None, max_examples=150)
+@given(systems(), options, st.data())
+def test_random_systems_are_answered_as_by_an_engine(
+    drawn: tuple[HealthCnf, object], asked: Options, data: st.DataObject
+) -> None:
+    cnf, _ = drawn
+    library = Library(cnf, cnf.atoms[:ATOMS], asked)
+    agree(library, data.draw(rows_of(library.sensors)), asked)
+    library.close()
+
+
+@settings(deadline=None, max_examples=60)
+@given(systems(weak=True), st.sampled_from(["subset", "cardinality"]), st.data())
+def test_horn_systems_are_answered_without_a_solver(
+    drawn: tuple[HealthCnf, object], minimal: Minimal, data: st.DataObject
+) -> None:
+    cnf, _ = drawn
+    horn = [index for index, clause in enumerate(cnf.clauses) if sum(literal > 0 for literal in clause) < 2]
+    cnf = replace(
+        cnf,
+        clauses=tuple(cnf.clauses[index] for index in horn),
+        origins=tuple(cnf.origins[index] for index in horn),
+    )
+    asked = replace(PLAIN, minimal=minimal, limit=None)
+    library = Library(cnf, cnf.atoms[:ATOMS], asked)
+    assert library.whole
+    agree(library, data.draw(rows_of(library.sensors)), asked)
+
+
+@pytest.mark.parametrize("cnf", [TEDUSAR, MANIPULATOR], ids=["tedusar", "manipulator"])
+@settings(deadline=None, max_examples=40)
+@given(data=st.data(), asked=options)
+def test_robots_are_answered_as_by_an_engine(cnf: HealthCnf, data: st.DataObject, asked: Options) -> None:
+    library = Library(cnf, cnf.atoms, asked)
+    assert library.whole is not bool(cnf.modes)
+    agree(library, data.draw(rows_of(cnf.atoms)), asked)
+
+
+def test_what_was_found_before_is_found_again_in_another_order() -> None:
+    asked = replace(PLAIN, limit=3)
+    library = Library(TEDUSAR, TEDUSAR.atoms, asked)
+    rows = [[fails("ok", "scan")], [fails("ok", "scan"), fails("ok", "odom")], [fails("ok", "odom")]]
+    agree(library, rows, asked)
+    agree(library, rows[::-1], asked)
+    assert library.diagnose(library.code(rows[0]))[0] is library.diagnose(library.code(rows[0]))[0]
+
+
+def test_rows_that_say_the_same_share_their_answer() -> None:
+    library = Library(TEDUSAR, TEDUSAR.atoms, PLAIN)
+    quiet, scan = [holds("ok", "odom")], [fails("ok", "scan")]
+    answers = library.diagnose(np.concatenate([library.code(row) for row in (scan, quiet, scan)]))
+    assert answers[0] is answers[2]
+    assert len(answers.distinct) == 2
+    assert result(library, *quiet).healthy
+
+
+def test_priors_give_probabilities() -> None:
+    likely = {"hokuyo_node": 0.04, "hokuyo": 0.01}
+    library = Library(
+        replace(TEDUSAR, priors=dict.fromkeys(TEDUSAR.components, 0.02) | likely), TEDUSAR.atoms, PLAIN
+    )
+    found = result(library, fails("ok", "scan"))
+    assert [diagnosis.probability for diagnosis in found.diagnoses] == pytest.approx(
+        [0.01 / 0.05, 0.04 / 0.05], rel=0.1
+    )
+
+
+@pytest.mark.parametrize("name", ["scan", "a topic that no rule mentions"])
+def test_a_sensor_that_shows_both_is_a_contradiction(name: str) -> None:
+    both = holds("ok", name), fails("ok", name)
+    library = Library(TEDUSAR, [both[0].atom, Atom("ok", ("odom",))], PLAIN)
+    answer = library.diagnose(library.code([*both, fails("ok", "odom")]))[0]
+    assert isinstance(answer, ContradictoryModel)
+    assert answer.literals == tuple(map(str, both))
+
+
+def test_more_sensors_than_a_word_has_room_for() -> None:
+    count = 70
+    robot = "robomend: 1\nnodes:\n" + "".join(f"  n{i}: {{publishes: [t{i}]}}\n" for i in range(count))
+    cnf = load_text(robot).cnf
+    sensors = tuple(Atom("ok", (f"t{i}",)) for i in range(count))
+    library = Library(cnf, sensors, PLAIN)
+    assert library.code([]).shape == (1, 3)
+    rows = [[fails("ok", f"t{i}"), fails("ok", "t3")] for i in (0, 31, 32, 69)]
+    agree(library, rows, PLAIN)
+    assert library.literals(library.code(rows[3])[0].tolist()) == [fails("ok", "t3"), fails("ok", "t69")]
+
+
+def test_a_bound_on_time_is_an_answer_and_spoils_no_other() -> None:
+    cnf, seen = random_triples(200)
+    sensors = tuple(literal.atom for literal in seen)
+    library = Library(cnf, sensors, replace(PLAIN, timeout_s=0.01))
+    assert library.whole
+    found = result(library, *seen)
+    assert (found.complete, found.stopped_by) == (False, "time")
+    assert result(library, seen[0]).complete
+
+
+def test_circuits_are_answered_by_the_engine() -> None:
+    cnf = load_text("INPUT(a)\nOUTPUT(c)\nb = NOT(a)\nc = NOT(b)\n", format="bench").cnf
+    library = Library(cnf, cnf.atoms, PLAIN)
+    assert not library.whole
+    seen = [holds("v", "a"), fails("v", "c")]
+    agree(library, [seen, [holds("v", "a")], seen], PLAIN)
+    library.close()
+
+
+def test_what_a_library_cannot_do_is_refused() -> None:
+    for asked in (
+        Options(),
+        replace(PLAIN, order="probability"),
+        replace(PLAIN, healthy=frozenset(["jaguar"])),
+    ):
+        with pytest.raises(OptionRefused, match="a library tells no conflicts"):
+            Library(TEDUSAR, TEDUSAR.atoms, asked)
+    with pytest.raises(OptionRefused, match="named twice"):
+        Library(TEDUSAR, TEDUSAR.atoms[:1] * 2, PLAIN)
+
+
+def test_the_example_of_the_docs_says_what_it_says(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page = (ROOT / "docs" / "diagnosis.md").read_text()
+    section = page[page.index("## Many rows of the same sensors") :]
+    code, told = re.findall(r"^```(?:python)?\n(.*?)^```", section, re.MULTILINE | re.DOTALL)[:2]
+    monkeypatch.chdir(ROOT)
+    exec(compile(code, "docs/diagnosis.md", "exec"), {})
+    assert capsys.readouterr().out == told

@@ -1,0 +1,43 @@
+"""What an act may change: along the model's arrows, in circles too, and by the user's rules."""
+
+from __future__ import annotations
+
+from robomend.model.loading import load_text
+from robomend.planning.influence import influenced, touched
+from robomend.planning.prediction import theory_of
+from robomend_client.literals import Atom
+
+MODEL = """
+robomend: 1
+name: arrows
+hardware:
+  supply: {channel: 1}
+  lidar: {channel: 2, fed_by: [supply]}
+  arm: {channel: 3}
+nodes:
+  driver: {drives: [lidar], publishes: {scan: []}}
+  slam: {publishes: {map: [scan, pose]}}
+  localizer: {publishes: {pose: [map]}}
+  arm_driver: {drives: [arm], publishes: {joints: []}}
+properties: [cpu]
+rules:
+  - not ab(slam) -> ok(cpu,slam)
+"""
+
+
+def test_what_rests_on_a_component_is_touched_circles_included() -> None:
+    parts = load_text(MODEL).parts
+    assert parts is not None
+    assert touched(parts, ["driver"]) == {"driver", "scan", "map", "pose"}
+    assert touched(parts, ["supply"]) == {"supply", "lidar", "scan", "map", "pose"}
+    assert touched(parts, ["localizer"]) == {"localizer", "pose", "map"}
+    assert touched(parts, ["arm_driver"]) == {"arm_driver", "joints"}
+
+
+def test_only_what_somebody_observes_counts_and_rules_are_followed() -> None:
+    system = load_text(MODEL)
+    assert system.parts is not None
+    known = [Atom("ok", (t,)) for t in ("scan", "map", "joints")]
+    known += [Atom("running", ("slam",)), Atom("running", ("driver",)), Atom("ok", ("cpu", "slam"))]
+    found = influenced(system.parts, theory_of(system.cnf), {"slam"}, known)
+    assert {str(atom) for atom in found} == {"ok(map)", "running(slam)", "ok(cpu,slam)"}

@@ -1,0 +1,105 @@
+"""What nothing may switch off or stop: the protected components, and what they cannot do without."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from tests.planning.robots import texts
+
+from robomend.model.components import ComponentModel, Hardware, Node
+from robomend.planning.planning import PlanOptions, plan_for
+from robomend.planning.protection import marked, protected_channels, protection
+
+ARM = ComponentModel(
+    "arm",
+    {
+        "rail": Hardware("rail", 1),
+        "hub": Hardware("hub", fed_by=("rail",)),
+        "arm": Hardware("arm", 3, fed_by=("hub",)),
+        "lamp": Hardware("lamp", 4, fed_by=("hub",)),
+    },
+    {
+        "planner": Node("planner", publishes={"path": ()}),
+        "moveit": Node("moveit", publishes={"plan": ("path",)}, tied_to=("planner",)),
+        "traj_ctl": Node("traj_ctl", publishes={"cmd": ("plan",)}, tied_to=("moveit",)),
+        "view": Node("view", publishes={"img": ("cmd",)}, tied_to=("traj_ctl",)),
+    },
+    {},
+    protected_channels=(0,),
+)
+
+
+def test_feeders_are_protected_with_what_they_feed_through_hubs_without_channel() -> None:
+    assert protection(ARM, ["arm"]) == {
+        "arm": "arm is protected",
+        "hub": "arm, which it feeds, is protected",
+        "rail": "arm, which it feeds, is protected",
+    }
+
+
+def test_a_node_that_a_protected_one_must_follow_is_protected_too_and_its_followers_are_not() -> None:
+    assert protection(ARM, ["traj_ctl"]) == {
+        "traj_ctl": "traj_ctl is protected",
+        "moveit": "traj_ctl, tied to it, is protected",
+        "planner": "traj_ctl, tied to it, is protected",
+    }
+
+
+def test_a_protected_channel_protects_its_device_and_what_feeds_it() -> None:
+    assert marked(ARM, [4]) == {"lamp"}
+    assert set(protection(ARM, marked(ARM, [4]))) == {"lamp", "hub", "rail"}
+
+
+def test_the_channels_are_those_of_protected_devices_and_those_that_are_named() -> None:
+    assert protected_channels(ARM, protection(ARM, ["arm"]), [7]) == {
+        0: "nothing switches it off",
+        1: "arm, which it feeds, is protected",
+        3: "arm is protected",
+        7: "nothing switches it off",
+    }
+
+
+def test_no_plan_restarts_a_node_that_a_protected_one_is_tied_to(planner: str) -> None:
+    options = PlanOptions(planner=planner)
+    restarts = ["stop_node(moveit)", "start_node(moveit)", "stop_node(traj_ctl)", "start_node(traj_ctl)"]
+    assert texts(plan_for(ARM, [], ["moveit"], options))[: len(restarts)] == restarts
+    safe = plan_for(ARM, [], ["moveit"], PlanOptions(planner=planner, protected=("traj_ctl",)))
+    assert texts(safe) == []
+    assert "stop_node(moveit) is refused: traj_ctl, tied to it, is protected" in safe.unreachable[0]
+
+
+RESPAWN = """
+(define (domain robot-repair)
+  (:action respawn
+    :parameters (?n - node)
+    :precondition (and (running ?n) (bad ?n))
+    :effect (and (good ?n) (not (bad ?n))
+      (forall (?m - node) (when (tied ?m ?n) (and (bad ?m) (not (good ?m)))))
+      (increase (total-cost) 1))))
+"""
+
+
+def test_a_user_s_action_breaks_no_protected_node_that_is_tied_to_what_it_restarts(planner: str) -> None:
+    options = PlanOptions(planner=planner, domain=RESPAWN)
+    assert texts(plan_for(ARM, [], ["moveit"], options))[0] == "respawn(moveit)"
+    safe = plan_for(ARM, [], ["moveit"], replace(options, protected=("traj_ctl",)))
+    assert texts(safe) == []
+    assert "traj_ctl, tied to it, is protected" in safe.unreachable[0]
+
+
+CUT = """
+(define (domain robot-repair)
+  (:predicates (cures ?h - hardware ?n - node))
+  (:action cut
+    :parameters (?n - node ?h - hardware)
+    :precondition (and (cures ?h ?n) (on ?h) (bad ?n))
+    :effect (and (good ?n) (not (bad ?n)) (off ?h) (not (on ?h)) (increase (total-cost) 1)))
+  (:init (cures rail moveit)))
+"""
+
+
+def test_a_user_s_action_switches_off_no_feeder_of_what_is_protected(planner: str) -> None:
+    options = PlanOptions(planner=planner, domain=CUT)
+    assert "cut(moveit, rail)" in texts(plan_for(ARM, [], ["moveit"], options))
+    safe = plan_for(ARM, [], ["moveit"], replace(options, protected=("lamp",)))
+    assert "cut(moveit, rail)" not in texts(safe)

@@ -1,0 +1,139 @@
+"""An act is not done again and again: three times without new evidence, two where the answer is plain."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.repairs.robot import Robot, robot_on, service, the_repair
+
+from robomend.repairs.repeating import Repeats, parameters_of
+from robomend_client.actions import FAILED, NO_PROGRAM, OK, REFUSED, Action, ActionResult
+from robomend_client.literals import Literal, fails, holds
+
+START = Action("r-1:0", "start_node", ("planner",), 10.0)
+MUTE = (fails("ok", "path"), fails("running", "planner"))
+
+
+def done(repeats: Repeats, times: int, result: ActionResult, known: tuple[Literal, ...] = MUTE) -> str | None:
+    """Do an act so often; return why it is not done once more."""
+    for _ in range(times):
+        repeats.sent(START, known)
+        repeats.answered(START, result)
+    return repeats.why_not(str(START), START.parameters, known)
+
+
+def test_an_act_is_done_three_times_and_then_named_with_its_last_answer() -> None:
+    repeats = Repeats()
+    assert done(repeats, 2, ActionResult(OK)) is None
+    assert done(repeats, 1, ActionResult(FAILED, "busy")) == (
+        "it was done 3 times in this repair, and nothing else was observed since; the last answer: busy"
+    )
+    assert [text for text, _ in repeats.exhausted(MUTE)] == ["start_node(planner)"]
+
+
+def test_an_observation_of_another_sign_is_new_evidence() -> None:
+    repeats = Repeats()
+    assert done(repeats, 3, ActionResult(OK)) is not None
+    assert repeats.exhausted((holds("ok", "path"),)) == ()
+    assert done(repeats, 2, ActionResult(OK), (holds("ok", "path"),)) is None
+    assert done(repeats, 1, ActionResult(OK), (holds("ok", "path"),)) is not None
+
+
+@pytest.mark.parametrize(
+    "known",
+    [
+        (fails("ok", "path"), holds("running", "planner")),  # it ran for a moment: its own doing
+        (fails("running", "planner"),),  # what is unknown now is no evidence
+        (*MUTE, fails("ok", "cmd")),  # … nor what was unknown then
+    ],
+)
+def test_what_the_act_switches_itself_and_what_is_unknown_are_no_evidence(known: tuple[Literal, ...]) -> None:
+    repeats = Repeats()
+    assert done(repeats, 3, ActionResult(OK)) is not None
+    assert repeats.exhausted(known) != ()
+
+
+@pytest.mark.parametrize(
+    ("result", "said"),
+    [
+        (ActionResult(NO_PROGRAM, "planner cannot be started"), "there is no such program: planner cannot"),
+        (ActionResult(REFUSED, "channel 3 is faulty"), "it was refused: channel 3 is faulty"),
+    ],
+)
+def test_two_plain_answers_end_it_whatever_else_is_observed(result: ActionResult, said: str) -> None:
+    repeats = Repeats()
+    assert done(repeats, 1, result) is None
+    why = done(repeats, 1, result, (holds("ok", "path"),))
+    assert why is not None
+    assert why.startswith(f"it was answered 2 times in this repair, and plainly: {said}")
+
+
+def test_what_was_not_sent_after_all_does_not_count() -> None:
+    repeats = Repeats()
+    done(repeats, 2, ActionResult(OK))
+    repeats.sent(START, MUTE)
+    repeats.not_sent(START)
+    assert repeats.exhausted(MUTE) == ()
+
+
+def test_after_a_crash_what_is_on_disk_counts() -> None:
+    twice = {"id": "r-1:4.1", "text": "start_node(planner)", "sent_ns": 1, "result": FAILED, "message": ""}
+    once = {**twice, "id": "r-1:9"}
+    waiting = {**twice, "id": None, "sent_ns": None, "result": None}
+    assert Repeats([twice, waiting]).exhausted(MUTE) == ()
+    assert Repeats([twice, once]).exhausted(MUTE) != ()
+    assert Repeats([{**twice, "result": NO_PROGRAM}]).exhausted(MUTE) != ()
+
+
+@pytest.mark.parametrize(
+    ("text", "parameters"),
+    [("start_node(planner)", ("planner",)), ("swap(a, b)", ("a", "b")), ("home()", ())],
+)
+def test_the_parameters_of_an_act_are_read_from_its_text(text: str, parameters: tuple[str, ...]) -> None:
+    assert parameters_of(text) == parameters
+
+
+@pytest.mark.anyio
+async def test_a_program_that_there_is_not_is_started_twice_and_a_person_hears_why(tmp_path: Path) -> None:
+    async def no_such_program(robot: Robot, name: str, parameter: str) -> int | None:
+        return NO_PROGRAM if name == "start_node" else None
+
+    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
+        await robot.settled()
+        robot.spoil = no_such_program
+        robot.running["mapping"] = False
+        repair = await the_repair(runtime)
+    assert repair["state"] == "escalated"
+    assert robot.done == ["start_node(mapping)"] * 2
+    assert "it was answered 2 times in this repair, and plainly: there is no such program" in repair["reason"]
+
+
+@pytest.mark.anyio
+async def test_what_stays_broken_is_acted_on_three_times_at_most(tmp_path: Path) -> None:
+    limits: dict[str, Any] = {"attempts_per_hour": 1000, "rounds": 40}
+    async with service(tmp_path) as runtime, robot_on(runtime, limits=limits) as robot:
+        await robot.settled()
+        robot.broken_topics.add("odom")
+        repair = await the_repair(runtime, timeout_s=120)
+    assert repair["state"] == "escalated"
+    assert max(robot.done.count(act) for act in robot.done) <= 3
+
+
+@pytest.mark.anyio
+async def test_an_action_that_fails_and_fails_is_sent_three_times_though_more_retries_are_configured(
+    tmp_path: Path,
+) -> None:
+    async def busy(robot: Robot, name: str, parameter: str) -> int | None:
+        return FAILED
+
+    retrying = {"start_node": {"timeout_s": 2.0, "effect_timeout_s": 1.0, "retries": 9}}
+    async with service(tmp_path) as runtime, robot_on(runtime, actions=retrying) as robot:
+        await robot.settled()
+        robot.spoil = busy
+        robot.running["mapping"] = False
+        repair = await the_repair(runtime)
+    assert repair["state"] == "escalated"
+    assert robot.done == ["start_node(mapping)"] * 3
+    assert "it was done 3 times in this repair, and nothing else was observed since" in repair["reason"]

@@ -1,0 +1,68 @@
+"""From when evidence is, by the service's clock: what batches say, what is taken where they do not."""
+
+from __future__ import annotations
+
+import pytest
+
+from robomend.entry import Entry
+from robomend.errors import InputError
+from robomend.observations.obs import Obs
+from robomend.robots.evidence import Dating, RestsOn
+from robomend.robots.source_clocks import ENOUGH, SourceClocks
+from robomend_client.literals import Atom, Literal
+
+S = 10**9
+NOW = 1000 * S
+OK, BAD = Literal(Atom("ok", ("scan",))), Literal(Atom("ok", ("scan",)), False)
+RUNNING = Literal(Atom("running", ("driver",)))
+
+
+def dated(obs: Obs, *since: int | None, onset: tuple[int | None, ...] = (), time: int = NOW) -> RestsOn:
+    return Dating(obs, SourceClocks(), 2 * S).of("general", time, NOW, 1, since, onset)
+
+
+def test_what_a_batch_says_counts() -> None:
+    assert dated(Obs(), NOW - 5, onset=(NOW - 9,))(BAD, 0) == (NOW - 5, NOW - 9)
+
+
+def test_without_it_the_usual_delay_is_taken_off_but_not_of_readings_nor_of_good_news_after_bad() -> None:
+    assert dated(Obs())(OK, 0) == (NOW - 2 * S, None)
+    assert dated(Obs([Entry(OK, "general", 1)]))(OK, 0)[0] == NOW - 2 * S
+    assert dated(Obs([Entry(BAD, "general", 1)]))(OK, 0)[0] == NOW
+    assert dated(Obs([Entry(OK, "general", 1)]))(BAD, 0)[0] == NOW - 2 * S
+    assert dated(Obs())(RUNNING, 0) == (NOW, NOW)
+
+
+def test_what_goes_on_keeps_its_onset_while_its_evidence_moves_on() -> None:
+    held = Entry(BAD, "general", 1, None, NOW - 8 * S, NOW - 9 * S)
+    assert dated(Obs([held]), NOW - S)(BAD, 0) == (NOW - S, NOW - 9 * S)
+    assert dated(Obs([Entry(BAD, "general", 1, None, NOW - 8 * S)]), NOW - S)(BAD, 0)[1] == NOW - 8 * S
+    assert dated(Obs([held]), NOW - S)(OK, 0) == (NOW - S, None)
+
+
+def test_values_that_do_not_fit_are_refused_with_their_place() -> None:
+    with pytest.raises(InputError, match="since: 2 values for 1 observations"):
+        dated(Obs(), 1, 2)
+    with pytest.raises(InputError, match=r"since\[0\]: .* is after the time of the batch"):
+        dated(Obs(), NOW + 1)
+    with pytest.raises(InputError, match=r"onset\[0\]"):
+        dated(Obs(), None, onset=(NOW + 1,))
+
+
+def test_a_clock_that_is_ahead_is_followed_at_once_and_one_that_is_behind_when_that_is_sure() -> None:
+    clocks = SourceClocks()
+    assert clocks.offset_ns("ahead", NOW + 90 * S, NOW) == -90 * S
+    for number in range(ENOUGH - 1):
+        assert clocks.offset_ns("behind", NOW - 90 * S + number * S, NOW + number * S) == 0
+    assert clocks.offset_ns("behind", NOW - 80 * S, NOW + 10 * S) == 90 * S
+
+
+def test_a_batch_that_waited_on_a_disk_stays_old() -> None:
+    clocks = SourceClocks()
+    for number in range(8):
+        clocks.offset_ns("agent", NOW + number * S - 2_000_000, NOW + number * S)
+    late = clocks.offset_ns("agent", NOW - 60 * S, NOW + 9 * S)
+    assert late <= 2_000_000
+    fresh = SourceClocks()
+    for number in range(3):  # the first that is heard of a source is a backlog
+        assert fresh.offset_ns("agent", NOW - 60 * S + number * S, NOW) == 0
