@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import time
 from collections import OrderedDict, deque
 from collections.abc import Callable, Collection
 from functools import partial
@@ -53,7 +52,6 @@ class AgentQueue:
         self._ending = False
         self.said: OrderedDict[str, tuple[int, str]] = OrderedDict()  # action -> its latest feedback, told
         self._coming: dict[str, tuple[int, str]] = {}  # … and one that is not told yet
-        self.asked: dict[str, dict[str | None, float]] = {}  # robot -> host -> when its agent asked for work
         self._telling = Throttle(FEEDBACK_S, self._tell)
         self._settles: dict[str, deque[Settle]] = {}  # robot -> the latest
 
@@ -139,7 +137,6 @@ class AgentQueue:
         take = partial(self._take, robot, host, agent or host or "agent", can, by)
         deadline = asyncio.get_running_loop().time() + wait_s
         while True:
-            self.asked.setdefault(robot, {})[host] = time.monotonic()
             change = self.watch(robot)
             queued = await self._store.read(agent_actions.waiting, robot)
             mine = any(agent_actions.meant_for(a, host, can) for a in queued if not a.answered)

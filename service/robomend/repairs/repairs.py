@@ -23,7 +23,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
@@ -44,7 +43,7 @@ from robomend.repairs.states import RepairState
 from robomend.repairs.stop_switch import StopSwitch, written
 from robomend.robots import configuring
 from robomend.robots.boards import WiredBoard
-from robomend.robots.declared import declaration
+from robomend.robots.declared import HEARD_S, declaration
 from robomend.robots.reporters import OURSELVES, Reporter
 from robomend.robots.robots import Robots
 from robomend.settings import Settings
@@ -61,9 +60,6 @@ ORPHANS_S = 1.0
 
 CLOSE_S = 3.0
 """For the loops to let go at shutdown."""
-
-ASKED_S = 60.0
-"""An agent that has not asked for work for so long is taken to be gone: it asks at least twice a minute."""
 
 DECIDED_S = 1.5
 """How long `approve` and `cancel` wait for the owner, so that their answer shows the effect."""
@@ -225,9 +221,8 @@ class Repairs:
         actions: Sequence[str] = ()
         with contextlib.suppress(RobomendError):  # its domain is at fault: named already
             actions = await needs.chooser.actions(state)
-        since = time.monotonic() - ASKED_S
-        hosts = [host for host, when in needs.agents.asked.get(robot, {}).items() if when > since]
-        return findings(state, faults, actions, self._around(robot, board), Asked(hosts, ASKED_S))
+        hosts = [agent.host for agent in state.sight.declared.agents()]
+        return findings(state, faults, actions, self._around(robot, board), Asked(hosts, HEARD_S))
 
     async def create(self, robot: str, *, bad: Sequence[str] | None, by: str, reason: str) -> Json:
         """Begin a repair on request. StateConflict if one is open.
@@ -338,8 +333,8 @@ class Repairs:
         """
         state = await self._needs.robots.memory.robot(robot)
         atoms = observes or {}
-        if agent is not None:
-            state.sight.declared.hear(declaration(agent, host, can, atoms, state.system.vocabulary))
+        who = agent or host or "agent"
+        state.sight.declared.hear(declaration(who, host, can, atoms, state.system.vocabulary))
         agents = self._needs.agents
         action = await agents.take(
             robot,

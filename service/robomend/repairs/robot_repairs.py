@@ -135,7 +135,7 @@ class RobotRepairs:
         self._look_up = False
         try:
             page = await self._needs.store.read(repairs.page, self._robot, Paging(limit=1), open_only=True)
-        except BaseException:
+        except BaseException:  # a cancellation too; it is raised again, and the store is asked anew
             self._look_up = True
             raise
         return page.items[0] if page.items else None

@@ -63,10 +63,11 @@ class HealthWatch:
             self._told.pop(robot, None)
             return
         how, unknown = health_of(state)
-        # Before anybody was heard there is nothing to fall silent.
         before = self._told.get(robot, (False, ()))
         now = (how in {HealthState.UNKNOWN, HealthState.PARTLY_UNKNOWN}, unknown)
         self._told[robot] = now
+        if len(self._told) > 2 * len(self._robots) + 16:  # of robots that are no longer in memory
+            self._told = {name: told for name, told in self._told.items() if name in self._robots}
         if now != before and (now[0] or before[0]):
             data = {"what": "health", "state": str(how), "unknown": [str(atom) for atom in unknown]}
             self._background.begin(

@@ -31,7 +31,7 @@ class Once:
             self._results.popitem(last=False)
         try:
             result = await self._executor.execute(action, feedback)
-        except BaseException:
+        except BaseException:  # a cancellation too; it is raised again, and the next one who asks begins anew
             self._results.pop(action.id, None)
             answer.cancel()
             raise
