@@ -193,6 +193,9 @@ async def running(robot: Robot) -> AsyncIterator[Robot]:
         for task in tasks:
             task.cancel()
         await asyncio.wait(tasks)
+    for task in tasks:  # a robot that fell over explains nothing about the service
+        if not task.cancelled():
+            task.result()
 
 
 async def nothing_begins(runtime: Runtime, for_s: float = 0.5) -> None:

@@ -73,9 +73,10 @@ async def test_observers_that_judge_anew_see_the_mute_successor_and_it_is_restar
                 return
             orders = await self.repairs.orders(
                 "r1",
-                host="nobody's",
+                host=None,
                 wait_s=0.0,
                 agent="onboard",
+                can=[],  # it observes; what is to be done, the robot itself does
                 observes={"ok(scan)": (0.1, 0.1), "ok(map)": (0.1, 0.1)},
                 settled=self.judged,
             )

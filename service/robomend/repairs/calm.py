@@ -129,7 +129,7 @@ class Calm:
 
     async def _may_change(self, result: DiagnosisResult, left: Collection[Atom]) -> bool:
         """Return whether one of the pending verdicts could change what is done first."""
-        if len(left) > MOST_FLIPS:
+        if len(left) > MOST_FLIPS or not result.diagnoses:  # none found in time: there is no act yet
             return True
         known = {literal.atom: literal for literal in self._state.sight.literals()}
         now = _bad_sets(result)
@@ -140,7 +140,7 @@ class Calm:
             if other.healthy:
                 return True
             sets = _bad_sets(other)
-            repaired_anyhow = len(now) == 1 and all(common <= set(bad) for bad in sets)
+            repaired_anyhow = len(now) == 1 and bool(sets) and all(common <= set(bad) for bad in sets)
             if sets != now and not repaired_anyhow:
                 others.setdefault(sets, (other, literals))
         if not others:
