@@ -1,8 +1,9 @@
-"""The recipes: what docs/ say is enough to add an engine, a planner or a route, is enough, and is all."""
+"""The recipes: what docs/ say is enough to add an engine, a planner, a route or a kind of component."""
 
 from __future__ import annotations
 
 import json
+import os
 import re
 import subprocess
 import tomllib
@@ -15,11 +16,13 @@ import httpx
 import pytest
 from tests.api.test_process import command, served
 from tests.distributions import install
+from tests.mutate import Copy
 
 from robomend import security
 from robomend.api import routers
 from robomend.diagnosis import engines
 from robomend.diagnosis.engines import ENGINES
+from robomend.model import components as model_components
 from robomend.planning import planners
 from robomend.planning.planners import PLANNERS
 from robomend.resources import resource
@@ -180,3 +183,66 @@ def test_the_page_says_who_may_call_a_route(rule: tuple[str, str]) -> None:
     everyone = {"viewer", "operator", "admin"} | (set() if "{robot}" in path else {"robot"})
     said = everyone if words == "all" else set(words.split(", "))
     assert said | ({"robot"} if own else set()) == {str(role) for role in roles}
+
+
+KIND_MODEL = """
+robomend: 1
+name: cart
+batteries:
+  main: {feeds: [panel], prior: 0.2, protected: false}
+nodes:
+  driver: {publishes: [odom]}
+properties: [panel]
+"""
+
+
+def with_kind(root: Path) -> None:
+    """Do in a copy of the tree what docs/models.md says."""
+    section = (
+        (ROOT / "docs" / "models.md").read_text().partition("\n### A kind of component of your own\n")[2]
+    )
+    python, lisp = (re.search(rf"```{name}\n(.*?)```", section, re.DOTALL) for name in ("python", "lisp"))
+    assert python
+    assert lisp
+    kind, predicates, action = lisp[1].split("\n\n", 2)
+    components = root / "service/robomend/model/components.py"
+    head, marker, tail = components.read_text().partition(
+        "\n\n@dataclass(frozen=True, slots=True)\nclass Topic:"
+    )
+    components.write_text(f"{head}\n\n{python[1]}{marker}{tail}")
+    pddl = root / "pddl/repair.pddl"
+    text = pddl.read_text().replace("  (:predicates", f"  (:predicates\n    {predicates}", 1)
+    text = text.replace(
+        "          hardware node - component)", f"          hardware node - component {kind})", 1
+    )
+    pddl.write_text(f"{text.rstrip().removesuffix(')')}\n{action})\n")
+
+
+def test_the_kind_of_component_of_the_docs_is_modelled_diagnosed_and_repaired(tmp_path: Path) -> None:
+    recipe = (model_components.__doc__ or "").partition("To add a kind of component:")[2]
+    assert re.findall(r"\b(\d)\. ", recipe) == ["1", "2", "3"]
+    assert Copy(tmp_path, copied=("service", "clients", "pddl", "encodings")).root == tmp_path
+    with_kind(tmp_path)
+    cart = tmp_path / "cart.yaml"
+    cart.write_text(KIND_MODEL)
+    path = os.pathsep.join(str(tmp_path / source) for source in ("service", "clients"))
+
+    def asked(*words: str) -> subprocess.CompletedProcess[str]:
+        environment = {**os.environ, "PYTHONPATH": path}
+        line = command(*words)
+        return subprocess.run(line, capture_output=True, text=True, timeout=60, check=False, env=environment)
+
+    seen = ["-o", "not charged(main)", "-o", "not ok(panel)", "-o", "ok(odom)", "--format", "json"]
+    found = json.loads(asked("diagnose", str(cart), *seen).stdout)
+    assert bad(found) == [["main"]]
+    plan = json.loads(asked("plan", str(cart), *seen).stdout)
+    assert [step["text"] for step in plan["plan"]["steps"]] == ["dock(main)"]
+    cart.write_text(KIND_MODEL.replace("feeds", "fed"))
+    assert "battery main has no key `fed`; did you mean `feeds`?" in asked("model", "check", str(cart)).stderr
+    cart.write_text(KIND_MODEL.replace("driver:", "main:"))
+    told = asked("model", "check", str(cart)).stderr
+    assert "`main` is a node already; a battery needs a name of its own" in told
+    cart.write_text(KIND_MODEL.replace("properties: [panel]", "properties: [pannel]"))
+    told = asked("model", "check", str(cart)).stderr
+    assert "cart.yaml:5: battery main: " in told
+    assert "no topic or property is named panel; did you mean pannel?" in told

@@ -12,9 +12,8 @@ from robomend.observations.language import parse
 from robomend_client.literals import Atom, Literal, fails, holds
 
 ROBOT = for_robot(
-    hardware=("base", "lamp"),
+    components={("hardware", "on"): ("base", "lamp"), ("nodes", "running"): ("driver",)},
     switchable=("base",),
-    nodes=("driver",),
     topics=("odom",),
     properties=("temperature",),
     values=("yaw", "turn"),

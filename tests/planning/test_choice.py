@@ -55,6 +55,12 @@ def test_the_cheaper_of_two_equally_probable_repairs_comes_first() -> None:
     assert choice.diagnosis.bad == ("jaguar_node",)
 
 
+def test_the_reason_names_what_is_repaired_how_probably_it_helps_and_its_cost() -> None:
+    assert choose([candidate("a b", 4)]).reason == "a, b: helps with probability 1 at cost 4"
+    empty = Candidate(Diagnosis(("a",)), plan(0))
+    assert choose([empty]).alternatives[0].reason == "a: nothing to do"
+
+
 def test_a_probable_repair_may_cost_more() -> None:
     choice = choose([candidate("a", 4, 0.05), candidate("b", 29, 0.95)])
     assert choice.diagnosis is not None
@@ -129,6 +135,9 @@ def test_an_attempt_counts_as_long_as_it_is_remembered() -> None:
     at_the_end = weights(diagnoses, [tried("a")], now_ns=100 * SECOND, patience=patience)
     assert at_the_end[0] < 0.5
     assert weights(diagnoses, [tried("a")], now_ns=100 * SECOND + 1, patience=patience) == [0.5, 0.5]
+    for now_ns, failures in ((100 * SECOND, 1), (100 * SECOND + 1, 0)):
+        choice = choose([candidate("a", 4)], [tried("a")], now_ns=now_ns, patience=patience)
+        assert choice.alternatives[0].failures == failures
 
 
 def test_each_further_component_makes_a_diagnosis_less_probable_by_one_factor() -> None:
@@ -314,7 +323,7 @@ def test_the_order_is_the_one_of_least_expected_cost(cases: list[tuple[int, int]
     """Against every order, for diagnoses that exclude one another."""
     total = sum(chance for chance, _ in cases)
     chances = [chance / total for chance, _ in cases]
-    costs = [float(cost) for _, cost in cases]
+    costs = [cost / 10 for _, cost in cases]  # much less than a second, and some seconds
     candidates = [candidate(f"c{i}", costs[i], chances[i]) for i in range(len(cases))]
     choice = choose(candidates)
     least = min(expected_cost(order, chances, costs) for order in permutations(range(len(cases))))

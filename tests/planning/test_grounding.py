@@ -126,6 +126,18 @@ def test_what_an_action_ranges_over_is_counted_before_it_is_tried() -> None:
         plan_for(many, [], ["n0"], PlanOptions(domain=WIDE, domain_file="mine.pddl"))
 
 
+def test_as_many_bindings_as_may_be_are_tried_and_not_one_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    """?b, ?c and ?d range over three nodes each: 27 ways, once ?a is the bad one."""
+    three = ComponentModel(
+        "r", {}, {f"n{index}": Node(f"n{index}", restartable=False) for index in range(3)}, {}
+    )
+    monkeypatch.setattr(grounding, "MAX_BINDINGS", 27)
+    assert plan_for(three, [], ["n0"], PlanOptions(domain=WIDE)).steps
+    monkeypatch.setattr(grounding, "MAX_BINDINGS", 26)
+    with pytest.raises(DomainError, match="up to 27 bindings; at most 26"):
+        plan_for(three, [], ["n0"], PlanOptions(domain=WIDE, domain_file="another.pddl"))
+
+
 RELATED = """
 (define (domain robot-repair)
   (:types thing)

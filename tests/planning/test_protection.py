@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
+import pytest
 from tests.planning.robots import texts
 
-from robomend.model.components import ComponentModel, Hardware, Node
+from robomend.model.components import KINDS, Component, ComponentModel, Hardware, Node
 from robomend.planning.planning import PlanOptions, plan_for
 from robomend.planning.protection import marked, protected_channels, protection
+from robomend.robots.configuration import RobotConfig, protected_of
 
 ARM = ComponentModel(
     "arm",
@@ -103,3 +105,20 @@ def test_a_user_s_action_switches_off_no_feeder_of_what_is_protected(planner: st
     assert "cut(moveit, rail)" in texts(plan_for(ARM, [], ["moveit"], options))
     safe = plan_for(ARM, [], ["moveit"], replace(options, protected=("lamp",)))
     assert "cut(moveit, rail)" not in texts(safe)
+
+
+@dataclass(frozen=True, slots=True)
+class Battery(Component):
+    section = "batteries"
+    what = "battery"
+    state = "charged"
+    lost = ("flat",)
+
+
+def test_a_component_of_any_kind_may_be_protected(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("robomend.model.components.KINDS", (*KINDS, Battery))
+    batteries = {"main": Battery("main", protected=True), "spare": Battery("spare")}
+    cart = replace(ARM, others={"batteries": batteries})
+    assert marked(cart) == {"main"}
+    assert protection(cart, ["spare"]) == {"main": "main is protected", "spare": "spare is protected"}
+    assert protected_of(RobotConfig("r1", "cart", protected=("spare",)), cart) == ("main", "spare")

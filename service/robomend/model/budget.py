@@ -153,6 +153,12 @@ def scheme_steps(model: ComponentModel) -> int:
         steps += 2 + sum(2 + 2 * len(node.drives) + len(inputs) for inputs in node.publishes.values())
     for one, other in model.related:
         steps += 3 * publishers[model.values[one].topic] * publishers[model.values[other].topic]
-    modes = [part.modes for part in model.hardware.values()] + [part.modes for part in model.nodes.values()]
+    steps += sum(
+        2 + len(list(premises))
+        for others in model.others.values()
+        for part in others.values()
+        for premises, _ in part.clauses()
+    )
+    modes = [part.modes for part in model.parts.values()]
     steps += sum((len(named) + 1) ** 2 for named in modes if named)  # at most one: each pair is a clause
     return steps

@@ -5,11 +5,11 @@ from __future__ import annotations
 
 from itertools import zip_longest
 
-from robomend.errors import ModelError
+from robomend.errors import ModelError, ObservationError
 from robomend.model.budget import MODEL_STEPS, scheme_steps
 from robomend.model.clauses import Modes, compile_rules
 from robomend.model.cnf import Rule
-from robomend.model.components import ComponentModel, Hardware, Node
+from robomend.model.components import KINDS, ComponentModel
 from robomend.model.formulas import AB, Formula
 from robomend.model.interlock import Interlock
 from robomend.model.rules import Sentence, read_rules
@@ -44,7 +44,7 @@ def compile_robot(
             zip_longest(model.rules, model.rule_lines[: len(model.rules)]), start=1
         )
     ]
-    parts: tuple[Hardware | Node, ...] = (*model.hardware.values(), *model.nodes.values())
+    parts = model.parts.values()
     mode_sentences = [
         (part, mode, Sentence(text, f"mode {mode} of {part.name}", part.line))
         for part in parts
@@ -59,6 +59,7 @@ def compile_robot(
         most,
         spent,
     )
+    _check_kinds(model, vocabulary, file)
     user = [
         (formula, Rule(rule.text, f"user rule {number}", rule.line))
         for number, (formula, rule) in enumerate(zip(formulas, rules, strict=False), start=1)
@@ -118,17 +119,28 @@ def _interlock(model: ComponentModel, formula: Formula, file: str | None) -> Int
     return found
 
 
+def _check_kinds(model: ComponentModel, vocabulary: Vocabulary, file: str | None) -> None:
+    """Refuse what the clauses of a kind speak of and the model does not have."""
+    for kind in KINDS:
+        for name in model.others.get(kind.section, ()):
+            part = model.others[kind.section][name]
+            try:
+                for premises, conclusion in part.clauses():
+                    for literal in (*premises, conclusion):
+                        vocabulary.check(literal)
+            except ObservationError as error:
+                raise ModelError(f"{kind.what} {name}: {error}", file, part.line) from error
+
+
 def vocabulary_of(model: ComponentModel) -> Vocabulary:
     """Return what observations and rules of this robot may speak of, rules of the user's aside."""
-    parts: tuple[Hardware | Node, ...] = (*model.hardware.values(), *model.nodes.values())
     nodes = model.nodes.values()
     topics = dict.fromkeys(model.topics)
     topics.update(dict.fromkeys(topic for node in nodes for topic in node.publishes))
     reads = {(node.name, topic) for node in nodes for inputs in node.publishes.values() for topic in inputs}
     return for_robot(
-        hardware=tuple(model.hardware),
+        components={(kind.section, kind.state): tuple(model.of(kind)) for kind in KINDS},
         switchable=tuple(name for name in model.hardware if model.switchable(name)),
-        nodes=tuple(model.nodes),
         topics=tuple(topics),
         properties=model.properties,
         values=tuple(model.values),
@@ -145,7 +157,9 @@ def vocabulary_of(model: ComponentModel) -> Vocabulary:
             "feeds": frozenset(
                 (feeder, device.name) for device in model.hardware.values() for feeder in device.fed_by
             ),
-            "on_host": frozenset((part.name, part.host) for part in parts if part.host is not None),
+            "on_host": frozenset(
+                (part.name, part.host) for part in model.parts.values() if part.host is not None
+            ),
             "carries": frozenset((value.topic, value.name) for value in model.values.values()),
         },
     )

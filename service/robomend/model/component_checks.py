@@ -6,7 +6,7 @@ from collections.abc import Collection
 from typing import NoReturn
 
 from robomend.errors import ModelError
-from robomend.model.components import ComponentModel
+from robomend.model.components import KINDS, ComponentModel
 from robomend.model.sentences import plain
 from robomend_client.near import did_you_mean
 from robomend_client.yaml_tree import Mapping
@@ -33,11 +33,15 @@ class Checks:
         self.values()
 
     def distinct(self) -> None:
-        for name, node in self.model.nodes.items():
-            if name in self.model.hardware:
-                self.fail(
-                    f"{shown(name)} is hardware already; a node needs a name of its own", node.line or 1
-                )
+        first: dict[str, str] = {}
+        for kind in KINDS:
+            for name, part in self.model.of(kind).items():
+                if name in first:
+                    self.fail(
+                        f"{shown(name)} is {first[name]} already; a {kind.what} needs a name of its own",
+                        part.line or 1,
+                    )
+                first[name] = kind.what if kind.what == kind.section else f"a {kind.what}"
         topics = {t for node in self.model.nodes.values() for t in node.publishes} | set(self.model.topics)
         for name in self.model.properties:
             if name in topics:

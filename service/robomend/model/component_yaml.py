@@ -9,19 +9,21 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable
-from typing import NoReturn, TypeVar
+from dataclasses import fields
+from typing import Any, NoReturn, TypeVar
 
 from robomend.errors import ModelError
 from robomend.model.clauses import UNKNOWN_MODE
 from robomend.model.component_checks import Checks, near, shown
-from robomend.model.components import ComponentModel, Hardware, Node, Topic, Value
+from robomend.model.components import KINDS, Component, ComponentModel, Hardware, Node, Topic, Value
 from robomend.model.sentences import plain
 from robomend_client import yaml_tree
 from robomend_client.yaml_tree import Scalar, Sequence, Tree
 
+OTHER_KINDS = KINDS[2:]
 MODEL_KEYS = (
-    "robomend", "name", "channels", "protected_channels", "hardware", "nodes", "topics", "properties",
-    "values", "related", "rules", "act_when", "blame_hardware", "inputs_matter",
+    "robomend", "name", "channels", "protected_channels", *(kind.section for kind in KINDS), "topics",
+    "properties", "values", "related", "rules", "act_when", "blame_hardware", "inputs_matter",
 )  # fmt: skip
 PART_KEYS = ("prior", "cost", "modes", "exhaustive_modes", "host", "protected")
 HARDWARE_KEYS = ("channel", "fed_by", "blame_hardware", *PART_KEYS)
@@ -30,9 +32,12 @@ TOPIC_KEYS = ("rate_hz", "tolerance_hz", "cost")
 PROPERTY_KEYS = ("cost",)
 VALUE_KEYS = ("topic", "field")
 
+COMMON_FIELDS = frozenset(one.name for one in fields(Component))
+
 FORMAT = 1
 MAX_NAME = 200
 MAX_CHANNELS = 255
+MAX_WHOLE = 999_999_999
 TRUE, FALSE = ("true", "True", "yes", "on"), ("false", "False", "no", "off")
 
 T = TypeVar("T")
@@ -78,6 +83,12 @@ class _Reader:
         nodes = {
             key: self.node(key, entry, line, inputs_matter) for key, entry, line in self.named(top, "nodes")
         }
+        others = {
+            kind.section: {
+                key: self.other(kind, key, entry, line) for key, entry, line in self.named(top, kind.section)
+            }
+            for kind in OTHER_KINDS
+        }
         topics = {key: self.topic(key, entry) for key, entry, _ in self.named(top, "topics")}
         properties: list[str] = []
         property_costs: dict[str, float] = {}
@@ -106,9 +117,11 @@ class _Reader:
             rule_lines=tuple(line for _, line in rules),
             act_when=None if act_when is None else act_when[0],
             act_when_line=None if act_when is None else act_when[1],
+            others=others,
         )
         if not model.components:
-            self.fail("the model has no component: give it `hardware:` or `nodes:`", tree.line)
+            sections = " or ".join(f"`{kind.section}:`" for kind in KINDS)
+            self.fail(f"the model has no component: give it {sections}", tree.line)
         Checks(self.file, top, model).all()
         return model
 
@@ -125,13 +138,7 @@ class _Reader:
             channel=channel,
             fed_by=self.optional(entry, "fed_by", self.names) or (),
             blame=blame if own_blame is None else own_blame,
-            protected=self.optional(entry, "protected", self.flag) or channel in protected,
-            prior=self.optional(entry, "prior", self.probability),
-            cost=self.optional(entry, "cost", self.number(0)),
-            modes=self.optional(entry, "modes", self.modes) or {},
-            exhaustive_modes=self.optional(entry, "exhaustive_modes", self.flag) or False,
-            host=self.optional(entry, "host", self.name),
-            line=line,
+            **self.common(entry, line, protected=channel in protected),
         )
 
     def node(self, name: str, tree: Tree, line: int, inputs_matter: bool) -> Node:
@@ -147,14 +154,37 @@ class _Reader:
             inputs_matter=inputs_matter if own is None else own,
             restartable=True if restartable is None else restartable,
             tied_to=self.optional(entry, "tied_to", self.names) or (),
-            protected=self.optional(entry, "protected", self.flag) or False,
-            prior=self.optional(entry, "prior", self.probability),
-            cost=self.optional(entry, "cost", self.number(0)),
-            modes=self.optional(entry, "modes", self.modes) or {},
-            exhaustive_modes=self.optional(entry, "exhaustive_modes", self.flag) or False,
-            host=self.optional(entry, "host", self.name),
-            line=line,
+            **self.common(entry, line),
         )
+
+    def other(self, kind: type[Component], name: str, tree: Tree, line: int) -> Component:
+        """Return a component of a kind whose keys are the fields of its class, read by their types."""
+        own = {one.name: one for one in fields(kind) if one.name not in COMMON_FIELDS}
+        entry = self.mapping(tree, f"{kind.what} {name}", (*own, *PART_KEYS))
+        readers: dict[str, Callable[[Tree], Any]] = {
+            "bool": self.flag,
+            "int": self.whole(0, MAX_WHOLE),
+            "float": self.number(0),
+            "str": self.text,
+            "tuple[str, ...]": self.names,
+        }
+        given = {key: entry.items[key] for key in own if key in entry.items and not _empty(entry.items[key])}
+        read = {
+            key: readers[str(own[key].type).removesuffix(" | None")](value) for key, value in given.items()
+        }
+        return kind(name, **self.common(entry, line), **read)
+
+    def common(self, entry: yaml_tree.Mapping, line: int, *, protected: bool = False) -> dict[str, Any]:
+        """Return what every component has."""
+        return {
+            "protected": self.optional(entry, "protected", self.flag) or protected,
+            "prior": self.optional(entry, "prior", self.probability),
+            "cost": self.optional(entry, "cost", self.number(0)),
+            "modes": self.optional(entry, "modes", self.modes) or {},
+            "exhaustive_modes": self.optional(entry, "exhaustive_modes", self.flag) or False,
+            "host": self.optional(entry, "host", self.name),
+            "line": line,
+        }
 
     def topic(self, name: str, tree: Tree) -> Topic:
         entry = self.mapping(tree, f"topic {name}", TOPIC_KEYS)

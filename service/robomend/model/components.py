@@ -3,50 +3,79 @@
 `robomend.model.loading` reads it from YAML and checks it; `robomend.model.schemes` turns it into clauses.
 The kinds are the paper's (section IV-D): SH switchable hardware, H other hardware, SN drivers of switchable
 hardware, HN drivers of other hardware only, N nodes that drive nothing.
+
+To add a kind of component: 1. its class here, and in KINDS: keys, state, clauses; 2. in pddl/repair.pddl
+its type, the predicates of its state, its actions; 3. its section in docs/models.md, where one is shown
+whole. The format, the vocabulary, diagnosis and planning follow from these.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import KW_ONLY, dataclass, field
+from typing import ClassVar
+
+from robomend_client.literals import Literal, holds
 
 
 @dataclass(frozen=True, slots=True)
-class Hardware:
-    """A device; with a channel it is switchable."""
+class Component:
+    """What every component has. A kind is a class of it, with keys of its own as fields."""
+
+    section: ClassVar[str]  # of the model's text; also the sort that quantifiers range over
+    what: ClassVar[str]  # one of them, in words; also its type in PDDL
+    state: ClassVar[str]  # the predicate that is observed of a good one …
+    lost: ClassVar[tuple[str, ...]]  # … and its opposites in PDDL
 
     name: str
-    channel: int | None = None
-    fed_by: tuple[str, ...] = ()
-    blame: bool = False  # H joins its driver's clause
+    _: KW_ONLY
     protected: bool = False  # nothing ever shuts it down
     prior: float | None = None  # P(AB), 0 < p < 1
     cost: float | None = None  # of its repair actions, relative to the domain's own
     modes: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """Fault mode -> sentences that hold in it."""
     exhaustive_modes: bool = False  # no other way to fail than these modes
-    host: str | None = None
+    host: str | None = None  # the computer that it runs on or hangs on
     line: int | None = None
+
+    def clauses(self) -> Iterable[tuple[Iterable[Literal], Literal]]:
+        """Yield (premises, conclusion) of what holds if it is healthy; the paper's kinds have schemes.py."""
+        yield (), holds(self.state, self.name)
 
 
 @dataclass(frozen=True, slots=True)
-class Node:
+class Hardware(Component):
+    """A device; with a channel it is switchable."""
+
+    section = "hardware"
+    what = "hardware"
+    state = "on"
+    lost = ("off", "not_on")
+
+    channel: int | None = None
+    fed_by: tuple[str, ...] = ()
+    blame: bool = False  # H joins its driver's clause
+
+
+@dataclass(frozen=True, slots=True)
+class Node(Component):
     """A process; what it publishes rests on its inputs and on the hardware it drives."""
 
-    name: str
+    section = "nodes"
+    what = "node"
+    state = "running"
+    lost = ("stopped", "not_running")
+
     drives: tuple[str, ...] = ()
     publishes: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """Topic -> the input topics that it rests on."""
     inputs_matter: bool = False  # a driver's inputs count too
     restartable: bool = True
     tied_to: tuple[str, ...] = ()  # this node must restart after one of these restarts
-    protected: bool = False
-    prior: float | None = None
-    cost: float | None = None
-    modes: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    exhaustive_modes: bool = False
-    host: str | None = None  # the agent that runs it
-    line: int | None = None
+
+
+KINDS: tuple[type[Component], ...] = (Hardware, Node)
+"""In the order of COMPS."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,11 +115,23 @@ class ComponentModel:
     rule_lines: tuple[int | None, ...] = ()  # parallel to rules where known
     act_when: str | None = None  # nothing is sent to the robot unless OBS shows this sentence
     act_when_line: int | None = None
+    others: Mapping[str, Mapping[str, Component]] = field(default_factory=dict)  # section -> of other kinds
 
     @property
     def components(self) -> tuple[str, ...]:
-        """COMPS: hardware, then nodes, in the order of the model."""
-        return (*self.hardware, *self.nodes)
+        """COMPS: hardware, then nodes, then the other kinds, in the order of the model."""
+        return (*self.hardware, *self.nodes, *(name for named in self.others.values() for name in named))
+
+    @property
+    def parts(self) -> Mapping[str, Component]:
+        """The components by name, in the order of COMPS."""
+        return {name: part for kind in KINDS for name, part in self.of(kind).items()}
+
+    def of(self, kind: type[Component]) -> Mapping[str, Component]:
+        """Return the components of a kind, by name."""
+        if kind is Hardware:
+            return self.hardware
+        return self.nodes if kind is Node else self.others.get(kind.section, {})
 
     def switchable(self, name: str) -> bool:
         """Whether this is hardware on a board channel (the paper's SH)."""

@@ -31,7 +31,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from robomend.model.cnf import Rule
-from robomend.model.components import ComponentModel, Hardware, Node
+from robomend.model.components import KINDS, ComponentModel, Hardware, Node
 from robomend.model.formulas import And, Formula, Implies, Leaf, ab
 from robomend_client.literals import Literal, holds
 
@@ -45,6 +45,7 @@ def schemes(model: ComponentModel) -> Scheme:
     yield from nodes(model)
     yield from running(model)
     yield from related(model)
+    yield from other_kinds(model)
 
 
 def power(model: ComponentModel) -> Scheme:
@@ -98,6 +99,15 @@ def related(model: ComponentModel) -> Scheme:
                     seen.add(key)
                     premises = [-ab(name) for name in dict.fromkeys((one.name, other.name))]
                     yield _rule(premises, holds("matched", first, second), "scheme 6", one.line)
+
+
+def other_kinds(model: ComponentModel) -> Scheme:
+    """What components of kinds that the paper does not have say of themselves."""
+    for kind in KINDS:
+        if kind not in {Hardware, Node}:
+            for part in model.of(kind).values():
+                for premises, conclusion in part.clauses():
+                    yield _rule([-ab(part.name), *premises], conclusion, f"kind {kind.what}", part.line)
 
 
 def publishers_of(model: ComponentModel) -> Mapping[str, list[Node]]:

@@ -185,9 +185,8 @@ def _some(names: Collection[str], most: int = 12, count: int | None = None) -> s
 
 def for_robot(
     *,
-    hardware: tuple[str, ...] = (),
+    components: Mapping[tuple[str, str], tuple[str, ...]] | None = None,
     switchable: tuple[str, ...] = (),
-    nodes: tuple[str, ...] = (),
     topics: tuple[str, ...] = (),
     properties: tuple[str, ...] = (),
     values: tuple[str, ...] = (),
@@ -199,13 +198,16 @@ def for_robot(
     Besides topics and properties, `ok` takes a property of one component, `ok(temperature,arm)`; the
     resources of a process, `ok(CPU,node)`; and the current of a board channel, written `ok(current(jaguar))`
     or `ok(current,jaguar)`.
+
+    Args:
+        components: (sort, predicate of the state) of each kind -> its components, in the order of COMPS.
     """
+    kinds = components or {}
     return Vocabulary(
         sorts={
-            "components": (*hardware, *nodes),
-            "hardware": hardware,
+            "components": tuple(chain.from_iterable(kinds.values())),
             "switchable": switchable,
-            "nodes": nodes,
+            **{sort: names for (sort, _), names in kinds.items()},
             "topics": topics,
             "properties": properties,
             "values": values,
@@ -213,8 +215,7 @@ def for_robot(
             "channel_readings": ("current",),
         },
         predicates={
-            "on": (("hardware",),),
-            "running": (("nodes",),),
+            **{state: ((sort,),) for sort, state in kinds},
             "ok": (
                 ("topics",),
                 ("properties",),

@@ -36,6 +36,7 @@ from robomend.planning.domain.compilation import (
 from robomend.planning.domain.formulas import Equal, Is, Negation, Typed
 from robomend.planning.domain.values import Domain, Schema
 from robomend.planning.policy import DARK, NODE_ACTIONS, POWER_ACTIONS
+from robomend.planning.prediction import OBSERVED_FACTS
 from robomend.planning.problem import Fact, RepairProblem
 from robomend.planning.static_facts import Env, StaticFacts
 from robomend_client.literals import Atom, Literal
@@ -55,9 +56,6 @@ Alternatives = list[frozenset[int]]
 """A condition in disjunctive normal form: [] never holds, [frozenset()] always does."""
 
 ALWAYS: Alternatives = [frozenset()]
-
-GIVING = frozenset({"on", "running"})
-"""Predicates of what has power and works; the opposites of DARK."""
 
 OWN_ACTIONS = POWER_ACTIONS | NODE_ACTIONS
 
@@ -313,11 +311,11 @@ class Grounder:
             predicate, name = fact
             if name in problem.protected and (
                 (number > 0 and predicate in DARK)
-                or (number < 0 and predicate in GIVING)
+                or (number < 0 and predicate in OBSERVED_FACTS)
                 or (number > 0 and predicate == "bad" and self._tied(name, action.parameters))
             ):
                 return problem.protected[name]
-            if name in problem.excluded and predicate in DARK | GIVING:
+            if name in problem.excluded and predicate in DARK | OBSERVED_FACTS:
                 if name in problem.idle and action.name not in OWN_ACTIONS:
                     continue
                 return f"{name} is left alone"

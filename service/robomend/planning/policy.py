@@ -14,7 +14,9 @@ from datetime import UTC, datetime
 from enum import StrEnum
 from typing import Any
 
+from robomend.model.components import KINDS
 from robomend.planning.plan import Step
+from robomend.planning.prediction import OBSERVED_FACTS
 from robomend.planning.protection import Protection
 
 HOUR_NS = 3600 * 10**9
@@ -28,7 +30,7 @@ NODE_ACTIONS = frozenset({"start_node", "stop_node"})
 TAKES_AWAY = frozenset({"shutdown", "stop_node"})
 """The domain's own actions that switch something off."""
 
-DARK = frozenset({"off", "not_on", "stopped", "not_running"})
+DARK = frozenset(lost for kind in KINDS for lost in kind.lost)
 """Predicates of what is switched off, in our domain and in the paper's."""
 
 
@@ -133,7 +135,7 @@ class Policy:
             for effect in step.effects
             if effect.atom.args
             and (effect.positive, effect.atom.predicate)
-            in {(False, "on"), (False, "running"), *((True, name) for name in DARK)}
+            in {*((False, name) for name in OBSERVED_FACTS), *((True, name) for name in DARK)}
         }
         by_name = set(step.parameters) if step.name in TAKES_AWAY else set()
         return frozenset(by_effect | by_name)

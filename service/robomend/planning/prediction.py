@@ -15,13 +15,14 @@ from collections import OrderedDict, defaultdict
 from collections.abc import Iterable
 
 from robomend.model.cnf import HealthCnf
+from robomend.model.components import KINDS
 from robomend.planning.plan import Step
 from robomend_client.literals import Atom, Literal
 
-OPPOSITES = {"off": "on", "not_on": "on", "stopped": "running", "not_running": "running", "bad": "good"}
+OPPOSITES = {**{lost: kind.state for kind in KINDS for lost in kind.lost}, "bad": "good"}
 """The domain's second predicate of a pair (the paper's domain has names of its own) -> what it negates."""
 
-OBSERVED_FACTS = frozenset({"on", "running"})
+OBSERVED_FACTS = frozenset(kind.state for kind in KINDS)
 
 
 class Theory:

@@ -26,8 +26,8 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 
 from robomend.errors import DomainError, UnknownComponent
-from robomend.model.components import ComponentModel, Hardware, Node
-from robomend.planning.domain.values import Declared, Domain
+from robomend.model.components import KINDS, ComponentModel, Hardware, Node
+from robomend.planning.domain.values import PAIRS, Declared, Domain
 from robomend.planning.protection import protection
 from robomend_client.literals import Atom, Literal
 from robomend_client.near import did_you_mean
@@ -119,13 +119,23 @@ def repair_problem(
         facts.update(("tied", name, other) for other in node.tied_to)
         facts.add(("good" if runs and name not in blamed else "bad", name))
     facts.update(("needs", node, other) for node, other in needs)
+    for kind in KINDS:
+        for name in () if kind in {Hardware, Node} else model.of(kind):
+            works = active(kind.state, name, True)
+            facts.update([(kind.state, name)] if works else [(lost, name) for lost in kind.lost])
+            facts.add(("good" if works and name not in blamed else "bad", name))
 
-    objects = {name: "hardware" if name in model.hardware else "node" for name in components}
+    # A domain of somebody else's may not know every kind.
+    objects = {
+        name: kind.what if kind.what in domain.supertype else "component"
+        for kind in KINDS
+        for name in model.of(kind)
+    }
     _add_objects(objects, domain, known)
     _add_facts(facts, domain, objects)
     _add_observed(facts, domain, objects, seen)
     excluded = tuple(name for name in components if name in aside or name in frozenset(quarantined))
-    parts: dict[str, Hardware | Node] = {**model.hardware, **model.nodes}
+    parts = model.parts
     return RepairProblem(
         name=model.name,
         objects=objects,
@@ -260,7 +270,7 @@ def _add_facts(facts: set[Fact], domain: Domain, objects: Mapping[str, str]) -> 
         facts.add((predicate.name, *names))
 
 
-COMPLETED = frozenset({"on", "off", "not_on", "running", "stopped", "not_running", "good", "bad"})
+COMPLETED = frozenset(name for pair in PAIRS for name in pair)
 """Predicates that the completion above decides."""
 
 

@@ -23,8 +23,8 @@ def marked(model: ComponentModel, channels: Collection[int] = ()) -> set[str]:
     the model's, and `channels` of the board's configuration.
     """
     guarded = {*channels, *model.protected_channels}
-    found = {name for name, part in model.hardware.items() if part.protected or part.channel in guarded}
-    return found | {name for name, part in model.nodes.items() if part.protected}
+    found = {name for name, part in model.parts.items() if part.protected}
+    return found | {name for name, device in model.hardware.items() if device.channel in guarded}
 
 
 def protection(model: ComponentModel, named: Iterable[str] = ()) -> dict[str, str]:

@@ -253,6 +253,6 @@ class RobotRepairs:
         if parts is None:
             raise Refused(f"a {state.system.format} model says nothing of what can be repaired")
         board = None if state.config.board is None else await needs.robots.board(state.id)
-        hosts = {name: node.host for name, node in parts.nodes.items()}
+        hosts = {name: part.host for name, part in parts.parts.items() if name not in parts.hardware}
         around = needs.around(state.id, board, hosts, self._signals.halt)
         return executors(await needs.chooser.actions(state), state.config.actions, around)

@@ -210,7 +210,7 @@ def protected_of(config: RobotConfig, parts: ComponentModel | None) -> tuple[str
     """Return the components that a robot protects: by its model, its board's channels, its configuration."""
     if parts is None:
         return ()
-    known = {name for name in config.protected if name in parts.hardware or name in parts.nodes}
+    known = set(config.protected).intersection(parts.components)
     return tuple(sorted(known | marked(parts, () if config.board is None else config.board.protected)))
 
 

@@ -9,16 +9,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
+from robomend.model.components import KINDS
 from robomend.planning.domain.formulas import Formula, Is, Typed
 from robomend.planning.domain.sexpr import Brackets, render
 
-PAIRS = (
-    ("good", "bad"),
-    ("on", "off"),
-    ("on", "not_on"),
-    ("running", "stopped"),
-    ("running", "not_running"),
-)
+PAIRS = (("good", "bad"), *((kind.state, lost) for kind in KINDS for lost in kind.lost))
 """A fact and its opposite; an action that adds one must delete the other."""
 
 
