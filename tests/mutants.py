@@ -32,6 +32,12 @@ class Mutant:
     end: int
     was: str
     becomes: str
+    line_text: str  # the line where it begins, as the code has it
+
+    @property
+    def key(self) -> tuple[str, str, str, str]:
+        """What is the same when lines move: the file, the line's text, what was, what it becomes."""
+        return self.file, self.line_text, self.was, self.becomes
 
     def __str__(self) -> str:
         return f"{self.file}:{self.line}: {self.was}  ->  {self.becomes}"
@@ -97,4 +103,5 @@ def mutants(source: str, file: str) -> Iterator[Mutant]:
             becomes = ast.unparse(new)
             written = becomes if isinstance(new, ast.stmt) else f"({becomes})"
             was = " ".join(text[start:end].decode().split())
-            yield Mutant(file, place.lineno, start, end, was, written)
+            line_text = text[starts[place.lineno - 1] : starts[place.lineno]].decode().strip()
+            yield Mutant(file, place.lineno, start, end, was, written, line_text)

@@ -50,10 +50,10 @@ ROOMS = {
 """A room -> the code that is changed, and the tests that should notice."""
 
 
-def equivalent() -> dict[tuple[str, str, str], str]:
-    """Return (file, what was, what it becomes) -> why no test can tell them apart."""
+def equivalent() -> dict[tuple[str, str, str, str], str]:
+    """Return the keys of mutants -> why no test can tell them from the code."""
     listed = tomllib.loads(EQUIVALENT.read_text(encoding="utf-8")).get("mutant", [])
-    return {(one["file"], one["was"], one["becomes"]): one["reason"] for one in listed}
+    return {(one["file"], one["line"], one["was"], one["becomes"]): one["reason"] for one in listed}
 
 
 def of_room(room: str, only: str | None = None) -> list[Mutant]:
@@ -83,7 +83,7 @@ class Copy:
         for name in copied:
             source, target = ROOT / name, root / name
             if source.is_dir():
-                shutil.copytree(source, target, ignore=shutil.ignore_patterns("__pycache__", "iscas85"))
+                shutil.copytree(source, target, ignore=shutil.ignore_patterns("__pycache__"))
             else:
                 shutil.copy2(source, target)
 
@@ -140,7 +140,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     asked = parser.parse_args(arguments)
     known = equivalent()
     every = of_room(asked.room, asked.file)
-    some = [one for one in every if (one.file, one.was, one.becomes) not in known]
+    some = [one for one in every if one.key not in known]
     if asked.count:
         some = random.Random(asked.seed).sample(some, min(asked.count, len(some)))
     tests = ROOMS[asked.room][1]

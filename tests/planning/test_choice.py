@@ -262,6 +262,18 @@ def test_part_of_a_diagnosis_is_repaired_when_the_rest_cannot_be() -> None:
     assert "not all of it" in choice.reason
 
 
+def test_a_plan_for_part_of_a_diagnosis_helps_in_part() -> None:
+    part = Candidate(Diagnosis(("imu", "node", "hub")), plan(4, "node", "hub", unreachable=("imu: …",)))
+    assert choose([part]).alternatives[0].helps == 2 / 3
+
+
+def test_the_reason_counts_the_repairs_that_did_not_help() -> None:
+    once = choose([candidate("a", 4)], [tried("a", seen=False)])
+    assert once.reason.endswith("; repaired once before without help, effect seen 0 of 1")
+    twice = choose([candidate("a", 4)], [tried("a", seen=False), tried("a"), tried("a", helped=True)])
+    assert twice.reason.endswith("; repaired 2 times before without help, effect seen 1 of 2")
+
+
 def test_small_diagnoses_lead_and_the_healthy_one_is_none() -> None:
     diagnoses = [Diagnosis(("a", "b")), Diagnosis(("c",)), Diagnosis(())]
     assert [one.bad for one in leading(diagnoses)] == [("c",), ("a", "b")]
