@@ -13,7 +13,7 @@ from robomend.planning.plan import Step
 from robomend.planning.prediction import Prediction, Theory
 from robomend.repairs.execution import execute
 from robomend.repairs.execution_values import MOST_FEEDBACK, Ending, StepReport, Withheld
-from robomend_client.actions import OK, Action, ActionResult, Feedback
+from robomend_client.actions import OK, REFUSED, Action, ActionResult, Feedback
 from robomend_client.literals import Atom
 
 pytestmark = pytest.mark.anyio
@@ -50,6 +50,8 @@ async def test_a_stop_that_comes_while_the_intent_is_written_sends_nothing() -> 
     done = await execute(POWER_LOST, here)
     assert done.ending is Ending.HALTED
     assert robot.sent == []
+    assert robot.journal[-1] == f"settle r-1:0 {REFUSED}"  # the intent is not left open: it was not sent
+    assert done.steps[0].sent_ns is None
 
 
 async def test_a_refused_step_is_not_sent() -> None:

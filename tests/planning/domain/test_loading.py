@@ -108,6 +108,8 @@ REFUSED = {
         2,
         "neither a variable (?jaguar) nor in (:constants",
     ),
+    "a fact without brackets": (extension("(:init jaguar)"), 2, "expected a fact such as"),
+    "a fact without a name": (extension("(:init ())"), 2, "expected a fact such as"),
     "no effect": (extension("(:action a :parameters (?h - hardware))"), 2, "has no :effect"),
     "an effect of nothing": (
         extension("(:action a :parameters () :effect (increase (total-cost) 5))"),
