@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import itertools
+import logging
 import socket
 from collections.abc import AsyncIterator, Awaitable, Callable
 
@@ -444,3 +445,37 @@ async def test_a_callback_that_fails_does_not_end_the_link() -> None:
 def test_options_that_no_board_takes_are_refused_at_once(port: int, hz: int) -> None:
     with pytest.raises(ValueError, match=r"broadcast_hz|port"):
         BoardLink("127.0.0.1", port, broadcast_hz=hz)
+
+
+# --- what the log says ---------------------------------------------------------------------------------
+
+
+async def test_a_board_that_stays_away_is_told_of_once_however_often_it_is_tried(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    async def hang_up(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        writer.transport.abort()
+
+    with caplog.at_level(logging.DEBUG, "robomend.board.link"):
+        async with badly_behaved(hang_up) as port, link_to(port):
+
+            def tried_thrice() -> bool:
+                return sum("connecting" in record.getMessage() for record in caplog.records) >= 3
+
+            await until(tried_thrice)
+            told = [record.getMessage() for record in caplog.records if record.levelno == logging.INFO]
+    assert len(told) == len(set(told)), told
+
+
+async def test_a_bug_of_the_link_is_in_the_log_with_its_trace(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def broken(link: BoardLink) -> None:
+        raise ZeroDivisionError("a bug")
+
+    monkeypatch.setattr(BoardLink, "_converse", broken)
+    async with link_to(1) as link:
+        await until(lambda: "a bug" in link.reason)
+    record = next(record for record in caplog.records if "the link failed" in record.getMessage())
+    assert record.levelno == logging.ERROR
+    assert record.exc_info is not None
