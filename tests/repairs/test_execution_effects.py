@@ -48,6 +48,20 @@ async def test_a_mute_driver_after_the_power_came_back_is_expected_not_news() ->
     assert (await run(robot)).ending is Ending.DONE
 
 
+async def test_what_an_action_takes_away_may_be_gone_before_it_answers() -> None:
+    robot = Robot()
+
+    async def slow_to_answer(robot: Robot, action: Action) -> ActionResult | None:
+        if action.name != "stop_node":
+            return None
+        await robot.do(action)
+        await asyncio.sleep(0.2)  # not running(driver), for longer than hold_s
+        return ActionResult(OK)
+
+    robot.behave = slow_to_answer
+    assert (await run(robot)).ending is Ending.DONE
+
+
 async def test_an_effect_that_is_already_there_is_not_brought_about_again() -> None:
     robot = Robot()
     robot.see(ON, True)
