@@ -11,7 +11,7 @@ from robomend.model.loading import load_text
 from robomend.model.sentences import MAX_LENGTH
 from robomend.model.vocabulary import Vocabulary, for_robot
 from robomend.observations import language
-from robomend.observations.language import Assertion, Unknown, parse, read, read_assertion
+from robomend.observations.language import Assertion, Unknown, parse, read, read_assertion, says_literals
 from robomend_client.literals import Atom, Literal, fails, holds
 
 ROBOT = load_text(
@@ -161,3 +161,11 @@ def test_garbage_raises_observation_errors_only(sentence: str) -> None:
         except ObservationError as error:
             place = error.position
         assert 0 <= place <= len(sentence)
+
+
+def test_a_sentence_says_literals_before_and_after_it_was_read_or_says_more() -> None:
+    vocabulary = for_robot(topics=("odom", "map"))
+    for _ in range(2):
+        assert says_literals("ok(odom) and not ok(map)", vocabulary)
+        parse("ok(odom) and not ok(map)", vocabulary)
+    assert not says_literals("ok(odom) or ok(map)", vocabulary)

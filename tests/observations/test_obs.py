@@ -29,6 +29,14 @@ def test_a_literal_replaces_its_opposite() -> None:
     assert obs.literals(3) == (fails("ok", "scan"),)
 
 
+def test_an_atom_is_known_with_its_sign_as_long_as_it_lives() -> None:
+    obs = Obs([seen(holds("ok", "scan"), 1, 10), seen(fails("ok", "map"), 1)])
+    assert obs.known(Atom("ok", ("scan",)), 9) is True
+    assert obs.known(Atom("ok", ("scan",)), 10) is None
+    assert obs.known(Atom("ok", ("map",)), 11) is False
+    assert obs.known(Atom("ok", ("odom",)), 1) is None
+
+
 def test_repeating_what_is_known_changes_nothing_but_its_time() -> None:
     obs = Obs([seen(holds("ok", "scan"), 1)])
     before = obs.signature(1)

@@ -29,6 +29,7 @@ def after_act() -> Unconfirmed:
 def test_evidence_from_before_the_answer_confirms_nothing_of_either_sign(positive: bool) -> None:
     unconfirmed = after_act()
     assert not unconfirmed.hear([said(positive, since=ACT.from_ns)])
+    assert not unconfirmed.hear([said(positive, since=ACT.from_ns + GUARD_NS)])
     assert not unconfirmed.hear([said(positive, since=None)])
     assert SCAN in unconfirmed
 

@@ -282,6 +282,9 @@ def test_small_diagnoses_lead_and_the_healthy_one_is_none() -> None:
 def test_a_hundred_bad_components_do_not_underflow() -> None:
     many = tuple(f"c{i}" for i in range(400))
     assert weights([Diagnosis(many), Diagnosis((*many[1:], "x"))]) == [0.5, 0.5]
+    assert weights([Diagnosis(("x",)), Diagnosis(many)]) == [1.0, 0.0]
+    one_more = weights([Diagnosis(many), Diagnosis((*many, "x"))])
+    assert abs(one_more[1] / one_more[0] - Patience().component_odds) < 1e-9
 
 
 def test_what_soon_breaks_again_however_often_it_is_mended_is_quarantined() -> None:
