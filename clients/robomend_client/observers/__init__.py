@@ -1,6 +1,8 @@
 """The paper's observers, pure: samples and times in, verdicts out. base.py says how to add one.
 
 driver.py              feeds and asks them, live and over logs; read it after base.py
+combining.py           what several observers of one atom say together
+observer_state.py      what the driver keeps of each; ticks.py: whose turn it is
 recording.py           what a driver took in, and its replay
 kinds.py               all kinds by name, and the section `observers:` of a file
 
@@ -17,8 +19,9 @@ reading.py             the base of observers that judge one reading at a time, o
 
 from robomend_client.observers.base import SECOND, Evidence, Observer, Verdict, ns, number
 from robomend_client.observers.binary_qualitative import BinaryQualitativeObserver, Match
+from robomend_client.observers.combining import Change
 from robomend_client.observers.diagnostic import DIAGNOSTICS, DiagnosticObserver, Levels
-from robomend_client.observers.driver import Change, Driver, ObserverProblem
+from robomend_client.observers.driver import Driver, ObserverProblem
 from robomend_client.observers.filters import Filter
 from robomend_client.observers.general import GeneralObserver, Rate
 from robomend_client.observers.hardware import BOARD, BoardReadings, HardwareObserver, Wiring

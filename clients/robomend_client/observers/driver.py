@@ -20,8 +20,8 @@ times. The rules that make it so:
   future alone is left out and counted. Back, it means that the log begins again, or the simulation: all
   observers start anew. Live, stamps that are far from the clock are left out and counted.
 
-Several observers may speak of one atom. Bad news wins: the atom holds if all who speak say so; of atoms in
-`lenient` it is the other way round. Who does not know has no vote.
+Where several observers speak of one atom, combining.py says what holds; observer_state.py has what is kept of
+each observer, ticks.py whose turn it is.
 
 `settle(n, atoms)` has the observers of these atoms drop their samples and judge anew. The next change of
 each of these atoms carries n, of either sign; None if there is nothing to see within the settling time.
@@ -32,40 +32,25 @@ the others go on.
 
 from __future__ import annotations
 
-import heapq
 import logging
 import traceback
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
-from robomend_client.literals import Atom, Literal
-from robomend_client.observers.base import SECOND, Evidence, Observer, Verdict, ns
+from robomend_client.literals import Atom
+from robomend_client.observers.base import SECOND, Observer, Verdict
+from robomend_client.observers.combining import Change, Combined
+from robomend_client.observers.observer_state import GRID_NS, NEVER, ObserverState, after
+from robomend_client.observers.ticks import Ticks
 
 log = logging.getLogger(__name__)
-
-GRID_NS = 10_000_000
-"""Ticks of observers that are due; coarse enough that many of them share a wake-up."""
 
 JUMP_NS = SECOND
 """How far a sample's stamp may be from the time before without being a jump."""
 
 OLDEST_NS = 10 * SECOND
 """Live, a sample that was made longer ago than this comes from another clock, or too late to be of use."""
-
-NEVER = 1 << 62
-
-
-class Change(NamedTuple):
-    """An atom has another value from now on, or was judged anew as it was told to be."""
-
-    time_ns: int
-    atom: Atom
-    value: Literal | None  # None: unknown from now on
-    since_ns: int | None = None
-    onset_ns: int | None = None
-    settled: int | None = None  # the n of the `settle` that this answers
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,23 +100,17 @@ class Driver:
         """
         self.now_ns = start_ns
         self.problems: Counter[tuple[str, str]] = Counter()
-        self._seats = [_Seat(observer, number) for number, observer in enumerate(observers)]
+        self._states = [ObserverState(observer, number) for number, observer in enumerate(observers)]
+        self._combined = Combined(self._states, lenient)
+        self._ticks = Ticks(self._states)
         self._routes: dict[str, _Route] = {}
-        self._speakers: dict[Atom, list[_Seat]] = {}
-        self._standing: dict[Atom, Literal] = {}
-        self._lenient = frozenset(lenient)
-        self._settling: dict[Atom, int] = {}
         self._held: tuple[str, int, object] | None = None  # a sample of a log, far from the time before it
         self._on_problem = on_problem or _to_the_log
         self._listener = listener
-        self._ticks: list[tuple[int, int]] = []
-        self._next_ns = NEVER
-        for seat in self._seats:
-            for source in seat.observer.sources:
-                self._routes.setdefault(source, _Route()).seats.append(seat)
-            for atom in seat.observer.atoms:
-                self._speakers.setdefault(atom, []).append(seat)
-            self._reset(seat, start_ns)
+        for state in self._states:
+            for source in state.observer.sources:
+                self._routes.setdefault(source, _Route()).states.append(state)
+            self._reset(state, start_ns)
 
     @property
     def sources(self) -> frozenset[str]:
@@ -141,17 +120,17 @@ class Driver:
     @property
     def atoms(self) -> tuple[Atom, ...]:
         """All that any of them may speak of."""
-        return tuple(self._speakers)
+        return self._combined.atoms
 
     def delays_s(self, atom: Atom) -> tuple[float, float]:
         """Return detection delay and settling time of what is said of `atom`."""
-        speakers = [seat.observer for seat in self._speakers[atom]]
+        speakers = [state.observer for state in self._combined.speakers(atom)]
         return max(o.detection_s for o in speakers), max(o.settling_s for o in speakers)
 
     @property
     def next_ns(self) -> int | None:
         """When `advance` will have something to do, if no sample comes before; None: not by itself."""
-        return None if self._next_ns == NEVER else self._next_ns
+        return None if self._ticks.next_ns == NEVER else self._ticks.next_ns
 
     # --- what happens ---------------------------------------------------------------------------------
 
@@ -202,16 +181,16 @@ class Driver:
 
         The first verdict on each atom after that carries `n`. Atoms that nobody here observes are ignored.
         """
-        ours = [atom for atom in atoms if atom in self._speakers]
+        ours = [atom for atom in atoms if self._combined.speakers(atom)]
         if self._listener is not None and ours:
             self._listener.settle(self.now_ns, n, ours)
         touched: dict[Atom, None] = {}
         for atom in ours:
-            self._settling[atom] = n
-            for seat in self._speakers[atom]:
-                self._refresh(seat)  # what stands until then stands on its newest evidence
-                self._reset(seat, self.now_ns, touched)
-        return self._combine(touched, self.now_ns)
+            self._combined.settle(n, atom)
+            for state in self._combined.speakers(atom):
+                self._refresh(state)  # what stands until then stands on its newest evidence
+                self._reset(state, self.now_ns, touched)
+        return self._combined.changes(touched, self.now_ns)
 
     def lapse(self, until_ns: int) -> Sequence[Change]:
         """Say that nobody has looked since the last event, nor will until `until_ns`: that is no silence."""
@@ -219,13 +198,13 @@ class Driver:
             self._listener.lapse(self.now_ns, until_ns)
         lost_ns = until_ns - self.now_ns
         touched: dict[Atom, None] = {}
-        for seat in self._seats:
-            if lost_ns > seat.patience_ns:
-                self._refresh(seat)
-                self._reset(seat, until_ns, touched)
-            elif seat.tick_ns <= until_ns:
-                self._schedule(seat, _after(until_ns, GRID_NS))
-        return self._combine(touched, self.now_ns)
+        for state in self._states:
+            if lost_ns > state.patience_ns:
+                self._refresh(state)
+                self._reset(state, until_ns, touched)
+            elif state.tick_ns <= until_ns:
+                self._ticks.schedule(state, after(until_ns, GRID_NS))
+        return self._combined.changes(touched, self.now_ns)
 
     def restart(self, now_ns: int) -> Sequence[Change]:
         """Begin anew at another time, before or after: all that was known is unknown from now on."""
@@ -235,22 +214,22 @@ class Driver:
         self.now_ns = now_ns
         for route in self._routes.values():
             route.newest_ns = now_ns
-        for seat in self._seats:
-            seat.verdicts.clear()
-            self._reset(seat, now_ns)
-            seat.end_wait()
-        return self._combine(dict.fromkeys(self._speakers), now_ns)
+        for state in self._states:
+            state.verdicts.clear()
+            self._reset(state, now_ns)
+            state.end_wait()
+        return self._combined.changes(dict.fromkeys(self._combined.atoms), now_ns)
 
     def standing(self) -> list[Verdict]:
         """Return what holds now, with its present evidence: what a heartbeat says."""
-        for seat in self._seats:
-            self._refresh(seat)
-        return [Verdict(literal, *self._evidence(atom, literal)) for atom, literal in self._standing.items()]
+        for state in self._states:
+            self._refresh(state)
+        return self._combined.standing()
 
     # --- samples --------------------------------------------------------------------------------------
 
     def _take(self, route: _Route, source: str, time_ns: int, value: object, now_ns: int) -> Sequence[Change]:
-        changes: Sequence[Change] = self._run(now_ns) if now_ns >= self._next_ns else ()
+        changes: Sequence[Change] = self._run(now_ns) if now_ns >= self._ticks.next_ns else ()
         self.now_ns = now_ns
         if time_ns >= route.newest_ns:
             route.newest_ns = time_ns
@@ -258,28 +237,28 @@ class Driver:
             time_ns = route.newest_ns  # overtaken within its source
         if self._listener is not None:
             self._listener.sample(source, time_ns, value, now_ns)
-        for seat in route.seats:
-            if time_ns < seat.floor_ns:
+        for state in route.states:
+            if time_ns < state.floor_ns:
                 continue  # from before the reset: what it tells is not young enough
-            period_ns = seat.period_ns
+            period_ns = state.period_ns
             try:
-                seat.feed(source, time_ns, value)
+                state.feed(source, time_ns, value)
                 if not period_ns:
-                    said, due_ns = seat.check(now_ns), seat.due_ns()
-                    if said is seat.said and not seat.waiting:
-                        if due_ns is not None and not now_ns < seat.tick_ns <= due_ns:
-                            self._plan(seat, due_ns, now_ns)
+                    said, due_ns = state.check(now_ns), state.due_ns()
+                    if said is state.said and not state.waiting:
+                        if due_ns is not None and not now_ns < state.tick_ns <= due_ns:
+                            self._plan(state, due_ns, now_ns)
                         continue
             except Exception as error:  # noqa: BLE001  # anybody's observer may raise anything
-                changes = [*changes, *self._failed(seat, error)]
+                changes = [*changes, *self._failed(state, error)]
                 continue
             if not period_ns:
-                changes = [*changes, *self._ask_now(seat)]
-            elif not seat.fed:
-                seat.fed = True
+                changes = [*changes, *self._ask_now(state)]
+            elif not state.fed:
+                state.fed = True
                 tick_ns = (now_ns // period_ns + 1) * period_ns
-                if tick_ns < seat.tick_ns:
-                    self._schedule(seat, tick_ns)
+                if tick_ns < state.tick_ns:
+                    self._ticks.schedule(state, tick_ns)
         return changes
 
     def _far(self, source: str, time_ns: int, value: object) -> Sequence[Change]:
@@ -322,182 +301,77 @@ class Driver:
 
     def _run(self, until_ns: int) -> Sequence[Change]:
         """Ask whoever is due up to `until_ns`, tick by tick."""
-        if until_ns < self._next_ns:
-            return ()
         changes: list[Change] = []
         ticks = self._ticks
-        while ticks and ticks[0][0] <= until_ns:
-            tick_ns = ticks[0][0]
+        while (tick_ns := ticks.next_ns) <= until_ns:
             if tick_ns > self.now_ns:
                 self.now_ns = tick_ns
             touched: dict[Atom, None] = {}
             # All of one tick before anything is combined: or an atom would flicker between its observers.
-            while ticks and ticks[0][0] == tick_ns:
-                seat = self._seats[heapq.heappop(ticks)[1]]
-                if seat.tick_ns != tick_ns:
-                    continue
-                self._tick(seat, tick_ns, touched)
-            self._set_next()
+            for state in ticks.of(tick_ns):
+                self._tick(state, tick_ns, touched)
             if touched:
-                changes += self._combine(touched, tick_ns)
-        self._set_next()
+                changes += self._combined.changes(touched, tick_ns)
         return changes
 
-    def _tick(self, seat: _Seat, tick_ns: int, touched: dict[Atom, None]) -> None:
+    def _tick(self, state: ObserverState, tick_ns: int, touched: dict[Atom, None]) -> None:
         """Ask an observer if it is due, or if samples came and this is a tick of its own grid."""
-        if not seat.waiting and (not seat.fed or tick_ns % seat.period_ns):
+        if not state.waiting and (not state.fed or tick_ns % state.period_ns):
             try:
-                due_ns = seat.due_ns()
+                due_ns = state.due_ns()
             except Exception as error:  # noqa: BLE001  # anybody's observer may raise anything
-                self._failed(seat, error, touched)
+                self._failed(state, error, touched)
                 return
             if due_ns is None or due_ns > tick_ns:
-                self._plan(seat, due_ns, tick_ns)  # samples have put it off since this tick was planned
+                self._plan(state, due_ns, tick_ns)  # samples have put it off since this tick was planned
                 return
-        self._ask(seat, tick_ns, touched)
+        self._ask(state, tick_ns, touched)
 
-    def _ask_now(self, seat: _Seat) -> Sequence[Change]:
+    def _ask_now(self, state: ObserverState) -> Sequence[Change]:
         touched: dict[Atom, None] = {}
-        self._ask(seat, self.now_ns, touched)
-        return self._combine(touched, self.now_ns) if touched else ()
+        self._ask(state, self.now_ns, touched)
+        return self._combined.changes(touched, self.now_ns) if touched else ()
 
-    def _ask(self, seat: _Seat, now_ns: int, touched: dict[Atom, None]) -> None:
+    def _ask(self, state: ObserverState, now_ns: int, touched: dict[Atom, None]) -> None:
         """Ask one observer; note the atoms on which its word may have changed, and when to ask again."""
-        seat.fed = False
+        state.fed = False
         try:
-            said = seat.check(now_ns)
-            if said is not seat.said or seat.waiting:
-                seat.take(said, now_ns, touched)
-            due_ns = seat.due_ns()
+            said = state.check(now_ns)
+            if said is not state.said or state.waiting:
+                state.take(said, now_ns, touched)
+            due_ns = state.due_ns()
         except Exception as error:  # noqa: BLE001  # anybody's observer may raise anything
-            self._failed(seat, error, touched)
+            self._failed(state, error, touched)
             return
-        self._plan(seat, due_ns, now_ns)
+        self._plan(state, due_ns, now_ns)
 
-    def _plan(self, seat: _Seat, due_ns: int | None, now_ns: int) -> None:
-        """Note when to look at an observer again; a time that it was due at, and is past, has had its
-        answer.
-        """
-        tick_ns = NEVER if due_ns is None or due_ns <= now_ns else _after(due_ns - 1, GRID_NS)
-        if seat.waiting:
-            tick_ns = min(tick_ns, _after(max(seat.patient_until_ns - 1, now_ns), GRID_NS))
-        if seat.fed:
-            tick_ns = min(tick_ns, _after(now_ns, seat.period_ns))
-        if not now_ns < seat.tick_ns <= tick_ns:  # one that is planned, and earlier, will do: it looks again
-            self._schedule(seat, tick_ns)
+    def _plan(self, state: ObserverState, due_ns: int | None, now_ns: int) -> None:
+        """Note when to look at an observer again."""
+        tick_ns = state.planned_ns(due_ns, now_ns)
+        if not now_ns < state.tick_ns <= tick_ns:  # one that is planned, and earlier, will do: it looks again
+            self._ticks.schedule(state, tick_ns)
 
-    def _schedule(self, seat: _Seat, tick_ns: int) -> None:
-        seat.tick_ns = tick_ns
-        if tick_ns == NEVER:
-            return
-        heapq.heappush(self._ticks, (tick_ns, seat.number))
-        if len(self._ticks) > 4 * len(self._seats) + 64:  # mostly of ticks that were overtaken
-            self._ticks[:] = [(s.tick_ns, s.number) for s in self._seats if s.tick_ns != NEVER]
-            heapq.heapify(self._ticks)
-        self._set_next()
-
-    def _set_next(self) -> None:
-        self._next_ns = self._ticks[0][0] if self._ticks else NEVER
-
-    def _reset(self, seat: _Seat, time_ns: int, touched: dict[Atom, None] | None = None) -> None:
+    def _reset(self, state: ObserverState, time_ns: int, touched: dict[Atom, None] | None = None) -> None:
         """Have an observer judge anew; what it said last stands until then."""
-        seat.wait(time_ns)
+        state.wait(time_ns)
         try:
-            seat.observer.reset(time_ns)
+            state.observer.reset(time_ns)
         except Exception as error:  # noqa: BLE001  # anybody's observer may raise anything
-            self._failed(seat, error, {} if touched is None else touched, again=False)
+            self._failed(state, error, {} if touched is None else touched, again=False)
             return
-        self._schedule(seat, _after(time_ns, GRID_NS))
+        self._ticks.schedule(state, after(time_ns, GRID_NS))
 
-    # --- verdicts -------------------------------------------------------------------------------------
-
-    def _combine(self, touched: Iterable[Atom], now_ns: int) -> Sequence[Change]:
-        """Return the changes among these atoms, by what all their observers say."""
-        changes = []
-        for atom in touched:
-            speakers = self._speakers[atom]
-            value = self._value(atom, speakers)
-            n = self._settling.get(atom) if self._settling else None
-            if n is not None and self._settled(atom, value, speakers):
-                del self._settling[atom]
-            else:
-                n = None
-            before = self._standing.get(atom)
-            if value is before and n is None:
-                continue
-            if value is not None and value == before and n is None:
-                continue
-            if value is None:
-                self._standing.pop(atom, None)
-                changes.append(Change(now_ns, atom, None, settled=n))
-            else:
-                self._standing[atom] = value
-                since_ns, onset_ns = self._evidence(atom, value)
-                changes.append(Change(now_ns, atom, value, since_ns, onset_ns, n))
-        return changes
-
-    def _value(self, atom: Atom, speakers: list[_Seat]) -> Literal | None:
-        if len(speakers) == 1:
-            found = speakers[0].verdicts.get(atom)
-            return None if found is None else found.literal
-        wins = atom in self._lenient
-        value = None
-        for seat in speakers:
-            found = seat.verdicts.get(atom)
-            if found is not None:
-                value = found.literal
-                if value.positive is wins:
-                    break
-        return value
-
-    def _settled(self, atom: Atom, value: Literal | None, speakers: list[_Seat]) -> bool:
-        """Return whether the atom's value rests on nothing from before it was to be judged anew."""
-        wins = atom in self._lenient
-        for seat in speakers:
-            if atom not in seat.waiting:
-                found = seat.verdicts.get(atom)
-                if found is not None and found.literal.positive is wins:
-                    return True  # whatever the others will say
-        return not any(atom in seat.waiting for seat in speakers)
-
-    def _evidence(self, atom: Atom, value: Literal) -> Evidence:
-        """Return what the combined verdict rests on: what decides alone by the youngest, what all say by
-        all.
-        """
-        found = [
-            verdict
-            for seat in self._speakers[atom]
-            if (verdict := seat.verdicts.get(atom)) is not None and verdict.literal.positive is value.positive
-        ]
-        alone = value.positive is (atom in self._lenient)
-        since_ns = (max if alone else min)(verdict.since_ns for verdict in found)
-        onsets = [verdict.onset_ns for verdict in found if verdict.onset_ns is not None]
-        return Evidence(since_ns, min(onsets, default=None))
-
-    def _refresh(self, seat: _Seat) -> None:
-        """Bring the evidence of an observer's verdicts up to date; the verdicts themselves wait for their
-        tick.
-        """
-        if not seat.verdicts:
-            return
+    def _refresh(self, state: ObserverState) -> None:
         try:
-            for literal in seat.observer.check(self.now_ns):
-                known = seat.verdicts.get(literal.atom)
-                if (
-                    known is not None
-                    and known.literal.positive is literal.positive
-                    and literal.atom not in seat.waiting
-                ):
-                    evidence = seat.observer.evidence(literal.atom, self.now_ns)
-                    seat.verdicts[literal.atom] = Verdict(literal, *evidence)
+            state.refresh(self.now_ns)
         except Exception as error:  # noqa: BLE001  # it is told, and dealt with, at its next tick
-            log.debug("%s: %s", seat.observer, error)
+            log.debug("%s: %s", state.observer, error)
 
     # --- problems -------------------------------------------------------------------------------------
 
     def _failed(
         self,
-        seat: _Seat,
+        state: ObserverState,
         error: Exception,
         touched: dict[Atom, None] | None = None,
         again: bool = True,
@@ -505,18 +379,19 @@ class Driver:
         """An observer raised: its atoms are unknown until it has judged anew."""
         frames = traceback.extract_tb(error.__traceback__)
         place = f"{frames[-1].filename}:{frames[-1].lineno}" if frames else "?"
-        name = f"{type(seat.observer).__name__} of {', '.join(map(str, seat.observer.atoms[:3]))}"
+        name = f"{type(state.observer).__name__} of {', '.join(map(str, state.observer.atoms[:3]))}"
         self._tell("observer", place, f"the {name} failed: {type(error).__name__}: {error} ({place})")
         mine: dict[Atom, None] = {} if touched is None else touched
-        seat.verdicts.clear()
+        state.verdicts.clear()
         if again:
-            self._reset(seat, self.now_ns, mine)
-            self._schedule(seat, _after(self.now_ns, SECOND))  # one that fails again and again costs little
+            self._reset(state, self.now_ns, mine)
+            # One that fails again and again costs little.
+            self._ticks.schedule(state, after(self.now_ns, SECOND))
         else:
-            seat.end_wait()
-            seat.tick_ns = NEVER
-        mine.update(dict.fromkeys(seat.observer.atoms))
-        return self._combine(mine, self.now_ns) if touched is None else ()
+            state.end_wait()
+            state.tick_ns = NEVER
+        mine.update(dict.fromkeys(state.observer.atoms))
+        return self._combined.changes(mine, self.now_ns) if touched is None else ()
 
     def _tell(self, what: str, where: str, message: str) -> None:
         self.problems[what, where] += 1
@@ -527,84 +402,11 @@ class Driver:
 class _Route:
     """Who wants the samples of one source, and how far it has come."""
 
-    __slots__ = ("newest_ns", "seats")
+    __slots__ = ("newest_ns", "states")
 
     def __init__(self) -> None:
-        self.seats: list[_Seat] = []
+        self.states: list[ObserverState] = []
         self.newest_ns = -NEVER
-
-
-class _Seat:
-    """One observer in its driver."""
-
-    __slots__ = (
-        "check",
-        "due_ns",
-        "fed",
-        "feed",
-        "floor_ns",
-        "number",
-        "observer",
-        "patience_ns",
-        "patient_until_ns",
-        "period_ns",
-        "said",
-        "tick_ns",
-        "verdicts",
-        "waiting",
-    )  # fmt: skip
-
-    def __init__(self, observer: Observer, number: int) -> None:
-        self.observer = observer
-        self.number = number
-        self.feed, self.check, self.due_ns = observer.feed, observer.check, observer.due_ns
-        self.period_ns = observer.period_ns
-        self.patience_ns = ns(observer.detection_s) // 2  # so long nobody may look: messages wait meanwhile
-        self.fed = False
-        self.tick_ns = NEVER
-        self.floor_ns = -NEVER
-        self.said: tuple[Literal, ...] | None = None  # the newest answer
-        self.verdicts: dict[Atom, Verdict] = {}
-        self.waiting: frozenset[Atom] = frozenset()  # atoms that were to be judged anew, and are not yet
-        self.patient_until_ns = NEVER
-
-    def wait(self, time_ns: int) -> None:
-        """It judges anew from `time_ns` on."""
-        self.floor_ns = time_ns
-        self.waiting = frozenset(self.observer.atoms)
-        self.patient_until_ns = time_ns + ns(self.observer.settling_s) + GRID_NS
-        self.said = None
-
-    def end_wait(self) -> None:
-        self.waiting = frozenset()
-
-    def take(self, said: tuple[Literal, ...], now_ns: int, touched: dict[Atom, None]) -> None:
-        """Take down what it says; what it does not say is unknown, or stands while it is waited for."""
-        self.said = said
-        old = self.verdicts
-        evidence = self.observer.evidence
-        new = {literal.atom: Verdict(literal, *evidence(literal.atom, now_ns)) for literal in said}
-        if self.waiting:
-            patient = now_ns < self.patient_until_ns
-            for atom in self.observer.atoms:
-                if atom not in self.waiting:
-                    continue
-                if atom in new or not patient:
-                    self.waiting -= {atom}
-                    touched[atom] = None
-                elif atom in old:
-                    new[atom] = old[atom]
-        for atom, verdict in new.items():
-            known = old.get(atom)
-            if known is None or known.literal.positive is not verdict.literal.positive:
-                touched[atom] = None
-        touched.update((atom, None) for atom in old if atom not in new)
-        self.verdicts = new
-
-
-def _after(time_ns: int, period_ns: int) -> int:
-    """Return the first multiple of `period_ns` after a time."""
-    return (time_ns // period_ns + 1) * period_ns
 
 
 def _to_the_log(problem: ObserverProblem) -> None:

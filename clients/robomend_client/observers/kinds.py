@@ -108,10 +108,14 @@ def load_kind(kind: str, base: Path) -> Callable[..., Any]:
     """Return the class or function that a kind stands for.
 
     Raises:
-        UnknownKind, BrokenKind: there is none, or it cannot be imported.
+        UnknownKind, BrokenKind: there is none, or it cannot be imported, or a method of it is missing.
     """
     file, colon, attribute = kind.rpartition(":")
-    return load_file(base / file, attribute) if colon and file.endswith(".py") else KINDS.load(kind)
+    found = load_file(base / file, attribute) if colon and file.endswith(".py") else KINDS.load(kind)
+    missing: frozenset[str] = getattr(found, "__abstractmethods__", frozenset())
+    if missing:
+        raise BrokenKind(f"{kind} has no {', '.join(sorted(missing))}")
+    return found
 
 
 def load_file(file: Path, attribute: str) -> Callable[..., Any]:

@@ -22,7 +22,7 @@ from typing import Any, ClassVar
 
 from robomend_client.observers.base import number
 from robomend_client.observers.filters import Filter
-from robomend_client.observers.reading import ReadingObserver, Readings
+from robomend_client.observers.reading import JudgedReadings, Readings
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Band:
         )
 
 
-class PropertyObserver(ReadingObserver):
+class PropertyObserver(JudgedReadings):
     """Watches one number."""
 
     def __init__(

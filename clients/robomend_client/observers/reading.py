@@ -15,6 +15,7 @@ reading says nothing) will do as well: FunctionObserver makes an observer of it.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -49,8 +50,8 @@ class Readings:
         return max(self.agreeing * self.interval_s, self.debounce_s + self.interval_s)
 
 
-class ReadingObserver:
-    """Says whether the readings of one source are good. Subclasses write `judge`."""
+class JudgedReadings:
+    """Says whether the readings of one source are good; a subclass's `feed` judges them."""
 
     def __init__(self, atom: str, source: str, readings: Readings | None = None) -> None:
         """
@@ -67,17 +68,8 @@ class ReadingObserver:
         self._signs = {good: (Literal(self.atoms[0], good),) for good in (True, False)}
         self._judgement = readings.judgement()
 
-    def judge(self, value: Any) -> bool | None:
-        """Return whether a reading is good; None: it says nothing."""
-        raise NotImplementedError
-
     def reset(self, time_ns: int) -> None:
         self._judgement.reset()
-
-    def feed(self, source: str, time_ns: int, value: object) -> None:
-        good = self.judge(value)
-        if good is not None:
-            self._judgement.add(time_ns, bool(good))
 
     def due_ns(self) -> int | None:
         return self._judgement.due_ns()
@@ -88,6 +80,19 @@ class ReadingObserver:
 
     def evidence(self, atom: Atom, now_ns: int) -> Evidence:
         return self._judgement.evidence
+
+
+class ReadingObserver(JudgedReadings, ABC):
+    """Judges each reading by itself. Subclasses write `judge`."""
+
+    @abstractmethod
+    def judge(self, value: Any) -> bool | None:
+        """Return whether a reading is good; None: it says nothing."""
+
+    def feed(self, source: str, time_ns: int, value: object) -> None:
+        good = self.judge(value)
+        if good is not None:
+            self._judgement.add(time_ns, bool(good))
 
 
 class FunctionObserver(ReadingObserver):

@@ -17,7 +17,8 @@ from pathlib import Path
 from typing import Any
 
 from robomend_client.literals import Atom
-from robomend_client.observers.driver import Change, Driver, Listener
+from robomend_client.observers.combining import Change
+from robomend_client.observers.driver import Driver, Listener
 
 
 class Recording(Listener):

@@ -185,6 +185,14 @@ def test_the_observers_of_the_manual_do_what_it_says(tmp_path: Path) -> None:
     assert said(steady, 12.0, 12.2, 10.0, 10.1) == ["ok(voltage)", "not ok(voltage)", "ok(voltage)"]
 
 
+def test_a_class_that_does_not_say_what_is_good_is_refused_with_its_line(tmp_path: Path) -> None:
+    (tmp_path / "mute.py").write_text(
+        "from robomend_client.observers import ReadingObserver\nclass Mute(ReadingObserver): ...\n"
+    )
+    with pytest.raises(ConfigError, match=r":1: .*kind.*mute.py:Mute has no judge"):
+        specs(tmp_path, 'observers: {x: {kind: "mute.py:Mute", source: "a:b"}}')
+
+
 def test_an_observer_of_another_distribution_is_found_by_its_name(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,0 +1,107 @@
+"""What a driver keeps of one observer: when it is asked again, what it said, what it must judge anew."""
+
+from __future__ import annotations
+
+from robomend_client.literals import Atom, Literal
+from robomend_client.observers.base import Observer, Verdict, ns
+
+GRID_NS = 10_000_000
+"""Ticks of observers that are due; coarse enough that many of them share a wake-up."""
+
+NEVER = 1 << 62
+
+
+class ObserverState:
+    """One observer in its driver."""
+
+    __slots__ = (
+        "check",
+        "due_ns",
+        "fed",
+        "feed",
+        "floor_ns",
+        "number",
+        "observer",
+        "patience_ns",
+        "patient_until_ns",
+        "period_ns",
+        "said",
+        "tick_ns",
+        "verdicts",
+        "waiting",
+    )  # fmt: skip
+
+    def __init__(self, observer: Observer, number: int) -> None:
+        self.observer = observer
+        self.number = number
+        self.feed, self.check, self.due_ns = observer.feed, observer.check, observer.due_ns
+        self.period_ns = observer.period_ns
+        self.patience_ns = ns(observer.detection_s) // 2  # so long nobody may look: messages wait meanwhile
+        self.fed = False
+        self.tick_ns = NEVER
+        self.floor_ns = -NEVER
+        self.said: tuple[Literal, ...] | None = None  # the newest answer
+        self.verdicts: dict[Atom, Verdict] = {}
+        self.waiting: frozenset[Atom] = frozenset()  # atoms that were to be judged anew, and are not yet
+        self.patient_until_ns = NEVER
+
+    def wait(self, time_ns: int) -> None:
+        """It judges anew from `time_ns` on."""
+        self.floor_ns = time_ns
+        self.waiting = frozenset(self.observer.atoms)
+        self.patient_until_ns = time_ns + ns(self.observer.settling_s) + GRID_NS
+        self.said = None
+
+    def end_wait(self) -> None:
+        self.waiting = frozenset()
+
+    def take(self, said: tuple[Literal, ...], now_ns: int, touched: dict[Atom, None]) -> None:
+        """Take down what it says; what it does not say is unknown, or stands while it is waited for."""
+        self.said = said
+        old = self.verdicts
+        evidence = self.observer.evidence
+        new = {literal.atom: Verdict(literal, *evidence(literal.atom, now_ns)) for literal in said}
+        if self.waiting:
+            patient = now_ns < self.patient_until_ns
+            for atom in self.observer.atoms:
+                if atom not in self.waiting:
+                    continue
+                if atom in new or not patient:
+                    self.waiting -= {atom}
+                    touched[atom] = None
+                elif atom in old:
+                    new[atom] = old[atom]
+        for atom, verdict in new.items():
+            known = old.get(atom)
+            if known is None or known.literal.positive is not verdict.literal.positive:
+                touched[atom] = None
+        touched.update((atom, None) for atom in old if atom not in new)
+        self.verdicts = new
+
+    def planned_ns(self, due_ns: int | None, now_ns: int) -> int:
+        """Return when to look at it again; a time that it was due at, and is past, has had its answer."""
+        tick_ns = NEVER if due_ns is None or due_ns <= now_ns else after(due_ns - 1, GRID_NS)
+        if self.waiting:
+            tick_ns = min(tick_ns, after(max(self.patient_until_ns - 1, now_ns), GRID_NS))
+        if self.fed:
+            tick_ns = min(tick_ns, after(now_ns, self.period_ns))
+        return tick_ns
+
+    def refresh(self, now_ns: int) -> None:
+        """Bring the evidence of its verdicts up to date; the verdicts themselves wait for their tick."""
+        if not self.verdicts:
+            return
+        for literal in self.check(now_ns):
+            known = self.verdicts.get(literal.atom)
+            if (
+                known is not None
+                and known.literal.positive is literal.positive
+                and literal.atom not in self.waiting
+            ):
+                evidence = self.observer.evidence(literal.atom, now_ns)
+                self.verdicts[literal.atom] = Verdict(literal, *evidence)
+
+
+def after(time_ns: int, period_ns: int) -> int:
+    """Return the first multiple of `period_ns` after a time."""
+    return (time_ns // period_ns + 1) * period_ns
