@@ -47,11 +47,12 @@ def cli() -> None:
     """Find out why a robot misbehaves, and repair it."""
 
 
-def run(arguments: list[str]) -> int:
-    """Run one command and return its exit code; nothing but a bug shows a traceback."""
+def run(arguments: list[str], program: click.Group = cli) -> int:
+    """Run a command of a program and return its exit code; nothing but a bug shows a traceback."""
     stdout = sys.stdout
     try:
-        code = cli.main(arguments, prog_name="robomend", standalone_mode=False)
+        name = "robomend" if program is cli else program.name
+        code = program.main(arguments, prog_name=name, standalone_mode=False)
         sys.stdout.flush()
     except click.ClickException as error:
         context = getattr(error, "ctx", None)

@@ -41,7 +41,12 @@ from robomend.diagnosis.search import (
     factors,
     listed_as_rows,
 )
-from robomend.diagnosis.sensor_conflicts import SensorConflict, TooManyConflicts, all_conflicts
+from robomend.diagnosis.sensor_conflicts import (
+    SensorConflict,
+    TooManyConflicts,
+    all_conflicts,
+    minimal_sets,
+)
 from robomend.errors import ContradictoryModel, OptionRefused
 from robomend.model.cnf import HealthCnf
 from robomend_client.literals import Atom, Literal
@@ -70,6 +75,8 @@ class RowAnswers:
 
     index: NDArray[np.intp]
     distinct: tuple[Answer, ...]
+    conflicts: tuple[tuple[tuple[str, ...], ...] | None, ...]
+    """Of each distinct answer: the components of its minimal conflicts; None where they are not known."""
 
     def __getitem__(self, row: int) -> Answer:
         """Return the answer of a row."""
@@ -179,26 +186,61 @@ class Library:
         rows, row_of = np.unique(codes.reshape(-1, self.words), axis=0, return_inverse=True)
         if self._engine is not None:
             asked = tuple([self._asked(self._engine, tuple(row)) for row in rows.tolist()])
-            return RowAnswers(row_of.reshape(-1), asked)
-        applying = [self._applying(rows[start : start + ROWS]) for start in range(0, len(rows), ROWS)]
-        packed = np.concatenate(applying) if applying else self._applying(rows)
+            return RowAnswers(row_of.reshape(-1), asked, (None,) * len(asked))
+        applying = [
+            np.packbits(self._applying(rows[start : start + ROWS]), axis=1)
+            for start in range(0, len(rows), ROWS)
+        ]
+        packed = np.concatenate(applying) if applying else np.packbits(self._applying(rows), axis=1)
         sets, set_of = np.unique(packed, axis=0, return_inverse=True)
         answers = tuple([self._of_set(bits) for bits in sets])
-        return RowAnswers(set_of.reshape(-1)[row_of.reshape(-1)], answers)
+        told = tuple([self._conflicts_of(bits) for bits in sets])
+        return RowAnswers(set_of.reshape(-1)[row_of.reshape(-1)], answers, told)
 
-    def _applying(self, rows: Codes) -> NDArray[np.uint8]:
-        """Return, packed as bits, the columns of the minimal conflicts of each row."""
+    def grounds(self, codes: Codes) -> Codes:
+        """Return, as codes, what the minimal conflicts of each row rest on; all of it if they are not known.
+
+        Args:
+            codes: see there.
+        """
+        if self._engine is not None:
+            return codes
+        grounds = np.zeros_like(codes)
+        for start in range(0, len(codes), ROWS):
+            rows = codes[start : start + ROWS]
+            minimal_ones = self._applying(rows)
+            for conflict, column in zip(self.conflicts, self._column, strict=True):
+                applies = self._applies(conflict, rows) & minimal_ones[:, column]
+                if applies.any():
+                    for word, wanted in enumerate(self._words(conflict.states)):
+                        grounds[start : start + ROWS, word][applies] |= wanted
+        return grounds
+
+    def _applying(self, rows: Codes) -> NDArray[np.bool_]:
+        """Return, shape (rows, columns), which columns are minimal conflicts of each row."""
         found = np.zeros((len(rows), len(self._columns)), dtype=np.bool_)
         for conflict, column in zip(self.conflicts, self._column, strict=True):
-            applies = np.ones(len(rows), dtype=np.bool_)
-            for word in range(self.words):
-                wanted = np.uint64(conflict.states >> (64 * word) & (1 << 64) - 1)
-                if wanted:
-                    applies &= (rows[:, word] & wanted) == wanted
-            found[:, column] |= applies
+            found[:, column] |= self._applies(conflict, rows)
         if self._contained is not None:
             found &= (found.astype(np.float32) @ self._contained) == 0
-        return np.packbits(found, axis=1)
+        return found
+
+    def _applies(self, conflict: SensorConflict, rows: Codes) -> NDArray[np.bool_]:
+        applies = np.ones(len(rows), dtype=np.bool_)
+        for word, wanted in enumerate(self._words(conflict.states)):
+            if wanted:
+                applies &= (rows[:, word] & wanted) == wanted
+        return applies
+
+    def _words(self, states: int) -> list[np.uint64]:
+        return [np.uint64(states >> (64 * word) & (1 << 64) - 1) for word in range(self.words)]
+
+    def _conflicts_of(self, bits: NDArray[np.uint8]) -> tuple[tuple[str, ...], ...]:
+        """Return the components of the minimal ones of a set of conflicts."""
+        places = np.flatnonzero(np.unpackbits(bits, count=len(self._columns))).tolist()
+        masks = sorted(minimal_sets([self._columns[place][0] for place in places]))
+        names = self.cnf.components
+        return tuple([tuple([name for i, name in enumerate(names) if mask >> i & 1]) for mask in masks])
 
     def _asked(self, engine: Engine, row: tuple[int, ...]) -> Answer:
         answer = self._of_rows.get(row)

@@ -1,0 +1,15 @@
+"""Logs to diagnoses: which of these logs shows which fault, when, and is it the same one?
+
+    logs ──► literals ──► OBS ──► codes ──► distinct codes ──► diagnoses ──► intervals ──► OUT/
+     logs/                └── track.py       └── answers.py                   └── parts.py
+
+main.py, commands.py   the command robomend-batch
+logs/                  the kinds of logs: literals in NDJSON, CSV, Parquet
+words.py               from sentences to sensors: which bits of a code a literal is
+track.py               OBS ⊕ over a log, without a step of Python for each row
+answers.py             what the distinct codes come to
+parts.py               equal neighbours are one interval; files written beside and renamed
+one_log.py             all of it for one log
+manifest.py            what a folder of results was made of, and which logs are done
+run.py                 all logs, in order
+"""

@@ -1,0 +1,132 @@
+"""What the distinct codes of a log come to: each is asked once, and what they have in common is kept once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal as OneOf
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robomend.diagnosis.library import SENSORS_A_WORD, Codes, Library
+from robomend.diagnosis.library import Answer as LibraryAnswer
+from robomend.diagnosis.result import Options
+from robomend.errors import ContradictoryModel
+from robomend.model.cnf import HealthCnf
+from robomend_client.literals import Atom
+
+State = OneOf["healthy", "faulty", "unknown", "contradictory"]
+
+Names = tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """What is told of a code; equal ones are one.
+
+    `unknown`: nothing was observed that a rule speaks of. `contradictory`: the observations contradict the
+    model, whatever is abnormal.
+    """
+
+    state: State
+    bad: tuple[Names, ...] | None  # of each diagnosis; None: nothing was observed
+    probability: tuple[float, ...] | None  # of each; None: the model has no priors
+    conflicts: tuple[Names, ...] | None  # the minimal ones; None: they are not known
+    complete: bool
+    stopped_by: str | None
+
+
+NOTHING = Told("unknown", None, None, (), True, None)
+
+
+class Answers:
+    """The answers of one model, for codes of any sensors."""
+
+    def __init__(self, cnf: HealthCnf, options: Options) -> None:
+        """`options` without conflicts: the library knows them by itself."""
+        self._cnf = cnf
+        self._options = options
+        self._library: Library | None = None
+        self._number: dict[Told, int] = {NOTHING: 0}
+        self.told = [NOTHING]
+        """Number -> what is told."""
+
+    def close(self) -> None:
+        """Free the solvers."""
+        if self._library is not None:
+            self._library.close()
+            self._library = None
+
+    def library(self, sensors: tuple[Atom, ...]) -> Library:
+        """Return the library of these sensors; the last one is kept."""
+        if self._library is None or self._library.sensors != sensors:
+            self.close()
+            self._library = Library(self._cnf, sensors, self._options)
+        return self._library
+
+    def numbers(self, codes: Codes, sensors: tuple[Atom, ...]) -> NDArray[np.intp]:
+        """Return for each code the number of what is told of it."""
+        rows, row_of = distinct(codes)
+        library = self.library(sensors)
+        answers = library.diagnose(rows)
+        of_answer = np.array(
+            [self._keep(told_of(*one)) for one in zip(answers.distinct, answers.conflicts, strict=True)],
+            dtype=np.intp,
+        )
+        numbers = of_answer[answers.index] if len(rows) else np.zeros(0, dtype=np.intp)
+        numbers[((rows & self._heard(sensors)) == 0).all(axis=1)] = 0
+        return numbers[row_of]
+
+    def grounds(self, codes: Codes, sensors: tuple[Atom, ...]) -> tuple[list[list[str]], NDArray[np.intp]]:
+        """Return the observations that the answers of codes rest on: distinct ones, and which a code has."""
+        library = self.library(sensors)
+        rows, row_of = distinct(library.grounds(codes))
+        return [[str(literal) for literal in library.literals(row)] for row in rows.tolist()], row_of
+
+    def _heard(self, sensors: tuple[Atom, ...]) -> Codes:
+        """Return the bits of sensors that a rule speaks of."""
+        heard = [0] * max(1, -(-len(sensors) // SENSORS_A_WORD))
+        for number, atom in enumerate(sensors):
+            if atom in self._cnf.atom_variable:
+                word, place = divmod(number, SENSORS_A_WORD)
+                heard[word] |= 3 << (2 * place)
+        return np.array(heard, dtype=np.uint64)
+
+    def _keep(self, told: Told) -> int:
+        number = self._number.setdefault(told, len(self.told))
+        if number == len(self.told):
+            self.told.append(told)
+        return number
+
+
+def told_of(answer: LibraryAnswer, conflicts: tuple[Names, ...] | None) -> Told:
+    """Return what the results say of an answer."""
+    if isinstance(answer, ContradictoryModel):
+        return Told("contradictory", (), None, conflicts, True, None)
+    bad = tuple(diagnosis.bad for diagnosis in answer.diagnoses)
+    odds = tuple(diagnosis.probability for diagnosis in answer.diagnoses if diagnosis.probability is not None)
+    return Told(
+        "healthy" if answer.healthy else "faulty",
+        bad,
+        odds if len(odds) == len(bad) and bad else None,
+        conflicts,
+        answer.complete,
+        answer.stopped_by,
+    )
+
+
+def distinct(codes: Codes) -> tuple[Codes, NDArray[np.intp]]:
+    """Return the different rows, and which of them each row is; in the order of their bits."""
+    if codes.shape[1] == 1:
+        found, of = np.unique(codes[:, 0], return_inverse=True)
+        return found.reshape(-1, 1), of.reshape(-1)
+    found, of = np.unique(codes, axis=0, return_inverse=True)
+    return found, of.reshape(-1)
+
+
+def widened(codes: Codes, words: int) -> Codes:
+    """Return codes with more sensors, of which nothing is known."""
+    missing = words - codes.shape[1]
+    if missing <= 0:
+        return codes
+    return np.concatenate([codes, np.zeros((len(codes), missing), dtype=np.uint64)], axis=1)

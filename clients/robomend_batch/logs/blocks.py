@@ -1,0 +1,67 @@
+"""What a reader of logs yields: blocks of one log, in the order of the file.
+
+    Rows      each sets a sensor (track.py)
+    Shown     each is all that was known at its time, as bits of the log's sensors
+    Restart   time begins again, here
+
+A file may hold several logs, by its column `log`; a reader asks `Open` for the words of each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+from robomend.diagnosis.library import Codes
+from robomend_batch.problems import Problems
+from robomend_batch.track import Rows, Times
+from robomend_batch.words import Words
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """Codes over the sensors of the log's words; bits of sensors that are not named are 0."""
+
+    time_ns: Times
+    codes: Codes
+
+
+@dataclass(frozen=True, slots=True)
+class Advance:
+    """Time passes until then, without news."""
+
+    time_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class Restart:
+    """A new segment begins."""
+
+    time_ns: int
+
+
+class Block(NamedTuple):
+    """Some of one log; `log` is the value of the column, "" without one."""
+
+    log: str
+    what: Rows | Shown | Advance | Restart
+
+
+class Opened(Protocol):
+    """What is open of a file while it is read."""
+
+    problems: Problems
+    """Of the file as a whole."""
+
+    rows: int
+    """That were read."""
+
+    ended_early: bool
+
+    def words(self, log: str) -> Words:
+        """Return the words of one of its logs."""
+        ...
+
+
+Blocks = Iterator[Block]

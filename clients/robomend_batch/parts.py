@@ -1,0 +1,201 @@
+"""Intervals of one log, written in parts: Parquet files, each written beside and renamed.
+
+    codes ──► answers ──► equal neighbours are one interval ──► OUT/results/NAME-000.parquet, NAME-001…
+
+A part is closed when it has PART intervals, so that a log of any length takes the same memory. The last
+interval of a part waits for the next one, as its neighbour may be its equal.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from robomend.diagnosis.library import SENSORS_A_WORD, Codes
+from robomend_batch.answers import Answers, widened
+from robomend_batch.track import Stretch, Times
+from robomend_client.literals import Atom
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import polars as pl
+
+PART = 250_000
+"""Codes that are answered together: some 200 MB while they are."""
+
+SCHEMA_VERSION = 1
+
+
+def schema() -> pl.Schema:
+    """Return the columns of the results; docs/batch.md says what they mean."""
+    import polars as pl
+
+    names = pl.List(pl.String)
+    return pl.Schema(
+        {
+            "log": pl.String(),
+            "segment": pl.Int32(),
+            "start_ns": pl.Int64(),
+            "end_ns": pl.Int64(),
+            "state": pl.String(),
+            "bad": pl.List(names),
+            "probability": pl.List(pl.Float64),
+            "conflicts": pl.List(names),
+            "observations": names,
+            "complete": pl.Boolean(),
+            "stopped_by": pl.String(),
+        }
+    )
+
+
+class Parts:
+    """Takes the stretches of one log, and writes its intervals."""
+
+    def __init__(
+        self,
+        log: str,
+        answers: Answers,
+        sensors: Callable[[], tuple[Atom, ...]],
+        write: Callable[[pl.DataFrame], None],
+    ) -> None:
+        self._log = log
+        self._answers = answers
+        self._sensors = sensors
+        self._write = write
+        self._segment: list[np.ndarray[Any, np.dtype[np.int32]]] = []
+        self._start: list[Times] = []
+        self._end: list[Times] = []
+        self._codes: list[Codes] = []
+        self._waiting = 0
+        self._open: tuple[int, int, Codes] | None = None  # segment, start and code of what goes on
+        self._open_end_ns = 0
+        self.intervals: Counter[str] = Counter()
+        self.span_ns: Counter[str] = Counter()
+        self.start_ns: int | None = None
+        self.end_ns: int | None = None
+
+    def add(self, stretch: Stretch) -> None:
+        """Take in what held; the last code goes on until the next stretch says otherwise."""
+        if self._open is not None and self._open[0] != stretch.segment:
+            self._close(self._open_end_ns, last=True)
+        if self._open is not None and len(stretch.time_ns):
+            self._close(int(stretch.time_ns[0]))
+        times, codes = stretch.time_ns, stretch.codes
+        if len(times):
+            if len(times) > 1:
+                self._take(stretch.segment, times[:-1], times[1:], codes[:-1])
+            self._open = stretch.segment, int(times[-1]), codes[-1:]
+        self._open_end_ns = max(stretch.end_ns, self._open[1]) if self._open else stretch.end_ns
+        if self._waiting >= PART:
+            self._flush(last=False)
+
+    def finish(self) -> None:
+        """Write what is left."""
+        if self._open is not None:
+            self._close(self._open_end_ns, last=True)
+        self._flush(last=True)
+
+    def _close(self, end_ns: int, last: bool = False) -> None:
+        """End what goes on, at this time; what held for no time is told at the end of a segment only."""
+        assert self._open is not None
+        (segment, start_ns, code), self._open = self._open, None
+        if end_ns > start_ns or last:
+            at = np.array([start_ns], dtype=np.int64)
+            self._take(segment, at, np.array([end_ns], dtype=np.int64), code)
+
+    def _take(self, segment: int, start: Times, end: Times, codes: Codes) -> None:
+        self._segment.append(np.full(len(start), segment, dtype=np.int32))
+        self._start.append(start)
+        self._end.append(end)
+        self._codes.append(codes)
+        self._waiting += len(start)
+
+    def _flush(self, last: bool) -> None:
+        if not self._waiting:
+            return
+        sensors = self._sensors()
+        words = max(1, -(-len(sensors) // SENSORS_A_WORD))
+        codes = np.concatenate([widened(some, words) for some in self._codes])
+        segment, start = np.concatenate(self._segment), np.concatenate(self._start)
+        end = np.concatenate(self._end)
+        numbers = self._answers.numbers(codes, sensors)
+        first = np.ones(len(numbers), dtype=np.bool_)
+        first[1:] = (numbers[1:] != numbers[:-1]) | (segment[1:] != segment[:-1]) | (start[1:] != end[:-1])
+        begins = np.flatnonzero(first)
+        ends = end[np.append(begins[1:], len(end)) - 1]
+        begun = begins, start[begins], ends, segment[begins], codes[begins], numbers[begins]
+        self._segment, self._start, self._end, self._codes = [], [], [], []
+        self._waiting = 0
+        if not last:
+            keep = slice(-1, None)  # its neighbour may be its equal
+            self._take(int(begun[3][-1]), begun[1][keep], begun[2][keep], begun[4][keep])
+            begun = tuple(column[:-1] for column in begun)  # type: ignore[assignment]  # the same six
+        _, start, end, segment, codes, numbers = begun
+        if len(start):
+            self._told(segment, start, end, codes, numbers, sensors)
+
+    def _told(
+        self,
+        segment: np.ndarray[Any, np.dtype[np.int32]],
+        start: Times,
+        end: Times,
+        codes: Codes,
+        numbers: np.ndarray[Any, np.dtype[np.intp]],
+        sensors: tuple[Atom, ...],
+    ) -> None:
+        """Write intervals, and count them."""
+        import polars as pl
+
+        columns = schema()
+        used, of = np.unique(numbers, return_inverse=True)
+        told = [self._answers.told[number] for number in used.tolist()]
+        fields = ("state", "bad", "probability", "conflicts", "complete", "stopped_by")
+        answers = pl.DataFrame(
+            {name: [_lists(getattr(one, name)) for one in told] for name in fields},
+            schema={name: columns[name] for name in fields},
+        )[of.reshape(-1)]
+        grounds, ground_of = self._answers.grounds(codes, sensors)
+        observations = pl.Series("observations", grounds, dtype=columns["observations"])[ground_of]
+        frame = answers.with_columns(
+            pl.lit(self._log).alias("log"),
+            pl.Series("segment", segment),
+            pl.Series("start_ns", start),
+            pl.Series("end_ns", end),
+            observations,
+        ).select(list(columns))
+        self._write(frame)
+        states = [one.state for one in told]
+        counts, spans = np.bincount(of.reshape(-1)), np.zeros(len(told), dtype=np.int64)
+        np.add.at(spans, of.reshape(-1), end - start)
+        for state, count, span in zip(states, counts.tolist(), spans.tolist(), strict=True):
+            self.intervals[state] += count
+            self.span_ns[state] += span
+        self.start_ns = int(start[0]) if self.start_ns is None else min(self.start_ns, int(start.min()))
+        self.end_ns = int(end.max()) if self.end_ns is None else max(self.end_ns, int(end.max()))
+
+
+def _lists(value: object) -> object:
+    """Return a value with lists for tuples, as polars wants them."""
+    return [_lists(one) for one in value] if isinstance(value, tuple) else value
+
+
+class PartFiles:
+    """The files of one log."""
+
+    def __init__(self, folder: Path, name: str) -> None:
+        self._folder = folder
+        self._name = name
+        self.written: list[str] = []
+
+    def write(self, frame: pl.DataFrame) -> None:
+        """Write the next one."""
+        file = self._folder / f"{self._name}-{len(self.written):03}.parquet"
+        beside = file.with_suffix(".tmp")
+        frame.rechunk().write_parquet(beside, compression="zstd", statistics=True)
+        os.replace(beside, file)
+        self.written.append(file.name)

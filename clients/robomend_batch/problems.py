@@ -1,0 +1,65 @@
+"""What is wrong with a log: reason and place, told once and counted."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any
+
+from robomend.errors import InputError
+
+MOST = 50
+"""Different problems of one log that are kept; the rest is counted."""
+
+
+class LogRefused(InputError):
+    """A log that cannot be diagnosed at all."""
+
+    code = "log-refused"
+
+    def __init__(self, reason: str, place: str) -> None:
+        super().__init__(reason, place)
+        self.reason = reason
+        self.place = place
+
+    def __str__(self) -> str:
+        return f"{self.place}: {self.reason}"
+
+
+class Problems:
+    """The problems of one log."""
+
+    def __init__(self) -> None:
+        self._count: Counter[tuple[str, str]] = Counter()
+        self._bad: set[tuple[str, str]] = set()
+        self.left_out = 0
+
+    def add(self, place: str, reason: str, *, bad: bool) -> None:
+        """Note a problem.
+
+        Args:
+            place: file, and line, row or topic.
+            reason: in words.
+            bad: it makes the log a bad one; otherwise it is worth knowing only.
+        """
+        key = place, reason
+        if key not in self._count and len(self._count) >= MOST:
+            self.left_out += 1
+            return
+        self._count[key] += 1
+        if bad:
+            self._bad.add(key)
+
+    @property
+    def bad(self) -> bool:
+        """Whether any of them makes the log a bad one."""
+        return bool(self._bad)
+
+    def json(self) -> list[dict[str, Any]]:
+        """Return them in the order in which they were met."""
+        found = [
+            {"place": place, "reason": reason, "bad": (place, reason) in self._bad, "count": count}
+            for (place, reason), count in self._count.items()
+        ]
+        if self.left_out:
+            found.append({"place": "", "reason": "further problems", "bad": False, "count": self.left_out})
+        return found

@@ -1,0 +1,107 @@
+"""`robomend-batch run`: logs in, a folder of results out."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from robomend.cli.models import MODEL, load
+from robomend_batch.found import find_logs
+
+if TYPE_CHECKING:
+    from robomend.diagnosis.result import Options
+    from robomend_batch.run import Summary
+
+BAD_INPUT, BACKEND_FAILED, FAULT = 2, 3, 1
+
+
+@click.command("run")
+@click.argument("logs", nargs=-1, required=True, metavar="LOGS...")
+@click.option(
+    "--model", "-m", type=MODEL, required=True, help="A component model, five-key model or circuit."
+)
+@click.option(
+    "--out", "-o", type=click.Path(file_okay=False, path_type=Path), required=True, help="Folder of results."
+)
+@click.option("--minimal", type=click.Choice(("cardinality", "subset")), default="subset", show_default=True)
+@click.option("--max-size", type=click.IntRange(min=0), help="No diagnosis larger than this.")
+@click.option("--limit", type=click.IntRange(min=0), default=100, show_default=True, help="0: no limit.")
+@click.option("--timeout", type=float, default=5.0, show_default=True, help="Seconds per state; inf: none.")
+@click.option(
+    "--unknown",
+    type=click.Choice(("refuse", "keep")),
+    default="refuse",
+    show_default=True,
+    help="A log with names that the model does not declare.",
+)
+@click.option("--overwrite", is_flag=True, help="OUT holds results of another run: replace them.")
+@click.option("--ndjson/--no-ndjson", default=True, show_default=True, help="Write results.ndjson as well.")
+@click.option("--fail-on-fault", is_flag=True, help="Exit with 1 if any log shows a fault.")
+@click.option("--quiet", "-q", is_flag=True, help="No progress on stderr.")
+def command(logs: tuple[str, ...], model: str, out: Path, **given: Any) -> int:
+    """Diagnose LOGS: files, folders or patterns ("logs/**/*.parquet").
+
+    OUT gets a file of intervals for each log (results/*.parquet), all of them as results.ndjson, and what
+    became of each log in logs.ndjson. The same command goes on where it was killed. Exit code 2 says that a
+    log was bad; the others are diagnosed nevertheless.
+    """
+    from robomend_batch.one_log import Setup
+    from robomend_batch.progress import Progress
+    from robomend_batch.run import run
+
+    system = load(model)
+    names, problems = find_logs(logs)
+    for name, reason in problems:
+        click.echo(f"bad: {name}: {reason}", err=True)
+    summary = run(
+        Setup(system, options(given), out, given["unknown"]),
+        names,
+        overwrite=given["overwrite"],
+        ndjson=given["ndjson"],
+        progress=lambda count, size: Progress(count, size, quiet=given["quiet"]),
+    )
+    tell(summary, out)
+    if summary.lost:
+        return BACKEND_FAILED
+    if problems or summary.bad:
+        return BAD_INPUT
+    return FAULT if given["fail_on_fault"] and summary.faulty else 0
+
+
+def options(given: dict[str, Any]) -> Options:
+    """Return the options of each state's diagnosis."""
+    from robomend.diagnosis.result import Options
+
+    timeout = given["timeout"]
+    if math.isnan(timeout) or timeout < 0:
+        raise click.UsageError("--timeout is a number of seconds, 0 or more")
+    return Options(
+        minimal=given["minimal"],
+        max_size=given["max_size"],
+        limit=given["limit"] or None,
+        timeout_s=None if math.isinf(timeout) else timeout,
+        conflicts=False,
+    )
+
+
+def tell(summary: Summary, out: Path) -> None:
+    """Say on stderr what came out."""
+    records = summary.records
+    faulty = sum(1 for record in records if record["intervals"].get("faulty"))
+    text = f"{len(records)} logs, {faulty} with faults"
+    contradictory = sum(1 for record in records if record["intervals"].get("contradictory"))
+    if contradictory:
+        text += f", {contradictory} with what the model cannot explain"
+    for state, words in (
+        ("ended-early", "ended early"),
+        ("bad", "read in part"),
+        ("refused", "refused"),
+        ("lost", "lost"),
+    ):
+        count = sum(1 for record in records if record["state"] == state)
+        if count:
+            text += f", {count} {words}"
+    click.echo(f"{text}; results in {out}", err=True)

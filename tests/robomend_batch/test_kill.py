@@ -1,0 +1,71 @@
+"""kill -9 in mid-run: the same command goes on, and what it leaves is what an undisturbed run leaves."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+from tests.robomend_batch.running import PROGRAM, TEDUSAR, batch_run, tree
+from tests.waiting import until
+
+LOGS = 12
+
+
+def many_logs(folder: Path, lines: int = 6000) -> Path:
+    """Write logs that take some seconds together."""
+    folder.mkdir()
+    said = ["ok(odom)", "not ok(odom)", "ok(scan)", "not on(jaguar)", "on(jaguar)", "not ok(map)", "ok(map)"]
+    for log in range(LOGS):
+        text = [
+            json.dumps({"time": time * 1000, "literal": said[(time * (log + 3) + time // 7) % len(said)]})
+            for time in range(lines)
+        ]
+        (folder / f"{log:02}.ndjson").write_text("\n".join(text) + "\n")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, bytes]]:
+    folder = tmp_path_factory.mktemp("kill")
+    logs = many_logs(folder / "logs")
+    assert batch_run(folder / "out", logs) == 0
+    return logs, tree(folder / "out")
+
+
+def killed_in_the_middle(line: list[str], out: Path, parts: int) -> bool:
+    """Start a run and kill it when it has written so many parts; return whether it was not done yet."""
+    running = subprocess.Popen(line, start_new_session=True, stderr=subprocess.DEVNULL)
+    try:
+        until(
+            lambda: running.poll() is not None or len(list((out / "results").glob("*.parquet"))) >= parts,
+            "the first parts",
+            60,
+        )
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(running.pid, signal.SIGKILL)
+        running.wait(60)
+    return not (out / "logs.ndjson").exists()
+
+
+@pytest.mark.parametrize("parts", [1, 5])
+def test_a_run_that_is_killed_is_finished_by_the_same_command(
+    parts: int, undisturbed: tuple[Path, dict[str, bytes]], tmp_path: Path
+) -> None:
+    logs, expected = undisturbed
+    for attempt in range(10):
+        out = tmp_path / str(attempt)
+        line = [*PROGRAM, "run", str(logs), "--model", TEDUSAR, "-o", str(out), "--quiet"]
+        if killed_in_the_middle(line, out, parts):
+            break
+    else:
+        pytest.fail("it was always faster")
+    assert tree(out) != expected
+    done = subprocess.run(line, timeout=120, check=False)
+    assert done.returncode == 0
+    assert tree(out) == expected
