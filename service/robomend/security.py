@@ -123,6 +123,12 @@ RULES: dict[tuple[str, str], frozenset[Role] | None] = {
     ("GET", "/docs"): EVERYONE,
     ("GET", "/docs/{file}"): EVERYONE,
     ("GET", "/openapi.json"): EVERYONE,
+    ("GET", "/"): READ,
+    ("POST", "/ui/stop"): ACT,
+    ("GET", "/ui/sign-in"): EVERYONE,
+    ("POST", "/ui/sign-in"): EVERYONE,
+    ("POST", "/ui/sign-out"): READ | OWN,
+    ("GET", "/ui/static/{version}/{file}"): EVERYONE,
 }
 """(method, path template) -> the roles that may; EVERYONE needs no key."""
 

@@ -23,6 +23,7 @@ PLACES = {
     "channel": "3",
     "component": "jaguar",
     "file": "start.js",
+    "version": "1",
 }
 
 STREAMS = {"/api/v1/events", "/api/v1/robots/{robot}/events"}

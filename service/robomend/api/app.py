@@ -32,6 +32,7 @@ from robomend.api.routers import (
     observations,
     oneshots,
     operation,
+    pages,
     plans,
     repairs,
     robots,
@@ -39,6 +40,7 @@ from robomend.api.routers import (
 )
 from robomend.security import API
 from robomend.version import version_info
+from robomend.web.fleet import Fleet
 
 ROUTERS = (
     observations,  # first, as routes are looked for in order and this is the busiest
@@ -56,6 +58,7 @@ ROUTERS = (
     session,
     operation,
     docs,
+    pages,
 )
 
 CONTROLLED = frozenset({f"{API}/stop", "/healthz", "/readyz"})
@@ -88,6 +91,7 @@ def create_app(parts: Parts, *, lifespan: Lifespan | None = None) -> FastAPI:
     )
     app.state.parts = parts
     app.state.gate = Admission(parts.store, parts.settings, parts.metrics)
+    app.state.fleet = Fleet(parts.store, parts.robots.memory)
     problems.install(app)
     for module in ROUTERS:
         # Appended, not included: an included router is matched through a context of its own on every request.

@@ -27,6 +27,7 @@ log = structlog.get_logger("robomend.http")
 
 REQUEST_ID = re.compile(rb"[A-Za-z0-9._\-]{1,64}\Z")
 SAFE = frozenset({"GET", "HEAD", "OPTIONS"})
+# An answer's own headers go before these: a form of a page without referrer comes with `Origin: null`.
 SECURITY_HEADERS = ((b"x-content-type-options", b"nosniff"), (b"referrer-policy", b"no-referrer"))
 
 
@@ -55,11 +56,10 @@ class Edge:
             nonlocal status
             if message["type"] == "http.response.start":
                 status = message["status"]
-                message["headers"] = [
-                    *message.get("headers", ()),
-                    (b"x-request-id", request_id.encode()),
-                    *SECURITY_HEADERS,
-                ]
+                own = list(message.get("headers", ()))
+                names = {name.lower() for name, _ in own}
+                more = ((name, value) for name, value in SECURITY_HEADERS if name not in names)
+                message["headers"] = [*own, (b"x-request-id", request_id.encode()), *more]
             await send(message)
 
         structlog.contextvars.bind_contextvars(request=request_id)

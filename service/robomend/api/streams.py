@@ -15,7 +15,8 @@ import asyncio
 import json
 import time
 from collections import deque
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Collection
+from dataclasses import dataclass
 
 from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
@@ -38,15 +39,17 @@ STILL_S = 2.0
 RETRY_MS = 1000
 """How long a browser waits before it comes back."""
 
+PING = b"event: ping\ndata: {}\n\n"
+
 Frame = tuple[int, bytes]
 
 Still = Callable[[], Awaitable[bool]]
 """Whether whoever opened a stream would be let in now."""
 
 
-def encode(event: Event) -> bytes:
-    """Return an event as it goes over the wire."""
-    robot, data = to_json(event.robot), to_json(event.data)
+def encode(event: Event, brief: bool = False) -> bytes:
+    """Return an event as it goes over the wire; `brief`: without its data."""
+    robot, data = to_json(event.robot), "{}" if brief else to_json(event.data)
     text = f'{{"time_ns":{event.time_ns},"robot":{robot},"data":{data}}}'
     return f"id: {event.id}\nevent: {event.kind}\ndata: {text}\n\n".encode()
 
@@ -74,8 +77,22 @@ class Hub:
             for stream in streams:
                 stream.wake.set()
 
-    def open(self, robot: str | None, last_event_id: str | None) -> Stream:
-        """Return a stream that collects from now on. 503 when there are too many."""
+    def open(
+        self,
+        robot: str | None,
+        last_event_id: str | None,
+        *,
+        kinds: Collection[str] = (),
+        about: str | None = None,
+        brief: bool = False,
+    ) -> Stream:
+        """Return a stream that collects from now on. 503 when there are too many.
+
+        Args:
+            kinds: of events; none: all.
+            about: leave out what is about another robot than this one.
+            brief: events come without their data, and pings as events, which a page's script can see.
+        """
         if self.closing:
             raise Problem(503, "the service is shutting down")
         if self.count >= self._most:
@@ -83,7 +100,7 @@ class Hub:
             raise Problem(
                 503, f"{self._most} event streams are open; that is the limit", headers={"Retry-After": "5"}
             )
-        stream = Stream(self, robot, last_event_id)
+        stream = Stream(self, robot, last_event_id, Wanted(frozenset(kinds), about, brief))
         self._streams.setdefault(robot, set()).add(stream)
         self.count += 1
         self._metrics.streams.set(self.count)
@@ -103,17 +120,36 @@ class Hub:
         everything = self._streams.get(None, ())
         for event in events:
             own = self._streams.get(event.robot, ()) if event.robot is not None else ()
-            if everything or own:
-                frame = (event.id, encode(event))
-                for stream in (*everything, *own):
-                    stream.offer(frame)
+            made: dict[bool, Frame] = {}
+            for stream in (*everything, *own):
+                if stream.wanted.covers(event):
+                    brief = stream.wanted.brief
+                    if brief not in made:
+                        made[brief] = (event.id, encode(event, brief))
+                    stream.offer(made[brief])
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """Which events a client asked for, and how; see Hub.open."""
+
+    kinds: frozenset[str]
+    about: str | None
+    brief: bool
+
+    def covers(self, event: Event) -> bool:
+        """Return whether the client asked for this one."""
+        return (not self.kinds or event.kind in self.kinds) and (
+            self.about is None or event.robot is None or event.robot == self.about
+        )
 
 
 class Stream:
     """One client's place in the log."""
 
-    def __init__(self, hub: Hub, robot: str | None, last_event_id: str | None) -> None:
+    def __init__(self, hub: Hub, robot: str | None, last_event_id: str | None, wanted: Wanted) -> None:
         self.robot = robot
+        self.wanted = wanted
         self.wake = asyncio.Event()
         self._hub = hub
         self._asked = last_event_id
@@ -155,7 +191,7 @@ class Stream:
                     async with asyncio.timeout(self._hub.ping_s):
                         await self.wake.wait()
                 except TimeoutError:
-                    yield b": ping\n\n"
+                    yield PING if self.wanted.brief else b": ping\n\n"
 
     async def _resume(self, asked: str) -> bytes | None:
         """Find the place to go on from; return a gap event if that is not where the client was."""
@@ -177,7 +213,7 @@ class Stream:
             self._from_log = True
         if page:
             self._last = page[-1].id
-        return b"".join(map(encode, page))
+        return b"".join(encode(event, self.wanted.brief) for event in page if self.wanted.covers(event))
 
 
 class EventStream(Response):

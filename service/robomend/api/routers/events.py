@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Header
+from fastapi import APIRouter, Header, Query
 
 from robomend.api.deps import PartsDep, RobotPath, StillDep
 from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
+from robomend.api.schemas.base import NAME
 from robomend.api.streams import EventStream
 from robomend.security import API
+from robomend_client.events import Kind
 
 router = APIRouter(prefix=API, tags=["events"], route_class=GuardedRoute)
 
@@ -20,6 +22,14 @@ LastEventId = Annotated[
         alias="Last-Event-ID",
         description="the last event that came; an unknown one replays from the oldest, after a `gap`",
     ),
+]
+
+KindsQuery = Annotated[list[Kind] | None, Query(description="events of these kinds only; none: of all")]
+AboutQuery = Annotated[
+    str | None, Query(pattern=NAME, description="leave out what is about another robot than this one")
+]
+BriefQuery = Annotated[
+    bool, Query(description="events without their data, and an event `ping` instead of the comment")
 ]
 
 STREAM: dict[int | str, dict[str, Any]] = {
@@ -38,9 +48,17 @@ STREAM: dict[int | str, dict[str, Any]] = {
 
 
 @router.get("/events", response_class=EventStream, status_code=200, responses={**problems(), **STREAM})
-async def all_events(parts: PartsDep, still: StillDep, last_event_id: LastEventId = None) -> EventStream:
+async def all_events(
+    parts: PartsDep,
+    still: StillDep,
+    last_event_id: LastEventId = None,
+    kind: KindsQuery = None,
+    about: AboutQuery = None,
+    brief: BriefQuery = False,
+) -> EventStream:
     """Follow everything that happens, from now on or after Last-Event-ID."""
-    return EventStream(parts.hub, parts.hub.open(None, last_event_id), parts.settings.send_timeout_s, still)
+    stream = parts.hub.open(None, last_event_id, kinds=kind or (), about=about, brief=brief)
+    return EventStream(parts.hub, stream, parts.settings.send_timeout_s, still)
 
 
 @router.get(
@@ -50,8 +68,14 @@ async def all_events(parts: PartsDep, still: StillDep, last_event_id: LastEventI
     responses={**problems(404), **STREAM},
 )
 async def robot_events(
-    robot: RobotPath, parts: PartsDep, still: StillDep, last_event_id: LastEventId = None
+    robot: RobotPath,
+    parts: PartsDep,
+    still: StillDep,
+    last_event_id: LastEventId = None,
+    kind: KindsQuery = None,
+    brief: BriefQuery = False,
 ) -> EventStream:
     """Follow what happens to one robot."""
     await parts.robots.memory.robot(robot)
-    return EventStream(parts.hub, parts.hub.open(robot, last_event_id), parts.settings.send_timeout_s, still)
+    stream = parts.hub.open(robot, last_event_id, kinds=kind or (), brief=brief)
+    return EventStream(parts.hub, stream, parts.settings.send_timeout_s, still)

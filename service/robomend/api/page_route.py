@@ -1,0 +1,119 @@
+"""A route that people look at: HTML whatever happens, forms from our own pages only, and no foreign code.
+
+    GET  ──► gate ──► the page                     401: the page for signing in, at the same address
+    POST ──► gate ──► from a page of ours? ──► done ──► 303 back to a page
+
+Every view has an address, and every change is a form, so that all of it works without scripts. A browser
+sends cookies with whatever form any page has, so a form must say by Origin or Sec-Fetch-Site that it is ours.
+Without keys there is no cookie to steal, but the same holds: whoever reaches the port is admin then.
+"""
+
+from __future__ import annotations
+
+import gzip
+from collections.abc import Callable, Coroutine, Mapping
+from typing import Any
+from urllib.parse import parse_qsl
+
+from fastapi.exceptions import RequestValidationError
+from starlette.requests import Request
+from starlette.responses import RedirectResponse, Response
+
+from robomend.api.body import check_content_type, read_chunks
+from robomend.api.gate import GuardedRoute
+from robomend.api.origin import foreign
+from robomend.api.problems import Problem, of_error, of_validation
+from robomend.errors import RobomendError
+from robomend.web.rendering import render
+
+POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
+    "form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
+)
+
+HEADERS = {
+    "Content-Security-Policy": POLICY,
+    "Cache-Control": "no-store",
+    "Vary": "Accept-Encoding",
+    # Forms of a page with the policy no-referrer come with `Origin: null`.
+    "Referrer-Policy": "same-origin",
+}
+
+FORM = "application/x-www-form-urlencoded"
+FORM_BYTES = 64 << 10
+FORM_FIELDS = 50
+FORM_S = 10.0
+
+PACKED_FROM = 1000
+"""Bytes from which a page goes out compressed. None holds a secret that its address could fish for."""
+
+
+class PageRoute(GuardedRoute):
+    """See the module."""
+
+    def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
+        handle = super().get_route_handler()
+
+        async def shown(request: Request) -> Response:
+            try:
+                return await handle(request)
+            except Problem as problem:
+                return problem_page(request, problem)
+            except RobomendError as error:
+                return problem_page(request, of_error(error))
+            except RequestValidationError as error:
+                return problem_page(request, of_validation(error))
+
+        return shown
+
+
+async def read_form(request: Request, most: int = FORM_BYTES) -> Mapping[str, str]:
+    """Return the fields of a form, the last of those with one name; line ends are as in a file.
+
+    Every route that changes something calls it: it refuses forms that may be on somebody else's page.
+    """
+    site = request.headers.get("sec-fetch-site")
+    told = site == "same-origin" or (site is None and "origin" in request.headers)
+    if foreign(request.scope) is not None:
+        raise Problem(403, "this form is on a page of another origin", code="cross-origin")
+    if not told and "authorization" not in request.headers:  # no browser sends that on its own
+        raise Problem(400, "a form must say whose page it is on, as browsers do (Origin, Sec-Fetch-Site)")
+    check_content_type(request, FORM)
+    body = b"".join([chunk async for chunk in read_chunks(request, most, FORM_S, 4096.0)])
+    try:
+        fields = parse_qsl(body.decode(), keep_blank_values=True, errors="strict", max_num_fields=FORM_FIELDS)
+    except ValueError as error:
+        raise Problem(400, "the form is not as a browser sends it") from error
+    return {name: value.replace("\r\n", "\n") for name, value in fields}
+
+
+def page(request: Request, template: str, status: int = 200, **values: Any) -> Response:
+    """Return a page, or of it what the request's `Robomend-Parts` names."""
+    return packed(request, render(template, **values).encode(), "text/html; charset=utf-8", HEADERS, status)
+
+
+def back(to: str) -> Response:
+    """Return the way to a page of ours, after a form was done."""
+    return RedirectResponse(to, 303, headers=HEADERS)
+
+
+def packed(
+    request: Request, body: bytes, media_type: str, headers: Mapping[str, str], status: int = 200
+) -> Response:
+    """Return an answer, compressed where the browser takes it."""
+    headers = dict(headers)
+    if len(body) >= PACKED_FROM and "gzip" in request.headers.get("accept-encoding", ""):
+        body = gzip.compress(body, 5, mtime=0)
+        headers["Content-Encoding"] = "gzip"
+    return Response(body, status, headers, media_type)
+
+
+def problem_page(request: Request, problem: Problem) -> Response:
+    """Return a problem for people. Without a key, it is the page for signing in."""
+    address = request.url.path + (f"?{request.url.query}" if request.url.query else "")
+    template = "sign_in.html" if problem.status == 401 and request.method == "GET" else "problem.html"
+    values = {"problem": problem, "to": address, "method": request.method, "told": False}
+    answer = page(request, template, problem.status, **values)
+    for name, value in problem.headers.items():
+        answer.headers[name] = value
+    return answer

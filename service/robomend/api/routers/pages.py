@@ -1,0 +1,114 @@
+"""/: what people see of all robots; signing in and out, and the global stop, as forms that need no script."""
+
+from __future__ import annotations
+
+from typing import Annotated
+from urllib.parse import urlsplit
+
+from fastapi import APIRouter, Path, Query, Request
+from starlette.responses import Response
+
+from robomend.api.deps import PartsDep, PrincipalDep
+from robomend.api.gate import Admission
+from robomend.api.page_route import PageRoute, back, packed, page, read_form
+from robomend.api.problems import Problem
+from robomend.api.routers.control import ANSWER_S
+from robomend.api.shell import shell, wanted_parts
+from robomend.errors import NotFound
+from robomend.repairs.stop_switch import written
+from robomend.web.rendering import ROWS, static_files, static_version
+
+router = APIRouter(route_class=PageRoute, include_in_schema=False)
+
+KEPT = {"Cache-Control": "public, max-age=31536000, immutable", "Vary": "Accept-Encoding"}
+"""The address of a file changes with its content."""
+
+NOT_KEPT = {"Cache-Control": "no-store", "Vary": "Accept-Encoding"}
+"""Of a page that was made by another version of the service."""
+
+
+@router.get("/")
+async def fleet_page(
+    request: Request,
+    parts: PartsDep,
+    principal: PrincipalDep,
+    q: Annotated[str, Query(max_length=200)] = "",
+    state: Annotated[str, Query(max_length=20)] = "",
+    number: Annotated[int, Query(alias="page", ge=1, le=1_000_000)] = 1,
+    rows: Annotated[int, Query(ge=1, le=2000)] = ROWS,
+) -> Response:
+    """Show every robot: how it is, what is wrong, what it waits for."""
+    wanted = wanted_parts(request, ("stop", "fleet"))
+    fleet = request.app.state.fleet
+    found = await fleet.page(search=q, state=state, number=number, rows=rows) if "fleet" in wanted else None
+    return page(
+        request,
+        "fleet.html",
+        **shell(request, parts, principal, wanted),
+        found=found,
+        q=q,
+        state=state,
+        rows=rows,
+    )
+
+
+@router.get("/ui/sign-in")
+async def sign_in_page(request: Request, to: Annotated[str, Query(max_length=2000)] = "/") -> Response:
+    """Ask for a key."""
+    return page(request, "sign_in.html", to=ours(to), problem=None, told=False)
+
+
+@router.post("/ui/sign-in")
+async def sign_in(request: Request) -> Response:
+    """Sign a browser in with a key, and go where it wanted to."""
+    form = await read_form(request, 4096)
+    gate: Admission = request.app.state.gate
+    to = ours(form.get("to", "/"))
+    try:
+        _, cookie = await gate.sign_in(request, form.get("key", "").strip())
+    except Problem as problem:
+        return page(request, "sign_in.html", problem.status, to=to, problem=problem, told=True)
+    answer = back(to)
+    answer.headers.append("Set-Cookie", cookie)
+    return answer
+
+
+@router.post("/ui/sign-out")
+async def sign_out(request: Request) -> Response:
+    """Sign the browser out."""
+    await read_form(request)
+    answer = back("/ui/sign-in")
+    gate: Admission = request.app.state.gate
+    await gate.sign_ins.end(request, answer)
+    return answer
+
+
+@router.post("/ui/stop")
+async def stop(request: Request, parts: PartsDep, principal: PrincipalDep) -> Response:
+    """Set or lift the global stop, without scripts; see POST /api/v1/stop."""
+    form = await read_form(request)
+    active = form.get("active") != "no"
+    change = parts.repairs.switch.ask(active, by=principal.name, reason=form.get("reason", "")[:1000])
+    await written(change, ANSWER_S)
+    return back(ours(form.get("to", "/")))
+
+
+@router.get("/ui/static/{version}/{file}")
+async def static_file(
+    request: Request,
+    version: Annotated[str, Path(max_length=64)],
+    file: Annotated[str, Path(max_length=64)],
+) -> Response:
+    """Return a file that pages ask for."""
+    found = static_files().get(file)
+    if found is None:
+        raise NotFound(f"the page has no file {file[:64]!r}")
+    return packed(request, *found, KEPT if version == static_version() else NOT_KEPT)
+
+
+def ours(address: str) -> str:
+    """Return an address of this service to go to; any other is the first page."""
+    there = urlsplit(address)
+    if there.scheme or there.netloc or not address.startswith("/") or "\\" in address:
+        return "/"
+    return address if address.isprintable() and (there.path == "/" or there.path.startswith("/ui/")) else "/"

@@ -1,0 +1,107 @@
+"""Templates to HTML. Everything is escaped, nothing is inline, every number has its unit.
+
+Whatever a model, a robot or a person named is shown in a <bdi>, so that right-to-left text stays in its
+place. Times are written in UTC and carry their nanoseconds: the page's script turns them into ages, by the
+service's clock.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from datetime import UTC, datetime
+from functools import cache
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlencode
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
+
+from robomend.web.words import duration
+
+HERE = Path(__file__).resolve().parent
+STATIC = HERE / "static"
+
+NAVIGATION = (("/", "Robots", "all"),)
+"""Address, name, and whether it is for all or for admins."""
+
+ROWS = 100
+"""Robots on a page unless asked for more."""
+
+MEDIA_TYPES = {".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
+
+
+def render(template: str, **values: Any) -> str:
+    """Return a template with its values."""
+    return _environment().get_template(template).render(values)
+
+
+@cache
+def static_files() -> dict[str, tuple[bytes, str]]:
+    """Return the files that pages ask for: name -> content and media type."""
+    return {
+        path.name: (path.read_bytes(), MEDIA_TYPES[path.suffix])
+        for path in sorted(STATIC.iterdir())
+        if path.suffix in MEDIA_TYPES
+    }
+
+
+@cache
+def static_version() -> str:
+    """Return what changes with the content of any file: a part of their addresses, so that browsers may keep
+    them, and that a script gets the others of its own version.
+    """
+    return hashlib.sha256(b"".join(content for content, _ in static_files().values())).hexdigest()[:12]
+
+
+def static_address(name: str) -> str:
+    """Return where a file is; KeyError if there is none."""
+    assert static_files()[name]
+    return f"/ui/static/{static_version()}/{name}"
+
+
+@cache
+def _environment() -> Environment:
+    environment = Environment(
+        loader=FileSystemLoader(HERE / "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters.update(name=name, time=time, percent=percent, amount=amount, duration=duration)
+    environment.globals.update(static=static_address, fleet_address=fleet_address, navigation=NAVIGATION)
+    return environment
+
+
+def fleet_address(**query: str | int) -> str:
+    """Return the address of the list of robots; what is empty or usual is left out."""
+    wanted = {key: value for key, value in query.items() if value and (key, value) != ("rows", ROWS)}
+    return f"/?{urlencode(wanted)}" if wanted else "/"
+
+
+def name(text: object) -> Markup:
+    """Return a name as it is written, kept apart from the direction of the text around it."""
+    return Markup('<bdi class="name">{}</bdi>').format(text)
+
+
+def time(time_ns: int | None) -> Markup:
+    """Return a moment, by the service's clock."""
+    if time_ns is None:
+        return Markup("–")
+    moment = datetime.fromtimestamp(time_ns // 1_000_000 / 1000, UTC)
+    return Markup('<time datetime="{}" data-ms="{}">{} UTC</time>').format(
+        moment.isoformat(timespec="milliseconds"), time_ns // 1_000_000, moment.strftime("%Y-%m-%d %H:%M:%S")
+    )
+
+
+def percent(share: float) -> str:
+    """Return a share of one in percent; what is not quite nothing or all is not said to be."""
+    if 0 < share < 0.01:
+        return "< 1 %"
+    return "> 99 %" if 0.99 < share < 1 else f"{share:.0%}".replace("%", " %")
+
+
+def amount(value: float | None, unit: str, digits: int = 2) -> str:
+    """Return a number with its unit."""
+    return "unknown" if value is None else f"{value:.{digits}f} {unit}"

@@ -1,0 +1,94 @@
+// The event stream: it tells which parts to fetch, and the page tells how it is. What may be old is shown as old.
+import { refresh, refreshFor, whenLost } from "./parts.js";
+
+const KINDS = ["observations", "diagnosis", "repair", "action", "board", "robot", "model", "stop"];
+const AGAIN_MS = 2000; // between two tries
+const HIDDEN_MS = 20000; // a page that nobody sees holds no connection: browsers have six for a host
+const SETTLES_MS = 1500; // what an event tells of may show a moment later
+
+export class Live {
+  constructor(address, pingS) {
+    this.address = address;
+    this.silentMs = (2 * pingS + 5) * 1000;
+    this.sign = document.getElementById("live");
+    this.lostAt = null;
+  }
+
+  start() {
+    whenLost((why) => this.lost(why));
+    this.open();
+    setInterval(() => this.watch(), 1000);
+    document.addEventListener("visibilitychange", () => {
+      clearTimeout(this.hiding);
+      if (document.hidden) this.hiding = setTimeout(() => this.pause(), HIDDEN_MS);
+      else if (!this.source) this.open();
+    });
+    addEventListener("pagehide", () => this.source?.close());
+    addEventListener("pageshow", (event) => { if (event.persisted) this.open(); });
+  }
+
+  open() {
+    this.source?.close();
+    this.heardAt = Date.now();
+    const source = this.source = new EventSource(this.address);
+    source.onopen = () => { this.heard(); refresh("all"); };
+    source.onerror = () => {
+      this.lost("connection lost");
+      if (source.readyState === EventSource.CLOSED) this.again();
+    };
+    source.addEventListener("ping", () => this.heard());
+    source.addEventListener("gap", () => { this.heard(); refresh("all"); });
+    for (const kind of KINDS) {
+      source.addEventListener(kind, () => {
+        this.heard();
+        refreshFor(kind);
+        clearTimeout(this[kind]);
+        this[kind] = setTimeout(() => refreshFor(kind), SETTLES_MS);
+      });
+    }
+  }
+
+  again() {
+    clearTimeout(this.retry);
+    this.retry = setTimeout(() => { if (!document.hidden) this.open(); }, AGAIN_MS);
+  }
+
+  pause() {
+    this.source?.close();
+    this.source = null;
+    this.show("none", "paused while hidden");
+  }
+
+  heard() {
+    this.heardAt = Date.now();
+    this.lostAt = null;
+    document.body.classList.remove("stale");
+    this.show("live", "live");
+  }
+
+  lost(why) {
+    this.lostAt ??= Date.now();
+    this.why = why;
+    document.body.classList.add("stale");
+    this.watch();
+  }
+
+  watch() {
+    if (this.source && this.lostAt === null && Date.now() - this.heardAt > this.silentMs) {
+      this.lost("nothing is heard"); // a connection may die without a word
+      this.open();
+    }
+    if (this.lostAt === null) return;
+    const seconds = Math.round((Date.now() - this.lostAt) / 1000);
+    this.show("lost", `${this.why}: shown is how it was ${seconds} s ago or earlier`);
+  }
+
+  show(state, text) {
+    if (this.sign.dataset.state !== state) this.sign.dataset.state = state;
+    this.sign.hidden = false;
+    // Screen readers are told of a change of state, not of each second.
+    this.sign.setAttribute("aria-live", state === "lost" && this.sign.dataset.told === "lost" ? "off" : "polite");
+    this.sign.dataset.told = state;
+    if (this.sign.textContent !== text) this.sign.textContent = text;
+  }
+}

@@ -1,0 +1,94 @@
+// What makes the page live: ages that grow, parts that are fetched when an event concerns them, forms that stay
+// where they are. Without it everything works as well, by reloading.
+import { Live } from "./live.js";
+import { refresh, whenShown } from "./parts.js";
+
+const body = document.body;
+const said = document.getElementById("said");
+let hiding;
+
+/** Say something for a while, to eyes and screen readers alike. */
+function say(text, wrong = false) {
+  said.textContent = text;
+  said.className = wrong ? "wrong" : "";
+  said.hidden = false;
+  clearTimeout(hiding);
+  hiding = setTimeout(() => { said.hidden = true; }, wrong ? 12000 : 5000);
+}
+
+let aheadMs = Date.now() - Number(body.dataset.nowMs || Date.now());
+
+/** Write ages by the service's clock: this computer's may be minutes off. */
+function ages() {
+  const now = Date.now() - aheadMs;
+  for (const time of document.querySelectorAll("time[data-ms]")) {
+    if (!time.title) time.title = time.textContent;
+    const seconds = Math.round((now - Number(time.dataset.ms)) / 1000);
+    const text = age(Math.abs(seconds)) + (seconds < 0 ? " ahead" : " ago");
+    if (time.textContent !== text) time.textContent = text;
+  }
+}
+
+function age(seconds) {
+  if (seconds < 100) return `${seconds} s`;
+  if (seconds < 6000) return `${Math.round(seconds / 60)} min`;
+  if (seconds < 172800) return `${Math.round(seconds / 3600)} h`;
+  return `${Math.round(seconds / 86400)} days`;
+}
+
+whenShown((nowMs) => {
+  if (nowMs) aheadMs = Date.now() - nowMs;
+  ages();
+});
+ages();
+setInterval(ages, 1000);
+
+// --- forms
+
+document.addEventListener("submit", async (event) => {
+  const form = event.target;
+  if (!form.matches("form[data-live]")) return;
+  event.preventDefault();
+  const button = event.submitter ?? form.querySelector("button");
+  const fields = new URLSearchParams(new FormData(form, event.submitter));
+  button.disabled = true;
+  try {
+    const answer = await fetch(form.action, { method: "POST", body: fields, redirect: "manual" });
+    if (answer.ok || answer.type === "opaqueredirect") {
+      say(form.dataset.live || "Done.");
+      form.reset();
+    } else {
+      const page = new DOMParser().parseFromString(await answer.text(), "text/html");
+      say(page.getElementById("problem")?.textContent ?? `It was refused (${answer.status}).`, true);
+    }
+  } catch {
+    say("The service does not answer: nothing is known to be done. Try again.", true);
+  }
+  button.disabled = false;
+  refresh("all");
+});
+
+// The search goes on while one types.
+const search = document.querySelector('input[type="search"]');
+let searching;
+search?.addEventListener("input", () => {
+  clearTimeout(searching);
+  searching = setTimeout(() => {
+    const address = new URL(location.href);
+    address.searchParams.set("q", search.value);
+    address.searchParams.delete("page");
+    if (!search.value) address.searchParams.delete("q");
+    history.replaceState(null, "", address);
+    refresh("all");
+  }, 150);
+});
+document.addEventListener("keydown", (event) => {
+  if (event.key === "/" && search && !event.target.matches("input, textarea, select")) {
+    event.preventDefault();
+    search.focus();
+  }
+});
+
+// --- events
+
+if (body.dataset.events) new Live(body.dataset.events, Number(body.dataset.pingS)).start();

@@ -1,0 +1,114 @@
+// Parts of the page, fetched anew at the page's own address, and put in place where they differ.
+const BYTES_PER_S = 5000; // on average; the first fetch after a quiet while is at once
+const LEAST_MS = 200;
+const AGAIN_MS = 1500;
+
+const wanted = new Set();
+const shown = [];
+const lost = [];
+let timer = null;
+let loading = false;
+let freeAt = 0;
+
+/** Be told when parts were put in place, with the service's time. */
+export function whenShown(call) { shown.push(call); }
+
+/** Be told when parts could not be fetched. */
+export function whenLost(call) { lost.push(call); }
+
+function parts() { return [...document.querySelectorAll("[data-part]")]; }
+
+/** Fetch the parts that an event of this kind concerns. */
+export function refreshFor(kind) {
+  refresh(parts().filter((part) => part.dataset.on.split(" ").includes(kind)).map((part) => part.dataset.part));
+}
+
+/** Fetch parts soon: a list of names, or "all". */
+export function refresh(names) {
+  for (const name of names === "all" ? parts().map((part) => part.dataset.part) : names) wanted.add(name);
+  plan();
+}
+
+function plan() {
+  if (timer !== null || loading || wanted.size === 0) return;
+  timer = setTimeout(load, Math.max(0, freeAt - Date.now()));
+}
+
+async function load() {
+  timer = null;
+  loading = true;
+  const names = [...wanted];
+  wanted.clear();
+  let bytes = 0;
+  try {
+    const answer = await fetch(location.href, { headers: { "Robomend-Parts": names.join(",") } });
+    if (answer.ok) {
+      bytes = Number(answer.headers.get("content-length") ?? 0);
+      const page = new DOMParser().parseFromString(await answer.text(), "text/html");
+      const again = place(page);
+      const now = page.querySelector("[data-now-ms]");
+      for (const call of shown) call(now ? Number(now.dataset.nowMs) : 0);
+      if (again.length) setTimeout(() => refresh(again), AGAIN_MS);
+    } else if (answer.status === 401) {
+      for (const call of lost) call("signed out; reload the page to sign in");
+    } else {
+      for (const call of lost) call(`the service says ${answer.status}`);
+      if (answer.status >= 429) setTimeout(() => refresh(names), AGAIN_MS);
+    }
+  } catch {
+    for (const call of lost) call("the service does not answer");
+    setTimeout(() => refresh(names), AGAIN_MS);
+  }
+  loading = false;
+  freeAt = Date.now() + Math.max(LEAST_MS, bytes / BYTES_PER_S * 1000);
+  plan();
+}
+
+/** Put parts in place; return those to be fetched again. */
+function place(page) {
+  const again = [];
+  for (const fresh of page.querySelectorAll("[data-part]")) {
+    const old = document.querySelector(`[data-part="${CSS.escape(fresh.dataset.part)}"]`);
+    if (!old) continue;
+    if (fresh.hasAttribute("data-again")) again.push(fresh.dataset.part);
+    const text = fresh.outerHTML;
+    if (old.fetched === text) continue;
+    const focused = old.contains(document.activeElement) ? document.activeElement : null;
+    if (focused?.matches("input:not([type=hidden]), textarea, select")) { // nobody is disturbed while typing
+      focused.addEventListener("blur", () => setTimeout(() => refresh([fresh.dataset.part]), 300), { once: true });
+      continue;
+    }
+    keep(old, fresh);
+    old.replaceWith(fresh);
+    fresh.fetched = text;
+    if (focused) (focused.id && document.getElementById(focused.id) || same(fresh, focused))?.focus({ preventScroll: true });
+  }
+  return again;
+}
+
+/** Keep what a person opened, typed and scrolled to. */
+function keep(old, fresh) {
+  for (const details of old.querySelectorAll("details[id]")) {
+    const other = fresh.querySelector(`#${CSS.escape(details.id)}`);
+    if (other) other.open = details.open;
+  }
+  for (const field of old.querySelectorAll("input[name]:not([type=hidden]), textarea[name], select[name]")) {
+    const form = field.form?.getAttribute("action");
+    const other = form && fresh.querySelector(`form[action="${CSS.escape(form)}"] [name="${CSS.escape(field.name)}"]`);
+    if (other && field.value !== field.defaultValue) other.value = field.value;
+  }
+  const scrolled = [...old.querySelectorAll("[data-scroll]")].map((box) => [box.dataset.scroll, box.scrollLeft, box.scrollTop]);
+  queueMicrotask(() => {
+    for (const [name, left, top] of scrolled) {
+      fresh.querySelector(`[data-scroll="${CSS.escape(name)}"]`)?.scrollTo(left, top);
+    }
+  });
+}
+
+/** Return what stands for the focused link or button in the fresh part. */
+function same(fresh, focused) {
+  const address = focused.getAttribute("href");
+  if (address) return fresh.querySelector(`a[href="${CSS.escape(address)}"]`);
+  return [...fresh.querySelectorAll("button, summary, [tabindex]")].find(
+    (each) => each.textContent === focused.textContent);
+}

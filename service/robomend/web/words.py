@@ -1,0 +1,81 @@
+"""States and what is waited for, in words for people."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+Json = Mapping[str, Any]
+
+MANY = 4
+"""Names in one sentence; of more the number is told."""
+
+REPAIR_STATES = {
+    "waiting": "waiting for its turn, or for observers",
+    "planning": "planning",
+    "awaiting-approval": "awaiting approval",
+    "running": "running",
+    "verifying": "looking whether it helped",
+    "repaired": "repaired, and seen to work",
+    "escalated": "a person is needed",
+    "cancelled": "cancelled",
+    "failed": "failed: a part of the service did not work",
+}
+"""As people read them; one that is not here is shown as it is called."""
+
+ENDED = {"cancelled": "was cancelled", "failed": "failed"}
+
+
+def listed(names: Sequence[str], most: int = MANY) -> str:
+    """Return names as in a sentence."""
+    if len(names) > most:
+        return f"{', '.join(names[:most])} and {len(names) - most} more"
+    return ", ".join(names)
+
+
+def duration(seconds: float) -> str:
+    """Return a time span with its unit, as exact as a person needs it."""
+    if seconds < 1:
+        return f"{seconds * 1000:.0f} ms"
+    if seconds < 60:
+        return f"{seconds:.1f} s"
+    if seconds < 3600:
+        return f"{seconds / 60:.0f} min"
+    return f"{seconds / 3600:.1f} h" if seconds < 2 * 86400 else f"{seconds / 86400:.0f} days"
+
+
+def waits_for(repair: Json | None, *, unhealthy: bool, policy: str) -> tuple[str, bool]:
+    """Return what a robot waits for now, empty for nothing, and whether that is a person.
+
+    Args:
+        repair: the robot's newest.
+    """
+    if repair is not None and repair["finished_ns"] is None:
+        return _of_open(repair)
+    if not unhealthy:
+        return "", False
+    if policy == "observe":
+        return "a person: its policy is to observe only", True
+    if repair is not None and repair["state"] == "escalated":
+        return f"a person: {repair['reason'] or 'the last repair did not help'}", True
+    if repair is not None and repair["state"] in ENDED:
+        reason = f": {repair['reason']}" if repair["reason"] else ""
+        return f"a person: the last repair {ENDED[repair['state']]}{reason}", True
+    return "", False
+
+
+def _of_open(repair: Json) -> tuple[str, bool]:
+    state, reason = repair["state"], repair["reason"]
+    if state == "awaiting-approval":
+        steps = len(repair["plan"])
+        plan = f" of a plan of {steps} {'action' if steps == 1 else 'actions'}" if steps else ""
+        return f"approval{plan}", True
+    if state == "waiting" and repair["waiting_for"]:
+        atoms = listed(repair["waiting_for"])
+        probe = repair["probe"] is not None and repair["waiting_for"] == [repair["probe"]["atom"]]
+        return (f"a look: is {atoms}?", True) if probe else (f"observations: {atoms}", False)
+    if state == "running":
+        at_work = [step["text"] for step in repair["plan"] if step["state"] == "running"]
+        return f"its repair: {listed(at_work)}" if at_work else "its repair", False
+    told = reason if state == "waiting" and reason else REPAIR_STATES.get(state, state)
+    return str(told), False

@@ -1,0 +1,138 @@
+"""A real Chromium for tests: installed if it is missing and we may, started once a session, gone afterwards.
+
+Use it from a conftest.py: `from tests.browser import browser, chromium`. Where there is none and none can be
+installed, tests that need it are skipped with the reason; in CI (`CI` in the environment) that is a failure.
+
+Playwright's sync API leaves an event loop in the thread while it is open, in which no other can run: keep
+tests that use `browser` in modules of their own, since it is open for a module.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import shutil
+import signal
+import subprocess
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import pytest
+from playwright.sync_api import Browser, BrowserContext, Page, Request, sync_playwright
+from tests.waiting import until
+
+FLAGS = (
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--disable-dev-shm-usage",
+    "--remote-debugging-port=0",
+)
+
+PATIENCE_MS = 60_000
+"""A safety net: tests wait for what they need."""
+
+_PR_SET_PDEATHSIG = 1
+
+
+def _program() -> str | None:
+    """Return Chromium's path; install it if it is missing and we may."""
+    for attempt in range(2):
+        found = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+        if found is not None or attempt == 1 or os.geteuid() != 0 or shutil.which("apt-get") is None:
+            return found
+        quiet = {**os.environ, "DEBIAN_FRONTEND": "noninteractive"}
+        for command in (
+            ["apt-get", "update", "-q"],
+            ["apt-get", "install", "-q", "-y", "--no-install-recommends", "chromium", "fonts-dejavu-core"],
+        ):
+            subprocess.run(command, check=False, capture_output=True, timeout=900, env=quiet)
+    return None
+
+
+def _end_with_parent() -> None:
+    """Make the kernel stop the browser when the test process is killed."""
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+
+
+@pytest.fixture(scope="session")
+def chromium() -> Iterator[str]:
+    """The session's browser, running: its debugging address."""
+    program = _program()
+    if program is None:
+        reason = "these tests need Chromium: install it (Debian: apt-get install chromium)"
+        if os.environ.get("CI"):
+            pytest.fail(reason)
+        pytest.skip(reason)
+    folder = Path(tempfile.mkdtemp(prefix="robomend-chromium-"))
+    with (folder / "log").open("wb") as log:
+        process = subprocess.Popen(
+            [program, *FLAGS, f"--user-data-dir={folder / 'profile'}", "about:blank"],
+            stdout=log,
+            stderr=log,
+            preexec_fn=_end_with_parent,
+            start_new_session=True,
+        )
+    port = folder / "profile" / "DevToolsActivePort"
+    try:
+        until(lambda: port.exists() and port.read_text().count("\n"), "Chromium listens", 60)
+        yield f"http://127.0.0.1:{port.read_text().splitlines()[0]}"
+    finally:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait(30)
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+@pytest.fixture(scope="module")
+def browser(chromium: str) -> Iterator[Browser]:
+    """The session's browser, as Playwright knows it."""
+    with sync_playwright() as playwright:
+        connected = playwright.chromium.connect_over_cdp(chromium, timeout=PATIENCE_MS)
+        yield connected
+        connected.close()
+
+
+class Watched:
+    """A browser context that notes every request, and whatever a page complains of."""
+
+    def __init__(self, context: BrowserContext, url: str) -> None:
+        self.context = context
+        self.url = url
+        self.requests: list[str] = []
+        self.complaints: list[str] = []
+        context.set_default_timeout(PATIENCE_MS)
+        context.on("request", self._asked)
+        context.on("weberror", lambda error: self.complaints.append(str(error.error)))
+        context.on("console", lambda said: self._said(said.type, said.text))
+
+    def _asked(self, request: Request) -> None:
+        self.requests.append(request.url)
+
+    def _said(self, kind: str, text: str) -> None:
+        if kind == "error" and "Failed to load resource" not in text and "ERR_" not in text:
+            self.complaints.append(text)
+
+    def page(self, path: str = "/") -> Page:
+        """Open a page of the service."""
+        opened = self.context.new_page()
+        opened.goto(self.url + path)
+        return opened
+
+    def check(self) -> None:
+        """No request left the service, no script failed, nothing was refused by the page's own policy."""
+        ours = urlsplit(self.url).netloc
+        schemes = {"data", "about", "blob"}
+        foreign = [
+            asked
+            for asked in self.requests
+            if urlsplit(asked).netloc != ours and urlsplit(asked).scheme not in schemes
+        ]
+        assert foreign == []
+        assert self.complaints == []

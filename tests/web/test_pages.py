@@ -1,0 +1,137 @@
+"""Pages without a browser: headers, forms of strangers, addresses, escaping."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import httpx
+import pytest
+from tests.api.conftest import Service, running, sign_in
+
+from robomend.api.routers.pages import ours
+from robomend.settings import Settings
+from robomend.web.rendering import percent, static_address, static_files
+from robomend.web.words import duration, listed
+
+FORM = {"Content-Type": "application/x-www-form-urlencoded"}
+
+
+@pytest.fixture(scope="module")
+def keyed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
+    settings = Settings(port=0, data=tmp_path_factory.mktemp("keyed"), sign_ins_per_minute=1e6)
+    with running(settings) as service:
+        service.key("admin")
+        yield service
+
+
+def cookie(service: Service, role: str) -> str:
+    return sign_in(service, service.key(role)).headers["set-cookie"].partition(";")[0]
+
+
+def test_no_page_allows_code_of_others(service: Service) -> None:
+    answers = [service.http.get(path) for path in ("/", "/ui/sign-in", "/?rows=0", "/ui/static/x/none.js")]
+    assert [answer.status_code for answer in answers] == [200, 200, 422, 404]
+    for answer in answers:
+        policy = answer.headers["content-security-policy"]
+        assert policy.startswith("default-src 'none'; script-src 'self';")
+        assert "unsafe" not in policy
+        assert "frame-ancestors 'none'" in policy
+        assert answer.headers["referrer-policy"] == "same-origin"
+        assert answer.headers["content-type"].startswith("text/html")
+        assert " style=" not in answer.text
+        assert " onclick=" not in answer.text
+
+
+def test_scripts_are_kept_as_long_as_they_are_of_this_version(service: Service) -> None:
+    for name in static_files():
+        answer = service.http.get(static_address(name))
+        assert answer.status_code == 200
+        assert "immutable" in answer.headers["cache-control"]
+        assert service.http.get(f"/ui/static/older/{name}").headers["cache-control"] == "no-store"
+
+
+@pytest.mark.parametrize(
+    ("headers", "status"),
+    [
+        ({"Origin": "https://evil.example"}, 403),
+        ({"Origin": "null"}, 403),
+        ({"Sec-Fetch-Site": "cross-site"}, 403),
+        ({"Sec-Fetch-Site": "same-site"}, 403),
+        ({}, 400),
+        ({"Sec-Fetch-Site": "same-origin"}, 303),
+        ({"Origin": "OURS"}, 303),
+    ],
+)
+def test_a_form_must_be_ours_with_and_without_keys(
+    service: Service, keyed: Service, headers: dict[str, str], status: int
+) -> None:
+    for asked, more in ((service, {}), (keyed, {"Cookie": cookie(keyed, "operator")})):
+        told = {name: value.replace("OURS", asked.url) for name, value in headers.items()}
+        answer = asked.http.post("/ui/stop", content="reason=x", headers={**FORM, **more, **told})
+        assert answer.status_code in {status, 403 if status == 400 else status}
+        assert asked.http.get("/api/v1/stop", headers=more).json()["active"] == (status == 303)
+        asked.http.post("/ui/stop", content="active=no", headers={**FORM, **more, "Origin": asked.url})
+
+
+def test_a_viewer_may_look_and_not_stop(keyed: Service) -> None:
+    viewer = {"Cookie": cookie(keyed, "viewer"), "Origin": keyed.url, **FORM}
+    assert keyed.http.get("/", headers=viewer).status_code == 200
+    refused = keyed.http.post("/ui/stop", content="", headers=viewer)
+    assert refused.status_code == 403
+    assert "role viewer may not" in refused.text
+
+
+def test_a_form_that_is_none_is_a_clear_answer(service: Service) -> None:
+    def post(content: bytes, kind: str = FORM["Content-Type"]) -> httpx.Response:
+        headers = {"Content-Type": kind, "Origin": service.url}
+        return service.http.post("/ui/stop", content=content, headers=headers)
+
+    assert post(b"{}", "application/json").status_code == 415
+    assert post(b"reason=%ff").status_code == 400
+    assert post(b"&".join(b"a=b" for _ in range(51))).status_code == 400
+    assert post(b"reason=" + b"x" * 100_000).status_code == 413
+
+
+@pytest.mark.parametrize(
+    ("asked", "taken"),
+    [
+        ("/ui/robots/r1?a=b", "/ui/robots/r1?a=b"),
+        ("/?q=x", "/?q=x"),
+        ("https://evil.example/", "/"),
+        ("//evil.example/ui/x", "/"),
+        ("/\\evil.example", "/"),
+        ("/api/v1/robots", "/"),
+        ("javascript:alert(1)", "/"),
+        ("/ui/a\r\nSet-Cookie: b", "/"),
+    ],
+)
+def test_a_form_leads_back_to_our_own_pages_only(asked: str, taken: str) -> None:
+    assert ours(asked) == taken
+
+
+def test_whatever_is_asked_for_is_shown_as_text(service: Service) -> None:
+    for path in ("/", "/ui/sign-in"):
+        answer = service.http.get(path, params={"q": '"><script>alert(1)</script>', "to": '/?q="><i>'})
+        assert "<script>alert" not in answer.text
+        assert '"><i>' not in answer.text
+
+
+def test_parts_of_a_page_are_all_that_is_sent(service: Service) -> None:
+    whole = service.http.get("/")
+    stop = service.http.get("/", headers={"Robomend-Parts": "stop"})
+    assert "<html" not in stop.text
+    assert 'data-part="stop"' in stop.text
+    assert 'data-part="fleet"' not in stop.text
+    assert len(stop.content) < len(whole.content) / 2
+
+
+def test_numbers_have_units_and_claim_no_more_than_is_known() -> None:
+    assert [percent(p) for p in (0, 0.004, 0.5, 0.996, 1)] == ["0 %", "< 1 %", "50 %", "> 99 %", "100 %"]
+    assert [duration(s) for s in (0.02, 3.21, 90, 7200, 200_000)] == [
+        "20 ms",
+        "3.2 s",
+        "2 min",
+        "2.0 h",
+        "2 days",
+    ]
+    assert listed(["a", "b", "c", "d", "e", "f"]) == "a, b, c, d and 2 more"
