@@ -143,6 +143,8 @@ def test_a_wrong_delimiter_after_a_good_frame_is_refused_after_that_frame() -> N
 def test_a_length_beyond_every_message_is_refused_with_the_header() -> None:
     with pytest.raises(RemoteProtocolError, match="65535"):
         decode(bytes.fromhex("02 02 FF FF"))
+    with pytest.raises(RemoteProtocolError, match="2297 bytes; no message exceeds 2296"):
+        decode(bytes.fromhex("02 02 F9 08"))
 
 
 def test_both_bytes_of_the_length_count() -> None:

@@ -428,6 +428,19 @@ async def _read_all(link: BoardLink) -> list[Snapshot]:
     return [snapshot async for snapshot in link.measurements()]
 
 
+async def test_a_link_is_started_once_and_never_after_it_was_closed() -> None:
+    async with emulated() as emulator:
+        link = BoardLink("127.0.0.1", emulator.port)
+        link.start()
+        first = link._task
+        link.start()
+        assert link._task is first
+        await link.close()
+        link.start()
+        assert link._task is None
+        assert link.state is LinkState.CLOSED
+
+
 async def test_a_link_that_was_never_started_can_be_closed() -> None:
     await link_to(1).close()
 

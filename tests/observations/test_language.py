@@ -111,6 +111,12 @@ def test_length_and_depth_have_limits() -> None:
             parse(sentence, ROBOT)
 
 
+@pytest.mark.parametrize("sentence", [5, None, ["ok(odom)"], {"ok": "odom"}])
+def test_what_is_no_text_is_refused_as_that(sentence: object) -> None:
+    with pytest.raises(ObservationError, match=f"is a string, not {type(sentence).__name__}"):
+        read(sentence, ROBOT, name="a1")  # type: ignore[arg-type]  # what JSON may hold
+
+
 def test_the_cache_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(language, "CACHED", 10)
     vocabulary = for_robot(topics=("odom",))

@@ -123,6 +123,22 @@ def test_asking_about_an_earlier_time_brings_back_what_was_fresh_then() -> None:
     assert obs.literals(5) == (holds("ok", "scan"),)
 
 
+def test_the_next_expiry_is_that_of_the_entry_that_runs_out_first() -> None:
+    obs = Obs([seen(holds("ok", "scan"), 1, 20), seen(holds("ok", "map"), 1, 10), seen(holds("ok", "odom"))])
+    assert obs.next_expiry_ns(1) == 10
+    assert len(obs.literals(1)) == 3
+    assert obs.literals(10) == (holds("ok", "scan"), holds("ok", "odom"))
+    assert obs.next_expiry_ns(10) == 20
+
+
+def test_what_is_forgotten_is_known_no_more() -> None:
+    obs = Obs([seen(holds("ok", "scan"), 1), seen(holds("ok", "map"), 1)])
+    before = obs.signature(2)
+    obs.forget([Atom("ok", ("scan",)), Atom("ok", ("never",))])
+    assert obs.literals(2) == (holds("ok", "map"),)
+    assert obs.signature(2) != before
+
+
 def test_assertions_are_part_of_the_signature_until_withdrawn() -> None:
     obs = Obs([seen(holds("ok", "scan"), 1)])
     before = obs.signature(1)

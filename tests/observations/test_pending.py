@@ -32,5 +32,12 @@ def test_silence_of_what_rests_on_something_that_has_just_begun_is_pending() -> 
     began = {"driver": 10 * S, "mapping": 2 * S}
     found = starting([SCAN, MAP, ODOM], began, lambda _: 5 * S, rests_on.__getitem__, 12 * S)
     assert found == {SCAN: 15 * S + SLACK_NS, MAP: 15 * S + SLACK_NS}
+    over_first = dict(reversed(began.items()))  # what has had its time hides nobody that comes after it
+    assert starting([SCAN], over_first, lambda _: 5 * S, rests_on.__getitem__, 12 * S) == {
+        SCAN: 15 * S + SLACK_NS
+    }
+    end = 15 * S + SLACK_NS
+    assert starting([SCAN], began, lambda _: 5 * S, rests_on.__getitem__, end - 1) == {SCAN: end}
+    assert starting([SCAN], began, lambda _: 5 * S, rests_on.__getitem__, end) == {}
     running = Atom("running", ("driver",))
     assert starting([running], began, lambda _: 5 * S, rests_on.__getitem__, 12 * S) == {}

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from tests.repairs.lidar_robot import POWER_LOST, QUICK, Robot, run, setting, step
 from tests.waiting import for_ever
 
 from robomend.repairs.execution import execute
-from robomend.repairs.execution_values import Ending
+from robomend.repairs.execution_values import Ending, Timing
 from robomend_client.actions import FAILED, REFUSED, TIMED_OUT, Action, ActionResult
 
 pytestmark = pytest.mark.anyio
@@ -79,6 +82,32 @@ async def test_an_unknown_outcome_is_told_even_if_another_step_failed_before_it(
     robot.behave = one_fails_one_is_silent
     done = await execute(both, replace(setting(robot), not_idempotent={"power_up"}))
     assert done.ending is Ending.UNKNOWN_OUTCOME
+
+
+def test_the_page_names_the_bounds_of_an_action_that_says_nothing_of_them() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "repair.md").read_text()
+    told = {name: float(value) for name, value in re.findall(r"`(\w+)`(?: \(|, )default (\d+)", page)}
+    timing = Timing()
+    assert told["timeout_s"] == timing.action_timeout_s
+    assert told["effect_timeout_s"] == timing.effect_timeout_s
+    assert told["retries"] == timing.retries
+
+
+async def test_retries_wait_twice_as_long_each_time() -> None:
+    robot = Robot()
+    loop = asyncio.get_running_loop()
+    sent_s: list[float] = []
+
+    async def fails(robot: Robot, action: Action) -> ActionResult | None:
+        sent_s.append(loop.time())
+        return ActionResult(FAILED)
+
+    robot.behave = fails
+    timing = replace(QUICK, retries=2, backoff_s=0.02)
+    await execute(POWER_LOST, replace(setting(robot), default_timing=timing))
+    first, second = (after - before for before, after in itertools.pairwise(sent_s))
+    assert first >= 0.02  # at least: a sleep never ends early
+    assert second >= 0.04
 
 
 async def test_a_hanging_executor_is_cut_off() -> None:

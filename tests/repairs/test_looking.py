@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
 from dataclasses import replace
 
 import pytest
 from tests.repairs.lidar_robot import ON, RUNNING, SCAN, Robot, setting
 
-from robomend.repairs.looking import Looking
+from robomend.repairs.looking import LOOK_S, Looking
 from robomend_client.literals import Atom, Literal
 
 pytestmark = pytest.mark.anyio
@@ -33,6 +34,30 @@ async def test_an_effect_that_obs_holds_is_awaited_though_no_list_names_it() -> 
     assert await effect(robot, set()) == ([], [WANTED])
     robot.see(SCAN, True)
     assert await effect(robot, set()) == ([WANTED], [])
+
+
+async def test_obs_is_looked_at_unasked_too_but_no_longer_than_the_time_out() -> None:
+    waits: list[float] = []
+
+    class Deaf(Robot):
+        """OBS of which no change is told."""
+
+        async def changed(self, revision: int, timeout_s: float) -> int:
+            waits.append(timeout_s)
+            if len(waits) == 2:
+                self.obs[SCAN] = True
+            await asyncio.sleep(0)
+            return revision
+
+    here = replace(setting(Deaf(obs={SCAN: False})), observed=frozenset({SCAN}))
+    here.prediction.expected = lambda: frozenset({WANTED})  # type: ignore[method-assign]  # of no plan
+    assert await Looking(here).effect([WANTED], 30.0) == ((WANTED,), ())
+    assert waits == [LOOK_S, LOOK_S]
+    waits.clear()
+    here = replace(setting(Deaf(obs={SCAN: False})), observed=frozenset({SCAN}))
+    here.prediction.expected = lambda: frozenset({WANTED})  # type: ignore[method-assign]  # of no plan
+    await Looking(here).effect([WANTED], LOOK_S / 5)
+    assert max(waits) <= LOOK_S / 5
 
 
 async def test_an_effect_that_nobody_observes_is_neither_seen_nor_missing() -> None:
