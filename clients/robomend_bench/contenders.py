@@ -1,6 +1,6 @@
 """Contenders for questions about one observation of one model: engines by name, and baselines.
 
-sat, asp, maxsat, hs_dag     robomend's engines
+sat, asp, maxsat, hs_dag, …  robomend's engines
 NAME                         an engine of somebody else, from the entry points "robomend.engines"
 NAME:SOLVER                  either with another solver inside, e.g. sat:glucose4
 rc2, layered-full, …         see baselines.py
@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from itertools import combinations, cycle, islice
+from math import fsum, log
 from time import perf_counter
 from typing import Any
 
@@ -29,12 +30,15 @@ MODES = {
     "factored": "all minimum-cardinality diagnoses, factored, with their exact count",
     "subset": "all subset-minimal diagnoses up to --max-size, in order of size",
     "explained": "all minimum-cardinality diagnoses with result objects, conflicts and sentences",
+    "probable": "the ten most probable subset-minimal diagnoses, in order of probability",
     "rows": "thousands of rows of the same 20 sensors; the time is that of one row",
     "check": "consistency checks, no two of the same healthy set, after 1000 diagnoses on the same engine",
 }
 
 CIRCUIT_MODES = {name: MODES[name] for name in (*ONE, "all", "factored", "subset")}
-ROBOT_MODES = {name: MODES[name] for name in ("explained", "first", "all", "subset", "rows", "check")}
+ROBOT_MODES = {
+    name: MODES[name] for name in ("explained", "first", "all", "subset", "probable", "rows", "check")
+}
 
 CHECKS = 200
 """Calls of `consistent` in one measurement: one takes some microseconds. No two ask the same set."""
@@ -43,8 +47,14 @@ AGED_BY = 1000
 """Diagnoses that the engine has behind it before it is asked to check."""
 
 
+PROBABLE = 10
+"""Diagnoses in mode "probable"."""
+
+
 def options_for(mode: str, wish: Wish) -> Options:
     """Return what an engine is asked in a mode."""
+    if mode == "probable":
+        return Options(limit=PROBABLE, timeout_s=wish.timeout_s, order="probability", conflicts=False)
     return Options(
         minimal="subset" if mode == "subset" else "cardinality",
         max_size=wish.max_size if mode == "subset" else None,
@@ -110,6 +120,11 @@ def _counted(result: DiagnosisResult, mode: str) -> Answer:
     least = min(sizes, default=None)
     if mode in ONE:
         return Answer((least,), complete=bool(sizes), shown=least)
+    if mode == "probable":
+        # which of equally probable ones are listed is free, so that how probable they are is compared
+        evidence = fsum(log(diagnosis.probability or 1.0) for diagnosis in result.diagnoses)
+        ended = result.complete or result.stopped_by == "limit"
+        return Answer((len(sizes), round(1000 * evidence)), complete=ended, shown=len(sizes))
     count = result.count if result.count is not None else len(sizes)
     all_asked_for = result.complete or result.stopped_by == "size"  # larger ones exist, and were not wanted
     return Answer((count, least), complete=all_asked_for, shown=count)

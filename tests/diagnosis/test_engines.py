@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import random
 from dataclasses import replace
 from itertools import pairwise
-from math import prod
+from math import log, prod
 
 import pytest
 from hypothesis import given, settings
@@ -16,6 +17,7 @@ from robomend.diagnosis.engines import ENGINES, make_engine
 from robomend.diagnosis.result import Minimal, Options
 from robomend.errors import ContradictoryModel, OptionRefused, UnknownComponent
 from robomend.model.cnf import HealthCnf
+from robomend_bench.generator import make_robot, observe
 from robomend_client.literals import Atom, Literal
 
 OURS = tuple(ENGINES.built_in)
@@ -263,7 +265,7 @@ def test_an_unknown_component_is_named(name: str) -> None:
         make_engine(name, circuit("c17").cnf).diagnose([], Options(healthy=frozenset({"nosuch"})))
 
 
-@pytest.mark.parametrize("name", ["sat", "maxsat", "hs_dag"])
+@pytest.mark.parametrize("name", ["sat", "maxsat", "hs_dag", "cda_star"])
 @pytest.mark.parametrize("solver", ["kissat404", "ks", "cadical153", "cd19", "lingeling", "nosuch"])
 def test_solvers_that_cannot_be_used_are_refused(name: str, solver: str) -> None:
     with pytest.raises(OptionRefused, match=solver):
@@ -286,12 +288,12 @@ def test_other_solvers_give_the_same(solver: str) -> None:
 
 
 def test_an_unknown_engine_is_refused_with_the_names_that_exist() -> None:
-    assert ENGINES.names()[:4] == ("sat", "asp", "maxsat", "hs_dag")
-    with pytest.raises(OptionRefused, match="sat, asp, maxsat, hs_dag"):
+    assert ENGINES.names()[:5] == ("sat", "asp", "maxsat", "hs_dag", "cda_star")
+    with pytest.raises(OptionRefused, match="sat, asp, maxsat, hs_dag, cda_star"):
         make_engine("nosuch", circuit("c17").cnf)
 
 
-@pytest.mark.parametrize("name", ["sat", "maxsat"])
+@pytest.mark.parametrize("name", ["sat", "maxsat", "cda_star"])
 @settings(deadline=None)
 @given(systems(), st.lists(st.sampled_from([0.001, 0.02, 0.1, 0.3, 0.45]), min_size=5, max_size=5))
 def test_order_of_probability_is_that_of_the_priors(name: str, system: System, priors: list[float]) -> None:
@@ -307,3 +309,20 @@ def test_order_of_probability_is_that_of_the_priors(name: str, system: System, p
     assert all(later <= earlier * 1.001 for earlier, later in pairwise(odds))
     first = make_engine(name, cnf).diagnose(observations, replace(everything, limit=1)).diagnoses[0]
     assert prod(cnf.priors[c] / (1 - cnf.priors[c]) for c in first.bad) >= max(odds) * 0.999
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(3, 40), st.integers(0, 1000), st.lists(st.floats(0.001, 0.45), min_size=40, max_size=40))
+def test_engines_that_weigh_agree_on_the_most_probable_faults_of_a_robot(
+    components: int, seed: int, priors: list[float]
+) -> None:
+    robot = make_robot(components, seed)
+    seen = observe(robot, 1 + seed % 4, random.Random(seed))
+    cnf = replace(robot.cnf, priors=dict(zip(robot.cnf.components, priors, strict=False)))
+    options = Options(limit=7, timeout_s=None, order="probability", conflicts=False)
+    told = []
+    for name in ("sat", "cda_star", "maxsat"):
+        result = make_engine(name, cnf).diagnose(seen, options)
+        told.append([sum(log(cnf.priors[c] / (1 - cnf.priors[c])) for c in d.bad) for d in result.diagnoses])
+    assert told[0] == pytest.approx(told[1])
+    assert told[0] == pytest.approx(told[2], abs=0.01)  # its weights are whole numbers

@@ -5,11 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from tests.diagnosis.systems import model
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tests.diagnosis.netlists import fresh_solver_diagnoses
+from tests.diagnosis.systems import ATOMS, model, systems
 
 from robomend.diagnosis.engines import ENGINES, make_engine
 from robomend.diagnosis.result import Options
-from robomend.model.cnf import HealthCnf
+from robomend.errors import ContradictoryModel
+from robomend.model.cnf import Clause, HealthCnf
 from robomend_client.literals import Literal
 
 MOTOR, TURNS, STUCK, REVERSED = 1, 2, 6, 7
@@ -43,3 +47,47 @@ def test_the_mode_that_fits_is_told(name: str, minimal: str) -> None:
     (reversed_,) = engine.diagnose([backwards], options).diagnoses
     assert dict(reversed_.modes) == {"c1": "reversed"}
     engine.close()
+
+
+@st.composite
+def systems_with_modes(draw: st.DrawFn) -> tuple[HealthCnf, frozenset[Literal]]:
+    """Draw a model; some components have two fault modes that imply something, or one and "unknown"."""
+    cnf, observations = draw(systems())
+    clauses: list[Clause] = list(cnf.clauses)
+    modes: dict[str, dict[str, int]] = {}
+    top = cnf.variables
+    for variable, component in enumerate(cnf.components[:3], 1):
+        if not draw(st.booleans()):
+            continue
+        one, other = top + 1, top + 2
+        top += 2
+        exhaustive = draw(st.booleans())
+        modes[component] = {"stuck": one, "noisy" if exhaustive else "unknown": other}
+        clauses += [(variable, one, other), (-one, -other), (-variable, -one), (-variable, -other)]
+        atoms = st.integers(len(cnf.components) + 1, len(cnf.components) + ATOMS)
+        clauses.append((-one, draw(atoms)))
+        if exhaustive:
+            clauses.append((-other, -draw(atoms)))
+    made = model(len(cnf.components), clauses, modes=modes)
+    return replace(made, variables=top, weak=made.weak and not modes), observations
+
+
+@pytest.mark.parametrize("name", ENGINES.built_in)
+@settings(deadline=None)
+@given(systems_with_modes())
+def test_diagnoses_with_modes_are_those_of_the_definition(
+    name: str, system: tuple[HealthCnf, frozenset[Literal]]
+) -> None:
+    cnf, observations = system
+    engine = make_engine(name, cnf)
+    try:
+        result = engine.diagnose(observations, Options(limit=None, timeout_s=None))
+    except ContradictoryModel:
+        assert not fresh_solver_diagnoses(cnf, observations)
+        return
+    finally:
+        engine.close()
+    assert result.complete
+    assert {diagnosis.bad for diagnosis in result.diagnoses} == fresh_solver_diagnoses(cnf, observations)
+    for diagnosis in result.diagnoses:
+        assert set(diagnosis.modes) == set(diagnosis.bad) & set(cnf.modes)

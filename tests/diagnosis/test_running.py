@@ -32,7 +32,7 @@ def pigeons(holes: int) -> HealthCnf:
     return model(1, clauses, atoms=(holes + 1) * holes)
 
 
-@pytest.mark.parametrize("name", ["sat", "asp", "maxsat", "hs_dag"])
+@pytest.mark.parametrize("name", ["sat", "asp", "maxsat", "hs_dag", "cda_star"])
 def test_a_deadline_ends_a_solver_call_that_would_not_end(name: str) -> None:
     engine = make_engine(name, pigeons(12))
     result = engine.diagnose([], Options(timeout_s=0.3))
@@ -42,7 +42,7 @@ def test_a_deadline_ends_a_solver_call_that_would_not_end(name: str) -> None:
     engine.close()
 
 
-@pytest.mark.parametrize("name", ["sat", "asp", "maxsat", "hs_dag"])
+@pytest.mark.parametrize("name", ["sat", "asp", "maxsat", "hs_dag", "cda_star"])
 def test_an_interrupt_from_another_thread_ends_it(name: str) -> None:
     engine = make_engine(name, pigeons(12))
     threading.Timer(0.3, engine.interrupt).start()
@@ -90,7 +90,7 @@ def test_after_a_deadline_the_engine_is_as_good_as_new() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["sat", "asp", "maxsat", "hs_dag"])
+@pytest.mark.parametrize("name", ["sat", "asp", "maxsat", "hs_dag", "cda_star"])
 def test_reuse_gives_the_same_as_a_fresh_engine(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(oll, "RESET_CLAUSES", 10)  # so that the solver is built anew in between
     chance = random.Random(5)
@@ -141,7 +141,7 @@ def test_a_model_of_many_faults_does_not_recurse_or_branch_without_end() -> None
     assert result.complete
 
 
-@pytest.mark.parametrize("name", ["sat", "asp", "maxsat", "hs_dag"])
+@pytest.mark.parametrize("name", ["sat", "asp", "maxsat", "hs_dag", "cda_star"])
 def test_a_contradiction_that_cannot_be_explained_in_time_is_one_all_the_same(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

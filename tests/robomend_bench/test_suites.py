@@ -100,7 +100,7 @@ def test_a_cold_start_reads_the_text_and_a_new_engine_only_the_model() -> None:
 
 
 def test_engines_take_part_with_the_solver_that_is_named() -> None:
-    ours = ("sat", "sat:glucose4", "maxsat", "asp", "hs_dag")
+    ours = ("sat", "sat:glucose4", "maxsat", "asp", "hs_dag", "cda_star")
     run = tiny("iscas85", "all", (*ours, "rc2", "layered-full", "clingo-domain"))
     assert run.disagreements == ()
     assert {sample.status for sample in run.samples} == {"ok"}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
 from robomend.errors import InputError
 from robomend_bench import contenders
@@ -15,6 +16,9 @@ SIZES = ("20", "100", "300", "1000")
 GROWTH = ("100", "300", "1000", "3000")
 MOST_FAULTS = 4
 
+PRIORS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05)
+"""In mode "probable" each component has one of these."""
+
 
 class RobotsV1:
     """See the module."""
@@ -24,8 +28,9 @@ class RobotsV1:
     modes: Mapping[str, str] = contenders.ROBOT_MODES
 
     def contenders(self, mode: str) -> tuple[str, ...]:
-        """Return the engine, and Reiter's algorithm beside it."""
-        return {"check": ("sat",), "rows": ("library", "sat")}.get(mode, ("sat", "hs_dag"))
+        """Return the engine, and Reiter's algorithm beside it, or those that weigh."""
+        others = {"check": ("sat",), "rows": ("library", "sat"), "probable": ("sat", "cda_star", "maxsat")}
+        return others.get(mode, ("sat", "hs_dag"))
 
     def groups(self, wish: Wish) -> Iterator[Group]:
         """Yield a group a size: one robot, many observations; mode first adds 3000 components for growth."""
@@ -45,7 +50,12 @@ class RobotsV1:
                 Question(f"{index:03d}", observe(robot, chance.randint(min(low, high), high), chance))
                 for index in range(wish.instances or 20)
             )
-            yield Group(size, int(size), robot.cnf, questions)
+            cnf = robot.cnf
+            if wish.mode == "probable":
+                drawn = random.Random(f"priors {wish.seed} {size}")
+                priors = {component: drawn.choice(PRIORS) for component in cnf.components}
+                cnf = replace(cnf, priors=priors)
+            yield Group(size, int(size), cnf, questions)
 
     def prepare(self, contender: str, group: Group, wish: Wish) -> Ask:
         """Return what answers the questions of one robot."""

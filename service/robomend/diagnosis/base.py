@@ -10,6 +10,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from functools import cached_property
+from math import log, log1p
 from time import perf_counter
 
 from robomend.diagnosis.conflicts import Conflicts
@@ -249,3 +250,24 @@ def refuse_order_of_probability(cnf: HealthCnf, options: Options) -> None:
         raise OptionRefused("order 'probability' is of subset-minimal diagnoses: say minimal='subset'")
     if not cnf.priors:
         raise OptionRefused("order 'probability' needs priors, and the model has none")
+
+
+def costs_of_blame(cnf: HealthCnf) -> list[float]:
+    """Return ln((1 - p)/p) of each component: with these as costs, the cheapest set is the most probable.
+
+    Raises:
+        OptionRefused: a component has no prior, or is more likely abnormal than not.
+    """
+    costs = []
+    for component in cnf.components:
+        prior = cnf.priors.get(component)
+        if prior is None:
+            raise OptionRefused(
+                f"order 'probability' needs a prior of every component; {component!r} has none"
+            )
+        if prior >= 0.5:
+            raise OptionRefused(
+                f"order 'probability' needs priors below 0.5; that of {component!r} is {prior}"
+            )
+        costs.append(log1p(-prior) - log(prior))
+    return costs

@@ -4,7 +4,7 @@
     else                                            conflicts on demand: a solver call at each leaf
         several conflicts apart from one another    the regions of the model (regions.py), each by itself
         too many nodes, or too wide                 by_solver.py goes on from what was found
-    order of probability                            ranking.py, over either kind of conflicts
+    order of probability                            few conflicts: listed and sorted; else ranking.py
 
 What the parts give is put together by parts.py: the first few in order of size, all as a product, their
 number.
@@ -12,8 +12,11 @@ number.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
+from functools import reduce
+from math import prod
+from operator import or_
 
 from robomend.diagnosis.by_solver import BySolver
 from robomend.diagnosis.conflicts import Conflicts, Known
@@ -23,8 +26,8 @@ from robomend.diagnosis.masks import mask_of, members, outside
 from robomend.diagnosis.observed import NOTHING_SUPPOSED, SignedObs, Supposed
 from robomend.diagnosis.oll import MinimumTooLarge
 from robomend.diagnosis.oracle import OutOfTime
-from robomend.diagnosis.parts import IndependentPart, independent, list_diagnoses, minimal
-from robomend.diagnosis.ranking import by_probability, size_then_odds
+from robomend.diagnosis.parts import IndependentPart, independent, list_diagnoses, minimal, smallest
+from robomend.diagnosis.ranking import by_probability, odds_against, size_then_odds
 from robomend.diagnosis.regions import regions
 from robomend.diagnosis.result import Options
 from robomend.diagnosis.search import NoDiagnosis, SearchState
@@ -34,6 +37,10 @@ COUNTED = 5_000
 
 SEARCHED_NODES = 2_000
 """Nodes of a search that asks the solver at its leaves."""
+
+RANKED_CONFLICTS = 64
+RANKED_ALTERNATIVES = 1_000
+"""Of a part, that are listed and sorted by probability; more are searched for in that order."""
 
 WIDE_CONFLICT = 60
 """The hitting-set tree branches this much at most; wider conflicts go to a SAT search."""
@@ -131,7 +138,9 @@ class ByConflicts:
                 return next((mask for mask in masks if not mask & abnormal), None)
 
         left_out = False
-        order = by_probability(find_conflict, self._cnf.components, self._cnf.priors, self._clock)
+        order = None if derived is None else self._ranked(masks)
+        if order is None:
+            order = by_probability(find_conflict, self._cnf.components, self._cnf.priors, self._clock)
         for mask in order:
             bad = members(mask | forced)
             if options.max_size is not None and len(bad) > options.max_size:
@@ -140,6 +149,18 @@ class ByConflicts:
                 answer.add(bad)
         if left_out:
             raise MinimumTooLarge
+
+    def _ranked(self, conflicts: list[int]) -> Iterator[int] | None:
+        """Return what hits all of a few conflicts, the most probable first; None: it is too much to list."""
+        if len(conflicts) > RANKED_CONFLICTS:
+            return None
+        cost = odds_against(self._cnf, reduce(or_, conflicts, 0))
+        parts = [IndependentPart.of(group, self._clock) for group in independent(conflicts)]
+        for part in parts:
+            part.extend(RANKED_ALTERNATIVES + 1, None)
+            if not part.done:
+                return None
+        return smallest(parts, prod(part.count for part in parts), cost)
 
     def _conflict_finder(
         self,

@@ -1,9 +1,10 @@
 """The engines by name. `make_engine("sat", cnf)` is how the rest of robomend gets one.
 
-    sat      the default: persistent MiniSat-family solver; conflicts, cones, layered and core-guided search
-    asp      clingo over encodings/diagnosis.lp
-    maxsat   RC2, one MaxSAT call a diagnosis: a baseline
-    hs_dag   Reiter's hitting-set DAG with a SAT oracle: a baseline
+    sat       the default: persistent MiniSat-family solver; conflicts, cones, layered and core-guided search
+    asp       clingo over encodings/diagnosis.lp
+    maxsat    RC2, one MaxSAT call a diagnosis: a baseline
+    hs_dag    Reiter's hitting-set DAG with a SAT oracle: a baseline
+    cda_star  conflict-directed A* over modes, the search of Livingstone: a baseline
 
 To add an engine: 1. a class with the methods of `robomend.diagnosis.result.Engine`, constructed as
 `YourEngine(cnf, solver=None)`, in a module of its own; 2. its line in ENGINES; 3. its row in
@@ -41,6 +42,7 @@ ENGINES = Registry[EngineClass](
         "asp": "robomend.diagnosis.asp:AspEngine",
         "maxsat": "robomend.diagnosis.maxsat:MaxSatEngine",
         "hs_dag": "robomend.diagnosis.hs_dag:HsDagEngine",
+        "cda_star": "robomend.diagnosis.cda_star:CdaStarEngine",
     },
     unknown=OptionRefused,
     broken=SolverError,

@@ -10,20 +10,18 @@ Source: A. Ignatiev, A. Morgado, J. Marques-Silva. RC2: an efficient MaxSAT solv
 from __future__ import annotations
 
 import threading
-from math import log
 from time import perf_counter
 from typing import Any
 
 from pysat.examples.rc2 import RC2
 from pysat.formula import WCNF
 
-from robomend.diagnosis.base import BaseEngine, refuse_order_of_probability
+from robomend.diagnosis.base import BaseEngine, costs_of_blame, refuse_order_of_probability
 from robomend.diagnosis.observed import SignedObs, Supposed
 from robomend.diagnosis.oll import MinimumTooLarge
 from robomend.diagnosis.oracle import Deadline
 from robomend.diagnosis.result import Options
 from robomend.diagnosis.search import NoDiagnosis, SearchState
-from robomend.errors import OptionRefused
 from robomend.model.cnf import HealthCnf
 
 WEIGHT_SCALE = 10_000
@@ -44,24 +42,8 @@ class MaxSatEngine(BaseEngine):
             self._weights()
 
     def _weights(self) -> list[int]:
-        """Return the price of blaming each component.
-
-        Raises:
-            OptionRefused: a component has no prior, or is more likely abnormal than not.
-        """
-        weights = []
-        for component in self.cnf.components:
-            prior = self.cnf.priors.get(component)
-            if prior is None:
-                raise OptionRefused(
-                    f"order 'probability' needs a prior of every component; {component!r} has none"
-                )
-            if prior >= 0.5:
-                raise OptionRefused(
-                    f"order 'probability' needs priors below 0.5; that of {component!r} is {prior}"
-                )
-            weights.append(max(1, round(WEIGHT_SCALE * log((1 - prior) / prior))))
-        return weights
+        """Return the price of blaming each component."""
+        return [max(1, round(WEIGHT_SCALE * cost)) for cost in costs_of_blame(self.cnf)]
 
     def _search(self, observed: SignedObs, what_if: Supposed, options: Options, answer: SearchState) -> None:
         self._clock.check()

@@ -208,6 +208,29 @@ def size_then_odds(cnf: HealthCnf) -> Callable[[int], float]:
     return cost
 
 
+def odds_against(cnf: HealthCnf, suspects: int) -> Callable[[int], float]:
+    """Return what orders diagnoses, as masks, by probability: the log odds of their members being healthy.
+
+    Raises:
+        OptionRefused: a suspect without a prior.
+    """
+    costs: dict[int, float] = {}
+    for bit in bits(suspects):
+        component = cnf.components[bit]
+        if component not in cnf.priors:
+            raise _without_prior(component)
+        costs[bit] = -log_odds(cnf.priors[component])
+
+    def cost(mask: int) -> float:
+        return fsum([costs[bit] for bit in bits(mask)])
+
+    return cost
+
+
+def _without_prior(component: str) -> OptionRefused:
+    return OptionRefused(f"order 'probability' needs a prior for each suspect, and {component} has none")
+
+
 def by_probability(
     find_conflict: Callable[[int], int | None],
     components: Sequence[str],
@@ -253,9 +276,7 @@ def by_probability(
                 continue
             for bit in bits(conflict & ~suspects):
                 if exact[bit] == inf:
-                    raise OptionRefused(
-                        f"order 'probability' needs a prior for each suspect, and {components[bit]} has none"
-                    )
+                    raise _without_prior(components[bit])
             suspects |= conflict
             sets.hit(conflict)
     except OutOfTime:

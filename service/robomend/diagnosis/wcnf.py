@@ -98,12 +98,12 @@ def _header(rest: str, file: str | None, line: int) -> tuple[int, int]:
 
 def _integers(text: str, file: str | None, line: int) -> list[int]:
     try:
-        numbers = [int(word) for word in text.split()]
+        numbers = list(map(int, text.split()))
     except ValueError:
         raise ModelError(f"expected integers that end in 0, not {text.strip()[:60]!r}", file, line) from None
-    if len(numbers) < 2 or numbers[-1] != 0 or 0 in numbers[:-1]:
+    if len(numbers) < 2 or numbers.pop() != 0 or 0 in numbers:
         raise ModelError("expected integers that end in one 0", file, line)
-    return numbers[:-1]
+    return numbers
 
 
 def _compiled(
@@ -115,38 +115,40 @@ def _compiled(
     mutated: str | None,
 ) -> SnapshotFile:
     """Number health first, then what is observed, then the rest, as HealthCnf wants it."""
-    mentioned = {abs(literal) for clause in hard for literal in clause}
-    observed = sorted({abs(literal) for snapshot in snapshots for literal in snapshot} - set(health))
+    mentioned = set(map(abs, set[int]().union(*hard)))
+    seen = set[int]().union(*snapshots)
+    observed = sorted(set(map(abs, seen)) - set(health))
     rest = sorted((mentioned | set(range(1, variables + 1))) - set(health) - set(observed))
     renamed = {old: new for new, old in enumerate([*health, *observed, *rest], 1)}
+    signed = renamed | {-old: -new for old, new in renamed.items()}
     components = tuple(str(variable) for variable in health)
     is_health = set(health)
+    abnormal = {-variable: place for place, variable in enumerate(health)}
     origins = []
     for clause in hard:
-        owner = next((-literal for literal in clause if -literal in is_health), None)
-        origins.append(len(health) if owner is None else renamed[owner] - 1)
+        places = [abnormal[literal] for literal in clause if literal in abnormal]
+        origins.append(places[0] if places else len(health))
     rules = [
         Rule(f"the clauses of component {component}", f"component {component}") for component in components
     ]
     rules.append(Rule("the clauses of no component", "wcnf"))
 
-    def literal(number: int) -> Literal:
-        predicate = "ok" if abs(number) in is_health else "v"
-        return Literal(Atom(predicate, (str(abs(number)),)), number > 0)
-
+    # one literal for each number, not for each time that it is seen
+    literals = {
+        number: Literal(Atom("ok" if abs(number) in is_health else "v", (str(abs(number)),)), number > 0)
+        for number in seen
+    }
     return SnapshotFile(
         HealthCnf(
             name=name,
             components=components,
             atoms=tuple(Atom("v", (str(variable),)) for variable in observed),
-            clauses=tuple(
-                tuple(renamed[lit] if lit > 0 else -renamed[-lit] for lit in clause) for clause in hard
-            ),
+            clauses=tuple([tuple([signed[literal] for literal in clause]) for clause in hard]),
             origins=tuple(origins),
             rules=tuple(rules),
             variables=len(renamed),
-            weak=not any(number in is_health for clause in hard for number in clause),
+            weak=all(map(is_health.isdisjoint, hard)),
         ),
-        tuple(tuple(literal(number) for number in snapshot) for snapshot in snapshots),
+        tuple([tuple([literals[number] for number in snapshot]) for snapshot in snapshots]),
         mutated,
     )
