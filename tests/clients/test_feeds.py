@@ -14,7 +14,7 @@ import pytest
 from tests.clients.service_double import eventually
 
 from robomend_client.agent.config import load
-from robomend_client.agent.feeds import FEEDS, MissingExtra, Samples, field_of
+from robomend_client.agent.feeds import FEEDS, NEEDS, MissingExtra, Samples, field_of
 from robomend_client.agent.main import main
 from robomend_client.agent.usage import Usage
 from robomend_client.yaml_reader import ConfigError
@@ -97,15 +97,31 @@ def written(tmp_path: Path, observers: str, more: str = "") -> Path:
 
 
 def test_a_feed_that_is_installed_apart_ends_with_3_and_the_command(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    if "ros1" in FEEDS.names():
-        pytest.skip("the bridge for ROS 1 is installed")
+    monkeypatch.setitem(NEEDS, "ros1", "no_module_that_anybody_has")
     file = written(tmp_path, "  scan: {kind: general, from: ros1}")
     with pytest.raises(MissingExtra):
         load(file)
     assert main([str(file)]) == 3
-    assert "pip install 'robomend-client[ros1]'" in capsys.readouterr().err
+    assert "ros1 needs what is installed with: pip install 'robomend-client[ros1]'" in capsys.readouterr().err
+
+
+def test_the_section_of_a_feed_is_enough_to_want_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(NEEDS, "ros1", "no_module_that_anybody_has")
+    with pytest.raises(MissingExtra):
+        load(written(tmp_path, "  scan: {kind: general}", "ros1: {}"))
+
+
+def test_topics_may_come_from_elsewhere_all_or_each(tmp_path: Path) -> None:
+    topics = "rate: {from: ros1}\ntopics: {scan: {}, odom: {from: bus}}"
+    config = load(written(tmp_path, "  x: {kind: general}", topics))
+    assert {spec.name: spec.origin for spec in config.observers} == {
+        "scan": "ros1", "odom": "bus", "x": "bus"
+    }  # fmt: skip
+    clash = "rate: {from: ros1}\ntopics: {scan: {}}"
+    with pytest.raises(ConfigError, match=r"observers.scan.from: scan comes from ros1 for another"):
+        load(written(tmp_path, "  scan: {kind: general}", clash))
 
 
 def test_an_unknown_origin_is_refused_with_its_line(tmp_path: Path) -> None:

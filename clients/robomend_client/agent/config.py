@@ -10,7 +10,7 @@
     when_agent_ends: stop              # or keep: the processes go on, and the next agent adopts them
     rate: {silence_s: 0.5}             # what all topics below have in common
     topics:
-      scan: {rate_hz: 10, tolerance_hz: 1}
+      scan: {rate_hz: 10, tolerance_hz: 1}     # from: ros1 where it comes from there
     observers:                         # observers/kinds.py
       odom_yaw: {kind: qualitative, source: "odom:twist.twist.angular.z", slope: 0.1}
     lenient: [ok(scan)]                # atoms of which good news wins where observers disagree
@@ -42,7 +42,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from robomend_client.agent.executors.kinds import ActionSpec, read_actions
-from robomend_client.agent.feeds import BUS, BrokenFeed, Feed, UnknownFeed, is_own, load_feed
+from robomend_client.agent.feeds import BUS, EXTRAS, BrokenFeed, Feed, UnknownFeed, is_own, load_feed
 from robomend_client.agent.usage import Usage
 from robomend_client.bus import parse_address
 from robomend_client.literals import Atom
@@ -152,20 +152,24 @@ def load(file: Path) -> AgentConfig:
     keep = top.choice("when_agent_ends", ("stop", "keep"), "stop") == "keep"
     shared = top.section("rate")
     common = _rate(shared, {})
+    origin = shared.text("from", BUS)
     shared.finish()
     topics = []
+    rates = []
     for name, section in top.sections("topics"):
-        topics.append((name.removeprefix("/"), _rate(section, asdict(common))))
+        topic = name.removeprefix("/")
+        topics.append((topic, _rate(section, asdict(common))))
+        rates.append(_general(*topics[-1], section.text("from", origin)))
         section.finish()
     lenient = read_lenient(top)
     processes = tuple(_process(name, section, base, keep) for name, section in top.sections("processes"))
     given = read_observers(top, base)
     observers = (
-        *(_general(topic, rate) for topic, rate in topics),
+        *rates,
         *given,
         *([_nodes(tuple(spec.name for spec in processes))] if processes else []),
     )
-    feeds = _feeds(top, base, given)
+    feeds = _feeds(top, base, (*rates, *given))
     _check_own(top, given, processes)
     recording = _recording(top.section("recording"), base)
     actions = read_actions(top, base)
@@ -240,9 +244,9 @@ def _rate(section: Section, common: Mapping[str, Any]) -> Rate:
     return rate
 
 
-def _general(topic: str, rate: Rate) -> ObserverSpec:
+def _general(topic: str, rate: Rate, origin: str) -> ObserverSpec:
     rate = replace(rate, first_s=FIRST_S) if rate.first_s is None else rate
-    return observer_spec(topic, "general", BUS, lambda: GeneralObserver(topic, rate))
+    return observer_spec(topic, "general", origin, lambda: GeneralObserver(topic, rate))
 
 
 def _nodes(names: tuple[str, ...]) -> ObserverSpec:
@@ -258,22 +262,32 @@ def _feeds(top: Section, base: Path, observers: Iterable[ObserverSpec]) -> tuple
             if is_own(source):
                 continue
             if origins.setdefault(source, spec.origin) != spec.origin:
-                section = next(s for name, s in top.sections("observers") if name == spec.name)
+                section = _section_of(top, spec.name)
                 raise section.error("from", f"{source} comes from {origins[source]} for another observer")
             if spec.origin != BUS:
                 wanted.setdefault(spec.origin, set()).add(source)
+    for origin in EXTRAS:
+        if origin in top:
+            wanted.setdefault(origin, set())
     feeds = []
     for origin, sources in wanted.items():
-        name = next(spec.name for spec in observers if spec.origin == origin)
         try:
             feed = load_feed(origin)
         except (UnknownFeed, BrokenFeed) as error:
-            section = next(s for n, s in top.sections("observers") if n == name)
-            raise section.error("from", str(error.args[0])) from error
+            name = next((spec.name for spec in observers if spec.origin == origin), None)
+            if name is None:
+                raise top.error(origin, str(error.args[0])) from error
+            raise _section_of(top, name).error("from", str(error.args[0])) from error
         section = top.section(origin)
         feeds.append(feed(section, base, frozenset(sources)))
         section.finish()
     return tuple(feeds)
+
+
+def _section_of(top: Section, name: str) -> Section:
+    """Return where an observer is described, among the observers or the topics."""
+    entries = (*top.sections("observers"), *((n.removeprefix("/"), s) for n, s in top.sections("topics")))
+    return next((section for entry, section in entries if entry == name), top)
 
 
 def _check_own(top: Section, observers: Iterable[ObserverSpec], processes: Iterable[ProcessSpec]) -> None:

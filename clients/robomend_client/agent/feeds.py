@@ -5,12 +5,13 @@
 
 A bridge (ROS 1, ROS 2, zenoh) is a feed, too. To add one, write a class of the shape of Feed and name it as
 an entry point `robomend.feeds`; its section in the agent's file has the same name. It is loaded only when
-an observer wants it.
+an observer wants it, or, of those in EXTRAS, when its section is there.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -23,6 +24,9 @@ OWN = ("processes", "host")
 
 EXTRAS = {name: f"pip install 'robomend-client[{name}]'" for name in ("ros1", "ros2", "zenoh")}
 """Feeds that are installed apart, and how."""
+
+NEEDS = {"ros1": "rosbags"}
+"""The module that comes with it."""
 
 Deliver = Callable[[str, object, "int | None"], None]
 """Called with source, value, and when the sample was made (None: now)."""
@@ -57,7 +61,11 @@ class BrokenFeed(Exception):
 
 
 FEEDS = Registry[Callable[..., Feed]](
-    "origin of samples", "robomend.feeds", {}, unknown=UnknownFeed, broken=BrokenFeed
+    "origin of samples",
+    "robomend.feeds",
+    {"ros1": "robomend_client.bridges.ros1:Ros1"},
+    unknown=UnknownFeed,
+    broken=BrokenFeed,
 )
 
 
@@ -68,8 +76,10 @@ def load_feed(origin: str) -> Callable[..., Feed]:
         MissingExtra: it is installed apart.
         UnknownFeed, BrokenFeed: there is none of this name, or it cannot be imported.
     """
-    if origin in EXTRAS and origin not in FEEDS.names():
-        raise MissingExtra(f"from: {origin} needs what is installed with: {EXTRAS[origin]}")
+    if origin in EXTRAS and (
+        origin not in FEEDS.names() or (origin in NEEDS and find_spec(NEEDS[origin]) is None)
+    ):
+        raise MissingExtra(f"{origin} needs what is installed with: {EXTRAS[origin]}")
     return FEEDS.load(origin)
 
 

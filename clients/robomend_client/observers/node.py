@@ -31,7 +31,10 @@ class Table:
     lifetime_s: float = 3.0  # an older table says nothing
     table: str = PROCESSES  # the source
 
-    PRESETS: ClassVar[Mapping[str, Mapping[str, Any]]] = {"published": {"rate_hz": 10.0}}
+    PRESETS: ClassVar[Mapping[str, Mapping[str, Any]]] = {
+        "published": {"rate_hz": 10.0},
+        "ros1": {"rate_hz": 0.5, "table": "nodes"},  # the bridge finds frozen nodes within 2 s
+    }
 
     def __post_init__(self) -> None:
         positive(rate_hz=self.rate_hz, lifetime_s=self.lifetime_s)

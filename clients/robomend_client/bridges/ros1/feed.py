@@ -1,0 +1,128 @@
+"""The bridge as a feed: the section `ros1:` of the agent's file, and who gets what.
+
+topics ──► ticks and fields ──┐
+nodes ──► table ──────────────┼──► observers with `from: ros1`
+/diagnostics ──► statuses ────┤
+/board_measurments ──► channels
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import re
+from pathlib import Path
+from typing import Any
+
+from robomend_client.agent.feeds import Deliver, split
+from robomend_client.bridges.ros1.liveness import Liveness
+from robomend_client.bridges.ros1.messages import MessageReaders, UnreadableMessage, value_at
+from robomend_client.bridges.ros1.names import Names, resolved
+from robomend_client.bridges.ros1.node import RosNode
+from robomend_client.bridges.ros1.problems import Problems
+from robomend_client.bridges.ros1.subscription import Publisher
+from robomend_client.bridges.ros1.xmlrpc import OutOfReach, address_of
+from robomend_client.python310 import end
+from robomend_client.yaml_reader import Section
+
+NODES, DIAGNOSTICS, BOARD = "nodes", "diagnostics", "board"
+"""Sources that are more than a topic's messages or a field of them."""
+
+WHOLE = {DIAGNOSTICS: ("diagnostics", "status"), BOARD: ("board_measurments", "channel")}
+"""Of these the topic, and the field that observers get."""
+
+NAME = re.compile(r"/?[A-Za-z][A-Za-z0-9_/]*\Z")
+MASTER_URI = "http://localhost:11311/"
+
+
+class Ros1:
+    """The feed `ros1`."""
+
+    def __init__(self, section: Section, base: Path, sources: frozenset[str]) -> None:
+        name = section.text("name", "robomend")
+        if not NAME.match(name):
+            raise section.error("name", f"must be of letters, digits, _ and /, not {name!r}")
+        self.name = resolved(name)
+        self.master_uri = section.text("master", os.environ.get("ROS_MASTER_URI") or MASTER_URI)
+        try:
+            address_of(self.master_uri)
+        except OutOfReach as error:
+            raise section.error("master", str(error)) from error
+        own = os.environ.get("ROS_HOSTNAME") or os.environ.get("ROS_IP")
+        self.address = section.optional("address") or own
+        self.names = Names(section.text("namespace", "/"), section.section("names").words())
+        self.ping_s = section.number("ping_s", 0.75, least=0.05, most=60)
+        self.ping_timeout_s = section.number("ping_timeout_s", 1.0, least=0.05, most=60)
+        self.problems = Problems()
+        self._readers = MessageReaders()
+        self._topics: dict[str, list[tuple[str, str]]] = {}  # topic -> sources, each with its field
+        for source in sorted(sources - {NODES}):
+            topic, field = split(source)
+            if source in WHOLE:
+                topic, field = WHOLE[source]
+            self._topics.setdefault(self.names.ros(topic), []).append((source, field))
+        self._watches_nodes = NODES in sources
+
+    async def run(self, deliver: Deliver) -> None:
+        """Be a node of the master, and deliver what it hears, until cancelled."""
+        node = RosNode(self.name, self.master_uri, self.address, self.problems)
+        liveness = self._liveness(node, deliver) if self._watches_nodes else None
+        for topic, wanted in self._topics.items():
+            hears = _Hearing(self, topic, wanted, deliver, liveness)
+            node.subscribe(topic, hears.message, keep=hears.looks)
+        work = [node.run()] if liveness is None else [node.run(), liveness.run()]
+        tasks = [asyncio.create_task(part) for part in work]
+        try:
+            await asyncio.gather(*tasks)
+        finally:
+            await end(tasks)
+
+    def _liveness(self, node: RosNode, deliver: Deliver) -> Liveness:
+        def tell(table: dict[str, bool | None]) -> None:
+            deliver(NODES, {self.names.ours(name): runs for name, runs in table.items()}, None)
+
+        return Liveness(node, tell, self.ping_s, self.ping_timeout_s)
+
+
+class _Hearing:
+    """One topic, and the sources that are made of it."""
+
+    def __init__(
+        self,
+        bridge: Ros1,
+        topic: str,
+        wanted: list[tuple[str, str]],
+        deliver: Deliver,
+        liveness: Liveness | None,
+    ) -> None:
+        self.looks = any(field for _, field in wanted)
+        self._bridge = bridge
+        self._topic = topic
+        self._wanted = wanted
+        self._deliver = deliver
+        self._liveness = liveness
+
+    def message(self, publisher: Publisher, body: bytes) -> None:
+        if self._liveness is not None:
+            self._liveness.heard(publisher)
+        message = self._read(publisher, body) if self.looks else None
+        for source, field in self._wanted:
+            if not field:
+                self._deliver(source, None, None)
+            elif message is not None:
+                try:
+                    value = value_at(message, field)
+                except UnreadableMessage as error:
+                    self._bridge.problems.tell(f"{self._topic} by {publisher.node}, {field}", str(error))
+                else:
+                    self._deliver(source, value, None)
+
+    def _read(self, publisher: Publisher, body: bytes) -> Any:
+        place = f"messages of {self._topic} by {publisher.node}"
+        try:
+            message = self._bridge._readers.read(publisher, body)
+        except UnreadableMessage as error:
+            self._bridge.problems.tell(place, str(error))
+            return None
+        self._bridge.problems.over(place)
+        return message

@@ -1,0 +1,201 @@
+"""Finds out which nodes run: by the connections of /rosout, which every node publishes, and by asking.
+
+    a connection is lost ──► the node is asked at once: gone, or only done with that topic
+    nothing heard for `ping_s` ──► it is asked: that finds frozen ones, and those without a connection
+    the master's state, each LIST_S ──► nodes that came and went
+
+A node that is asked and says nothing is frozen; the question stays open, so that it costs it no second place
+in its queue, and its answer shows that it is back.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections.abc import Callable
+
+from robomend_client.bridges.ros1.node import RosNode
+from robomend_client.bridges.ros1.nodes import Nodes, NodeState
+from robomend_client.bridges.ros1.subscription import Publisher
+from robomend_client.bridges.ros1.xmlrpc import (
+    Garbage,
+    NoAnswer,
+    NobodyListens,
+    NoConnection,
+    OutOfReach,
+    PeerError,
+    address_of,
+    ask,
+    connect,
+)
+from robomend_client.python310 import end
+
+log = logging.getLogger(__name__)
+
+ROSOUT = "/rosout"
+LIST_S = 1.0
+TELL_S = 0.3
+"""How often the table is told, changed or not; node.py of the observers has it run out after 3 s."""
+
+SLICES = 4
+"""A time-out is waited for in parts: of an agent that was late itself, one part runs out at once, and the
+answer that waits in the socket is read before the next.
+"""
+
+OPEN_S = 60.0
+"""How long a question to a frozen node stays open."""
+
+AGAIN_S = 0.15
+"""A node that hung up and still answers may be about to end."""
+
+MOST_AT_ONCE = 16
+"""Questions that begin in one beat."""
+
+BEAT_S = 0.05
+
+OnTable = Callable[["dict[str, bool | None]"], None]
+
+
+class Liveness:
+    """See the module."""
+
+    def __init__(
+        self,
+        node: RosNode,
+        on_table: Callable[[dict[str, bool | None]], None],
+        ping_s: float,
+        ping_timeout_s: float,
+    ) -> None:
+        self.nodes = Nodes()
+        self._node = node
+        self._on_table = on_table
+        self._ping_s = ping_s
+        self._timeout_s = ping_timeout_s
+        self._questions: dict[str, asyncio.Task[None]] = {}
+        self._closed = False
+        self._complete = False  # the master has named its nodes: until then who is not known is not stopped
+        node.subscribe(ROSOUT, self._message, on_link=self._link)
+
+    async def run(self) -> None:
+        """Watch until cancelled."""
+        list_at = tell_at = 0.0
+        try:
+            while True:
+                now_s = time.monotonic()
+                if now_s >= list_at:
+                    list_at = now_s + LIST_S
+                    await self._list()
+                silent = self.nodes.silent(time.monotonic(), self._ping_s) - self._questions.keys()
+                for name in sorted(silent)[:MOST_AT_ONCE]:
+                    self._ask(name)
+                if now_s >= tell_at:
+                    tell_at = now_s + TELL_S
+                    self._tell()
+                await asyncio.sleep(BEAT_S)
+        finally:
+            self._closed = True
+            await end(list(self._questions.values()))
+
+    # --- what is seen ----------------------------------------------------------------------------------
+
+    def _message(self, publisher: Publisher, _: bytes) -> None:
+        self.heard(publisher)
+
+    def heard(self, publisher: Publisher) -> None:
+        """A message of a node came, of any topic."""
+        if self.nodes.heard(publisher.node, time.monotonic()):
+            self._tell()
+
+    def _link(self, publisher: Publisher, stands: bool) -> None:
+        if stands:
+            if self.nodes.linked(publisher.node, publisher.uri, time.monotonic()):
+                self._tell()
+        else:
+            self.nodes.unlinked(publisher.node)
+            self._ask(publisher.node, again=True)
+
+    async def _list(self) -> None:
+        if not self._node.known.is_set():
+            return
+        try:
+            names = (await self._node.master.graph(types=False)).nodes - {self._node.name}
+        except PeerError as error:
+            self._node.problems.tell("the master", str(error))
+            return
+        self._complete = True
+        if self.nodes.listed(names):
+            self._tell()
+
+    # --- asking ----------------------------------------------------------------------------------------
+
+    def _ask(self, name: str, again: bool = False) -> None:
+        """Ask a node whether it runs, unless it is being asked; with `again`, twice."""
+        if self._closed or name in self._questions or name not in self.nodes.known:
+            return
+        task = asyncio.create_task(self._question(name, again), name=f"asking {name}")
+        self._questions[name] = task
+        task.add_done_callback(lambda _: self._questions.pop(name, None))
+
+    async def _question(self, name: str, again: bool) -> None:
+        state = await self._state(name)
+        if again and state is NodeState.RUNNING:
+            self._found(name, state)
+            await asyncio.sleep(AGAIN_S)
+            state = await self._state(name)
+        self._found(name, state)
+
+    def _found(self, name: str, state: NodeState) -> None:
+        if self.nodes.asked(name, state, time.monotonic()):
+            log.info("ROS 1: the node %s is %s", name, state.value)
+            self._tell()
+
+    async def _state(self, name: str) -> NodeState:
+        """Ask a node whether it runs."""
+        known = self.nodes.known.get(name)
+        if known is None:
+            return NodeState.GONE
+        problems = self._node.problems
+        try:
+            if (
+                not known.uri or known.state is not NodeState.RUNNING
+            ):  # it may have been started anew, elsewhere
+                known.uri = await self._node.master.lookup_node(name) or known.uri
+            if not known.uri:
+                return NodeState.NEW
+            connection = await connect(*address_of(known.uri), self._timeout_s)
+            question = ask(connection, "getPid", self._node.name, timeout_s=OPEN_S)
+            await self._answer(name, asyncio.create_task(question, name=f"getPid of {name}"))
+        except (NobodyListens, Garbage):
+            return NodeState.GONE
+        except NoAnswer:
+            return NodeState.FROZEN
+        except NoConnection as error:
+            if known.state is NodeState.FROZEN:
+                return NodeState.FROZEN  # its queue is full
+            problems.tell(name, f"{error}; whether it runs is unknown")
+            return NodeState.UNREACHABLE
+        except OutOfReach as error:
+            problems.tell(name, f"{error}; whether it runs is unknown")
+            return NodeState.UNREACHABLE
+        except PeerError as error:  # it understood, and refused: it is there
+            log.debug("ROS 1: %s: %s", name, error)
+        problems.over(name)
+        return NodeState.RUNNING
+
+    async def _answer(self, name: str, question: asyncio.Task[object]) -> None:
+        """Wait for the answer; without one within the time-out the node is frozen from then on."""
+        try:
+            for _ in range(SLICES):
+                await asyncio.wait({question}, timeout=self._timeout_s / SLICES)
+                if question.done():
+                    break
+            else:
+                self._found(name, NodeState.FROZEN)
+            await question
+        finally:
+            await end([question])
+
+    def _tell(self) -> None:
+        if self._complete:
+            self._on_table(self.nodes.table())

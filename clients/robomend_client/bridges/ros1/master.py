@@ -1,0 +1,59 @@
+"""The ROS master's calls, with their answers checked."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from robomend_client.bridges.ros1.graph import Graph, read_state
+from robomend_client.bridges.ros1.xmlrpc import CALL_S, CallRefused, Garbage, call
+
+
+class Master:
+    """The master at `uri`, as the node `caller` sees it. Every method may raise PeerError."""
+
+    def __init__(self, uri: str, caller: str) -> None:
+        self.uri = uri
+        self._caller = caller
+
+    async def register_subscriber(self, topic: str, api: str) -> list[str]:
+        """Say that we listen; return the addresses of the topic's publishers."""
+        return _texts(await self._ask("registerSubscriber", topic, "*", api))
+
+    async def register_publisher(self, topic: str, type_: str, api: str) -> list[str]:
+        """Say that we publish; return the addresses of the topic's subscribers."""
+        return _texts(await self._ask("registerPublisher", topic, type_, api))
+
+    async def unregister(self, topic: str, api: str, publisher: bool) -> None:
+        """Take a registration back."""
+        await self._ask("unregisterPublisher" if publisher else "unregisterSubscriber", topic, api)
+
+    async def lookup_node(self, node: str) -> str | None:
+        """Return the address of a node, None if the master knows of none."""
+        try:
+            return str(await self._ask("lookupNode", node))
+        except CallRefused:
+            return None
+
+    async def graph(self, types: bool = True) -> Graph:
+        """Return who publishes, listens to and offers what, and the types of the topics."""
+        state = await self._ask("getSystemState")
+        kinds = await self._ask("getTopicTypes") if types else []
+        try:
+            return read_state(state, kinds)
+        except (TypeError, ValueError) as error:
+            raise Garbage(f"the master's state cannot be read: {error}") from error
+
+    async def _ask(self, method: str, *arguments: Any) -> Any:
+        answer = await call(self.uri, method, self._caller, *arguments, timeout_s=CALL_S)
+        match answer:
+            case [1, _, value]:
+                return value
+            case [int(), str(why), _]:
+                raise CallRefused(f"{method}: {why[:200]}")
+        raise Garbage(f"{method} was answered with {str(answer)[:200]!r}")
+
+
+def _texts(value: Any) -> list[str]:
+    if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
+        raise Garbage(f"a list of addresses was expected, not {str(value)[:200]!r}")
+    return value

@@ -1,0 +1,192 @@
+"""The bridge as a ROS node: its registrations at the master, and the calls that it answers.
+
+    once a second: does the master know us?  no ──► register everything anew (it has been restarted)
+    publisherUpdate from the master ──► subscription
+
+Another node that registers with our name takes it: the master tells us to shut down. We are silent then,
+until the name is free again.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import os
+import socket
+from typing import Any
+
+from robomend_client.bridges.ros1.master import Master
+from robomend_client.bridges.ros1.problems import Problems
+from robomend_client.bridges.ros1.publication import MessageType, Publication, Subscriber
+from robomend_client.bridges.ros1.subscription import OnLink, OnMessage, Subscription
+from robomend_client.bridges.ros1.xmlrpc import PeerError, XmlRpcServer, address_of
+from robomend_client.python310 import timeout
+
+log = logging.getLogger(__name__)
+
+LOOK_S = 1.0
+"""How often the master is asked whether it still knows us."""
+
+GOODBYE_S = 2.0
+
+
+class RosNode:
+    """One ROS node. Topics are named with their slash."""
+
+    def __init__(self, name: str, master_uri: str, address: str | None, problems: Problems) -> None:
+        """`address` is the host name or number under which others reach us; None: the one that faces the
+        master.
+        """
+        self.name = name
+        self.problems = problems
+        self.master = Master(master_uri, name)
+        self.known = asyncio.Event()  # the master knows us
+        self.api = ""
+        self._address = address
+        self._server = XmlRpcServer(self._answer)
+        self._messages: asyncio.Server | None = None
+        self._subscriptions: dict[str, Subscription] = {}
+        self._publications: dict[str, Publication] = {}
+        self._displaced = False
+
+    def subscribe(
+        self, topic: str, on_message: OnMessage, keep: bool = False, on_link: OnLink | None = None
+    ) -> Subscription:
+        """Listen to a topic, from the next registration on; each topic once."""
+        found = Subscription(topic, self.name, on_message, self.problems, keep, on_link)
+        self._subscriptions[topic] = found
+        return found
+
+    def publish(self, topic: str, type_: MessageType, latched: bool = False) -> Publication:
+        """Offer a topic, from the next registration on."""
+        found = Publication(topic, self.name, type_, latched)
+        self._publications[topic] = found
+        return found
+
+    async def run(self) -> None:
+        """Be a node until cancelled."""
+        try:
+            await self._open()
+            while True:
+                try:
+                    await self._look()
+                    self.problems.over("the master")
+                except PeerError as error:
+                    self.known.clear()
+                    self.problems.tell("the master", f"{error} ({self.master.uri})")
+                await asyncio.sleep(LOOK_S)
+        finally:
+            await self._close()
+
+    # --- the master ------------------------------------------------------------------------------------
+
+    async def _look(self) -> None:
+        """Register everything, unless the master knows us."""
+        found = await self.master.lookup_node(self.name)
+        if found == self.api and self.known.is_set():
+            return
+        if found is not None and found != self.api and self._displaced:
+            self.problems.tell(
+                self.name, f"another node has taken this name ({found}); set `name:` in the section ros1"
+            )
+            return
+        if self.known.is_set():
+            log.warning("ROS 1: the master does not know us any more: everything is registered anew")
+        self._displaced = False
+        self.known.clear()
+        for publication in self._publications.values():
+            await self.master.register_publisher(publication.topic, publication.type.name, self.api)
+        for subscription in self._subscriptions.values():
+            subscription.publishers(self._others(await self._register(subscription)))
+        self.known.set()
+        self.problems.over(self.name)
+        log.info("ROS 1: %s is known to the master at %s", self.name, self.master.uri)
+
+    async def _register(self, subscription: Subscription) -> list[str]:
+        return await self.master.register_subscriber(subscription.topic, self.api)
+
+    def _others(self, uris: list[str]) -> list[str]:
+        """Our own echoes are nothing to listen to."""
+        return [uri for uri in uris if uri != self.api]
+
+    # --- what others ask -------------------------------------------------------------------------------
+
+    def _answer(self, method: str, arguments: tuple[Any, ...]) -> Any:
+        """Answer a call of the slave API."""
+        match method, arguments:
+            case "publisherUpdate", (_, str(topic), [*uris]):
+                subscription = self._subscriptions.get(topic)
+                if subscription is not None:
+                    subscription.publishers(self._others([str(uri) for uri in uris]))
+                return [1, "", 0]
+            case "requestTopic", (_, str(topic), [*protocols]):
+                if topic not in self._publications:
+                    return [0, f"{self.name} does not publish {topic}", []]
+                if not any(isinstance(p, list) and p[:1] == ["TCPROS"] for p in protocols):
+                    return [0, "only TCPROS is spoken here", []]
+                assert self._messages is not None
+                port = self._messages.sockets[0].getsockname()[1]
+                return [1, "", ["TCPROS", address_of(self.api)[0], port]]
+            case "getPid", _:
+                return [1, "", os.getpid()]
+            case "getMasterUri", _:
+                return [1, "", self.master.uri]
+            case "getSubscriptions", _:
+                return [1, "", [[s.topic, s.type or "*"] for s in self._subscriptions.values()]]
+            case "getPublications", _:
+                return [1, "", [[p.topic, p.type.name] for p in self._publications.values()]]
+            case "getBusInfo", _:
+                return [1, "", []]
+            case "getBusStats", _:
+                return [1, "", [[], [], []]]
+            case "paramUpdate", _:
+                return [1, "", 0]
+            case "shutdown", _:
+                # Anybody may ask for that (rosnode kill): believed is what the master then says of our name.
+                self._displaced = True
+                self.known.clear()
+                return [1, "", 0]
+        return [-1, f"{method} is not known here", 0]
+
+    # --- open and close --------------------------------------------------------------------------------
+
+    async def _open(self) -> None:
+        address = self._address or await self._facing()
+        listen = "127.0.0.1" if address in ("localhost", "127.0.0.1") else "0.0.0.0"
+        await self._server.open(listen)
+        self.api = f"http://{address}:{self._server.port}/"
+        loop = asyncio.get_running_loop()
+        self._messages = await loop.create_server(self._subscriber, listen, 0)
+
+    async def _facing(self) -> str:
+        """Return our address on the way to the master."""
+        host, port = address_of(self.master.uri)
+        loop = asyncio.get_running_loop()
+        while True:
+            try:
+                found = await loop.getaddrinfo(host, port, family=socket.AF_INET, type=socket.SOCK_DGRAM)
+                with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+                    probe.connect(found[0][4])  # sends nothing
+                    return str(probe.getsockname()[0])
+            except OSError as error:
+                self.problems.tell("the master", f"{self.master.uri}: {error.strerror or error}")
+                await asyncio.sleep(LOOK_S)
+
+    def _subscriber(self) -> Subscriber:
+        return Subscriber(self._publications, self.problems)
+
+    async def _close(self) -> None:
+        if self.known.is_set():
+            with contextlib.suppress(PeerError, TimeoutError):
+                async with timeout(GOODBYE_S):
+                    for topic in self._publications:
+                        await self.master.unregister(topic, self.api, publisher=True)
+                    for topic in self._subscriptions:
+                        await self.master.unregister(topic, self.api, publisher=False)
+        await asyncio.gather(*(subscription.close() for subscription in self._subscriptions.values()))
+        for publication in self._publications.values():
+            publication.close()
+        if self._messages is not None:
+            self._messages.close()
+        await self._server.close()

@@ -1,0 +1,32 @@
+"""What is wrong outside, told once for each place: until it is over, or turns into something else."""
+
+from __future__ import annotations
+
+import logging
+from collections import Counter
+
+log = logging.getLogger(__name__)
+
+MOST_PLACES = 1000
+
+
+class Problems:
+    """The problems of one bridge."""
+
+    def __init__(self) -> None:
+        self.counts: Counter[str] = Counter()  # place -> how often something was wrong there
+        self._told: dict[str, str] = {}
+
+    def tell(self, place: str, message: str) -> None:
+        """Something is wrong at a place: a topic, a publisher, the master."""
+        if place not in self.counts and len(self.counts) >= MOST_PLACES:
+            return
+        self.counts[place] += 1
+        if self._told.get(place) != message:
+            self._told[place] = message
+            log.warning("ROS 1, %s: %s", place, message)
+
+    def over(self, place: str) -> None:
+        """It is well again: what goes wrong next is told again."""
+        if self._told.pop(place, None) is not None:
+            log.info("ROS 1, %s: well again", place)

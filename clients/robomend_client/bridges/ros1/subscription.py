@@ -1,0 +1,246 @@
+"""A topic that the bridge listens to: one connection to each of its publishers, taken up again when lost.
+
+    publishers of the topic ──► requestTopic ──► TCPROS connection ──► messages
+       (from the master)             ▲                  │ lost
+                                     └──── a while ◄────┘
+
+A connection that delivers is not cut because the master has forgotten its publisher: after a master's restart
+the old publishers go on, and nobody has told the new one of them. What is over ends by itself.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+from robomend_client.bridges.ros1.problems import Problems
+from robomend_client.bridges.ros1.tcpros import ProtocolError, TcprosDecoder, encode_header
+from robomend_client.bridges.ros1.xmlrpc import (
+    CALL_S,
+    CallRefused,
+    NobodyListens,
+    OutOfReach,
+    PeerError,
+    call,
+    unreachable,
+)
+from robomend_client.python310 import end, timeout
+
+FIRST_WAIT_S, LONGEST_WAIT_S = 0.1, 3.0
+"""Between two tries to reach a publisher."""
+
+MOST_PUBLISHERS = 512
+
+NAMES = "; is ROS_IP or ROS_HOSTNAME right, where it runs? Its topics look silent from here"
+
+KEEPALIVE = ((socket.TCP_KEEPIDLE, 5), (socket.TCP_KEEPINTVL, 2), (socket.TCP_KEEPCNT, 3))
+"""A publisher whose host has lost its power hangs up after about ten seconds."""
+
+
+@dataclass(frozen=True)
+class Publisher:
+    """Who is at the other end of a connection, as its header says."""
+
+    node: str  # its name, with the slash
+    uri: str
+    type: str = ""
+    md5: str = ""
+    definition: str = ""
+
+
+OnMessage = Callable[[Publisher, bytes], None]
+OnLink = Callable[[Publisher, bool], None]
+
+
+class Subscription:
+    """One topic."""
+
+    def __init__(
+        self,
+        topic: str,
+        node: str,
+        on_message: OnMessage,
+        problems: Problems,
+        keep: bool = False,
+        on_link: OnLink | None = None,
+    ) -> None:
+        """
+        Args:
+            topic: its full name.
+            node: our own.
+            on_message: called with each message; with empty bytes unless `keep`.
+            on_link: called when a publisher's connection stands, and when it is lost.
+        """
+        self.topic = topic
+        self.type = ""
+        self._md5 = ""
+        self._node = node
+        self._on_message = on_message
+        self._on_link = on_link
+        self._problems = problems
+        self._keep = keep
+        self._wanted: frozenset[str] = frozenset()
+        self._links: dict[str, asyncio.Task[None]] = {}
+
+    def publishers(self, uris: Iterable[str]) -> None:
+        """The topic has these publishers now."""
+        self._wanted = frozenset(list(dict.fromkeys(uris))[:MOST_PUBLISHERS])
+        for uri in self._wanted - self._links.keys():
+            self._links[uri] = asyncio.create_task(self._link(uri), name=f"{self.topic} from {uri}")
+
+    async def close(self) -> None:
+        self._wanted = frozenset()
+        await end(list(self._links.values()))
+
+    # --- one publisher ---------------------------------------------------------------------------------
+
+    async def _link(self, uri: str) -> None:
+        """Listen to a publisher for as long as there is one."""
+        place = f"{self.topic} from {uri}"
+        wait_s = FIRST_WAIT_S
+        try:
+            while uri in self._wanted:
+                try:
+                    if await self._listen(uri):
+                        wait_s = FIRST_WAIT_S
+                        self._problems.over(place)
+                except (NobodyListens, OutOfReach) as error:  # of one that is gone, once for all its topics
+                    hint = NAMES if isinstance(error, OutOfReach) else ""
+                    if uri in self._wanted:
+                        self._problems.tell(f"the publisher at {uri}", f"{error}{hint}")
+                except (PeerError, ProtocolError) as error:
+                    if uri in self._wanted:
+                        self._problems.tell(place, str(error))
+                await asyncio.sleep(wait_s)
+                wait_s = min(2 * wait_s, LONGEST_WAIT_S)
+        finally:
+            del self._links[uri]
+
+    async def _listen(self, uri: str) -> bool:
+        """Connect and take messages until the connection is lost; return whether any came.
+
+        Raises:
+            PeerError, ProtocolError: why not.
+        """
+        host, port = await self._where(uri)
+        stream = _Stream(self, uri)
+        loop = asyncio.get_running_loop()
+        try:
+            async with timeout(CALL_S):
+                await loop.create_connection(lambda: stream, host, port)
+        except TimeoutError as error:
+            raise PeerError(f"{host}:{port} takes no connection within {CALL_S:g} s") from error
+        except (OSError, UnicodeError) as error:
+            raise unreachable(host, port, error) from error
+        try:
+            await asyncio.wait({stream.greeted}, timeout=CALL_S)
+            if not stream.greeted.done():
+                raise ProtocolError(f"{host}:{port} takes a subscriber, and sends no header")
+            await stream.lost
+        finally:
+            stream.abort()
+        if stream.error is not None:
+            raise stream.error
+        return stream.messages > 0
+
+    async def _where(self, uri: str) -> tuple[str, int]:
+        """Ask a publisher for the address of its messages."""
+        answer = await call(uri, "requestTopic", self._node, self.topic, [["TCPROS"]])
+        match answer:
+            case [1, _, ["TCPROS", str(host), int(port)]] if 0 < port < 65536:
+                return host, port
+            case [int(code), str(why), *_] if code != 1:
+                raise CallRefused(f"it does not publish {self.topic}: {why[:200]}")
+        raise ProtocolError(f"requestTopic was answered with {str(answer)[:200]!r}")
+
+    # --- called by its streams -------------------------------------------------------------------------
+
+    def greeted(self, stream: _Stream, header: dict[str, str]) -> Publisher:
+        """A publisher has said who it is.
+
+        Raises:
+            ProtocolError: it does not want us.
+        """
+        if "error" in header:
+            raise ProtocolError(f"it refuses: {header['error'][:200]}")
+        publisher = Publisher(
+            header.get("callerid", "?"),
+            stream.uri,
+            header.get("type", ""),
+            header.get("md5sum", ""),
+            header.get("message_definition", ""),
+        )
+        if self._md5 and self._md5 != publisher.md5:
+            self._problems.tell(
+                self.topic,
+                f"{publisher.node} publishes {publisher.type} ({publisher.md5}), "
+                f"where {self.type} ({self._md5}) came before",
+            )
+        self.type, self._md5 = publisher.type, publisher.md5
+        self._problems.over(f"the publisher at {stream.uri}")
+        if self._on_link is not None:
+            self._on_link(publisher, True)
+        return publisher
+
+    def lost(self, publisher: Publisher) -> None:
+        if self._on_link is not None:
+            self._on_link(publisher, False)
+
+
+class _Stream(asyncio.Protocol):
+    """One TCPROS connection, our side of a subscriber."""
+
+    def __init__(self, subscription: Subscription, uri: str) -> None:
+        loop = asyncio.get_running_loop()
+        self.uri = uri
+        self.messages = 0
+        self.error: Exception | None = None
+        self.greeted: asyncio.Future[None] = loop.create_future()
+        self.lost: asyncio.Future[None] = loop.create_future()
+        self._subscription = subscription
+        self._decoder = TcprosDecoder(subscription._keep)
+        self._publisher: Publisher | None = None
+        self._transport: asyncio.Transport | None = None
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.Transport)
+        self._transport = transport
+        wire: Any = transport.get_extra_info("socket")
+        wire.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        for option, value in KEEPALIVE:
+            wire.setsockopt(socket.IPPROTO_TCP, option, value)
+        hello = {"callerid": self._subscription._node, "topic": self._subscription.topic}
+        transport.write(encode_header({**hello, "type": "*", "md5sum": "*", "tcp_nodelay": "1"}))
+
+    def data_received(self, data: bytes) -> None:
+        try:
+            messages = self._decoder.receive(data)
+            if self._publisher is None and self._decoder.header is not None:
+                self._publisher = self._subscription.greeted(self, self._decoder.header)
+                self._set(self.greeted)
+        except ProtocolError as error:
+            self.error = error
+            self.abort()
+            return
+        if self._publisher is not None:
+            self.messages += len(messages)
+            for message in messages:
+                self._subscription._on_message(self._publisher, message)
+
+    def connection_lost(self, error: Exception | None) -> None:
+        self._set(self.greeted)
+        self._set(self.lost)
+        if self._publisher is not None:
+            self._subscription.lost(self._publisher)
+
+    def abort(self) -> None:
+        if self._transport is not None:
+            self._transport.abort()
+
+    @staticmethod
+    def _set(future: asyncio.Future[None]) -> None:
+        if not future.done():
+            future.set_result(None)

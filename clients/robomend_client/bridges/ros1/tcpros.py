@@ -1,0 +1,109 @@
+"""TCPROS: bytes to headers and messages and back. No sockets, no clocks.
+
+    | length, u32 LE | header: fields |  then  | length, u32 LE | message |  again and again
+                       └ | length, u32 LE | name=value |
+
+Source: wiki.ros.org/ROS/TCPROS and /Connection Header. Golden bytes are in tests/clients/bridges/ros1.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Mapping
+
+LENGTH = struct.Struct("<I")
+
+LONGEST_HEADER = 1024 * 1024
+LONGEST_MESSAGE = 256 * 1024 * 1024
+"""Bytes. A map of 16,000 by 16,000 cells fits; what peers that do not speak TCPROS send, read as a length, is
+mostly beyond it.
+"""
+
+
+class ProtocolError(Exception):
+    """The bytes are no TCPROS; the connection is of no use any more."""
+
+
+def frame(body: bytes) -> bytes:
+    """Return a message with its length."""
+    return LENGTH.pack(len(body)) + body
+
+
+def encode_header(fields: Mapping[str, str]) -> bytes:
+    """Return a header with its length."""
+    return frame(b"".join(frame(f"{name}={value}".encode()) for name, value in fields.items()))
+
+
+def decode_header(body: bytes) -> dict[str, str]:
+    """Return the fields of a header, which came without its length.
+
+    Raises:
+        ProtocolError: it is none.
+    """
+    fields: dict[str, str] = {}
+    at = 0
+    while at < len(body):
+        if at + LENGTH.size > len(body):
+            raise ProtocolError("a header that breaks off")
+        (length,) = LENGTH.unpack_from(body, at)
+        at += LENGTH.size
+        if at + length > len(body):
+            raise ProtocolError(f"a header field of {length} bytes in a header of {len(body)}")
+        name, equals, value = body[at : at + length].partition(b"=")
+        if not equals:
+            raise ProtocolError(f"a header field without `=`: {name[:40]!r}")
+        fields[name.decode("utf-8", "replace")] = value.decode("utf-8", "replace")
+        at += length
+    return fields
+
+
+class TcprosDecoder:
+    """Cuts a byte stream, split anywhere, into a header and messages.
+
+    With `keep` False the messages after the header are counted and not kept: their bytes are let go as they
+    come, however long they are.
+    """
+
+    def __init__(self, keep: bool) -> None:
+        self.keep = keep
+        self.header: dict[str, str] | None = None
+        self._buffer = bytearray()
+        self._skip = 0  # bytes to come of a message that nobody looks at
+
+    def receive(self, data: bytes) -> list[bytes]:
+        """Take in bytes; return the messages that are whole now, empty ones where they are not kept.
+
+        Raises:
+            ProtocolError: this is no TCPROS.
+        """
+        found: list[bytes] = []
+        if self._skip:
+            if len(data) < self._skip:
+                self._skip -= len(data)
+                return found
+            data = data[self._skip :]
+            self._skip = 0
+            found.append(b"")
+        buffer = self._buffer
+        buffer += data
+        while len(buffer) >= LENGTH.size:
+            (length,) = LENGTH.unpack_from(buffer)
+            longest = LONGEST_HEADER if self.header is None else LONGEST_MESSAGE
+            if length > longest:
+                what = "header" if self.header is None else "message"
+                raise ProtocolError(f"a {what} of {length} bytes")
+            end = LENGTH.size + length
+            if self.header is not None and not self.keep:
+                if len(buffer) < end:
+                    self._skip = end - len(buffer)
+                    buffer.clear()
+                    break
+                found.append(b"")
+            elif len(buffer) < end:
+                break
+            elif self.header is None:
+                self.header = decode_header(bytes(buffer[LENGTH.size : end]))
+            else:
+                found.append(bytes(buffer[LENGTH.size : end]))
+            del buffer[:end]
+        return found

@@ -1,0 +1,76 @@
+"""A bridge in the test's own event loop, and what it delivers."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+from tests.waiting import eventually
+
+from robomend_client.agent.feeds import load_feed
+from robomend_client.python310 import end
+from robomend_client.yaml_reader import read
+
+
+class Heard:
+    """What a bridge delivered, by source, and what it said in the log."""
+
+    def __init__(self) -> None:
+        self.values: dict[str, list[Any]] = {}
+        self.log: list[str] = []
+
+    def deliver(self, source: str, value: object, time_ns: int | None) -> None:
+        self.values.setdefault(source, []).append(value)
+
+    def count(self, source: str) -> int:
+        return len(self.values.get(source, ()))
+
+    def last(self, source: str) -> Any:
+        return self.values.get(source, [None])[-1]
+
+    async def more(self, source: str, times: int = 3) -> None:
+        """Wait for samples that are yet to come."""
+        wanted = self.count(source) + times
+        await eventually(lambda: self.count(source) >= wanted, f"{times} more of {source}", 60)
+
+    async def told(self, part: str) -> None:
+        """Wait for a line in the log."""
+        await eventually(lambda: self.lines(part), f"{part!r} in the log: {self.log}", 60)
+
+    def lines(self, part: str) -> list[str]:
+        return [line for line in self.log if part in line]
+
+
+class _Log(logging.Handler):
+    def __init__(self, lines: list[str]) -> None:
+        super().__init__()
+        self.lines = lines
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.lines.append(record.getMessage())
+
+
+@asynccontextmanager
+async def hearing(folder: Path, master: str, *sources: str, more: str = "") -> AsyncIterator[Heard]:
+    """Run a bridge that observers want these sources of."""
+    file = folder / "ros1.yaml"
+    file.write_text(f"master: '{master}'\nname: robomend_test\n{more}\n")
+    section = read(file)
+    feed = load_feed("ros1")(section, folder, frozenset(sources))
+    section.finish()
+    heard = Heard()
+    handler = _Log(heard.log)
+    logger = logging.getLogger("robomend_client.bridges.ros1")
+    logger.addHandler(handler)
+    logger.setLevel(logging.INFO)
+    task = asyncio.create_task(feed.run(heard.deliver))
+    try:
+        yield heard
+        assert not task.done(), task.exception()
+    finally:
+        await end([task])
+        logger.removeHandler(handler)

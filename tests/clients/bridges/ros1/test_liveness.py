@@ -1,0 +1,93 @@
+"""Nodes of a real robot: killed, frozen, ended, started again."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+from pathlib import Path
+
+from tests.clients.bridges.ros1.hearing import Heard, hearing
+from tests.ros1 import Robot
+from tests.waiting import eventually
+
+
+async def becomes(heard: Heard, node: str, runs: bool | None) -> None:
+    def is_so() -> bool:
+        table = heard.last("nodes")
+        return table is not None and table.get(node, False) is runs
+
+    await eventually(is_so, f"{node}: {runs}, not {heard.last('nodes')}", 60)
+
+
+def test_a_killed_node_stops_and_a_frozen_one_too_until_it_goes_on(ros: Robot, tmp_path: Path) -> None:
+    killed, frozen = ros.node("killed"), ros.node("frozen")
+
+    async def test() -> None:
+        async with hearing(tmp_path, ros.master.uri, "nodes") as heard:
+            await becomes(heard, "killed", True)
+            await becomes(heard, "frozen", True)
+            killed.kill()
+            await becomes(heard, "killed", False)
+            assert heard.last("nodes")["frozen"] is True
+            frozen.signal(signal.SIGSTOP)
+            await becomes(heard, "frozen", False)
+            frozen.signal(signal.SIGCONT)
+            await becomes(heard, "frozen", True)
+            await asyncio.to_thread(ros.node, "killed")
+            await becomes(heard, "killed", True)
+            assert heard.lines("the node /frozen is frozen")
+
+    asyncio.run(test())
+
+
+def test_a_node_that_ends_in_order_stops_and_one_that_stops_publishing_does_not(
+    ros: Robot, tmp_path: Path
+) -> None:
+    ends, stays = ros.node("ends"), ros.node("stays")
+    stays.do("publish", topic="/scan", type="std_msgs/String", rate=20)
+
+    async def test() -> None:
+        async with hearing(tmp_path, ros.master.uri, "nodes", "scan") as heard:
+            await becomes(heard, "ends", True)
+            await becomes(heard, "stays", True)
+            await heard.more("scan")
+            await asyncio.to_thread(stays.do, "unpublish", topic="/scan")
+            await asyncio.to_thread(ends.do, "leave")
+            await becomes(heard, "ends", False)
+            await heard.more("nodes", 5)
+            assert all(table.get("stays") for table in heard.values["nodes"] if "stays" in table)
+
+    asyncio.run(test())
+
+
+def test_nodes_go_on_while_the_master_is_gone_and_after_it_has_forgotten_them(
+    ros: Robot, tmp_path: Path
+) -> None:
+    node = ros.node("steady")
+
+    async def test() -> None:
+        async with hearing(tmp_path, ros.master.uri, "nodes") as heard:
+            await becomes(heard, "steady", True)
+            ros.master.stop()
+            await heard.told("the master: nobody listens")
+            await asyncio.to_thread(ros.master.start)
+            await eventually(lambda: len(heard.lines("is known to the master")) == 2, "a second time", 60)
+            await heard.more("nodes", 5)
+            assert all(table.get("steady") for table in heard.values["nodes"])
+            node.kill()
+            await becomes(heard, "steady", False)
+
+    asyncio.run(test())
+
+
+def test_a_node_whose_host_is_unknown_is_unknown_not_stopped(ros: Robot, tmp_path: Path) -> None:
+    ros.node("elsewhere", ROS_HOSTNAME="no-such-robot.invalid", ROS_IP="")
+
+    async def test() -> None:
+        async with hearing(tmp_path, ros.master.uri, "nodes") as heard:
+            await heard.told(
+                "the host name 'no-such-robot.invalid' is unknown here; whether it runs is unknown"
+            )
+            assert heard.last("nodes")["elsewhere"] is None
+
+    asyncio.run(test())
