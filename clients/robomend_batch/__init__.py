@@ -4,7 +4,8 @@
      logs/                └── track.py       └── answers.py                   └── parts.py
 
 main.py, commands.py   the command robomend-batch
-logs/                  the kinds of logs: literals in NDJSON, CSV, Parquet
+logs/                  the kinds of logs: literals in NDJSON, CSV, Parquet; messages in .bag, .mcap, .db3
+observing.py           the observers of messages, from an agent's file
 words.py               from sentences to sensors: which bits of a code a literal is
 track.py               OBS ⊕ over a log, without a step of Python for each row
 answers.py             what the distinct codes come to

@@ -10,7 +10,7 @@ from pathlib import Path
 from robomend.cli.files import near_file
 from robomend.errors import InputError
 
-ENDINGS = (".parquet", ".csv", ".ndjson", ".jsonl")
+ENDINGS = (".bag", ".bag.active", ".mcap", ".db3", ".parquet", ".csv", ".ndjson", ".jsonl")
 """What is taken of a folder."""
 
 MOST = 1_000_000

@@ -16,6 +16,7 @@ from robomend.observations.language import Unknown
 from robomend_batch.answers import Answers
 from robomend_batch.logs.blocks import Advance, Restart, Shown
 from robomend_batch.logs.kinds import READERS, kind_of
+from robomend_batch.observing import Observing, load_observers
 from robomend_batch.parts import PartFiles, Parts
 from robomend_batch.problems import LogRefused, Problems
 from robomend_batch.track import Stretch, Track
@@ -36,6 +37,8 @@ class Setup:
     options: Options
     out: Path
     unknown: Unknown = "refuse"
+    observers: Path | None = None
+    by_header: bool = False
 
 
 class Diagnoser:
@@ -44,6 +47,7 @@ class Diagnoser:
     def __init__(self, setup: Setup) -> None:
         self.setup = setup
         self._answers = Answers(opened(setup.system.cnf), setup.options)
+        self._observing = None if setup.observers is None else load_observers(setup.observers)
 
     def close(self) -> None:
         """Free the solvers."""
@@ -52,7 +56,7 @@ class Diagnoser:
     def diagnose(self, name: str) -> list[Record]:
         """Diagnose the logs of a file, write their parts, and say what became of them."""
         path = Path(name)
-        logs = _Logs(name, self.setup, self._answers)
+        logs = _Logs(name, self.setup, self._answers, self._observing)
         kind = None
         try:
             kind = kind_of(path)
@@ -71,7 +75,9 @@ class Diagnoser:
 class _Logs:
     """What is open of a file: Opened of logs/blocks.py."""
 
-    def __init__(self, name: str, setup: Setup, answers: Answers) -> None:
+    def __init__(self, name: str, setup: Setup, answers: Answers, observing: Observing | None) -> None:
+        self.observing = observing
+        self.by_header = setup.by_header
         self.problems = Problems()
         self.rows = 0
         self.ended_early = False
@@ -128,8 +134,7 @@ class _Log:
 
     def _stretches(self, what: Any) -> Iterator[Stretch]:
         if isinstance(what, Restart):
-            self.track.restart(what.time_ns)
-            return iter(())
+            return iter([self.track.begun(what.time_ns)])
         if isinstance(what, Advance):
             return self.track.advance(what.time_ns)
         if isinstance(what, Shown):

@@ -13,6 +13,7 @@ from typing import Any
 
 from robomend.errors import BackendError
 from robomend_batch.manifest import Manifest, keep_parts, open_manifest, stamp, write_beside
+from robomend_batch.observing import digest
 from robomend_batch.one_log import RESULTS, Diagnoser, Record, Setup
 from robomend_batch.progress import Progress
 
@@ -60,6 +61,8 @@ def settings_of(setup: Setup) -> dict[str, Any]:
         "limit": options.limit,
         "timeout_s": options.timeout_s,
         "unknown": setup.unknown,
+        "observers": digest(setup.observers),
+        "time": "header" if setup.by_header else "log",
     }
 
 

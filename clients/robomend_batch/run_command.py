@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from robomend.cli.files import ExistingFile
 from robomend.cli.models import MODEL, load
 from robomend_batch.found import find_logs
 
@@ -26,6 +27,18 @@ BAD_INPUT, BACKEND_FAILED, FAULT = 2, 3, 1
 @click.option(
     "--out", "-o", type=click.Path(file_okay=False, path_type=Path), required=True, help="Folder of results."
 )
+@click.option(
+    "--observers",
+    type=ExistingFile(),
+    help="For recorded messages: an agent's file, or its `observers:`; the same ones as on the robot.",
+)
+@click.option(
+    "--time",
+    type=click.Choice(("log", "header")),
+    default="log",
+    show_default=True,
+    help="Times of messages: when they were recorded, or as their headers say.",
+)
 @click.option("--minimal", type=click.Choice(("cardinality", "subset")), default="subset", show_default=True)
 @click.option("--max-size", type=click.IntRange(min=0), help="No diagnosis larger than this.")
 @click.option("--limit", type=click.IntRange(min=0), default=100, show_default=True, help="0: no limit.")
@@ -42,12 +55,15 @@ BAD_INPUT, BACKEND_FAILED, FAULT = 2, 3, 1
 @click.option("--fail-on-fault", is_flag=True, help="Exit with 1 if any log shows a fault.")
 @click.option("--quiet", "-q", is_flag=True, help="No progress on stderr.")
 def command(logs: tuple[str, ...], model: str, out: Path, **given: Any) -> int:
-    """Diagnose LOGS: files, folders or patterns ("logs/**/*.parquet").
+    """Diagnose LOGS: files, folders or patterns ("logs/**/*.mcap").
+
+    ROS 1 .bag, ROS 2 .mcap and .db3, recordings of agents; observed literals in NDJSON, CSV and Parquet.
 
     OUT gets a file of intervals for each log (results/*.parquet), all of them as results.ndjson, and what
     became of each log in logs.ndjson. The same command goes on where it was killed. Exit code 2 says that a
     log was bad; the others are diagnosed nevertheless.
     """
+    from robomend_batch.observing import check_declared, load_observers
     from robomend_batch.one_log import Setup
     from robomend_batch.progress import Progress
     from robomend_batch.run import run
@@ -56,8 +72,11 @@ def command(logs: tuple[str, ...], model: str, out: Path, **given: Any) -> int:
     names, problems = find_logs(logs)
     for name, reason in problems:
         click.echo(f"bad: {name}: {reason}", err=True)
+    observers = given["observers"]
+    if observers is not None:
+        check_declared(load_observers(observers), system.vocabulary, given["unknown"], observers)
     summary = run(
-        Setup(system, options(given), out, given["unknown"]),
+        Setup(system, options(given), out, given["unknown"], observers, given["time"] == "header"),
         names,
         overwrite=given["overwrite"],
         ndjson=given["ndjson"],

@@ -85,6 +85,11 @@ class Track:
         self._time = np.zeros(0, dtype=np.int64)
         self._expires = np.zeros(0, dtype=np.int64)
 
+    def begun(self, time_ns: int) -> Stretch:
+        """Begin a segment in which nothing is known yet, and that is to be told."""
+        self.restart(time_ns)
+        return Stretch(self.segment, np.array([time_ns], dtype=np.int64), self._code.reshape(1, 1), time_ns)
+
     def add(self, rows: Rows) -> Iterator[Stretch]:
         """Take in rows; yield what held up to the newest of them."""
         if not len(rows):

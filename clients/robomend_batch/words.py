@@ -61,6 +61,10 @@ class Words:
                     self._problems.add(place.partition(":")[0], f"the model has no {literal.atom}", bad=False)
         return literals
 
+    def canonical(self, literal: Literal) -> Literal:
+        """Return a literal in the one spelling that OBS uses."""
+        return self._vocabulary.canonical(literal)
+
     def of(self, literal: Literal) -> tuple[Setting, ...]:
         """Return what a literal of the model sets."""
         return tuple(

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 from robomend.diagnosis.library import Codes
+from robomend_batch.observing import Observing
 from robomend_batch.problems import Problems
 from robomend_batch.track import Rows, Times
 from robomend_batch.words import Words
@@ -58,6 +59,12 @@ class Opened(Protocol):
     """That were read."""
 
     ended_early: bool
+
+    observing: Observing | None
+    """The observers, for recorded messages."""
+
+    by_header: bool
+    """Whose clock: the one in the messages' headers, or the recorder's."""
 
     def words(self, log: str) -> Words:
         """Return the words of one of its logs."""

@@ -7,18 +7,55 @@ with something of its own, and a row in docs/batch.md.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 
 from robomend_batch.logs.blocks import Blocks, Opened
+from robomend_batch.logs.messages import read_messages
 from robomend_batch.logs.parquet import read_parquet
+from robomend_batch.logs.recorded import Recording
+from robomend_batch.logs.samples import read_recording
 from robomend_batch.logs.text import read_csv, read_ndjson
 from robomend_batch.problems import LogRefused
 
 Reader = Callable[[Path, Opened], Blocks]
 
-READERS: Mapping[str, Reader] = {"parquet": read_parquet, "csv": read_csv, "ndjson": read_ndjson}
 
-MAGIC = {b"PAR1": "parquet"}
+def _bag(path: Path) -> Recording:
+    from robomend_batch.logs.bag import open_bag  # libraries that only such logs need
+
+    return open_bag(path)
+
+
+def _mcap(path: Path) -> Recording:
+    from robomend_batch.logs.mcap import open_mcap
+
+    return open_mcap(path)
+
+
+def _db3(path: Path) -> Recording:
+    from robomend_batch.logs.db3 import open_db3
+
+    return open_db3(path)
+
+
+READERS: Mapping[str, Reader] = {
+    "parquet": read_parquet,
+    "csv": read_csv,
+    "ndjson": read_ndjson,
+    "bag": partial(read_messages, _bag),
+    "mcap": partial(read_messages, _mcap),
+    "db3": partial(read_messages, _db3),
+    "recording": read_recording,
+}
+
+MAGIC = {
+    b"PAR1": "parquet",
+    b"#ROSBAG V2.0": "bag",
+    b"\x89MCAP0\r\n": "mcap",
+    b"SQLite format 3": "db3",
+    b'{"start":': "recording",
+}
 
 BY_NAME = {".csv": "csv", ".ndjson": "ndjson", ".jsonl": "ndjson", ".json": "ndjson"}
 

@@ -47,12 +47,9 @@ from robomend_client.agent.usage import Usage
 from robomend_client.bus import parse_address
 from robomend_client.literals import Atom
 from robomend_client.observers import PROCESSES, GeneralObserver, NodeObserver, Rate
-from robomend_client.observers.kinds import ObserverSpec, observer_spec, read_lenient, read_observers
+from robomend_client.observers.kinds import FIRST_S, ObserverSpec, observer_spec, read_lenient, read_observers
 from robomend_client.observers.parameters import read_dataclass
 from robomend_client.yaml_reader import Section, read
-
-FIRST_S = 2.0
-"""A robot may boot for so long after its agent before a topic that nobody has heard of counts as silent."""
 
 
 @dataclass(frozen=True, slots=True)

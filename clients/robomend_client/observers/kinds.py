@@ -15,15 +15,22 @@ from __future__ import annotations
 import importlib.util
 import inspect
 import sys
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict, dataclass, replace
+from functools import partial
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, cast
 
 from robomend_client.literals import Atom, parse_atom
 from robomend_client.observers.base import Observer
-from robomend_client.observers.parameters import UnreadableParameter, made, read_arguments
+from robomend_client.observers.general import GeneralObserver, Rate
+from robomend_client.observers.parameters import (
+    UnreadableParameter,
+    made,
+    read_arguments,
+    read_dataclass,
+)
 from robomend_client.observers.reading import FunctionObserver
 from robomend_client.registry import BrokenKind, Registry, UnknownKind
 from robomend_client.yaml_reader import Section
@@ -32,6 +39,11 @@ BUS = "bus"
 """Where samples come from unless `from:` says otherwise."""
 
 ROOM = "robomend_client.observers"
+
+FIRST_S = 2.0
+"""A robot may boot for so long after its agent before a topic of `topics:` that nobody has heard of counts as
+silent.
+"""
 
 
 KINDS = Registry[Callable[..., Observer]](
@@ -69,6 +81,27 @@ def read_observers(top: Section, base: Path) -> tuple[ObserverSpec, ...]:
         ConfigError: with file, line and key.
     """
     return tuple(_read_observer(name, section, base) for name, section in top.sections("observers"))
+
+
+def read_topics(top: Section) -> tuple[ObserverSpec, ...]:
+    """Return the general observers of the sections `topics:` and `rate:` of an agent's file, for logs."""
+    shared = top.section("rate")
+    common = asdict(_read_rate(shared, {}))
+    found = []
+    for name, section in top.sections("topics"):
+        topic, rate = name.removeprefix("/"), _read_rate(section, common)
+        rate = replace(rate, first_s=FIRST_S) if rate.first_s is None else rate
+        make = partial(GeneralObserver, topic, rate)
+        found.append(observer_spec(topic, "general", section.text("from", BUS), make))
+        section.finish()
+    return tuple(found)
+
+
+def _read_rate(section: Section, common: Mapping[str, Any]) -> Rate:
+    preset = section.choice("preset", ("none", *Rate.PRESETS), "none")
+    rate = read_dataclass(section, Rate, {**common, **Rate.PRESETS.get(preset, {})})
+    assert isinstance(rate, Rate)
+    return rate
 
 
 def read_lenient(top: Section) -> frozenset[Atom]:

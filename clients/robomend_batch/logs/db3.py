@@ -1,0 +1,86 @@
+"""ROS 2 recordings in SQLite (.db3). Those before Iron do not say what their types are made of: ROS 2's own
+types are known nevertheless.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+import struct
+from collections.abc import Iterator, Mapping
+from contextlib import closing
+from pathlib import Path
+from urllib.parse import quote
+
+from robomend_batch.logs.recorded import Channel, Message, Recording, Unreadable
+
+HEADER = struct.Struct(">16xH10xI")
+"""Of an SQLite file: the size of a page, and how many there are."""
+
+
+def open_db3(path: Path) -> Recording:
+    """Return a recording; Unreadable if nothing of it can be read."""
+    return Db3(path)
+
+
+def _check_size(path: Path) -> None:
+    """Refuse a file that is cut off: SQLite reads none of it, as its pages hang together."""
+    with path.open("rb") as file:
+        page_bytes, pages = HEADER.unpack(file.read(HEADER.size).ljust(HEADER.size, b"\0"))
+        there = file.seek(0, 2)
+    whole = pages * (65536 if page_bytes == 1 else page_bytes)
+    if there < whole:
+        raise Unreadable(f"cut off: {there} of {whole} bytes, and SQLite reads none of such a file")
+
+
+class Db3:
+    """See the module."""
+
+    def __init__(self, path: Path) -> None:
+        self.cut: str | None = None
+        _check_size(path)
+        left_open = path.with_name(path.name + "-wal").exists()  # by a recorder that was killed
+        name = f"file:{quote(str(path.resolve()))}?mode=ro{'' if left_open else '&immutable=1'}"
+        self._base = sqlite3.connect(name, uri=True)
+        try:
+            definitions = self._definitions()
+            self.channels = [
+                Channel(
+                    number,
+                    topic.removeprefix("/"),
+                    kind,
+                    *definitions.get(kind, ("", False)),
+                    encoding != "ros1",
+                )
+                for number, topic, kind, encoding in self._base.execute(
+                    "SELECT id, name, type, serialization_format FROM topics ORDER BY id"
+                )
+            ]
+            query = "SELECT min(timestamp), max(timestamp) FROM messages"
+            self.start_ns, self.end_ns = self._base.execute(query).fetchone()
+        except sqlite3.Error as error:
+            self._base.close()
+            raise Unreadable(f"no recording, or damaged: {error}") from error
+
+    def _definitions(self) -> dict[str, tuple[str, bool]]:
+        tables = {name for (name,) in self._base.execute("SELECT name FROM sqlite_master WHERE type='table'")}
+        if "message_definitions" not in tables:
+            return {}
+        query = "SELECT topic_type, encoded_message_definition, encoding FROM message_definitions"
+        return {kind: (text, "idl" in encoding) for kind, text, encoding in self._base.execute(query)}
+
+    def messages(self, wanted: Mapping[int, bool]) -> Iterator[Message]:
+        if not wanted:
+            return
+        marks = ",".join(map(str, sorted(wanted)))
+        data = "data" if any(wanted.values()) else "NULL"
+        query = f"SELECT timestamp, topic_id, {data} FROM messages WHERE topic_id IN ({marks})"
+        query += " ORDER BY timestamp, id"
+        try:
+            with closing(self._base.execute(query)) as rows:
+                for time_ns, number, body in rows:
+                    yield time_ns, number, body if wanted[number] else None
+        except sqlite3.Error as error:
+            self.cut = f"damaged: {error}"
+
+    def close(self) -> None:
+        self._base.close()

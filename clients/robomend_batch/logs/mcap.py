@@ -1,0 +1,204 @@
+"""ROS 2 recordings in MCAP.
+
+With an index, only what is wanted is touched: of topics whose stamps suffice the index alone, so that most of
+the file is never read; of the others the chunks that hold them. Without one, or cut off, the file is read
+as a stream, up to where it ends.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator, Mapping
+from operator import itemgetter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mcap.exceptions import McapError
+from mcap.reader import NonSeekingReader
+from rosbags.interfaces import Connection, MessageDefinitionFormat
+from rosbags.rosbag2.errors import ReaderError
+from rosbags.rosbag2.storage_mcap import ChunkInfo, McapReader, decompress
+
+from robomend_batch.logs.recorded import Channel, Message, Recording, Unreadable
+
+INDEX = np.dtype([("time", "<u8"), ("offset", "<u8")])
+RECORD = struct.Struct("<BQ")
+INDEX_HEAD = struct.Struct("<BQHI")
+MESSAGE_HEAD = 22
+"""Bytes before the data: channel, sequence, log time, publish time."""
+
+LARGEST_CHUNK = 1 << 30
+
+DAMAGE = (
+    ReaderError,
+    McapError,
+    OSError,
+    ValueError,
+    EOFError,
+    struct.error,
+    RuntimeError,
+    KeyError,
+    TypeError,
+)
+"""What readers raise where a file is cut off or damaged."""
+
+
+def open_mcap(path: Path) -> Recording:
+    """Return a recording; Unreadable if nothing of it can be read."""
+    try:
+        indexed = IndexedMcap(path)
+    except DAMAGE:
+        return StreamedMcap(path)
+    if indexed.usable:
+        return indexed
+    indexed.close()
+    return StreamedMcap(path)
+
+
+class IndexedMcap:
+    """A whole file with an index of its chunks."""
+
+    def __init__(self, path: Path) -> None:
+        self._reader = McapReader(path)
+        self._reader.open()
+        self.channels = [_channel(connection) for connection in self._reader.connections]
+        self.cut: str | None = None
+        statistics = self._reader.statistics
+        some = statistics is not None and statistics.message_count > 0
+        self.start_ns = statistics.start_time if statistics is not None and some else None
+        self.end_ns = statistics.end_time if statistics is not None and some else None
+        self._file = path.open("rb")
+
+    @property
+    def usable(self) -> bool:
+        """Whether all of its messages are in chunks with an index."""
+        chunks = self._reader.chunks
+        known = {channel.number for channel in self.channels}
+        return self.start_ns is None or (
+            bool(chunks)
+            and all(chunk.message_index_length and chunk.message_index_offsets for chunk in chunks)
+            and all(known.issuperset(chunk.message_index_offsets) for chunk in chunks)
+        )
+
+    def close(self) -> None:
+        self._file.close()
+        self._reader.close()
+
+    def messages(self, wanted: Mapping[int, bool]) -> Iterator[Message]:
+        chunks = sorted(
+            (
+                chunk
+                for chunk in self._reader.chunks
+                if not wanted.keys().isdisjoint(chunk.message_index_offsets)
+            ),
+            key=lambda chunk: (chunk.message_start_time, chunk.chunk_start_offset),
+        )
+        waiting: list[Message] = []
+        for chunk in chunks:
+            if waiting:  # chunks may overlap: what is before the next one's first message is in its place
+                ready = [message for message in waiting if message[0] < chunk.message_start_time]
+                if ready:
+                    waiting = waiting[len(ready) :]
+                    yield from ready
+            try:
+                waiting += self._of_chunk(chunk, wanted)
+            except DAMAGE as error:
+                self.cut = f"damaged: {error}"
+                break
+            waiting.sort(key=itemgetter(0))
+        yield from waiting
+
+    def _of_chunk(self, chunk: ChunkInfo, wanted: Mapping[int, bool]) -> list[Message]:
+        self._file.seek(chunk.chunk_start_offset + chunk.chunk_length)
+        block = self._file.read(chunk.message_index_length)
+        found: list[tuple[int, int, int]] = []  # offset, time, channel: in the order of arrival
+        data: bytes | None = None
+        at = 0
+        while at + INDEX_HEAD.size <= len(block):
+            _, length, channel, size = INDEX_HEAD.unpack_from(block, at)
+            if channel in wanted:
+                index = np.frombuffer(block, INDEX, size // INDEX.itemsize, at + INDEX_HEAD.size)
+                times, offsets = index["time"].tolist(), index["offset"].tolist()
+                found += zip(offsets, times, [channel] * len(times), strict=True)
+                if wanted[channel] and times and data is None:
+                    data = self._data(chunk)
+            at += RECORD.size + length
+        found.sort()
+        return [
+            (time, channel, _body(data, offset) if wanted[channel] and data is not None else None)
+            for offset, time, channel in found
+        ]
+
+    def _data(self, chunk: ChunkInfo) -> bytes:
+        if chunk.uncompressed_size > LARGEST_CHUNK:
+            raise ReaderError(f"a chunk of {chunk.uncompressed_size} bytes")
+        self._file.seek(chunk.chunk_start_offset + RECORD.size + 24)
+        (crc,) = struct.unpack("<I", self._file.read(4))
+        self._file.seek(chunk.chunk_start_offset + RECORD.size + 40 + len(chunk.compression))
+        packed = self._file.read(chunk.compressed_size)
+        return decompress(packed, chunk.compression, chunk.uncompressed_size, crc)
+
+
+def _body(data: bytes, offset: int) -> bytes:
+    operation, length = RECORD.unpack_from(data, offset)
+    if operation != 5:
+        raise ReaderError("the index leads nowhere")
+    begin = offset + RECORD.size
+    return data[begin + MESSAGE_HEAD : begin + length]
+
+
+class StreamedMcap:
+    """A file without an index, or without its end. It is read twice: for what is in it, and for that."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self.channels: list[Channel] = []
+        self.start_ns: int | None = None
+        self.end_ns: int | None = None
+        self.cut: str | None = None
+        known: dict[int, Channel] = {}
+        for schema, channel, message in self._read():
+            if channel.id not in known:
+                known[channel.id] = Channel(
+                    channel.id,
+                    channel.topic.removeprefix("/"),
+                    "" if schema is None else schema.name,
+                    "" if schema is None else schema.data.decode("utf-8", errors="replace"),
+                    schema is not None and "idl" in schema.encoding,
+                    channel.message_encoding != "ros1",
+                )
+            self.start_ns = min(message.log_time, self.start_ns or message.log_time)
+            self.end_ns = max(message.log_time, self.end_ns or message.log_time)
+        self.channels = list(known.values())
+        if self.start_ns is None and self.cut is not None:
+            raise Unreadable(self.cut)
+
+    def messages(self, wanted: Mapping[int, bool]) -> Iterator[Message]:
+        for _, channel, message in self._read():
+            if channel.id in wanted:
+                yield message.log_time, channel.id, message.data if wanted[channel.id] else None
+
+    def close(self) -> None:
+        """Nothing is open between readings."""
+
+    def _read(self) -> Iterator[tuple[Any, Any, Any]]:
+        with self._path.open("rb") as file:
+            try:
+                reader = NonSeekingReader(file, record_size_limit=LARGEST_CHUNK)
+                yield from reader.iter_messages(log_time_order=False)
+            except GeneratorExit:
+                raise
+            except Exception as error:  # noqa: BLE001  # decompressors raise what they like at a cut
+                self.cut = f"cut off or damaged ({type(error).__name__} {error})".replace(" )", ")")
+
+
+def _channel(connection: Connection) -> Channel:
+    return Channel(
+        connection.id,
+        connection.topic.removeprefix("/"),
+        connection.msgtype,
+        connection.msgdef.data,
+        connection.msgdef.format == MessageDefinitionFormat.IDL,
+        getattr(connection.ext, "serialization_format", "cdr") != "ros1",
+    )

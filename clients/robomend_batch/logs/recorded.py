@@ -1,0 +1,51 @@
+"""A recording of messages, whatever its format: its channels, and its messages in the order of time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+Message = tuple[int, int, bytes | None]
+"""Time in nanoseconds, channel, and its bytes if they were asked for."""
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """A topic of one type; a topic may have several, of several publishers."""
+
+    number: int
+    topic: str  # without a leading slash
+    type_name: str  # as rosbags writes it: sensor_msgs/msg/Imu
+    definition: str  # of the type; empty: the recording does not say
+    idl: bool
+    cdr: bool  # ROS 2's encoding, else ROS 1's
+
+
+class Recording(Protocol):
+    """What a reader of a format makes of a file.
+
+    Raises, while it is made: Unreadable if nothing of it can be read.
+    """
+
+    channels: list[Channel]
+    start_ns: int | None
+    """Of the first message of any topic; None: there is none."""
+
+    end_ns: int | None
+    """Of the last one."""
+
+    cut: str | None
+    """Why it ends early; None: it does not. Known when all messages were read."""
+
+    def messages(self, wanted: Mapping[int, bool]) -> Iterator[Message]:
+        """Yield the messages of channels; with their bytes where the mapping says so."""
+        ...
+
+    def close(self) -> None:
+        """Close the file."""
+        ...
+
+
+class Unreadable(Exception):
+    """A file of which nothing can be read."""

@@ -1,0 +1,112 @@
+"""A field that is unpacked by itself is the field of the whole message: of every type, in both encodings."""
+
+from __future__ import annotations
+
+import random
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import Stores, get_typestore
+
+from robomend_batch.logs.fields import NoField, compile_field, value_at
+
+STORES = {"ros1": get_typestore(Stores.ROS1_NOETIC), "ros2": get_typestore(Stores.ROS2_HUMBLE)}
+PACKAGES = ("std_msgs", "geometry_msgs", "sensor_msgs", "nav_msgs", "diagnostic_msgs")
+MOST_PATHS = 40
+
+
+def made(store: Any, description: Any, chance: random.Random, depth: int = 0) -> Any:
+    """Return a random value of a type."""
+    kind, detail = description
+    if kind == Nodetype.NAME:
+        fields = dict(store.fielddefs[detail][1])
+        return store.types[detail](
+            **{name: made(store, inner, chance, depth + 1) for name, inner in fields.items()}
+        )
+    if kind == Nodetype.BASE:
+        name = detail[0]
+        if name == "string":
+            return "x" * chance.randrange(9)
+        if name == "bool":
+            return chance.random() < 0.5
+        return chance.uniform(-9, 9) if name.startswith("float") else chance.randrange(100)
+    (inner_kind, inner), count = detail
+    length = count if kind == Nodetype.ARRAY else chance.randrange(4)
+    items = [made(store, (inner_kind, inner), chance, depth + 1) for _ in range(length)]
+    if inner_kind == Nodetype.BASE and inner[0] != "string":
+        name = {"bool": "bool", "byte": "uint8", "char": "uint8"}.get(inner[0], inner[0])
+        return np.array(items, dtype=name)
+    return items
+
+
+def paths(store: Any, type_name: str, before: str = "") -> list[str]:
+    """Return the paths to single values."""
+    found = []
+    for name, (kind, detail) in store.fielddefs[type_name][1]:
+        if kind == Nodetype.NAME:
+            found += paths(store, detail, f"{before}{name}.")
+        elif kind == Nodetype.BASE:
+            found.append(f"{before}{name}")
+        elif detail[0][0] == Nodetype.BASE:
+            found += [f"{before}{name}.{place}" for place in (0, 1)][: detail[1] or 2]
+        else:
+            inner = paths(store, detail[0][1])
+            found += [f"{before}{name}.0.{path}" for path in inner[:2]]
+    return found
+
+
+@pytest.mark.parametrize("encoding", STORES)
+@pytest.mark.parametrize("package", PACKAGES)
+def test_a_field_alone_is_the_field_of_the_whole(package: str, encoding: str) -> None:
+    store = STORES[encoding]
+    cdr = encoding == "ros2"
+    serialize = store.serialize_cdr if cdr else store.serialize_ros1
+    deserialize = store.deserialize_cdr if cdr else store.deserialize_ros1
+    chance = random.Random(package)
+    compared = 0
+    for name in [name for name in store.fielddefs if name.startswith(f"{package}/msg/")]:
+        whole_of = partial(deserialize, typename=name)
+        extracts = {
+            path: compile_field(store.fielddefs, name, path, cdr=cdr, whole=whole_of)
+            for path in paths(store, name)[:MOST_PATHS]
+        }
+        for _ in range(2):
+            data = bytes(serialize(made(store, (Nodetype.NAME, name), chance), name))
+            whole = deserialize(data, name)
+            for path, extract in extracts.items():
+                try:
+                    expected = value_at(whole, path)
+                except IndexError:
+                    continue
+                assert extract(data) == expected, f"{name} {path}"
+                compared += 1
+    assert compared >= 20
+
+
+def test_big_endian_messages_are_read_too() -> None:
+    store = STORES["ros2"]
+    message = made(store, (Nodetype.NAME, "sensor_msgs/msg/Imu"), random.Random(1))
+    extract = compile_field(
+        store.fielddefs, "sensor_msgs/msg/Imu", "angular_velocity.z", cdr=True, whole=lambda data: None
+    )
+    data = bytes(store.serialize_cdr(message, "sensor_msgs/msg/Imu", little_endian=False))
+    assert extract(data) == message.angular_velocity.z
+
+
+@pytest.mark.parametrize(
+    ("path", "reason"),
+    [
+        ("angular_velocity", "more than one value"),
+        ("angular_velocity.w", "has x, y, z"),
+        ("orientation_covariance.x", "'x' is not there"),
+        ("header.stamp.sec.x", "'x' is not there"),
+    ],
+)
+def test_a_field_that_is_not_there_is_named(path: str, reason: str) -> None:
+    with pytest.raises(NoField, match=reason):
+        compile_field(
+            STORES["ros2"].fielddefs, "sensor_msgs/msg/Imu", path, cdr=True, whole=lambda data: None
+        )

@@ -1,0 +1,396 @@
+"""From recorded messages to intervals, by the observers of the robot: every format, whole or cut off."""
+
+from __future__ import annotations
+
+import json
+import math
+import struct
+from pathlib import Path
+
+import pytest
+from mcap.writer import Writer as McapWriter
+from tests.robomend_batch.recordings import EPOCH_NS, Sample, steady, write, write_bag, write_ros2
+from tests.robomend_batch.running import batch_run, intervals, logs, ndjson, tree
+
+from robomend_client.literals import Atom
+from robomend_client.observers.base import SECOND
+from robomend_client.observers import Change, Driver
+from robomend_client.observers.kinds import read_lenient, read_observers, read_topics
+from robomend_client.observers.recording import Recording
+from robomend_client.yaml_reader import read
+
+SHARED_MODEL = """
+robomend: 1
+name: rover
+hardware: {base: {}, lidar: {}}
+nodes:
+  base_node: {drives: [base], publishes: {odom: []}}
+  lidar_node: {drives: [lidar], publishes: {scan: []}}
+  imu_node: {publishes: {imu: []}}
+properties: {hokuyo: {}}
+values:
+  odom_yaw: {topic: odom, field: twist.twist.angular.z}
+rules: ["not ab(lidar) -> ok(hokuyo)", "not ab(imu_node) -> not inc(odom_yaw)"]
+"""
+
+OBSERVERS = """
+topics:
+  odom: {rate_hz: 20, tolerance_hz: 3}
+  scan: {rate_hz: 10, tolerance_hz: 2}
+observers:
+  odom_yaw: {kind: qualitative, source: "odom:twist.twist.angular.z", slope: 0.1}
+  hokuyo: {kind: diagnostic, status: ["hokuyo: *"]}
+"""
+
+FORMATS = ("a.bag", "a.mcap", "a.db3")
+
+
+@pytest.fixture
+def rover(tmp_path: Path) -> tuple[Path, Path]:
+    model, observers = tmp_path / "rover.yaml", tmp_path / "agent.yaml"
+    model.write_text(SHARED_MODEL)
+    observers.write_text(OBSERVERS)
+    return model, observers
+
+
+def drive(end_s: float = 8.0) -> list[Sample]:
+    """A drive in which the scan falls silent from 3 to 5 s, the base turns ever faster from 6 s on."""
+    scan = [sample for sample in steady("scan", 10, end_s) if not 3 <= sample[0] < 5]
+    odom = [(time, "odom", max(0.0, time - 6.0)) for time, _, _ in steady("odom", 20, end_s)]
+    hot = [(time, "diagnostics", 40.0) for time, _, _ in steady("diagnostics", 1, end_s)]
+    return [*scan, *odom, *hot]
+
+
+def told(out: Path) -> list[tuple[float, str, object]]:
+    """Return the beginnings of intervals in seconds of the drive."""
+    return [((one["start_ns"] - EPOCH_NS) / SECOND, one["state"], one["bad"]) for one in intervals(out)]
+
+
+def test_faults_of_a_drive_are_found_in_every_format_and_alike(
+    rover: tuple[Path, Path], tmp_path: Path
+) -> None:
+    model, observers = rover
+    found = {}
+    for name in FORMATS:
+        log = write(tmp_path / name, drive())
+        assert batch_run(tmp_path / f"out-{name}", log, "--observers", observers, model=model) == 0
+        found[name] = told(tmp_path / f"out-{name}")
+    assert found["a.bag"] == found["a.mcap"] == found["a.db3"]
+    faults = [(start, bad) for start, state, bad in found["a.bag"] if state == "faulty"]
+    (silent, lidar), (turning, imu) = faults
+    assert 3.0 < silent < 3.5
+    assert lidar == [["lidar"], ["lidar_node"]] or lidar == [["lidar_node"]]
+    assert 6.0 < turning < 7.5
+    assert imu == [["imu_node"]]
+
+
+@pytest.mark.parametrize("name", ["a.bag", "a.mcap"])
+def test_where_stamps_suffice_the_index_says_the_same(
+    name: str, rover: tuple[Path, Path], tmp_path: Path
+) -> None:
+    model, observers = rover
+    log = write(tmp_path / name, drive())
+    only = tmp_path / "only.yaml"
+    only.write_text("topics:\n  scan: {rate_hz: 10, tolerance_hz: 2}\n")
+    assert batch_run(tmp_path / "index", log, "--observers", only, model=model) == 0
+    starts = [start for start, state, _ in told(tmp_path / "index") if state == "faulty"]
+    assert batch_run(tmp_path / "all", log, "--observers", observers, model=model) == 0
+    assert starts == [start for start, state, _ in told(tmp_path / "all") if state == "faulty"][:1]
+
+
+def test_what_a_robot_said_live_is_what_the_batch_of_its_recordings_says(
+    rover: tuple[Path, Path], tmp_path: Path
+) -> None:
+    """The agent's driver, live and with its recording on; then its recording, its literals, and a bag."""
+    model, observers = rover
+    top = read(observers)
+    specs = (*read_topics(top), *read_observers(top, tmp_path))
+    samples = sorted(drive(), key=lambda sample: sample[0])
+    written = Recording(tmp_path / "run.jsonl", EPOCH_NS, 1 << 20)
+    driver = Driver([spec.make() for spec in specs], EPOCH_NS, lenient=read_lenient(top), listener=written)
+    live: list[Change] = []
+    for time, topic, value in samples:
+        at_ns = EPOCH_NS + round(time * SECOND)
+        sources: dict[str, object] = {"scan": None, "odom": None}
+        if topic == "odom":
+            live += driver.sample("odom", at_ns, None, at_ns)
+            live += driver.sample("odom:twist.twist.angular.z", at_ns, value, at_ns)
+        elif topic == "diagnostics":
+            status = {"name": "hokuyo: temperature", "level": 0, "values": []}
+            live += driver.sample("diagnostics", at_ns, [status], at_ns)
+        elif topic in sources:
+            live += driver.sample(topic, at_ns, None, at_ns)
+    end_ns = EPOCH_NS + round(samples[-1][0] * SECOND)
+    live += driver.advance(end_ns)
+    written.close(end_ns)
+
+    bag = write_bag(tmp_path / "a.bag", samples)
+    for name, log in (("recording", tmp_path / "run.jsonl"), ("bag", bag)):
+        assert batch_run(tmp_path / name, log, "--observers", observers, model=model) == 0
+    assert told(tmp_path / "recording") == told(tmp_path / "bag")
+
+    known = [change for change in live if change.value is not None]
+    text = [json.dumps({"time": change.time_ns, "literal": str(change.value)}) for change in known]
+    literals = tmp_path / "live.ndjson"
+    literals.write_text("\n".join(text) + "\n")
+    assert all(
+        change.value is not None or change.atom.predicate in ("inc", "dec", "const") for change in live
+    )
+    assert Atom("ok", ("scan",)) in {change.atom for change in known}
+    assert batch_run(tmp_path / "live", literals, model=model) == 0
+    faults = [one for one in told(tmp_path / "live") if one[1] == "faulty"]
+    assert faults == [one for one in told(tmp_path / "bag") if one[1] == "faulty"]
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_a_recording_that_is_cut_off_is_diagnosed_up_to_there(
+    name: str, rover: tuple[Path, Path], tmp_path: Path
+) -> None:
+    """Cut at many places: never a crash, never a verdict that the whole one does not have before the cut."""
+    model, observers = rover
+    whole = write(tmp_path / name, drive()).read_bytes()
+    assert batch_run(tmp_path / "whole", tmp_path / name, "--observers", observers, model=model) == 0
+    expected = told(tmp_path / "whole")
+    states = set()
+    places = [len(whole) * part // 9 for part in range(1, 9)] + [len(whole) - 1, 20, 4096]
+    for place in places:
+        (tmp_path / name).write_bytes(whole[:place])
+        assert (
+            batch_run(tmp_path / "cut", tmp_path / name, "--observers", observers, "--overwrite", model=model)
+            == 2
+        )
+        (log,) = logs(tmp_path / "cut")
+        states.add(log["state"])
+        found = told(tmp_path / "cut")
+        assert found[:-1] == expected[: max(len(found) - 1, 0)]
+        if log["state"] == "ended-early":
+            assert log["end_ns"] <= EPOCH_NS + 8 * SECOND
+    assert "refused" in states
+    if name != "a.db3":  # its pages hang together
+        assert "ended-early" in states
+
+
+def test_a_damaged_byte_is_no_crash(rover: tuple[Path, Path], tmp_path: Path) -> None:
+    model, observers = rover
+    for name in FORMATS:
+        whole = write(tmp_path / name, drive(2.0)).read_bytes()
+        for part in range(1, 7):
+            place = len(whole) * part // 7
+            (tmp_path / name).write_bytes(whole[:place] + bytes([whole[place] ^ 0xFF]) + whole[place + 1 :])
+            code = batch_run(
+                tmp_path / "out", tmp_path / name, "--observers", observers, "--overwrite", model=model
+            )
+            assert code in (0, 2)
+
+
+def test_time_by_the_header_is_the_time_of_the_header(rover: tuple[Path, Path], tmp_path: Path) -> None:
+    model, observers = rover
+    for name in FORMATS:
+        log = write(tmp_path / name, [s for s in drive() if s[1] != "diagnostics"], stamp_s=-100.0)
+        out = tmp_path / f"out-{name}"
+        assert batch_run(out, log, "--observers", observers, "--time", "header", model=model) == 0
+        (silent, *_) = [start for start, state, _ in told(out) if state == "faulty"]
+        assert -97.0 < silent < -96.5
+
+
+def test_a_recording_that_goes_back_in_time_has_segments(rover: tuple[Path, Path], tmp_path: Path) -> None:
+    """A simulation that was reset: by the recorder's clock time goes on, by the headers it begins again."""
+    model, observers = rover
+    first = steady("scan", 10, 4.0)
+    log = tmp_path / "a.mcap"
+    with log.open("wb") as file:
+        _scans(file, [(time, time) for time, _, _ in first] + [(4 + time, time) for time, _, _ in first])
+    given = ("--observers", observers, "--time", "header")
+    assert batch_run(tmp_path / "out", log, *given, model=model) == 0
+    found = intervals(tmp_path / "out")
+    assert {one["segment"] for one in found} == {0, 1}
+    assert all(one["end_ns"] >= one["start_ns"] for one in found)
+    assert [one["state"] for one in found if one["segment"] == 1] == ["unknown", "healthy"]
+
+
+def _scans(file: object, times: list[tuple[float, float]], **options: object) -> None:
+    """Write scans, recorded and stamped at these seconds, by another library than the one that reads."""
+    writer = McapWriter(file, chunk_size=1000, **options)  # type: ignore[arg-type]  # handed through
+    writer.start(profile="ros2", library="test")
+    definition = "std_msgs/Header header\nfloat32 range\n" + "=" * 80 + "\nMSG: std_msgs/Header\n"
+    definition += "builtin_interfaces/Time stamp\nstring frame_id\n" + "=" * 80
+    definition += "\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
+    schema = writer.register_schema("my_msgs/msg/Scan", "ros2msg", definition.encode())
+    channel = writer.register_channel("/scan", "cdr", schema)
+    for recorded, stamped in times:
+        at_ns, stamp_ns = (EPOCH_NS + round(time * SECOND) for time in (recorded, stamped))
+        data = (
+            b"\0\1\0\0"
+            + struct.pack("<iII", *divmod(stamp_ns, SECOND), 2)
+            + b"x\0\0\0"
+            + struct.pack("<f", 1.5)
+        )
+        writer.add_message(channel, at_ns, data, at_ns)
+    writer.finish()  # type: ignore[no-untyped-call]  # the library's
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"use_chunking": False},
+        {"use_statistics": False},
+        {"use_summary_offsets": False, "repeat_channels": False},
+    ],
+    ids=lambda options: next(iter(options)),
+)
+def test_a_file_without_index_is_read_as_a_stream(
+    options: dict[str, object], rover: tuple[Path, Path], tmp_path: Path
+) -> None:
+    model, observers = rover
+    with (tmp_path / "a.mcap").open("wb") as file:
+        _scans(file, _silence(), **options)
+    assert batch_run(tmp_path / "out", tmp_path / "a.mcap", "--observers", observers, model=model) == 0
+    (fault,) = [start for start, state, _ in told(tmp_path / "out") if state == "faulty"]
+    assert 3.0 < fault < 3.5
+
+
+def _silence() -> list[tuple[float, float]]:
+    return [(time, time) for time, topic, _ in drive() if topic == "scan"]
+
+
+def test_messages_out_of_order_are_put_in_order_by_the_index(
+    rover: tuple[Path, Path], tmp_path: Path
+) -> None:
+    model, observers = rover
+    times = _silence()
+    blocks = [times[start : start + 7] for start in range(0, len(times), 7)]
+    mixed = [
+        time for pair in zip(blocks[1::2], blocks[::2], strict=False) for block in pair for time in block
+    ]
+    with (tmp_path / "a.mcap").open("wb") as file:
+        _scans(file, mixed)
+    with (tmp_path / "b.mcap").open("wb") as file:
+        _scans(file, sorted(mixed))
+    for name in ("a", "b"):
+        assert (
+            batch_run(tmp_path / name, tmp_path / f"{name}.mcap", "--observers", observers, model=model) == 0
+        )
+    assert told(tmp_path / "a") == told(tmp_path / "b")
+
+
+def test_a_type_that_cannot_be_parsed_costs_its_topic_and_not_the_file(
+    rover: tuple[Path, Path], tmp_path: Path
+) -> None:
+    model, observers = rover
+    with (tmp_path / "a.mcap").open("wb") as file:
+        writer = McapWriter(file)
+        writer.start(profile="ros2", library="test")
+        odd = writer.register_schema("my_msgs/msg/Odd", "ros2msg", b"%%% no definition at all")
+        channels = [writer.register_channel(f"/{topic}", "cdr", odd) for topic in ("odom", "scan")]
+        for time, _ in _silence():
+            for channel in channels:
+                writer.add_message(channel, EPOCH_NS + round(time * SECOND), b"\0\1\0\0", 0)
+        writer.finish()  # type: ignore[no-untyped-call]  # the library's
+    assert batch_run(tmp_path / "out", tmp_path / "a.mcap", "--observers", observers, model=model) == 2
+    (log,) = logs(tmp_path / "out")
+    assert log["state"] == "bad"
+    (problem,) = [problem for problem in log["problems"] if problem["bad"]]
+    assert "odom:twist.twist.angular.z" in problem["reason"]
+    assert [start for start, state, _ in told(tmp_path / "out") if state == "faulty"]  # by the rate of scan
+
+
+def test_a_topic_that_is_not_there_is_told_once_and_unknown(rover: tuple[Path, Path], tmp_path: Path) -> None:
+    model, observers = rover
+    log = write(tmp_path / "a.bag", steady("odom", 20, 3.0))
+    assert batch_run(tmp_path / "out", log, "--observers", observers, model=model) == 0
+    (record,) = logs(tmp_path / "out")
+    reasons = [problem["reason"] for problem in record["problems"]]
+    assert reasons == [
+        "not recorded: what rests on scan is unknown",
+        "not recorded: what rests on diagnostics is unknown",
+    ]
+    assert {state for _, state, _ in told(tmp_path / "out")} == {"unknown", "healthy"}
+
+
+def test_a_topic_that_is_recorded_and_silent_is_silent(rover: tuple[Path, Path], tmp_path: Path) -> None:
+    model, observers = rover
+    log = write_bag(tmp_path / "a.bag", steady("odom", 20, 4.0), silent=["scan"])
+    assert batch_run(tmp_path / "out", log, "--observers", observers, model=model) == 0
+    (fault,) = [start for start, state, _ in told(tmp_path / "out") if state == "faulty"]
+    assert fault == pytest.approx(2.0, abs=0.02)  # `topics:` waits so long for a first message
+
+
+def test_no_numbers_are_left_out_and_counted(rover: tuple[Path, Path], tmp_path: Path) -> None:
+    model, observers = rover
+    odom = [(time, "odom", math.nan if 1 < time < 2 else 0.0) for time, _, _ in steady("odom", 20, 3.0)]
+    assert (
+        batch_run(tmp_path / "out", write(tmp_path / "a.db3", odom), "--observers", observers, model=model)
+        == 0
+    )
+    (record,) = logs(tmp_path / "out")
+    (nan,) = [problem for problem in record["problems"] if "NaN" in problem["reason"]]
+    assert nan["count"] == 19
+
+
+def test_diagnostics_are_read_as_the_bridges_read_them(rover: tuple[Path, Path], tmp_path: Path) -> None:
+    model, observers = rover
+    hot = [(time, "diagnostics", 80.0 if time >= 3 else 40.0) for time, _, _ in steady("diagnostics", 2, 6.0)]
+    for name in FORMATS:
+        log = write(tmp_path / name, hot)
+        assert batch_run(tmp_path / f"out-{name}", log, "--observers", observers, model=model) == 0
+        assert (3.0, "faulty", [["lidar"]]) in told(tmp_path / f"out-{name}")
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("topics: {scn: {rate_hz: 10}}", "did you mean scan"),
+        ("topics: {scan: {rate_hertz: 10}}", "rate_hz"),
+        ("observers: {a: {kind: generl}}", "did you mean"),
+        ("lenient: []", "names no observers"),
+        ("[", ""),
+    ],
+)
+def test_observers_that_cannot_be_are_refused_before_any_log_is_read(
+    text: str, said: str, rover: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    model, observers = rover
+    observers.write_text(text)
+    log = write(tmp_path / "a.bag", steady("scan", 10, 1.0))
+    assert batch_run(tmp_path / "out", log, "--observers", observers, model=model) == 2
+    error = capsys.readouterr().err
+    assert str(observers) in error
+    assert said in error
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_observers_alone_will_do_without_the_word_above_them(
+    rover: tuple[Path, Path], tmp_path: Path
+) -> None:
+    model, observers = rover
+    observers.write_text("scan: {kind: general, rate_hz: 10, tolerance_hz: 2}\n")
+    log = write(tmp_path / "a.bag", drive())
+    assert batch_run(tmp_path / "out", log, "--observers", observers, model=model) == 0
+    assert len([1 for _, state, _ in told(tmp_path / "out") if state == "faulty"]) == 1
+
+
+def test_a_recording_needs_observers(rover: tuple[Path, Path], tmp_path: Path) -> None:
+    model, _ = rover
+    assert batch_run(tmp_path / "out", write(tmp_path / "a.bag", steady("scan", 10, 1.0)), model=model) == 2
+    assert "needs --observers" in logs(tmp_path / "out")[0]["problems"][0]["reason"]
+
+
+def test_other_observers_or_another_clock_are_another_run(rover: tuple[Path, Path], tmp_path: Path) -> None:
+    model, observers = rover
+    log = ndjson(tmp_path / "a.ndjson", (0, "ok(scan)"))
+    assert batch_run(tmp_path / "out", log, "--observers", observers, model=model) == 0
+    before = tree(tmp_path / "out")
+    assert batch_run(tmp_path / "out", log, "--observers", observers, "--time", "header", model=model) == 2
+    observers.write_text("topics: {scan: {rate_hz: 11}}")
+    assert batch_run(tmp_path / "out", log, "--observers", observers, model=model) == 2
+    assert tree(tmp_path / "out") == before
+    assert (
+        batch_run(
+            tmp_path / "out2",
+            write_ros2(tmp_path / "a.mcap", drive(1)),
+            "--observers",
+            observers,
+            model=model,
+        )
+        == 0
+    )
