@@ -27,6 +27,7 @@ LARGEST = frozenset(
         "robomend_store_commit_seconds",
         "robomend_request_hold_worst_seconds",
         "robomend_loop_delay_worst_seconds",
+        "robomend_expected_delay_seconds",
     }
 )
 """Figures of which the largest counts; the others are added up."""

@@ -24,6 +24,7 @@ from robomend_bench.service.fleet import FleetResult, prepare, run_fleet, run_si
 from robomend_bench.service.floods import drip, run_floods
 from robomend_bench.service.hostile import run_hostile
 from robomend_bench.service.measure import children, load_of_others, memory_mb
+from robomend_bench.service.overload import run_overload
 from robomend_bench.service.process import Served, processors, reached, start
 from robomend_bench.service.robots import SimulatedRobot
 from robomend_bench.service.stops import run_stops
@@ -39,6 +40,7 @@ PARTS = (
     "stop",
     "stop-under-attack",
     "strangers",
+    "overload",
 )
 
 Row = tuple[str, str, str]
@@ -291,6 +293,33 @@ async def _strangers(url: str, process: Served | None, wish: dict[str, Any]) -> 
     return {name: asdict(flood) for name, flood in found.items()} | {"drip_s": lived_s}, rows
 
 
+OVERLOAD = 2.0
+"""Times what the service can take."""
+
+
+async def _overload(url: str, process: Served | None, wish: dict[str, Any]) -> Measured:
+    await asyncio.sleep(3.0)  # the service's workers warm up beside it
+    found = await run_overload(
+        url,
+        robots=wish["robots"],
+        factor=OVERLOAD,
+        seconds=wish["seconds"],
+        writers=wish["writers"],
+        seed=wish["seed"],
+    )
+    name = f"{OVERLOAD:g} times what it takes ({found.sustainable_per_s:g}/s), {wish['seconds']:g} s"
+    said = (
+        f"{found.accepted_per_s}/s of {found.asked_per_s}/s, {found.not_sent} not sent; "
+        f"{sum(found.errors.values())} errors, {len(found.lost)} robots differ; sent late {found.sent_late}"
+    )
+    return asdict(found), [
+        (f"{name}: accepted", str(found.accepted), "p99 < 1 s"),
+        (f"{name}: refused (503)", f"{found.refused.count}; {found.refused}", "at once"),
+        (f"{name}: achieved", said, "0, 0"),
+        (f"{name}: `POST` and `DELETE /stop`; `/healthz`", f"{found.stop}; {found.health}", "< 100 ms"),
+    ]
+
+
 STOP_ROBOTS = 4
 """Under repair at a time: each has a board of its own."""
 
@@ -325,4 +354,5 @@ MEASURES: dict[str, Callable[[str, Served | None, dict[str, Any]], Coroutine[Any
     "hostile": _hostile,
     "stop-under-attack": _attack,
     "strangers": _strangers,
+    "overload": _overload,
 }

@@ -98,7 +98,7 @@ def create_app(parts: Parts, *, lifespan: Lifespan | None = None) -> FastAPI:
         app.router.routes.extend(module.router.routes)
     busiest = next(route for route in routes(app) if route.endpoint is observations.post_observations)
     express = Express(parts, app.state.gate, busiest)
-    app.add_middleware(Edge, metrics=parts.metrics, express=express)
+    app.add_middleware(Edge, metrics=parts.metrics, express=express, shedding=parts.shedding)
     default_openapi = app.openapi
     document: dict[str, Any] = {}
 
@@ -124,7 +124,7 @@ def create_control_app(parts: Parts, gate: Admitter) -> FastAPI:
     for route in (*control.router.routes, *operation.router.routes):
         if isinstance(route, APIRoute) and route.path in CONTROLLED:
             app.router.routes.append(route)
-    app.add_middleware(Edge, metrics=parts.metrics, express=None)
+    app.add_middleware(Edge, metrics=parts.metrics, express=None, shedding=None)
     return app
 
 

@@ -13,6 +13,7 @@ from fastapi import Depends, Header, Path, Query, Request
 from robomend.api.loop_watch import LoopWatch
 from robomend.api.problems import Problem
 from robomend.api.schemas.base import NAME
+from robomend.api.shedding import LoadShedding
 from robomend.api.store_probe import StoreProbe
 from robomend.api.streams import Hub
 from robomend.errors import PreconditionRequired
@@ -40,6 +41,7 @@ class Parts:
     metrics: Metrics
     watch: LoopWatch
     probe: StoreProbe
+    shedding: LoadShedding
 
 
 # Dependencies are coroutines even where they wait for nothing: the framework would hand plain functions to a

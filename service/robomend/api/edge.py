@@ -1,5 +1,6 @@
 """The outermost layer: what is done for every request before a route is known, and after its answer.
 
+    a batch that would wait too long ──► 503 (robomend.api.shedding)
     request id ──► Origin ──► the application ──► log line, metrics
 
 A page of another site can make a browser send requests here, so a request that changes something must not
@@ -17,10 +18,11 @@ import structlog
 from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from robomend.api.express import Express
+from robomend.api.express import PATH, RULE, Express
 from robomend.api.loop_watch import timed
 from robomend.api.origin import foreign
 from robomend.api.problems import Problem, unforeseen
+from robomend.api.shedding import LoadShedding
 from robomend.metrics import Metrics
 
 log = structlog.get_logger("robomend.http")
@@ -34,9 +36,12 @@ SECURITY_HEADERS = ((b"x-content-type-options", b"nosniff"), (b"referrer-policy"
 class Edge:
     """ASGI middleware; see the module."""
 
-    def __init__(self, app: ASGIApp, *, metrics: Metrics, express: Express | None) -> None:
+    def __init__(
+        self, app: ASGIApp, *, metrics: Metrics, express: Express | None, shedding: LoadShedding | None
+    ) -> None:
         self._app = app
         self._express = express
+        self._shedding = shedding
         self._metrics = metrics
         self._run = secrets.token_hex(4)  # told apart over restarts and instances
         self._count = count(1)
@@ -50,6 +55,12 @@ class Edge:
         given = headers.get(b"x-request-id", b"")
         request_id = given.decode() if REQUEST_ID.match(given) else f"{self._run}-{next(self._count):x}"
         scope["robomend.request_id"] = request_id
+        if self._shedding is not None and scope["method"] == "POST" and PATH.match(scope["path"]):
+            late = self._shedding.refusal()
+            if late is not None:
+                self._metrics.request("POST", RULE[1], late.status, None)
+                await late.response(request_id)(scope, receive, send)
+                return
         status = 0
 
         async def answer(message: Message) -> None:

@@ -1,6 +1,6 @@
 """A short way for the busiest request of all, POST …/observations with a JSON batch.
 
-    edge ──► plain? ── yes ──► gate ──► read ──► fleet ──► answer
+    edge ──► plain? ── yes ──► gate ──► read ──► robots ──► answer
                │ no
                └─► the framework: routing, exit stacks, dependencies, validation ──► the same functions
 
@@ -61,9 +61,10 @@ class Express:
             batch, once = await read_batch(
                 request, self._parts, principal, None if key is None else key.decode()
             )
-            outcome = await self._parts.robots.observe(
-                scope["path_params"]["robot"], batch, by=reporter_of(principal), once=once
-            )
+            with self._parts.shedding.one():
+                outcome = await self._parts.robots.observe(
+                    scope["path_params"]["robot"], batch, by=reporter_of(principal), once=once
+                )
         except (Problem, RobomendError) as error:
             await answer_to(request, error)(scope, receive, send)
             return

@@ -16,6 +16,7 @@ from fastapi import FastAPI
 from robomend.api.app import create_app
 from robomend.api.deps import Parts
 from robomend.api.loop_watch import LoopWatch
+from robomend.api.shedding import LoadShedding
 from robomend.api.store_probe import StoreProbe
 from robomend.api.streams import Hub
 from robomend.errors import RobomendError
@@ -62,6 +63,9 @@ class Runtime:
         self.repairs = make_repairs(self.store, self.robots, self.planners, self.one_shots, settings)
         self.watch = LoopWatch(self.metrics)
         self.probe = StoreProbe(self.store)
+        shedding = LoadShedding(
+            lambda: self.store.figures().oldest_write_s, lambda: self.watch.delay_s, self.metrics
+        )
         self.parts = Parts(
             settings,
             self.store,
@@ -72,6 +76,7 @@ class Runtime:
             self.metrics,
             self.watch,
             self.probe,
+            shedding,
         )
         self.app: FastAPI = create_app(self.parts, lifespan=self.lifespan)
         self._watch_store()

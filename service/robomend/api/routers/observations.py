@@ -54,7 +54,9 @@ async def post_observations(
         return await ingest(request, parts, robot, principal, idempotency_key)
     batch, once = await read_batch(request, parts, principal, idempotency_key)
     by = reporter_of(principal)
-    return accepted_response(await parts.robots.observe(robot, batch, by=by, once=once))
+    with parts.shedding.one():
+        outcome = await parts.robots.observe(robot, batch, by=by, once=once)
+    return accepted_response(outcome)
 
 
 @router.get("/observations", responses=problems(404))

@@ -1,0 +1,152 @@
+"""Overload: how fast answers are when twice as many changes come as the service can take.
+
+First a closed loop shows what it can take; then a multiple of that is due, whatever the service does. A robot
+has one request under way: what is due meanwhile is not sent, and counted. What is refused must be refused at
+once (503), what is accepted must be quick, and nothing that was accepted may be lost. Beside it, somebody
+asks for health and sets and lifts the stop.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from dataclasses import dataclass, field
+
+from robomend_bench.service.durable import run_posts
+from robomend_bench.service.fleet import prepare
+from robomend_bench.service.measure import Latency
+from robomend_bench.service.robots import SimulatedRobot, body
+from robomend_bench.service.wire import Connection, connect, request
+
+LEFT_S = 30.0
+"""How long what is under way at the end may take."""
+
+LOOK_S = 0.1
+"""Between two looks at health."""
+
+LOOKS = 10
+"""At health, for each stop that is set and lifted: that wakes every robot's repairs."""
+
+
+@dataclass(frozen=True, slots=True)
+class OverloadResult:
+    """What a run showed."""
+
+    sustainable_per_s: float
+    asked_per_s: float
+    accepted_per_s: float
+    accepted: Latency  # from when it was sent
+    refused: Latency  # 503
+    not_sent: int  # due while the robot's request before was under way
+    errors: dict[str, int]  # any other answer
+    lost: tuple[str, ...]  # robots that know of another number of changes than were accepted
+    stop: Latency  # POST and DELETE /stop
+    health: Latency
+    sent_late: Latency  # the generator's own lateness
+
+
+@dataclass
+class _Run:
+    accepted: dict[str, int] = field(default_factory=dict)
+    times: dict[int, list[float]] = field(default_factory=lambda: {200: [], 503: []})
+    errors: dict[str, int] = field(default_factory=dict)
+    busy: set[str] = field(default_factory=set)  # robots with a request under way
+    not_sent: int = 0
+    late: list[float] = field(default_factory=list)
+
+    def send(self, robot: SimulatedRobot, connection: Connection, due: float) -> None:
+        """Send a change of a robot that was due then."""
+        if robot.name in self.busy:
+            self.not_sent += 1
+            return
+        self.busy.add(robot.name)
+        sent = time.perf_counter()
+        self.late.append(sent - due)
+
+        def answered(status: int, _: bytes) -> None:
+            self.busy.discard(robot.name)
+            if status in self.times:
+                self.times[status].append(time.perf_counter() - sent)
+            else:
+                self.errors[str(status)] = self.errors.get(str(status), 0) + 1
+            if status == 200:
+                self.accepted[robot.name] = self.accepted.get(robot.name, 0) + 1
+
+        connection.send(request("POST", robot.path, body(robot.change())), answered)
+
+
+async def run_overload(
+    url: str, *, robots: int, factor: float, seconds: float, writers: int, seed: int
+) -> OverloadResult:
+    """Ask for `factor` times as many changes as can be taken, for so many seconds."""
+    closed = await run_posts(url, writers=writers, seconds=min(seconds, 10.0))
+    fleet = [SimulatedRobot(f"over-{number}", seed, faults=3) for number in range(robots)]
+    await prepare(url, fleet)
+    connections = [await connect(url) for _ in fleet]
+    run, every_s = _Run(), 1 / (factor * closed.per_s)
+    health: list[float] = []
+    stop: list[float] = []
+    looking = asyncio.create_task(_look(url, health, stop))
+    began = time.perf_counter()
+    for number in range(round(seconds / every_s)):
+        due = began + number * every_s
+        while (left := due - time.perf_counter()) > 0:
+            await asyncio.sleep(left)
+        if number % 50 == 0:
+            await asyncio.sleep(0)  # the answers are read, however late we are
+        run.send(fleet[number % robots], connections[number % robots], due)
+    took = time.perf_counter() - began
+    deadline = time.perf_counter() + LEFT_S
+    while run.busy and time.perf_counter() < deadline:
+        await asyncio.sleep(0.05)
+    looking.cancel()
+    await asyncio.wait({looking})
+    for connection in connections:
+        connection.close()
+    if run.busy:
+        run.errors["no answer"] = len(run.busy)
+    return OverloadResult(
+        sustainable_per_s=closed.per_s,
+        asked_per_s=round(factor * closed.per_s, 1),
+        accepted_per_s=round(len(run.times[200]) / max(took, seconds), 1),
+        accepted=Latency.of(run.times[200]),
+        refused=Latency.of(run.times[503]),
+        not_sent=run.not_sent,
+        errors=run.errors,
+        lost=tuple(await _differences(url, fleet, run.accepted)),
+        stop=Latency.of(stop),
+        health=Latency.of(health),
+        sent_late=Latency.of(run.late),
+    )
+
+
+async def _look(url: str, health: list[float], stop: list[float]) -> None:
+    """Ask for health, and set and lift the stop, each on a connection of its own, as a watchdog would."""
+    looked = (health, request("GET", "/healthz"))
+    asked = (
+        *(looked,) * LOOKS,
+        (stop, request("POST", "/api/v1/stop", b'{"reason": "bench"}')),
+        (stop, request("DELETE", "/api/v1/stop?reason=bench")),
+    )
+    while True:
+        for times, wire in asked:
+            began = time.perf_counter()
+            connection = await connect(url)
+            status, _ = await connection.ask(wire)
+            connection.close()
+            if status in (200, 202):
+                times.append(time.perf_counter() - began)
+            await asyncio.sleep(LOOK_S)
+
+
+async def _differences(url: str, fleet: list[SimulatedRobot], accepted: dict[str, int]) -> list[str]:
+    """Return where the service knows of another number of changes than it has accepted."""
+    connection = await connect(url)
+    lost = []
+    for robot in fleet:
+        obs = await connection.api("GET", f"/robots/{robot.name}/observations")
+        known, wanted = obs["revision"], 1 + accepted.get(robot.name, 0)  # the first says that it is sound
+        if known != wanted:
+            lost.append(f"{robot.name}: revision {known}, accepted {wanted}")
+    connection.close()
+    return lost
