@@ -13,8 +13,8 @@ from tests.robomend_batch.recordings import EPOCH_NS, Sample, steady, write, wri
 from tests.robomend_batch.running import batch_run, intervals, logs, ndjson, tree
 
 from robomend_client.literals import Atom
-from robomend_client.observers.base import SECOND
 from robomend_client.observers import Change, Driver
+from robomend_client.observers.base import SECOND
 from robomend_client.observers.kinds import read_lenient, read_observers, read_topics
 from robomend_client.observers.recording import Recording
 from robomend_client.yaml_reader import read
