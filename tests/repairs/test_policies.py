@@ -145,13 +145,14 @@ async def test_after_the_policy_became_observe_the_running_repair_does_nothing_m
         await forbidden.wait()
         return None
 
-    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
+    patient = {name: {**action, "timeout_s": 60.0} for name, action in CONFIG["actions"].items()}
+    async with service(tmp_path) as runtime, robot_on(runtime, actions=patient) as robot:
         robot.spoil = slow
         await robot.settled()
         robot.cut("base")
         await begun.wait()
         etag = (await runtime.robots.memory.robot("r1")).stored.etag
-        watched = {**CONFIG, "policy": "observe"}
+        watched = {**CONFIG, "actions": patient, "policy": "observe"}
         await runtime.robots.put_robot("r1", watched, expected=etag, by="ann")
         forbidden.set()
         repair = await the_repair(runtime)
