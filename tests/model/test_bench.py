@@ -48,7 +48,9 @@ def test_reads_c17() -> None:
     system = circuit(C17, name="c17")
     cnf = system.cnf
     assert cnf.components == ("10", "11", "16", "19", "22", "23")
-    assert len(cnf.clauses) == 18
+    assert len(cnf.clauses) == len(cnf.origins) == 18
+    for clause, gate in zip(cnf.clauses, cnf.origins, strict=True):  # each is of a gate, if that is healthy
+        assert -cnf.health[cnf.components[gate]] in clause
     assert cnf.inputs == tuple(Atom("v", (net,)) for net in "12367")
     assert cnf.outputs == (Atom("v", ("22",)), Atom("v", ("23",)))
     assert cnf.circuit
@@ -77,6 +79,12 @@ def test_a_healthy_gate_computes_its_function_and_an_abnormal_one_anything(
                 observed = [*given_values, wire["z"] if out else -wire["z"]]
                 assert solver.solve(assumptions=[1, *observed]) == (out == right)
                 assert solver.solve(assumptions=[-1, *observed])
+
+
+def test_a_net_is_the_same_with_a_slash_before_it_and_a_slash_alone_is_a_name() -> None:
+    cnf = circuit("INPUT( /a )\nINPUT(/)\nOUTPUT(z)\nz = AND(a, /)").cnf
+    assert cnf.inputs == (Atom("v", ("a",)), Atom("v", ("/",)))
+    assert {atom.args[0] for atom in cnf.atoms} == {"a", "/", "z"}
 
 
 def test_flip_flops_are_cut() -> None:

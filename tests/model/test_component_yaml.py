@@ -100,6 +100,9 @@ def test_reads_everything_that_the_format_has() -> None:
         ("load: {}", "odom: {}", 21, "`odom` is a topic already"),
         ("topic: cmd, field: z", "topic: cmd", 22, "value turn needs `field:`"),
         ("topic: cmd,", "topic: cmds,", 22, "did you mean `cmd`"),
+        ("values: {yaw: ", "values:\n  {yaw: {topic: oddom, field: c}, twist:\n ", 23, "did you mean `odom`"),
+        ("turn: {topic: cmd,", "\n  turn: {topic: cmds,", 23, "did you mean `cmd`"),
+        ("temp: {cost: 4}, load: {}", "temp: {cost: 4},\n  odom: {}", 22, "`odom` is a topic already"),
         ("[[yaw, turn]]", "[[yaw, yaw]]", 23, "twice"),
         ("[[yaw, turn]]", "[[yaw]]", 23, "two different values"),
         ("[[yaw, turn]]", "[[yaw, tern]]", 23, "did you mean `turn`"),
@@ -170,6 +173,9 @@ def test_files_that_cannot_be_read_are_refused(tmp_path_factory: pytest.TempPath
     (folder / "latin.yaml").write_bytes(b"robomend: 1\nname: \xe9")
     with pytest.raises(ModelError, match=r"latin.yaml:2: not UTF-8"):
         load_model(folder / "latin.yaml")
+    (folder / "blank.yaml").write_bytes(b"\n\n\xe9")
+    with pytest.raises(ModelError, match=r"blank.yaml:3: not UTF-8"):
+        load_model(folder / "blank.yaml")
     (folder / "bom.yaml").write_bytes(b"\xef\xbb\xbfrobomend: 1\nnodes: [a]")
     assert load_model(folder / "bom.yaml").name == "bom"
 

@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robomend.model.budget import StepCount
+from robomend.model.clauses import describe
 from robomend.model.formulas import And, Formula, Implies, Leaf, Not, Or, Quantified, Truth, Variable, leaves
 from robomend.model.grounding import ground
 from robomend.model.sentences import parse
@@ -144,3 +145,17 @@ def test_several_bindings_are_several_quantifiers() -> None:
         for chosen in combinations(VOCABULARY.sorts["nodes"], size):
             true = frozenset(Atom("q", (name,)) for name in chosen)
             assert value(one, true, {}) == (size >= 2)
+
+
+@pytest.mark.parametrize(
+    "sentence",
+    [
+        "forall n in nodes: q(n)",
+        "exists n in nodes: q(n)",
+        "forall n in nodes where not same(n,a): exists t in topics where publishes(n,t): p(n,t)",
+    ],
+)
+def test_a_quantified_sentence_is_told_as_it_was_said(sentence: str) -> None:
+    told = describe(read(sentence))
+    assert told.replace(", ", ",") == sentence
+    assert ground(read(told), VOCABULARY) == ground(read(sentence), VOCABULARY)

@@ -104,8 +104,10 @@ def clause(*of: str) -> Words:
 
 
 def test_a_device_without_channel_beside_a_switchable_one_adds_nothing() -> None:
-    found = clauses("hardware: {a: {channel: 1}, b: {}}\nnodes: {n: {drives: [a, b], publishes: {t: []}}}")
-    assert clause("ab(n)", "ab(a)", "ok(t)") in found
+    text = "hardware: {a: {channel: 1}, b: {}}\nnodes: {n: {drives: [a, b], publishes: {t: []}}}"
+    assert clause("ab(n)", "ab(a)", "ok(t)") in clauses(text)
+    cnf = load_text(f"robomend: 1\n{text}").cnf
+    assert [rule.source for rule in cnf.rules if "ok(t)" in rule.text] == ["scheme 2"]
 
 
 def test_blame_hardware_puts_a_device_without_channel_into_its_drivers_clause() -> None:

@@ -57,7 +57,7 @@ class Modes:
 
     component: str
     formulas: Mapping[str, tuple[Formula, ...]]
-    exhaustive: bool = False
+    exhaustive: bool
     line: int | None = None
 
 

@@ -67,9 +67,10 @@ def load_text(
         tree = read_tree(text)
     except YamlError as error:
         raise ModelError(error.message, file, error.line) from error
-    if format == "component" or (isinstance(tree, Mapping) and "robomend" in tree.items):
+    keys = tree.items.keys() if format is None and isinstance(tree, Mapping) else ()
+    if format == "component" or "robomend" in keys:
         return compile_robot(read_model(tree, name, file), source=text, file=file, most=most)
-    if format == "five-key" or (isinstance(tree, Mapping) and not tree.items.keys().isdisjoint(KEYS)):
+    if format == "five-key" or any(key in keys for key in KEYS):
         return system_of(read_five_key(tree, file), name=name or "model", source=text, file=file)
     raise ModelError(
         "no model: a component model begins with `robomend: 1`, a five-key model has the keys "
