@@ -7,9 +7,11 @@ observers or options is refused.
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from time import monotonic
 from typing import Any
@@ -80,11 +82,7 @@ def open_manifest(out: Path, settings: dict[str, Any], names: Iterable[str], *, 
         AnotherRun: it holds something else, or other logs beside these.
         InputError: it cannot be made.
     """
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        strangers = [entry.name for entry in out.iterdir() if entry.name not in (*OURS, RESULTS)]
-    except OSError as error:
-        raise InputError(f"{out}: {error.strerror}; name a folder that can be written") from error
+    strangers = [entry.name for entry in out.iterdir() if entry.name not in (*OURS, RESULTS)]
     known = read_manifest(out) if (out / NAME).exists() else None
     if known is None and [name for name in strangers if not name.endswith(".tmp")]:
         raise AnotherRun(f"{out} holds {strangers[0]}, and no results: name a folder of its own")
@@ -96,6 +94,24 @@ def open_manifest(out: Path, settings: dict[str, Any], names: Iterable[str], *, 
     (out / RESULTS).mkdir(exist_ok=True)
     known.write()
     return known
+
+
+@contextmanager
+def alone_in(out: Path) -> Iterator[None]:
+    """Hold a folder, which is made if need be, against other runs; InputError if one is at work in it."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        held = os.open(out, os.O_RDONLY)
+    except OSError as error:
+        raise InputError(f"{out}: {error.strerror}; name a folder that can be written") from error
+    try:
+        try:
+            fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise InputError(f"{out}: another run is at work in it") from None
+        yield
+    finally:
+        os.close(held)
 
 
 def read_manifest(out: Path) -> Manifest:
