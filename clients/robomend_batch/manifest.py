@@ -36,9 +36,13 @@ class AnotherRun(InputError):
 class Manifest:
     """See the module."""
 
-    def __init__(self, out: Path, settings: dict[str, Any], files: dict[str, dict[str, Any]]) -> None:
+    def __init__(
+        self, out: Path, settings: dict[str, Any], source: str, files: dict[str, dict[str, Any]]
+    ) -> None:
         self.out = out
         self.settings = settings
+        self.source = source
+        """Of the model."""
         self.files = files
         self._written_s = -EVERY_S
 
@@ -66,6 +70,7 @@ class Manifest:
             {
                 "robomend_batch": SCHEMA_VERSION,
                 "settings": self.settings,
+                "model": self.source,
                 "files": {name: self.files[name] for name in sorted(self.files)},
             },
             indent=1,
@@ -75,7 +80,9 @@ class Manifest:
         self._written_s = monotonic()
 
 
-def open_manifest(out: Path, settings: dict[str, Any], names: Iterable[str], *, overwrite: bool) -> Manifest:
+def open_manifest(
+    out: Path, settings: dict[str, Any], source: str, names: Iterable[str], *, overwrite: bool
+) -> Manifest:
     """Return the manifest of a folder, which is made if need be.
 
     Raises:
@@ -90,7 +97,7 @@ def open_manifest(out: Path, settings: dict[str, Any], names: Iterable[str], *, 
         _check_same(out, known, settings, frozenset(names))
     if overwrite or known is None:
         _clear(out)
-        known = Manifest(out, settings, {})
+        known = Manifest(out, settings, source, {})
     (out / RESULTS).mkdir(exist_ok=True)
     known.write()
     return known
@@ -120,7 +127,7 @@ def read_manifest(out: Path) -> Manifest:
         found = json.loads((out / NAME).read_bytes().decode("utf-8", "surrogateescape"))
         if found["robomend_batch"] != SCHEMA_VERSION:
             raise InputError(f"{out} was written by another version of robomend-batch: run it anew")
-        return Manifest(out, found["settings"], found["files"])
+        return Manifest(out, found["settings"], found["model"], found["files"])
     except FileNotFoundError:
         raise InputError(f"{out} holds no results of robomend-batch") from None
     except OSError as error:

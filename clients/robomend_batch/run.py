@@ -99,7 +99,7 @@ def _run(
     workers: int,
     progress: Callable[[int, int], Progress],
 ) -> Summary:
-    manifest = open_manifest(setup.out, settings_of(setup), names, overwrite=overwrite)
+    manifest = open_manifest(setup.out, settings_of(setup), setup.system.source, names, overwrite=overwrite)
     left = [name for name in names if not manifest.done(name)]
     stamps = {name: stamp(name) for name in left}  # before they are read
     shown = progress(len(left), sum(size for size, _ in stamps.values()))
