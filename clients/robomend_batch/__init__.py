@@ -12,5 +12,7 @@ answers.py             what the distinct codes come to
 parts.py               equal neighbours are one interval; files written beside and renamed
 one_log.py             all of it for one log
 manifest.py            what a folder of results was made of, and which logs are done
+pool.py                worker processes, which may die
 run.py                 all logs, in order
+results.py, faults.py  a folder of results, read again; report.py, query_command.py
 """

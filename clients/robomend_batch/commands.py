@@ -11,6 +11,8 @@ from robomend.cli.lazy import LazyGroup, Table
 
 COMMANDS: Table = {
     "run": ("robomend_batch.run_command:command", "Diagnose logs into a folder of results."),
+    "report": ("robomend_batch.report_command:command", "Write results as one HTML file."),
+    "query": ("robomend_batch.query_command:command", "Answer SQL over results."),
 }
 
 

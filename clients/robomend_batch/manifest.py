@@ -7,9 +7,11 @@ observers or options is refused.
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from time import monotonic
 from typing import Any
@@ -34,9 +36,13 @@ class AnotherRun(InputError):
 class Manifest:
     """See the module."""
 
-    def __init__(self, out: Path, settings: dict[str, Any], files: dict[str, dict[str, Any]]) -> None:
+    def __init__(
+        self, out: Path, settings: dict[str, Any], source: str, files: dict[str, dict[str, Any]]
+    ) -> None:
         self.out = out
         self.settings = settings
+        self.source = source
+        """Of the model."""
         self.files = files
         self._written_s = -EVERY_S
 
@@ -64,6 +70,7 @@ class Manifest:
             {
                 "robomend_batch": SCHEMA_VERSION,
                 "settings": self.settings,
+                "model": self.source,
                 "files": {name: self.files[name] for name in sorted(self.files)},
             },
             indent=1,
@@ -73,18 +80,16 @@ class Manifest:
         self._written_s = monotonic()
 
 
-def open_manifest(out: Path, settings: dict[str, Any], names: Iterable[str], *, overwrite: bool) -> Manifest:
+def open_manifest(
+    out: Path, settings: dict[str, Any], source: str, names: Iterable[str], *, overwrite: bool
+) -> Manifest:
     """Return the manifest of a folder, which is made if need be.
 
     Raises:
         AnotherRun: it holds something else, or other logs beside these.
         InputError: it cannot be made.
     """
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        strangers = [entry.name for entry in out.iterdir() if entry.name not in (*OURS, RESULTS)]
-    except OSError as error:
-        raise InputError(f"{out}: {error.strerror}; name a folder that can be written") from error
+    strangers = [entry.name for entry in out.iterdir() if entry.name not in (*OURS, RESULTS)]
     known = read_manifest(out) if (out / NAME).exists() else None
     if known is None and [name for name in strangers if not name.endswith(".tmp")]:
         raise AnotherRun(f"{out} holds {strangers[0]}, and no results: name a folder of its own")
@@ -92,10 +97,28 @@ def open_manifest(out: Path, settings: dict[str, Any], names: Iterable[str], *, 
         _check_same(out, known, settings, frozenset(names))
     if overwrite or known is None:
         _clear(out)
-        known = Manifest(out, settings, {})
+        known = Manifest(out, settings, source, {})
     (out / RESULTS).mkdir(exist_ok=True)
     known.write()
     return known
+
+
+@contextmanager
+def alone_in(out: Path) -> Iterator[None]:
+    """Hold a folder, which is made if need be, against other runs; InputError if one is at work in it."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        held = os.open(out, os.O_RDONLY)
+    except OSError as error:
+        raise InputError(f"{out}: {error.strerror}; name a folder that can be written") from error
+    try:
+        try:
+            fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise InputError(f"{out}: another run is at work in it") from None
+        yield
+    finally:
+        os.close(held)
 
 
 def read_manifest(out: Path) -> Manifest:
@@ -104,7 +127,7 @@ def read_manifest(out: Path) -> Manifest:
         found = json.loads((out / NAME).read_bytes().decode("utf-8", "surrogateescape"))
         if found["robomend_batch"] != SCHEMA_VERSION:
             raise InputError(f"{out} was written by another version of robomend-batch: run it anew")
-        return Manifest(out, found["settings"], found["files"])
+        return Manifest(out, found["settings"], found["model"], found["files"])
     except FileNotFoundError:
         raise InputError(f"{out} holds no results of robomend-batch") from None
     except OSError as error:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -195,7 +196,9 @@ class PartFiles:
     def write(self, frame: pl.DataFrame) -> None:
         """Write the next one."""
         file = self._folder / f"{self._name}-{len(self.written):03}.parquet"
-        beside = file.with_suffix(".tmp")
-        frame.rechunk().write_parquet(beside, compression="zstd", statistics=True)
+        data = BytesIO()  # so that a full disk is an OSError with its number
+        frame.rechunk().write_parquet(data, compression="zstd", statistics=True)
+        beside = file.with_suffix(f".{os.getpid()}.tmp")  # the worker of a killed run may not be gone yet
+        beside.write_bytes(data.getbuffer())
         os.replace(beside, file)
         self.written.append(file.name)

@@ -2,28 +2,21 @@
 
 from __future__ import annotations
 
-import errno
 import json
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from hashlib import sha256
 from importlib.metadata import version
+from io import BytesIO
 from typing import Any
 
-from robomend.errors import BackendError
-from robomend_batch.manifest import Manifest, keep_parts, open_manifest, stamp, write_beside
+from robomend_batch.errors import FULL, DiskFull
+from robomend_batch.manifest import Manifest, alone_in, keep_parts, open_manifest, stamp, write_beside
 from robomend_batch.observing import digest
-from robomend_batch.one_log import RESULTS, Diagnoser, Record, Setup
+from robomend_batch.one_log import RESULTS, Record, Setup
+from robomend_batch.pool import in_this_process, in_workers
 from robomend_batch.progress import Progress
-
-FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-
-
-class DiskFull(BackendError):
-    """Results cannot be written."""
-
-    code = "disk-full"
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,49 +65,64 @@ def run(
     *,
     overwrite: bool = False,
     ndjson: bool = True,
+    workers: int = 0,
     progress: Callable[[int, int], Progress] = Progress,
 ) -> Summary:
     """Diagnose logs into a folder.
+
+    Args:
+        setup: model, options, folder.
+        names: of the files.
+        overwrite: replace the results of another run.
+        ndjson: write results.ndjson as well.
+        workers: processes; 0: none but this one.
+        progress: made with the number of files and their bytes.
 
     Raises:
         AnotherRun: the folder holds something else.
         DiskFull: the results cannot be written; the same call goes on.
     """
-    manifest = open_manifest(setup.out, settings_of(setup), names, overwrite=overwrite)
+    with alone_in(setup.out):
+        try:
+            return _run(setup, names, overwrite, ndjson, workers, progress)
+        except OSError as error:
+            if error.errno in FULL:
+                raise DiskFull(f"{setup.out}: {error.strerror}") from error
+            raise
+
+
+def _run(
+    setup: Setup,
+    names: list[str],
+    overwrite: bool,
+    ndjson: bool,
+    workers: int,
+    progress: Callable[[int, int], Progress],
+) -> Summary:
+    manifest = open_manifest(setup.out, settings_of(setup), setup.system.source, names, overwrite=overwrite)
     left = [name for name in names if not manifest.done(name)]
-    sizes = {name: stamp(name)[0] for name in left}
-    shown = progress(len(left), sum(sizes.values()))
+    stamps = {name: stamp(name) for name in left}  # before they are read
+    shown = progress(len(left), sum(size for size, _ in stamps.values()))
+    lost: list[Record] = []
     try:
-        for name, stamped, records in _diagnosed(setup, left):
-            manifest.finish(name, stamped, records)
-            shown.finished(sizes[name])
+        done = in_workers(setup, left, workers) if workers else in_this_process(setup, left)
+        for name, records in done:
+            if not any(record["state"] == "lost" for record in records):  # the same command tries those again
+                manifest.finish(name, stamps[name], records)
+            else:
+                lost += records
+            shown.finished(stamps[name][0])
             for record in records:
                 for problem in record["problems"]:
                     many = f" ({problem['count']} times)" if problem["count"] > 1 else ""
                     shown.say(f"{record['state']}: {problem['place']}: {problem['reason']}{many}")
-    except OSError as error:
-        if error.errno in FULL:
-            raise DiskFull(
-                f"{setup.out}: {error.strerror}; make room, and the same command goes on"
-            ) from error
-        raise
     finally:
         shown.close()
         manifest.write()
-    records = manifest.records
+    records = sorted([*manifest.records, *lost], key=lambda record: str(record["log"]))
     keep_parts(setup.out, frozenset(part for record in records for part in record["parts"]))
     _write_lists(manifest, records, ndjson)
     return Summary(records)
-
-
-def _diagnosed(setup: Setup, names: list[str]) -> Iterator[tuple[str, tuple[int, int], list[Record]]]:
-    diagnoser = Diagnoser(setup)
-    try:
-        for name in names:
-            stamped = stamp(name)
-            yield name, stamped, diagnoser.diagnose(name)
-    finally:
-        diagnoser.close()
 
 
 def _write_lists(manifest: Manifest, records: list[Record], ndjson: bool) -> None:
@@ -131,5 +139,7 @@ def _write_lists(manifest: Manifest, records: list[Record], ndjson: bool) -> Non
     with beside.open("wb") as file:
         for record in records:
             for part in record["parts"]:
-                pl.read_parquet(manifest.out / RESULTS / part).write_ndjson(file)
+                text = BytesIO()  # so that a full disk is an OSError with its number
+                pl.read_parquet(manifest.out / RESULTS / part).write_ndjson(text)
+                file.write(text.getbuffer())
     os.replace(beside, results)

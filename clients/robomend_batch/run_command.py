@@ -50,6 +50,11 @@ BAD_INPUT, BACKEND_FAILED, FAULT = 2, 3, 1
     show_default=True,
     help="A log with names that the model does not declare.",
 )
+@click.option(
+    "--workers",
+    type=click.IntRange(min=0, max=256),
+    help="Processes; default: as many as cores, and no more than logs. 0: none but this one.",
+)
 @click.option("--overwrite", is_flag=True, help="OUT holds results of another run: replace them.")
 @click.option("--ndjson/--no-ndjson", default=True, show_default=True, help="Write results.ndjson as well.")
 @click.option("--fail-on-fault", is_flag=True, help="Exit with 1 if any log shows a fault.")
@@ -65,6 +70,7 @@ def command(logs: tuple[str, ...], model: str, out: Path, **given: Any) -> int:
     """
     from robomend_batch.observing import check_declared, load_observers
     from robomend_batch.one_log import Setup
+    from robomend_batch.pool import usable_cores
     from robomend_batch.progress import Progress
     from robomend_batch.run import run
 
@@ -80,6 +86,7 @@ def command(logs: tuple[str, ...], model: str, out: Path, **given: Any) -> int:
         names,
         overwrite=given["overwrite"],
         ndjson=given["ndjson"],
+        workers=min(usable_cores(), len(names)) if given["workers"] is None else given["workers"],
         progress=lambda count, size: Progress(count, size, quiet=given["quiet"]),
     )
     tell(summary, out)

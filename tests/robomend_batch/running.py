@@ -18,7 +18,8 @@ PROGRAM = [sys.executable, "-c", "from robomend_batch.main import main; main()"]
 
 def batch_run(out: Path, *given: str | Path, model: str | Path = TEDUSAR) -> int:
     """Run in this process; return the exit code."""
-    return run(["run", *map(str, given), "--model", str(model), "--out", str(out), "--quiet"], batch)
+    line = ["run", *map(str, given), "--model", str(model), "--out", str(out), "--quiet", "--workers", "0"]
+    return run(line, batch)
 
 
 def intervals(out: Path) -> list[dict[str, Any]]:

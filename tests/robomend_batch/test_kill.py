@@ -16,7 +16,7 @@ from tests.waiting import until
 LOGS = 12
 
 
-def many_logs(folder: Path, lines: int = 6000) -> Path:
+def many_logs(folder: Path, lines: int = 3000) -> Path:
     """Write logs that take some seconds together."""
     folder.mkdir()
     said = ["ok(odom)", "not ok(odom)", "ok(scan)", "not on(jaguar)", "on(jaguar)", "not ok(map)", "ok(map)"]

@@ -29,6 +29,9 @@ FORMATS = {
 
 MOST_DEPTH = 20
 
+EMPTY = "structure_needs_at_least_one_member"
+"""The field of messages that have none: a byte of CDR, and nothing in ROS 1."""
+
 
 class NoField(ValueError):
     """A type has no such field, or it is no single value."""
@@ -53,8 +56,9 @@ class _Steps:
         if kind == Nodetype.BASE:
             self._base(detail[0], 1)
         elif kind == Nodetype.NAME:
-            for _, inner in self.fields[detail][1]:
-                self.skip(inner, depth + 1)
+            for name, inner in self.fields[detail][1]:
+                if name != EMPTY or self.cdr:
+                    self.skip(inner, depth + 1)
         elif kind == Nodetype.ARRAY:
             (inner_kind, inner), count = detail
             if inner_kind == Nodetype.BASE:

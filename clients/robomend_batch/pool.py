@@ -1,0 +1,179 @@
+"""Worker processes: each diagnoses one file after another, and may die of one.
+
+    run ──► file ──► worker ──► records ──► run
+             └── the worker died: a new one, and the file again, MOST_DEATHS times; then the file is left out
+
+They are spawned, so that they begin with nothing of ours in a strange state; engines do not pickle, the
+system description does. A worker whose run is gone ends.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import traceback
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from multiprocessing import get_context
+from multiprocessing.connection import Connection, wait
+from multiprocessing.context import SpawnProcess
+from typing import Any
+
+from robomend.workers.parent import die_with_parent
+from robomend_batch.errors import FULL, DiskFull
+from robomend_batch.one_log import Diagnoser, Record, Setup, refused
+from robomend_batch.problems import Problems
+
+MOST_DEATHS = 3
+"""Workers that a file may cost."""
+
+END_S = 5.0
+
+
+def usable_cores() -> int:
+    """Return how many cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def in_this_process(setup: Setup, names: Sequence[str]) -> Iterator[tuple[str, list[Record]]]:
+    """Diagnose files one after another, without a worker."""
+    diagnoser = Diagnoser(setup)
+    try:
+        for name in names:
+            yield name, diagnoser.diagnose(name)
+    finally:
+        diagnoser.close()
+
+
+@dataclass
+class _Worker:
+    process: SpawnProcess
+    pipe: Connection
+    name: str | None = None  # the file that it has in hand
+
+
+@dataclass
+class _Pool:
+    setup: Setup
+    waiting: deque[str]
+    threads: int
+    workers: list[_Worker] = field(default_factory=list)
+    deaths: dict[str, int] = field(default_factory=dict)
+
+    def start(self) -> None:
+        """Start a worker and give it a file."""
+        context = get_context("spawn")
+        ours, theirs = context.Pipe()
+        process = context.Process(target=_work, args=(self.setup, theirs, self.threads), daemon=True)
+        process.start()
+        theirs.close()
+        worker = _Worker(process, ours)
+        self.workers.append(worker)
+        self.give(worker)
+
+    def give(self, worker: _Worker) -> None:
+        """Give a worker the next file, or let it end."""
+        worker.name = self.waiting.popleft() if self.waiting else None
+        try:
+            worker.pipe.send(worker.name)
+        except OSError:  # it has died: that is seen where its answer is waited for
+            return
+        if worker.name is None:
+            self.workers.remove(worker)
+            worker.pipe.close()
+            worker.process.join(END_S)
+
+    def buried(self, worker: _Worker) -> list[Record] | None:
+        """Replace a worker that died; return the record of its file if that is left out."""
+        worker.process.join(END_S)
+        self.workers.remove(worker)
+        worker.pipe.close()
+        name, records = worker.name, None
+        assert name is not None
+        self.deaths[name] = self.deaths.get(name, 0) + 1
+        if self.deaths[name] < MOST_DEATHS:
+            self.waiting.appendleft(name)
+        else:
+            records = [lost(name, f"it cost {MOST_DEATHS} workers: {_end_of(worker.process)}")]
+        if self.waiting:
+            self.start()
+        return records
+
+    def end(self) -> None:
+        """End what still runs."""
+        for worker in self.workers:
+            worker.process.kill()
+        for worker in self.workers:
+            worker.process.join(END_S)
+            worker.pipe.close()
+
+
+def in_workers(setup: Setup, names: Sequence[str], workers: int) -> Iterator[tuple[str, list[Record]]]:
+    """Diagnose files in so many worker processes; yield each as it is done.
+
+    Raises:
+        DiskFull: a worker could not write its results.
+    """
+    pool = _Pool(setup, deque(names), max(1, usable_cores() // workers))
+    try:
+        for _ in range(min(workers, len(names))):
+            pool.start()
+        while pool.workers:
+            for pipe in wait([worker.pipe for worker in pool.workers]):
+                worker = next(worker for worker in pool.workers if worker.pipe is pipe)
+                name = worker.name
+                try:
+                    kind, told = worker.pipe.recv()
+                except (EOFError, OSError):
+                    if (records := pool.buried(worker)) is not None:
+                        yield str(name), records
+                    continue
+                if kind == "full":
+                    raise DiskFull(told)
+                pool.give(worker)
+                yield str(name), told if kind == "done" else [lost(str(name), told)]
+    finally:
+        pool.end()
+
+
+def lost(name: str, reason: str) -> Record:
+    """Return the record of a file that no worker survived."""
+    problems = Problems()
+    problems.add(name, reason, bad=True)
+    return refused(name, None, problems, "lost")
+
+
+def _end_of(process: SpawnProcess) -> str:
+    code = process.exitcode
+    if code is not None and code < 0:
+        return f"killed by {signal.Signals(-code).name}"
+    return f"ended with {code}"
+
+
+def _work(setup: Setup, pipe: Connection, threads: int) -> None:
+    """Run in the worker."""
+    die_with_parent()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the run's business
+    os.environ["POLARS_MAX_THREADS"] = str(threads)  # before it is imported
+    diagnoser = Diagnoser(setup)
+    try:
+        while (name := pipe.recv()) is not None:
+            pipe.send(_told(diagnoser, name))
+    except (EOFError, BrokenPipeError):
+        return
+    finally:
+        diagnoser.close()
+
+
+def _told(diagnoser: Diagnoser, name: str) -> tuple[str, Any]:
+    try:
+        return "done", diagnoser.diagnose(name)
+    except OSError as error:
+        if error.errno in FULL:
+            return "full", str(error)
+        return "failed", f"{type(error).__name__}: {error}"
+    except Exception as error:  # noqa: BLE001  # a bug costs the log, not the run
+        frames = traceback.extract_tb(error.__traceback__)
+        place = f" ({frames[-1].filename}:{frames[-1].lineno})" if frames else ""
+        return "failed", f"{type(error).__name__}: {error}{place}"

@@ -1,0 +1,275 @@
+"""The report: one HTML file that needs nothing else, no network and no script.
+
+figures of the run · faults, those of most logs first, with their explanation · all logs · a timeline of each
+log with a fault, as in the paper's figures 5 and 6
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from datetime import UTC, datetime
+from html import escape
+
+from robomend.web.timeline import BAD, GOOD, Mark, Span, Timeline, svg
+from robomend_batch.faults import FAULTY, Fault, explain, find_faults
+from robomend_batch.one_log import Record
+from robomend_batch.results import Interval, Results, record_span_ns, short_times, told
+
+FAULTS, TIMELINES, ROWS = 20, 100, 24
+"""Of each so many are shown; the rest is counted."""
+
+COLUMNS = 880
+"""Moments of a timeline that can be told apart."""
+
+CONTRADICTORY = "#6b4c9a"
+UNKNOWN = "#d5dae0"
+COLOURS = {"healthy": GOOD, "faulty": BAD, "contradictory": CONTRADICTORY, "unknown": UNKNOWN}
+
+WORDS = {
+    "ok": "",
+    "ended-early": "ended early",
+    "bad": "read in part",
+    "refused": "refused",
+    "lost": "lost",
+}
+
+STYLE = """
+:root{color-scheme:light}
+body{font:15px/1.5 system-ui,"Segoe UI",Roboto,Helvetica,Arial,sans-serif}
+body{color:#1f2933;background:#f7f8fa;margin:0}
+main{max-width:1120px;margin:0 auto;padding:28px 20px 60px}
+h1{font-size:26px;margin:0 0 2px}h2{font-size:19px;margin:36px 0 10px}
+.muted{color:#616e7c}.figures{display:flex;flex-wrap:wrap;gap:12px;margin:18px 0}
+.figure{background:#fff;border:1px solid #e4e7eb;border-radius:8px;padding:10px 16px;min-width:110px}
+.figure b{display:block;font-size:22px}.figure.bad b{color:#b23a48}
+.card{background:#fff;border:1px solid #e4e7eb;border-radius:8px;padding:12px 16px;margin:0 0 10px}
+.card h3{margin:0;font-size:16px}.card ul{margin:6px 0 0;padding-left:20px}
+table{border-collapse:collapse;width:100%;background:#fff;border:1px solid #e4e7eb;border-radius:8px}
+th{text-align:left;font-weight:600;color:#616e7c;font-size:13px}
+th,td{padding:7px 10px;border-bottom:1px solid #eef0f3;vertical-align:top}
+td.n{text-align:right;white-space:nowrap;font-variant-numeric:tabular-nums}
+td.name{overflow-wrap:anywhere;min-width:180px}
+.bar{display:flex;width:190px;height:12px;border-radius:3px;overflow:hidden;background:#eef0f3;margin-top:5px}
+.bar i{display:block}
+.tag{background:#fbe9e7;color:#8c2f23;border-radius:4px;padding:1px 7px;font-size:12px;white-space:nowrap}
+.legend i{display:inline-block;width:12px;height:12px;border-radius:2px;margin:0 5px 0 14px}
+details{background:#fff;border:1px solid #e4e7eb;border-radius:8px;margin:0 0 10px;padding:8px 14px}
+summary{cursor:pointer;overflow-wrap:anywhere}svg{max-width:100%;height:auto}
+.problem,.note{font-size:13px;color:#616e7c;overflow-wrap:anywhere}.problem{color:#8c2f23}
+@media print{details{break-inside:avoid}}
+"""
+
+
+def report(results: Results, title: str) -> str:
+    """Return the report as HTML."""
+    faults = find_faults(
+        (record["log"], interval) for record in results.records for interval in results.intervals(record)
+    )
+    shown = faults[:FAULTS]
+    sentences = explain(results, shown)
+    faulty = [record for record in results.records if _faulty(record)]
+    faulty.sort(key=lambda record: (-record_span_ns(record, *FAULTY), record["log"]))
+    anchors = {record["log"]: f"log{number}" for number, record in enumerate(faulty[:TIMELINES])}
+    parts = [
+        "<!doctype html><html lang='en'><head><meta charset='utf-8'>",
+        "<meta name='viewport' content='width=device-width,initial-scale=1'>",
+        f"<title>{escape(title)}</title><style>{STYLE}</style></head><body><main>",
+        f"<h1>{escape(title)}</h1><div class='muted'>{escape(_about(results))}</div>",
+        _figures(results.records, faults),
+        "<h2>Faults</h2>",
+        *(_fault(fault, said, anchors) for fault, said in zip(shown, sentences, strict=True)),
+        _rest(len(faults) - FAULTS, "more faults are in the results"),
+        "" if faults else "<p class='muted'>No log shows a fault.</p>",
+        "<h2>Logs</h2>",
+        _legend(),
+        _table(results, anchors),
+        *(["<h2>Timelines of the logs with faults</h2>"] if faulty else []),
+        *(_timeline(results, record, anchors[record["log"]]) for record in faulty[:TIMELINES]),
+        _rest(len(faulty) - TIMELINES, "more logs with faults are in the results"),
+        "</main></body></html>\n",
+    ]
+    return "\n".join(parts)
+
+
+def _about(results: Results) -> str:
+    settings = results.manifest.settings
+    minimal = f"minimal diagnoses by {settings['minimal']}"
+    return f"model {results.system.name}; {minimal}; robomend {settings['version']}"
+
+
+def _faulty(record: Record) -> bool:
+    return any(record["intervals"].get(state) for state in FAULTY)
+
+
+def _figures(records: Sequence[Record], faults: Sequence[Fault]) -> str:
+    faulty = sum(map(_faulty, records))
+    bad = sum(record["state"] != "ok" for record in records)
+    figures = [
+        (str(len(records)), "logs", False),
+        (str(faulty), "show a fault", faulty > 0),
+        (str(len(faults)), "different faults", False),
+        (short_times(sum(map(record_span_ns, records))), "observed", False),
+        (short_times(sum(record_span_ns(record, *FAULTY) for record in records)), "with a fault", False),
+        (str(bad), "bad logs", bad > 0),
+    ]
+    cells = [
+        f"<div class='figure{' bad' if warns else ''}'><b>{escape(value)}</b>{escape(words)}</div>"
+        for value, words, warns in figures
+    ]
+    return f"<div class='figures'>{''.join(cells)}</div>"
+
+
+def _fault(fault: Fault, sentences: Iterable[str], anchors: dict[str, str]) -> str:
+    name = told(fault.bad) if fault.bad else "what the model cannot explain, whatever is abnormal"
+    times = "interval" if fault.intervals == 1 else "intervals"
+    where = f"in {len(fault.logs)} {'log' if len(fault.logs) == 1 else 'logs'}, {fault.intervals} {times}"
+    said = "".join(f"<li>{escape(sentence)}</li>" for sentence in dict.fromkeys(sentences))
+    assert fault.longest is not None
+    log, interval = fault.longest
+    longest = f"longest {escape(short_times(interval.span_ns))} in {_link(log, anchors)}"
+    return (
+        f"<div class='card'><h3>{escape(name)}</h3><div class='muted'>{where}, "
+        f"{escape(short_times(fault.span_ns))} together; {longest}</div><ul>{said}</ul></div>"
+    )
+
+
+def _link(log: str, anchors: dict[str, str]) -> str:
+    return f"<a href='#{anchors[log]}'>{escape(log)}</a>" if log in anchors else escape(log)
+
+
+def _rest(count: int, words: str) -> str:
+    return f"<p class='muted'>{count} {words}.</p>" if count > 0 else ""
+
+
+def _legend() -> str:
+    marks = [f"<i style='background:{colour}'></i>{state}" for state, colour in COLOURS.items()]
+    return f"<p class='legend muted'>{''.join(marks)}</p>"
+
+
+def _table(results: Results, anchors: dict[str, str]) -> str:
+    rows = []
+    for record in results.records:
+        state = WORDS[record["state"]]
+        tag = f" <span class='tag'>{state}</span>" if state else ""
+        whole = max(record_span_ns(record), 1)
+        bar = "".join(
+            f"<i style='width:{100 * record_span_ns(record, name) / whole:.2f}%;background:{colour}'></i>"
+            for name, colour in COLOURS.items()
+            if record_span_ns(record, name)
+        )
+        problems = "".join(
+            f"<div class='{'problem' if problem['bad'] else 'note'}'>"
+            f"{escape(_inside(problem['place'], record['file']))}{escape(problem['reason'])}"
+            f"{_times(problem['count'])}</div>"
+            for problem in record["problems"]
+        )
+        began = "" if record["start_ns"] is None else escape(_date(record["start_ns"]))
+        faulty = record_span_ns(record, *FAULTY)
+        rows.append(
+            f"<tr><td class='name'>{_link(record['log'], anchors)}{tag}{problems}</td><td>{began}</td>"
+            f"<td class='n'>{escape(short_times(record_span_ns(record)))}</td>"
+            f"<td><div class='bar'>{bar}</div></td>"
+            f"<td class='n'>{escape(short_times(faulty)) if _faulty(record) else ''}</td></tr>"
+        )
+    head = "<tr><th>log</th><th>began (UTC)</th><th>lasts</th><th></th><th>with a fault</th></tr>"
+    return f"<table><thead>{head}</thead><tbody>{''.join(rows)}</tbody></table>"
+
+
+def _times(count: int) -> str:
+    return f" ({count} times)" if count > 1 else ""
+
+
+def _inside(place: str, file: str) -> str:
+    """Return where in its file a problem is."""
+    inside = place.removeprefix(file).strip(": ")
+    return f"{inside}: " if inside else ""
+
+
+def _date(time_ns: int) -> str:
+    seconds = time_ns // 1_000_000_000
+    try:
+        return datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%d %H:%M:%S")
+    except (ValueError, OSError, OverflowError):
+        return f"{seconds} s"
+
+
+def _timeline(results: Results, record: Record, anchor: str) -> str:
+    drawn = draw(record, results.intervals(record), results.system.cnf.components)
+    return f"<details id='{anchor}' open><summary><b>{escape(record['log'])}</b></summary>{drawn}</details>"
+
+
+def draw(record: Record, intervals: Iterable[Interval], components: Sequence[str]) -> str:
+    """Return the timeline of a log: the components that are ever blamed, bad, suspected or good."""
+    intervals = list(intervals)
+    start_ns = last_ns = intervals[0].start_ns
+    step_ns = max(record_span_ns(record) // COLUMNS, 1)
+    offset_ns, segment = 0, intervals[0].segment
+    states: dict[str, list[Span]] = {}
+    marks: list[Mark] = []
+    known: list[tuple[float, float]] = []
+    for interval in intervals:
+        if interval.segment != segment:  # segments one behind the other, however far back time went
+            offset_ns += last_ns - interval.start_ns
+            segment = interval.segment
+            marks.append(Mark((interval.start_ns + offset_ns - start_ns) / 1e9, "time begins again"))
+        last_ns = interval.end_ns
+        begin_s = (interval.start_ns + offset_ns - start_ns) / 1e9
+        # What is too short to be seen is drawn as wide as a moment: a fault must not vanish.
+        wide_ns = max(interval.span_ns, step_ns if interval.state in FAULTY else 0)
+        end_s = begin_s + wide_ns / 1e9
+        if interval.state == "contradictory" and len(marks) < 20:
+            marks.append(Mark(begin_s, "the model cannot explain this"))
+        if interval.state in ("healthy", "faulty"):
+            _extend(known, begin_s, end_s)
+        blamed = {name for bad in interval.bad for name in bad}
+        always = set(interval.bad[0]).intersection(*map(set, interval.bad)) if interval.bad else set()
+        for name in blamed:
+            _join(states.setdefault(name, []), Span(begin_s, end_s, True, name not in always), step_ns / 1e9)
+    order = {name: number for number, name in enumerate(components)}
+    blamed_s = {name: sum(span.end_s - span.start_s for span in spans) for name, spans in states.items()}
+    names = sorted(states, key=lambda name: (-blamed_s[name], order.get(name, 0)))
+    shown = sorted(names[:ROWS], key=lambda name: order.get(name, 0))
+    rows = [(name, _with_good(states[name], known)) for name in shown]
+    faulty, whole = record_span_ns(record, *FAULTY), record_span_ns(record)
+    title = f"with a fault for {short_times(faulty)} of {short_times(whole)}"
+    length_s = (last_ns + offset_ns - start_ns) / 1e9
+    more = f"; {len(names) - ROWS} more were blamed" if len(names) > ROWS else ""
+    others = len(components) - len(names)
+    subtitle = f"{_date(start_ns)} UTC; {others} other components were blamed by no diagnosis{more}"
+    return svg(Timeline(title, subtitle, rows, (), marks, length_s))
+
+
+def _extend(spans: list[tuple[float, float]], begin_s: float, end_s: float) -> None:
+    if spans and begin_s - spans[-1][1] < 1e-9:
+        spans[-1] = spans[-1][0], max(end_s, spans[-1][1])
+    else:
+        spans.append((begin_s, end_s))
+
+
+def _join(spans: list[Span], span: Span, step_s: float) -> None:
+    """Add a span; one that cannot be told from its equal before it is joined to it."""
+    if spans:
+        before = spans[-1]
+        near = span.start_s - before.end_s < step_s
+        if near and before.only_suspect == span.only_suspect:
+            spans[-1] = Span(before.start_s, max(span.end_s, before.end_s), True, span.only_suspect)
+            return
+        if span.start_s < before.end_s:
+            spans[-1] = Span(before.start_s, span.start_s, True, before.only_suspect)
+    spans.append(span)
+
+
+def _with_good(spans: Sequence[Span], known: Sequence[tuple[float, float]]) -> list[Span]:
+    """Return the spans of a component with those in which it was good between them; gaps are unknown."""
+    found: list[Span] = []
+    for begin_s, end_s in known:
+        at_s = begin_s
+        for span in spans:
+            if span.end_s <= begin_s or span.start_s >= end_s:
+                continue
+            if span.start_s > at_s:
+                found.append(Span(at_s, span.start_s, False))
+            at_s = max(at_s, span.end_s)
+        if at_s < end_s:
+            found.append(Span(at_s, end_s, False))
+    return sorted([*found, *spans], key=lambda span: (span.start_s, span.end_s))

@@ -1,0 +1,121 @@
+"""The report is one file that needs nothing else, and says what the results say; SQL over results."""
+
+from __future__ import annotations
+
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+from tests.robomend_batch.running import batch_run, ndjson
+
+from robomend.cli.commands import run
+from robomend_batch.commands import batch
+from robomend_batch.report import draw
+from robomend_batch.results import Interval
+from robomend_client.observers.base import SECOND
+
+
+@pytest.fixture
+def out(tmp_path: Path) -> Path:
+    """Two logs with the same fault, one of them with another, and one that is refused."""
+    drive = (0, "ok(odom)"), (2, "not ok(odom)"), (5, "ok(odom)"), (9, "ok(odom)")
+    one = ndjson(tmp_path / "<one>.ndjson", *drive)
+    drive = (0, "not ok(odom)"), (1, "ok(odom)"), (3, "not on(hokuyo)"), (4, "on(hokuyo)")
+    two = ndjson(tmp_path / "two.ndjson", *drive)
+    bad = tmp_path / "bad.ndjson"
+    bad.write_text('{"time": 0, "literal": "ok(<script>)"}\n')
+    assert batch_run(tmp_path / "out", one, two, bad) == 2
+    return tmp_path / "out"
+
+
+def written(out: Path) -> str:
+    assert run(["report", str(out)], batch) == 0
+    return (out / "report.html").read_text()
+
+
+def test_the_report_says_which_fault_is_in_which_logs_and_why(out: Path) -> None:
+    text = written(out)
+    faults = re.findall(r"<h3>(.*?)</h3><div class='muted'>(.*?) together", text)
+    assert faults == [
+        ("jaguar, or jaguar_node", "in 2 logs, 2 intervals, 4.0 s"),
+        ("hokuyo", "in 1 log, 1 interval, 1.0 s"),
+    ]
+    assert "odom should be ok because jaguar and jaguar_node are taken to be healthy" in text
+    assert "hokuyo explains not on(hokuyo)" in text
+    assert text.count("<svg") == 2
+    assert "<span class='tag'>refused</span>" in text
+
+
+def test_the_report_needs_nothing_else_and_quotes_what_is_in_logs(out: Path) -> None:
+    text = written(out)
+    assert not re.search(r"<(script|link|img|iframe)|url\(|@import", text)
+    assert set(re.findall(r"https?://[^'\" )]+", text)) == {
+        "http://www.w3.org/2000/svg"
+    }  # a name, not fetched
+    assert "&lt;one&gt;.ndjson" in text
+    opened: list[str] = []
+
+    class Balance(HTMLParser):
+        def handle_starttag(self, tag: str, attrs: object) -> None:
+            if tag not in ("meta", "rect", "line"):
+                opened.append(tag)
+
+        def handle_endtag(self, tag: str) -> None:
+            if tag not in ("rect", "line"):
+                assert opened.pop() == tag
+
+    Balance().feed(text)
+    assert opened == []
+
+
+def test_a_timeline_shows_what_is_bad_suspected_good_and_unknown() -> None:
+    record = {"span_ns": {"healthy": 10 * SECOND}}
+    intervals = [
+        Interval(0, 0, 2 * SECOND, "unknown", (), ()),
+        Interval(0, 2 * SECOND, 4 * SECOND, "healthy", ((),), ()),
+        Interval(0, 4 * SECOND, 6 * SECOND, "faulty", (("a", "b"), ("a", "c")), ()),
+        Interval(0, 6 * SECOND, 6 * SECOND + 1, "faulty", (("b",),), ()),  # too short to be seen
+        Interval(0, 6 * SECOND + 1, 10 * SECOND, "healthy", ((),), ()),
+    ]
+    drawn = draw(record, intervals, ("a", "b", "c", "d"))
+    told = re.findall(r"<title>(\w): (\w+), ([\d.]+) s to ([\d.]+) s</title>", drawn)
+    assert ("a", "good", "2.00", "4.00") in told
+    assert ("a", "bad", "4.00", "6.00") in told
+    assert ("b", "suspect", "4.00", "6.00") in told
+    assert ("b", "bad", "6.00", "6.01") in told
+    assert ("c", "good", "6.00", "10.00") in told
+    assert {name for name, *_ in told} == {"a", "b", "c"}
+    assert min(float(start) for _, _, start, _ in told) == 2.0
+
+
+def test_time_that_goes_back_is_drawn_behind_what_was_before(tmp_path: Path) -> None:
+    drive = (100, "ok(odom)"), (110, "ok(odom)"), (0, "not ok(odom)"), (5, "ok(odom)")
+    log = ndjson(tmp_path / "a.ndjson", *drive)
+    assert batch_run(tmp_path / "out", log) == 0
+    text = written(tmp_path / "out")
+    assert "time begins again" in text
+    assert "jaguar: suspect, 10.00 s to 15.00 s" in text
+
+
+def test_a_run_without_faults_says_so(tmp_path: Path) -> None:
+    assert batch_run(tmp_path / "out", ndjson(tmp_path / "a.ndjson", (0, "ok(odom)"), (1, "ok(odom)"))) == 0
+    assert "No log shows a fault." in written(tmp_path / "out")
+
+
+def test_sql_over_results_and_logs(out: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    asked = "SELECT state, count(*) AS n FROM results GROUP BY state ORDER BY state"
+    assert run(["query", str(out), asked, "--format", "ndjson"], batch) == 0
+    lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert lines == [{"state": "faulty", "n": 3}, {"state": "healthy", "n": 4}]
+    assert run(["query", str(out), "SELECT state FROM logs", "--format", "csv"], batch) == 0
+    assert sorted(capsys.readouterr().out.split()) == ["ok", "ok", "refused", "state"]
+    assert run(["query", str(out), "SELECT bad FROM results"], batch) == 0
+    assert "jaguar_node" in capsys.readouterr().out
+    assert run(["query", str(out), "SELECT nothing FROM nowhere"], batch) == 2
+
+
+@pytest.mark.parametrize("command", [["report"], ["query"]])
+def test_a_folder_without_results_is_refused(command: list[str], tmp_path: Path) -> None:
+    assert run([*command, str(tmp_path), *(["SELECT 1"] if command == ["query"] else [])], batch) == 2
