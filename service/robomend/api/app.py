@@ -35,6 +35,7 @@ from robomend.api.routers import (
     pages,
     plans,
     repairs,
+    robot_pages,
     robots,
     session,
 )
@@ -59,6 +60,7 @@ ROUTERS = (
     operation,
     docs,
     pages,
+    robot_pages,
 )
 
 CONTROLLED = frozenset({f"{API}/stop", "/healthz", "/readyz"})

@@ -17,7 +17,7 @@ from urllib.parse import urlencode
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from robomend.web.words import duration
+from robomend.web.words import duration, layers, listed, repair_state
 
 HERE = Path(__file__).resolve().parent
 STATIC = HERE / "static"
@@ -69,6 +69,7 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.filters.update(listed=listed, repair_state=repair_state, layers=layers)
     environment.filters.update(name=name, time=time, percent=percent, amount=amount, duration=duration)
     environment.globals.update(static=static_address, fleet_address=fleet_address, navigation=NAVIGATION)
     return environment
