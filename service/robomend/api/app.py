@@ -28,12 +28,14 @@ from robomend.api.routers import (
     docs,
     events,
     history,
+    model_pages,
     models,
     observations,
     oneshots,
     operation,
     pages,
     plans,
+    record_pages,
     repairs,
     robot_pages,
     robots,
@@ -61,6 +63,8 @@ ROUTERS = (
     docs,
     pages,
     robot_pages,
+    model_pages,
+    record_pages,
 )
 
 CONTROLLED = frozenset({f"{API}/stop", "/healthz", "/readyz"})
