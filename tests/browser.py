@@ -36,6 +36,9 @@ FLAGS = (
     "--remote-debugging-port=0",
 )
 
+PICTURES = Path(__file__).resolve().parents[1] / "report" / "page"
+"""Where screenshots go, to be looked at by people; not in the repository."""
+
 PATIENCE_MS = 60_000
 """A safety net: tests wait for what they need."""
 
@@ -136,3 +139,9 @@ class Watched:
         ]
         assert foreign == []
         assert self.complaints == []
+
+
+def keep(page: Page, name: str) -> None:
+    """Keep a screenshot of the whole page."""
+    PICTURES.mkdir(parents=True, exist_ok=True)
+    page.screenshot(path=PICTURES / f"{name}.png", full_page=True)

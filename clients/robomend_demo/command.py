@@ -36,6 +36,9 @@ SCENARIOS = {"power-up": ("power-up",), "shut-down": ("shut-down",), "all": ("po
     "--hold/--once", default=False, help="Keep it running to play with, until Ctrl-C; or end (the default)."
 )
 @click.option(
+    "--page", is_flag=True, help="Show the page: opened where there is a desktop. It implies --hold."
+)
+@click.option(
     "--report",
     type=click.Path(file_okay=False, path_type=Path),
     default=Path("report"),
@@ -50,7 +53,7 @@ SCENARIOS = {"power-up": ("power-up",), "shut-down": ("shut-down",), "all": ("po
     show_default=True,
     help="json: demo.json on stdout, and nothing else.",
 )
-def command(scenario: str | None, domain: str, hold: bool, report: Path, format_: str) -> int:
+def command(scenario: str | None, domain: str, hold: bool, page: bool, report: Path, format_: str) -> int:
     """Watch a robot being diagnosed and repaired: the paper's two scenarios, with real processes.
 
     Starts the service, an emulated power board, and a robot of nine node processes, all on free ports of this
@@ -64,6 +67,7 @@ def command(scenario: str | None, domain: str, hold: bool, report: Path, format_
     from robomend_demo.run import Wanted, run
 
     folder = usable(report)
+    hold = hold or page
     names = SCENARIOS[scenario or ("shut-down" if domain == "paper" else "all")]
 
     def done(told: Sequence[Told], cast: Cast) -> None:
@@ -78,7 +82,7 @@ def command(scenario: str | None, domain: str, hold: bool, report: Path, format_
     with Interrupts() as interrupts:
         try:
             with make_screen(format_) as screen:
-                run(Wanted(names, domain == "paper", hold), screen, interrupts, done)
+                run(Wanted(names, domain == "paper", hold, page), screen, interrupts, done)
         except Interrupted as interrupted:
             click.echo("interrupted: everything that was started is gone", err=True)
             return 128 + interrupted.number

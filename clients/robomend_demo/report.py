@@ -113,7 +113,10 @@ def invitation(cast: Cast, board_command: Sequence[str]) -> str:
     return f"""
 The robot runs on, and is looked after. In another terminal:
 
-  what is wrong with it, and what was done
+  what is wrong with it, and what was done, in a browser
+    {cast.url}/ui/robots/{ROBOT}
+
+  the same in a terminal
     curl -s {robot}/diagnosis
     curl -s '{robot}/repairs?limit=1'
     curl -sN {robot}/events

@@ -6,7 +6,9 @@ import contextlib
 import fcntl
 import os
 import shutil
+import sys
 import tempfile
+import webbrowser
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -14,7 +16,7 @@ from pathlib import Path
 
 from robomend.resources import resource
 from robomend_client.rest.errors import ClientError
-from robomend_demo.cast import Cast, environment, gather
+from robomend_demo.cast import ROBOT, Cast, environment, gather
 from robomend_demo.interrupts import Interrupted, Interrupts
 from robomend_demo.play import POWER_UP, SHUT_DOWN, Play
 from robomend_demo.report import Told
@@ -38,6 +40,7 @@ class Wanted:
     scenarios: tuple[str, ...]
     paper_domain: bool = False
     hold: bool = False
+    page: bool = False
 
 
 def run(
@@ -61,6 +64,9 @@ def run(
                 play = Play(stage, cast, interrupts, screen, domain=domain, hold_s=hold_s)
                 with blaming_the_dead(stage):
                     play.prepare(folder, all_on=all_on)
+                    if wanted.page:  # not before the robot is there to be seen
+                        screen.say(f"the page: {page_of(cast)}")
+                        show(page_of(cast))
                     acts = {POWER_UP: play.power_up, SHUT_DOWN: play.shut_down}
                     told = [Told.of(acts[name]()) for name in wanted.scenarios]
                 screen.rest()
@@ -71,6 +77,17 @@ def run(
         finally:
             if play is not None:
                 play.close()
+
+
+def page_of(cast: Cast) -> str:
+    """Return where the robot is seen in a browser."""
+    return f"{cast.url}/ui/robots/{ROBOT}"
+
+
+def show(address: str) -> None:
+    """Open a page where there is a desktop: a browser in the terminal would take the picture's place."""
+    if sys.platform == "darwin" or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY"))):
+        webbrowser.open(address)
 
 
 @contextmanager

@@ -8,7 +8,7 @@ import pytest
 from axe_playwright_python.sync_playwright import Axe  # type: ignore[import-untyped]  # it has no types
 from playwright.sync_api import Page, expect
 from tests.api.conftest import Service
-from tests.browser import PATIENCE_MS, Watched
+from tests.browser import PATIENCE_MS, Watched, keep
 from tests.web.cable import cable
 from tests.web.conftest import Look
 
@@ -113,12 +113,12 @@ def test_everything_is_reached_with_the_keyboard(seen: Service, look: Look) -> N
     assert page.evaluate("document.activeElement.name") == "q"
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("width", [390, 1280])
+@pytest.mark.parametrize(("width", "scheme"), [(390, "light"), (1280, "dark")])
 def test_nothing_serious_stands_in_the_way_of_anybody(
-    seen: Service, look: Look, scheme: str, width: int
+    seen: Service, look: Look, width: int, scheme: str
 ) -> None:
     page = live(look(seen, color_scheme=scheme, viewport={"width": width, "height": 800}))
+    keep(page, f"robots-{width}-{scheme}")
     assert serious(page) == []
     assert page.evaluate("document.documentElement.scrollWidth") <= width, "no scrolling sideways"
 

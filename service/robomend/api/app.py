@@ -28,13 +28,16 @@ from robomend.api.routers import (
     docs,
     events,
     history,
+    model_pages,
     models,
     observations,
     oneshots,
     operation,
     pages,
     plans,
+    record_pages,
     repairs,
+    robot_pages,
     robots,
     session,
 )
@@ -59,6 +62,9 @@ ROUTERS = (
     operation,
     docs,
     pages,
+    robot_pages,
+    model_pages,
+    record_pages,
 )
 
 CONTROLLED = frozenset({f"{API}/stop", "/healthz", "/readyz"})

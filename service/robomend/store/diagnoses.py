@@ -25,6 +25,23 @@ def page(view: View, robot: str, paging: Paging = FIRST_PAGE) -> Page[StoredDiag
     return view.newest_first(_DIAGNOSES, _diagnosis, paging, _DIAGNOSES.c.robot == checked(robot))
 
 
+def between(
+    view: View, robot: str, start_ns: int, end_ns: int, most: int
+) -> tuple[tuple[StoredDiagnosis, ...], bool]:
+    """Return the one that held at the start and those until the end, oldest first; at most so many.
+
+    And whether these are all: where there are more, it is the newest that are returned.
+    """
+    of_robot = select(_DIAGNOSES).where(
+        _DIAGNOSES.c.robot == checked(robot), _DIAGNOSES.c.time_ns < checked_ns(end_ns)
+    )
+    newest = view.rows(of_robot.order_by(_DIAGNOSES.c.number.desc()).limit(most))
+    rows = [row for row in newest if row.time_ns >= start_ns]
+    complete = len(rows) < len(newest) or len(newest) < most
+    rows += newest[len(rows) : len(rows) + 1]
+    return tuple(map(_diagnosis, reversed(rows))), complete
+
+
 def record(tx: Transaction, robot: str, revision: int, result: Json, *, model_version: str = "") -> None:
     """Keep a diagnosis that differs from the one before."""
     tx.existing(robot)

@@ -8,6 +8,7 @@ service's clock.
 from __future__ import annotations
 
 import hashlib
+import json
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
@@ -17,12 +18,19 @@ from urllib.parse import urlencode
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from robomend.web.words import duration
+from robomend.web.words import duration, layers, listed, repair_state
 
 HERE = Path(__file__).resolve().parent
 STATIC = HERE / "static"
 
-NAVIGATION = (("/", "Robots", "all"),)
+NAVIGATION = (
+    ("/", "Robots", "all"),
+    ("/ui/repairs", "Repairs", "all"),
+    ("/ui/models", "Models", "all"),
+    ("/ui/what-if", "What if", "all"),
+    ("/ui/audit", "Audit", "admin"),
+    ("/ui/keys", "Keys", "admin"),
+)
 """Address, name, and whether it is for all or for admins."""
 
 ROWS = 100
@@ -69,6 +77,7 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.filters.update(listed=listed, repair_state=repair_state, layers=layers, json=in_json)
     environment.filters.update(name=name, time=time, percent=percent, amount=amount, duration=duration)
     environment.globals.update(static=static_address, fleet_address=fleet_address, navigation=NAVIGATION)
     return environment
@@ -93,6 +102,11 @@ def time(time_ns: int | None) -> Markup:
     return Markup('<time datetime="{}" data-ms="{}">{} UTC</time>').format(
         moment.isoformat(timespec="milliseconds"), time_ns // 1_000_000, moment.strftime("%Y-%m-%d %H:%M:%S")
     )
+
+
+def in_json(value: object) -> str:
+    """Return a value as JSON, which the template escapes."""
+    return json.dumps(value, ensure_ascii=False)
 
 
 def percent(share: float) -> str:

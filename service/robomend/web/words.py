@@ -23,6 +23,24 @@ REPAIR_STATES = {
 }
 """As people read them; one that is not here is shown as it is called."""
 
+
+def repair_state(state: str) -> str:
+    """Return a repair's state as people read it."""
+    return REPAIR_STATES.get(state, state)
+
+
+def layers(plan: Sequence[Json]) -> list[list[Json]]:
+    """Return the steps of a plan by when they can begin: those of one layer run side by side."""
+    depth: dict[int, int] = {}
+    found: list[list[Json]] = []
+    for step in plan:
+        at = depth[step["index"]] = 1 + max((depth.get(before, -1) for before in step["after"]), default=-1)
+        while len(found) <= at:
+            found.append([])
+        found[at].append(step)
+    return found
+
+
 ENDED = {"cancelled": "was cancelled", "failed": "failed"}
 
 
@@ -35,6 +53,8 @@ def listed(names: Sequence[str], most: int = MANY) -> str:
 
 def duration(seconds: float) -> str:
     """Return a time span with its unit, as exact as a person needs it."""
+    if seconds < 0.001:
+        return "under 1 ms"
     if seconds < 1:
         return f"{seconds * 1000:.0f} ms"
     if seconds < 60:

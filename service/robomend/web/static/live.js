@@ -63,7 +63,7 @@ export class Live {
     this.heardAt = Date.now();
     this.lostAt = null;
     document.body.classList.remove("stale");
-    this.show("live", "live");
+    this.show("live", document.body.dataset.live);
   }
 
   lost(why) {

@@ -92,3 +92,44 @@ document.addEventListener("keydown", (event) => {
 // --- events
 
 if (body.dataset.events) new Live(body.dataset.events, Number(body.dataset.pingS)).start();
+
+// --- a robot: what has no event of its own is fetched now and then, the graph can be made larger
+
+setInterval(() => {
+  if (document.hidden) return;
+  const due = document.querySelectorAll("[data-every-ms]");
+  if (due.length) refresh([...due].map((part) => part.dataset.part));
+}, 2000);
+
+let zoom = null;
+function drawGraph() {
+  const graph = document.querySelector("svg.graph");
+  if (!graph) return;
+  const box = graph.viewBox.baseVal;
+  const scale = zoom ?? 1;
+  graph.setAttribute("width", Math.round(box.width * scale));
+  graph.setAttribute("height", Math.round(box.height * scale));
+}
+whenShown(drawGraph);
+document.addEventListener("click", (event) => {
+  const button = event.target.closest("[data-zoom]");
+  if (!button) return;
+  const graph = document.querySelector("svg.graph");
+  if (button.dataset.zoom === "fit") zoom = Math.min(1.5, (graph.parentElement.clientWidth - 4) / graph.viewBox.baseVal.width);
+  else zoom = Math.min(4, Math.max(0.1, (zoom ?? 1) * Number(button.dataset.zoom)));
+  drawGraph();
+});
+
+// The latest is at the right end of the timeline, which is wider than a phone.
+for (const box of document.querySelectorAll('[data-scroll="past"]')) box.scrollLeft = box.scrollWidth;
+
+/** Open the explanation that a link of the graph leads to. */
+function explain() {
+  const why = location.hash.startsWith("#why-") && document.querySelector(location.hash);
+  if (!why) return;
+  why.open = true;
+  why.scrollIntoView({ block: "center" });
+  why.querySelector("summary").focus({ preventScroll: true });
+}
+addEventListener("hashchange", explain);
+explain();

@@ -1,0 +1,53 @@
+"""/ui/repairs, /ui/audit, /ui/keys: what was, who did what and why, and whose keys there are."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Query, Request
+from starlette.responses import Response
+
+from robomend.api.deps import PagingDep, PartsDep, PrincipalDep
+from robomend.api.page_route import PageRoute, page
+from robomend.api.schemas.base import NAME
+from robomend.api.shell import shell, wanted_parts
+from robomend.store import api_keys, audit, repairs
+
+router = APIRouter(route_class=PageRoute, include_in_schema=False)
+
+
+@router.get("/ui/repairs")
+async def repairs_page(
+    request: Request,
+    parts: PartsDep,
+    principal: PrincipalDep,
+    paging: PagingDep,
+    robot: Annotated[str | None, Query(pattern=NAME)] = None,
+) -> Response:
+    """List the repairs of all robots or of one, newest first."""
+    wanted = wanted_parts(request, ("stop", "repairs"))
+    found = await parts.store.read(repairs.page, robot, paging) if "repairs" in wanted else None
+    around = shell(request, parts, principal, wanted)
+    return page(request, "repairs.html", **around, found=found, of_robot=robot, cursor=paging.cursor)
+
+
+@router.get("/ui/audit")
+async def audit_page(
+    request: Request,
+    parts: PartsDep,
+    principal: PrincipalDep,
+    paging: PagingDep,
+    robot: Annotated[str | None, Query(pattern=NAME)] = None,
+) -> Response:
+    """Show who did what, when and why, newest first."""
+    found = await parts.store.read(lambda view: audit.page(view, paging, robot=robot))
+    around = shell(request, parts, principal, wanted_parts(request, ("stop",)))
+    return page(request, "audit.html", **around, found=found, of_robot=robot)
+
+
+@router.get("/ui/keys")
+async def keys_page(request: Request, parts: PartsDep, principal: PrincipalDep) -> Response:
+    """List the keys, revoked ones included; never their text."""
+    found = await parts.store.read(api_keys.every)
+    around = shell(request, parts, principal, wanted_parts(request, ("stop",)))
+    return page(request, "keys.html", **around, keys=found)

@@ -1,0 +1,260 @@
+"""/ui/robots/{robot}: what people see of one robot, and what they may do to it, as forms."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Path, Query, Request
+from markupsafe import Markup
+from starlette.responses import Response
+
+from robomend.api.deps import Parts, PartsDep, PrincipalDep, RepairPath, RobotPath, reporter_of
+from robomend.api.page_route import PageRoute, back, page, read_form
+from robomend.api.problems import Problem
+from robomend.api.shell import shell, wanted_parts
+from robomend.api.views import board_out, obs_out
+from robomend.errors import RobomendError
+from robomend.robots.batches import Batch
+from robomend.robots.clock import CLOCK
+from robomend.robots.health import health_of
+from robomend.robots.robot import Robot
+from robomend.store import View, diagnoses
+from robomend.store.records import StoredDiagnosis
+from robomend.web import graph, past
+from robomend.web import timeline as figure
+from robomend.web.suspicion import suspicions, whys, with_priors
+
+router = APIRouter(route_class=PageRoute, include_in_schema=False)
+
+PARTS = ("stop", "state", "repair", "diagnosis", "graph", "obs", "board", "past")
+"""Parts of the page, in its order."""
+
+PROBES = 5
+SHOWN_OBS = 500
+DIAGNOSES = 10
+REPAIRS = 20
+DRAWN = 1000
+"""Components of a model whose graph is drawn."""
+PAST = 300
+"""Diagnoses drawn in one timeline."""
+
+USUAL_S = 600
+SPANS_S = {60: "1 min", 600: "10 min", 3600: "1 h", 86400: "1 day"}
+
+
+@router.get("/ui/robots/{robot}")
+async def robot_page(
+    request: Request,
+    robot: RobotPath,
+    parts: PartsDep,
+    principal: PrincipalDep,
+    until: Annotated[int | None, Query(ge=0, le=10**14, description="of the timeline, ms")] = None,
+    span: Annotated[int | None, Query(ge=1, le=31 * 86400, description="of the timeline, s")] = None,
+    plan: bool = False,
+) -> Response:
+    """Show a robot: how it is and why, its repair, OBS, the board, and its past."""
+    wanted = wanted_parts(request, PARTS)
+    state = await parts.robots.diagnosed(robot)
+    values: dict[str, Any] = {"robot": robot, "spans": SPANS_S}
+    values |= _of_diagnosis(state)
+    if "state" in wanted or "repair" in wanted:
+        newest = await parts.repairs.repairs(robot, before=None, limit=REPAIRS)
+        values |= {"repair": newest[0] if newest else None, "repairs": newest}
+    if "state" in wanted:
+        values["findings"] = await parts.repairs.findings(robot)
+        values["quarantine"] = await parts.repairs.quarantined(robot)
+    if "repair" in wanted:
+        values |= await _planned(parts, robot) if plan else {"planned": None, "no_plan": ""}
+    if "diagnosis" in wanted:
+        values |= await _probes(parts, state)
+    if "graph" in wanted:
+        values["graph"] = _graph(state, values["found"], values["whys"])
+    if "obs" in wanted:
+        values |= {"obs": obs_out(state), "most": SHOWN_OBS}
+    if "board" in wanted:
+        wired = None if state.config.board is None else await parts.robots.board(robot)
+        values["board"] = None if wired is None else board_out(wired)
+    if "past" in wanted:
+        values |= await _past(parts, robot, until, span)
+    return page(request, "robot.html", **shell(request, parts, principal, wanted), **values)
+
+
+def _of_diagnosis(state: Robot) -> dict[str, Any]:
+    """Return what the templates need of the diagnosis, whichever part they make."""
+    current = state.current
+    result = None if current is None else current.result
+    health, unknown = health_of(state)
+    found = suspicions(state.system.cnf.components, result)
+    return {
+        "health": str(health),
+        "unknown": [str(atom) for atom in unknown],
+        "config": state.config,
+        "model": state.stored.model,
+        "revision": state.revision,
+        "current": current,
+        "result": result,
+        "found": found,
+        "whys": whys(found, result),
+        "priors": with_priors(result),
+        "most_diagnoses": DIAGNOSES,
+    }
+
+
+async def _planned(parts: Parts, robot: str) -> dict[str, Any]:
+    """Return a plan that nobody carries out, or why there is none."""
+    try:
+        found = await parts.repairs.plan(robot, bad=None, planner=None, timeout_s=10.0, pddl=False)
+    except RobomendError as error:
+        return {"planned": None, "no_plan": str(error)}
+    return {"planned": found, "no_plan": ""}
+
+
+async def _probes(parts: Parts, state: Robot) -> dict[str, Any]:
+    """Return what to look at next; a robot that nothing is wrong with needs none."""
+    if state.current is None or state.current.result is None or len(state.current.result["diagnoses"]) < 2:
+        return {"probes": (), "no_probes": ""}
+    try:
+        found = await parts.one_shots.probes(*state.question(), state.config.engine, PROBES)
+    except RobomendError as error:  # busy, or too large a model: the page goes without
+        return {"probes": (), "no_probes": str(error)}
+    named = [
+        {
+            "atom": str(probe.atom),
+            "gain_bits": probe.gain_bits,
+            "cost_s": probe.cost_s,
+            "if_true": [list(found.diagnoses[index]) for index in probe.if_true],
+            "if_false": [list(found.diagnoses[index]) for index in probe.if_false],
+        }
+        for probe in found.probes
+    ]
+    return {"probes": named, "no_probes": "" if named else found.reason or ""}
+
+
+def _graph(state: Robot, found: Mapping[str, Any], explained: Any) -> Markup | None:
+    """Return the component graph, None for a model that says nothing of what feeds what."""
+    model = state.system.parts
+    if model is None or len(model.components) > DRAWN:
+        return None
+    seen = {
+        literal.atom.args[0]: literal.positive
+        for literal in state.literals()
+        if literal.atom.predicate == "ok" and len(literal.atom.args) == 1
+    }
+    links = {why.component: f"#why-{index}" for index, why in enumerate(explained)}
+    # The graph escapes what it shows.
+    return Markup(graph.svg(graph.layout(model), found, seen, links))
+
+
+async def _past(parts: Parts, robot: str, until_ms: int | None, span_s: int | None) -> dict[str, Any]:
+    """Return the timeline of a span of time, and the addresses of those before and after it."""
+    now_ms = time.time_ns() // 1_000_000
+    repairs = await parts.repairs.repairs(robot, before=None, limit=REPAIRS)
+    if span_s is None:  # the least that shows all of the newest repair, if that was within the hour
+        ago_s = (now_ms - repairs[0]["created_ns"] // 1_000_000) / 1000 if repairs else USUAL_S
+        span_s = next((span for span in SPANS_S if ago_s < span <= 3600), USUAL_S)
+    end_ms = now_ms if until_ms is None else min(until_ms, now_ms)
+    start_ms = max(0, end_ms - span_s * 1000)
+    start_ns, end_ns = start_ms * 1_000_000, end_ms * 1_000_000
+
+    def look(view: View) -> tuple[tuple[StoredDiagnosis, ...], bool]:
+        return diagnoses.between(view, robot, start_ns, end_ns, PAST)
+
+    found, complete = await parts.store.read(look)
+    drawn = past.timeline(robot, start_ns, end_ns, found, repairs)
+    return {
+        # The figure escapes what it shows.
+        "past": Markup(figure.svg(drawn)) if drawn.rows or drawn.actions else None,
+        "past_complete": complete,
+        "span": span_s,
+        "start_ms": start_ms,
+        "end_ms": end_ms,
+        "later_ms": None if end_ms >= now_ms else min(now_ms, end_ms + span_s * 1000),
+    }
+
+
+@router.post("/ui/robots/{robot}/observations")
+async def observe(request: Request, robot: RobotPath, parts: PartsDep, principal: PrincipalDep) -> Response:
+    """Take in what a person has just seen."""
+    form = await read_form(request)
+    sentence = form.get("observation", "").strip()
+    if not sentence:
+        raise Problem(422, "say what you saw, as in: not ok(scan)")
+    now_ns = CLOCK.now_ns()
+    batch = Batch([sentence], time_ns=now_ns, since=[now_ns])
+    await parts.robots.observe(robot, batch, by=reporter_of(principal))
+    return back(f"/ui/robots/{robot}")
+
+
+@router.post("/ui/robots/{robot}/repairs")
+async def ask_for_repair(
+    request: Request, robot: RobotPath, parts: PartsDep, principal: PrincipalDep
+) -> Response:
+    """Ask for a repair of the best choice; under the policy `approve` its plan waits for a yes."""
+    form = await read_form(request)
+    await parts.repairs.create(robot, bad=None, by=principal.name, reason=form.get("reason", "")[:1000])
+    return back(f"/ui/robots/{robot}")
+
+
+@router.post("/ui/robots/{robot}/release")
+async def release(request: Request, robot: RobotPath, parts: PartsDep, principal: PrincipalDep) -> Response:
+    """Let a component in quarantine be tried again."""
+    form = await read_form(request)
+    component, reason = form.get("component", ""), form.get("reason", "")[:1000]
+    await parts.repairs.release(robot, component, by=principal.name, reason=reason)
+    return back(f"/ui/robots/{robot}")
+
+
+@router.post("/ui/robots/{robot}/board/{channel}")
+async def switch_channel(
+    request: Request,
+    robot: RobotPath,
+    channel: Annotated[int, Path(ge=0, le=255)],
+    parts: PartsDep,
+    principal: PrincipalDep,
+) -> Response:
+    """Switch a channel, as PUT /api/v1/robots/{robot}/board/channels/{channel} does."""
+    form = await read_form(request)
+    if form.get("on") not in {"yes", "no"}:
+        raise Problem(422, "say whether the channel is to be on: yes or no")
+    switch = parts.repairs.switch
+    board = await parts.robots.board(robot)
+    state = await parts.robots.memory.robot(robot)
+    await board.switch(
+        channel,
+        form["on"] == "yes",
+        stop=lambda: switch.stop,
+        interlocked=state.interlocked,
+        by=principal.name,
+        reason=form.get("reason", "")[:1000],
+    )
+    return back(f"/ui/robots/{robot}")
+
+
+@router.get("/ui/repairs/{repair}")
+async def repair_page(
+    request: Request, repair: RepairPath, parts: PartsDep, principal: PrincipalDep
+) -> Response:
+    """Show what a repair found, planned and did, in words."""
+    found = await parts.repairs.repair(repair)
+    wanted = wanted_parts(request, ("stop", "record"))
+    return page(
+        request,
+        "repair.html",
+        **shell(request, parts, principal, wanted),
+        repair=found,
+        robot=found["robot"],
+    )
+
+
+@router.post("/ui/repairs/{repair}")
+async def decide(request: Request, repair: RepairPath, parts: PartsDep, principal: PrincipalDep) -> Response:
+    """Approve a repair that awaits it, or cancel one that has not ended."""
+    form = await read_form(request)
+    decision, reason = form.get("decision"), form.get("reason", "")[:1000]
+    if decision not in {"approve", "cancel"}:
+        raise Problem(422, "the decision is approve or cancel")
+    ask = parts.repairs.approve if decision == "approve" else parts.repairs.cancel
+    found = await ask(repair, by=principal.name, reason=reason)
+    return back(f"/ui/robots/{found['robot']}")

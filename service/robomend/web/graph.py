@@ -1,0 +1,193 @@
+"""The component graph as SVG: what feeds, drives and publishes what, from left to right.
+
+    hardware ──► node ──► topic ──► node ──► topic        one column further than the furthest it rests on
+
+Edges that close a circle count for nothing when columns are found. Within a column, things stand near what
+they rest on (the barycentre heuristic, a few sweeps): K. Sugiyama, S. Tagawa, M. Toda. Methods for visual
+understanding of hierarchical system structures. IEEE SMC 11(2), 1981.
+
+Shape says what it is, colour and a sign how it is; a suspect's colour is as strong as the suspicion. It is
+text and links, so that it can be searched, read aloud and followed with the keyboard.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from graphlib import CycleError, TopologicalSorter
+from html import escape
+from itertools import pairwise
+
+from robomend.model.components import ComponentModel
+from robomend.web.suspicion import Suspicion
+
+COLUMN, ROW = 216, 40  # from one box to the next, pixels
+BOX, HEIGHT = 168, 28
+MARGIN = 12
+LETTERS = 20
+"""Of a name that is shown; the rest is in its title."""
+
+SWEEPS = 6
+
+SIGNS = {"bad": "✕ ", "suspect": "! ", "good": "", "unknown": "? ", "silent": "✕ "}
+
+
+@dataclass(frozen=True, slots=True)
+class Thing:
+    """A box of the graph; hardware and nodes are components, topics are not."""
+
+    kind: str  # hardware, node, topic
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """Where things stand, and what leads from which to which."""
+
+    places: Mapping[Thing, tuple[int, int]]  # column, row
+    edges: Sequence[tuple[Thing, Thing]]
+
+
+def layout(model: ComponentModel) -> Layout:
+    """Return where each thing of a model stands."""
+    edges = _edges(model)
+    things = list(
+        dict.fromkeys(
+            [
+                *(Thing("hardware", name) for name in model.hardware),
+                *(Thing("node", name) for name in model.nodes),
+                *(thing for edge in edges for thing in edge),
+                *(Thing("topic", name) for name in model.topics),
+            ]
+        )
+    )
+    before: dict[Thing, set[Thing]] = {thing: set() for thing in things}
+    for source, target in edges:
+        before[target].add(source)
+    column: dict[Thing, int] = {}
+    for thing in _in_order(before):
+        column[thing] = 1 + max((column[one] for one in before[thing] if one in column), default=-1)
+        if thing.kind == "node":
+            column[thing] = max(column[thing], 1)
+        elif thing.kind == "topic":
+            column[thing] = max(column[thing], 2)
+    return Layout(_rows(things, column, edges), edges)
+
+
+def _edges(model: ComponentModel) -> list[tuple[Thing, Thing]]:
+    edges: dict[tuple[Thing, Thing], None] = {}
+    for hardware in model.hardware.values():
+        for feeder in hardware.fed_by:
+            edges[Thing("hardware", feeder), Thing("hardware", hardware.name)] = None
+    for node in model.nodes.values():
+        for device in node.drives:
+            edges[Thing("hardware", device), Thing("node", node.name)] = None
+        for topic, inputs in node.publishes.items():
+            for needed in inputs:
+                edges[Thing("topic", needed), Thing("node", node.name)] = None
+            edges[Thing("node", node.name), Thing("topic", topic)] = None
+    return list(edges)
+
+
+def _in_order(before: Mapping[Thing, set[Thing]]) -> list[Thing]:
+    """Return the things, each after what it rests on; an edge of each circle is taken out of `before`."""
+    while True:
+        try:
+            return list(TopologicalSorter(before).static_order())
+        except CycleError as error:
+            circle = error.args[1]  # each before the next
+            source, target = next(
+                (pair for pair in pairwise(circle) if pair[0].kind == "topic"),
+                (circle[0], circle[1]),
+            )
+            before[target].discard(source)
+
+
+def _rows(
+    things: Sequence[Thing], column: Mapping[Thing, int], edges: Sequence[tuple[Thing, Thing]]
+) -> dict[Thing, tuple[int, int]]:
+    columns: list[list[Thing]] = [[] for _ in range(max(column.values(), default=-1) + 1)]
+    for thing in things:
+        columns[column[thing]].append(thing)
+    beside: dict[Thing, list[Thing]] = {thing: [] for thing in things}
+    for source, target in edges:
+        beside[source].append(target)
+        beside[target].append(source)
+    row = {thing: index for each in columns for index, thing in enumerate(each)}
+    for sweep in range(SWEEPS):
+        for index in range(len(columns)) if sweep % 2 == 0 else reversed(range(len(columns))):
+            side = -1 if sweep % 2 == 0 else 1
+
+            def middle(thing: Thing, side: int = side) -> float:
+                near = [row[one] for one in beside[thing] if (column[one] - column[thing]) * side > 0] or [
+                    row[one] for one in beside[thing]
+                ]
+                return sum(near) / len(near) if near else row[thing]
+
+            columns[index].sort(key=middle)
+            row.update({thing: place for place, thing in enumerate(columns[index])})
+    return {thing: (column[thing], row[thing]) for thing in things}
+
+
+def svg(
+    drawn: Layout, found: Mapping[str, Suspicion], topics: Mapping[str, bool], links: Mapping[str, str]
+) -> str:
+    """Return the graph as an SVG element.
+
+    Args:
+        found: what the diagnosis makes of each component.
+        topics: whether a topic was seen to be ok; one that is not in it is unknown.
+        links: a component -> where its explanation is.
+    """
+    width = 2 * MARGIN + BOX + COLUMN * max((x for x, _ in drawn.places.values()), default=0)
+    height = 2 * MARGIN + HEIGHT + ROW * max((y for _, y in drawn.places.values()), default=0)
+    out = [
+        f'<svg class="graph" viewBox="0 0 {width} {height}" width="{width}" height="{height}" role="group" '
+        f'aria-label="Component graph">'
+    ]
+    for source, target in drawn.edges:
+        (left, above), (right, below) = (_corner(drawn.places[end]) for end in (source, target))
+        left, y1, y2 = left + BOX, above + HEIGHT / 2, below + HEIGHT / 2
+        bend = max(24.0, abs(right - left) / 2)
+        odd = "" if _state(source, found, topics) == "good" else " odd"
+        curve = f"M{left} {y1:g} C{left + bend:g} {y1:g} {right - bend:g} {y2:g} {right} {y2:g}"
+        out.append(f'<path class="edge{odd}" d="{curve}"/>')
+    for thing, place in drawn.places.items():
+        out.append(_box(thing, place, found, topics, links))
+    out.append("</svg>")
+    return "\n".join(out)
+
+
+def _box(
+    thing: Thing,
+    place: tuple[int, int],
+    found: Mapping[str, Suspicion],
+    topics: Mapping[str, bool],
+    links: Mapping[str, str],
+) -> str:
+    x, y = _corner(place)
+    state = _state(thing, found, topics)
+    share = found[thing.name].share if state == "suspect" else 1.0
+    told = f"{thing.kind} {thing.name}: {state}" + (f", {share:.0%} of the suspicion" if share < 1 else "")
+    text = thing.name if len(thing.name) <= LETTERS else f"{thing.name[: LETTERS - 1]}…"
+    radius = {"hardware": 2, "node": 8, "topic": HEIGHT / 2}[thing.kind]
+    fill = f' fill-opacity="{0.15 + 0.85 * share:.2f}"' if state == "suspect" else ""
+    box = (
+        f'<g class="thing {thing.kind} {state}"><title>{escape(told)}</title>'
+        f'<rect x="{x}" y="{y}" width="{BOX}" height="{HEIGHT}" rx="{radius:g}"{fill}/>'
+        f'<text x="{x + BOX / 2:g}" y="{y + HEIGHT / 2 + 4.5:g}" text-anchor="middle">'
+        f'{SIGNS[state]}<tspan unicode-bidi="isolate">{escape(text)}</tspan></text></g>'
+    )
+    link = links.get(thing.name) if thing.kind != "topic" else None
+    return box if link is None else f'<a href="{escape(link)}" aria-label="{escape(told)}">{box}</a>'
+
+
+def _state(thing: Thing, found: Mapping[str, Suspicion], topics: Mapping[str, bool]) -> str:
+    if thing.kind == "topic":
+        seen = topics.get(thing.name)
+        return "unknown" if seen is None else "good" if seen else "silent"
+    return found.get(thing.name, Suspicion("unknown")).state
+
+
+def _corner(place: tuple[int, int]) -> tuple[int, int]:
+    return MARGIN + COLUMN * place[0], MARGIN + ROW * place[1]

@@ -1,0 +1,249 @@
+"""The page's figures, measured in a real Chromium: `python -m tests.web.figures`. See docs/page.md.
+
+The service is a process of its own, as `robomend serve` starts it, with default options.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import httpx
+from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
+from tests.browser import FLAGS
+
+from robomend.model.loading import load_text
+from robomend.resources import resource
+from robomend.web import graph
+from robomend.web.suspicion import Suspicion
+
+ROBOTS = 2000
+COMPONENTS = 40
+EVENTS = 25
+WATCHED_S = 20.0
+PAGES = 50
+LIVE = '#live[data-state="live"]'
+
+TICK = os.sysconf("SC_CLK_TCK")
+
+
+def chain(components: int) -> str:
+    """Return a model of so many components: devices with their drivers, and nodes in chains behind them."""
+    third = components // 3
+    lines = ["robomend: 1", "name: chain", "channels: 255", "hardware:"]
+    lines += [f"  device{i}: {{channel: {i}}}" if i < 250 else f"  device{i}: {{}}" for i in range(third)]
+    lines.append("nodes:")
+    lines += [f"  driver{i}: {{drives: [device{i}], publishes: {{raw{i}: []}}}}" for i in range(third)]
+    for i in range(components - 2 * third):
+        needs = [f"raw{i % third}", *([f"fine{i - third}"] if i >= third else [])]
+        lines.append(f"  filter{i}: {{publishes: {{fine{i}: [{', '.join(needs)}]}}}}")
+    return "\n".join(lines) + "\n"
+
+
+@contextmanager
+def served() -> Iterator[tuple[str, int]]:
+    """`robomend serve` in a process of its own: its address and process id."""
+    with tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, "-m", "robomend", "serve", "--port", "0", "--data", folder, "--announce"]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
+            try:
+                assert process.stdout is not None
+                yield str(json.loads(process.stdout.readline())["url"]), process.pid
+            finally:
+                process.terminate()
+
+
+def processor_s(pid: int) -> float:
+    """Return the processor time of a process and its children so far, in seconds."""
+    total = 0.0
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit():
+            try:
+                fields = (entry / "stat").read_text().rpartition(")")[2].split()
+            except OSError:
+                continue
+            if int(entry.name) == pid or int(fields[1]) == pid:
+                total += (int(fields[11]) + int(fields[12])) / TICK
+    return total
+
+
+def first_load(browser: Browser, url: str) -> dict[str, float]:
+    """Return bytes and times of a first visit, with an empty cache."""
+    context, page, counted = weighed(browser)
+    began = time.perf_counter()
+    page.goto(url, wait_until="load")
+    loaded = time.perf_counter() - began
+    page.wait_for_selector(LIVE)
+    live = time.perf_counter() - began
+    heap = page.evaluate("performance.memory.usedJSHeapSize")
+    nodes = page.evaluate("document.getElementsByTagName('*').length")
+    found = {"bytes": float(sum(counted)), "loaded_s": loaded, "live_s": live, "heap": heap, "nodes": nodes}
+    context.close()
+    return found
+
+
+def weighed(browser: Browser) -> tuple[BrowserContext, Page, list[int]]:
+    """Return a page that counts the bytes that come over the network."""
+    context = browser.new_context(viewport={"width": 1280, "height": 900})
+    page = context.new_page()
+    counted: list[int] = []
+    wire = context.new_cdp_session(page)
+    wire.send("Network.enable")
+    wire.on("Network.dataReceived", lambda event: counted.append(int(event["encodedDataLength"])))
+    return context, page, counted
+
+
+def event_to_pixel(browser: Browser, url: str, api: httpx.Client) -> list[float]:
+    """Return, for several changes, the time from sending an observation until the frame that shows it."""
+    context = browser.new_context()
+    page = context.new_page()
+    page.goto(f"{url}/ui/robots/r1")
+    page.wait_for_selector(LIVE)
+    page.evaluate(
+        """() => { globalThis.told = [];
+        const state = () => document.querySelector('[data-part="state"] .badge').textContent;
+        let last = state();
+        new MutationObserver(() => { const now = state();
+          if (now === last) return;
+          last = now;
+          requestAnimationFrame(() => setTimeout(() => told.push(Date.now())));
+        }).observe(document.body, {subtree: true, childList: true, characterData: true}); }"""
+    )
+    times = []
+    for number in range(EVENTS):
+        time.sleep(4.0)  # a quiet while, after what the last one set off
+        sent = time.time()
+        observe(api, "r1", "not on(jaguar)" if number % 2 == 0 else "on(jaguar)")
+        while page.evaluate("told.length") <= number:  # the page's policy forbids what waits inside it
+            page.wait_for_timeout(10)
+        times.append(page.evaluate(f"told[{number}]") / 1000 - sent)
+    context.close()
+    return times
+
+
+def observe(api: httpx.Client, robot: str, *sentences: str) -> None:
+    api.post(f"/robots/{robot}/observations", json={"observations": sentences}).raise_for_status()
+
+
+def live_bytes(browser: Browser, url: str, api: httpx.Client) -> float:
+    """Return the bytes a second of an open page of a robot whose OBS changes five times a second."""
+    context, page, counted = weighed(browser)
+    page.goto(f"{url}/ui/robots/forty")
+    page.wait_for_selector(LIVE)
+    page.wait_for_timeout(3000)
+    counted.clear()
+    ended = threading.Event()
+
+    def report() -> None:
+        number = 0
+        while not ended.wait(0.2):
+            observe(api, "forty", f"{'not ' if number % 2 else ''}ok(raw{number % 13})")
+            number += 1
+
+    with ThreadPoolExecutor() as pool:
+        reporting = pool.submit(report)
+        page.wait_for_timeout(WATCHED_S * 1000)
+        ended.set()
+        reporting.result()
+    context.close()
+    return sum(counted) / WATCHED_S
+
+
+def idle_pages(url: str, pid: int) -> tuple[float, float]:
+    """Return what the service takes of a core without open pages and with many, while nothing changes."""
+
+    def share() -> float:
+        before = processor_s(pid)
+        time.sleep(WATCHED_S)  # what is measured is that nothing happens
+        return (processor_s(pid) - before) / WATCHED_S
+
+    alone = share()
+    limits = httpx.Limits(max_connections=None)
+    with httpx.Client(timeout=None, limits=limits) as client:
+        asked = f"{url}/api/v1/events?brief=true&kind=diagnosis&kind=repair&kind=robot&kind=board&kind=stop"
+        streams = [client.send(client.build_request("GET", asked), stream=True) for _ in range(PAGES)]
+        together = share()
+        for stream in streams:
+            stream.close()
+    return alone, together
+
+
+def graph_s() -> tuple[float, int]:
+    """Return how long a graph of 300 components takes to lay out and draw, and its size in bytes."""
+    model = load_text(chain(300), name="chain").parts
+    assert model is not None
+    times = []
+    for _ in range(5):
+        began = time.perf_counter()
+        drawn = graph.svg(graph.layout(model), {name: Suspicion("good") for name in model.components}, {}, {})
+        times.append(time.perf_counter() - began)
+    return statistics.median(times), len(drawn)
+
+
+def main() -> None:
+    """Measure and print."""
+    took, size = graph_s()
+    print(f"graph of 300 components: laid out and drawn in {took * 1000:.0f} ms, {size / 1000:.0f} kB of SVG")
+    with served() as (url, pid), sync_playwright() as playwright:
+        flags = [flag for flag in FLAGS if not flag.startswith(("--remote", "--headless"))]
+        flags.append("--enable-precise-memory-info")
+        browser = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=flags)
+        with httpx.Client(base_url=f"{url}/api/v1", timeout=60) as api:
+            api.put("/models/tedusar", json={"source": resource("examples", "tedusar.yaml").read_text()})
+            api.put("/models/forty", json={"source": chain(COMPONENTS)}).raise_for_status()
+            api.put("/robots/r1", json={"model": "tedusar", "policy": "observe"})
+            api.put("/robots/forty", json={"model": "forty", "policy": "observe"}).raise_for_status()
+            observe(api, "r1", "on(jaguar)", "ok(scan)")
+            tell("/ with 2 robots", first_load(browser, url))
+            tell("a robot, 14 components", first_load(browser, f"{url}/ui/robots/r1"))
+            times = sorted(event_to_pixel(browser, url, api))
+            median, longest = statistics.median(times) * 1000, times[-1] * 1000
+            print(f"observation to pixel, {EVENTS} times: median {median:.0f} ms, longest {longest:.0f} ms")
+            rate = live_bytes(browser, url, api) / 1000
+            print(f"a robot with {COMPONENTS} components, 5 changes/s: {rate:.1f} kB/s", flush=True)
+            fill(url)
+            for rows in (100, ROBOTS):
+                tell(f"/ with {ROBOTS} robots, {rows} rows", first_load(browser, f"{url}/?rows={rows}"))
+                tell("  again", first_load(browser, f"{url}/?rows={rows}"))
+            alone, together = idle_pages(url, pid)
+            print(
+                f"processor, nothing changes: {alone:.1%} of a core alone, {together:.1%} with {PAGES} pages"
+            )
+        browser.close()
+
+
+def fill(url: str) -> None:
+    """Put robots until there are so many."""
+
+    def put(number: int) -> None:
+        config: dict[str, Any] = {"model": "tedusar", "policy": "observe"}
+        api.put(f"/robots/robot-{number}", json=config).raise_for_status()
+        sentence = ("ok(scan)", "not ok(scan)", "not on(jaguar)", "ok(map)")[number % 4]
+        observe(api, f"robot-{number}", sentence)
+
+    with httpx.Client(base_url=f"{url}/api/v1", timeout=120) as api, ThreadPoolExecutor(8) as pool:
+        list(pool.map(put, range(ROBOTS - 2)))
+
+
+def tell(what: str, found: dict[str, float]) -> None:
+    print(
+        f"{what}: {found['bytes'] / 1000:.0f} kB, loaded in {found['loaded_s']:.2f} s, "
+        f"live in {found['live_s']:.2f} s, {found['heap'] / 1e6:.0f} MB of script memory, "
+        f"{found['nodes']:.0f} elements",
+        flush=True,
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,137 @@
+"""Models, what-if, repairs, audit and keys in a real browser."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+
+import pytest
+from playwright.sync_api import Page, expect
+from tests.api.conftest import TEDUSAR, Service, running
+from tests.browser import PATIENCE_MS, keep
+from tests.waiting import until
+from tests.web.conftest import Look
+from tests.web.test_fleet import live, serious
+
+from robomend.settings import Settings
+
+expect.set_options(timeout=PATIENCE_MS)
+
+
+@pytest.fixture(scope="module")
+def kept(service: Service) -> Service:
+    """A service with a model, a robot, and a repair that was cancelled."""
+    service.with_robot("r1")
+    service.observe("not on(jaguar)")
+
+    def begun() -> list[dict[str, str]]:
+        return list(service.api("GET", "/robots/r1/repairs").json()["items"])
+
+    until(begun, "a repair begins")
+    decision = {"decision": "cancel", "reason": "<b>not today</b>"}
+    assert service.api("POST", f"/repairs/{begun()[0]['id']}", json=decision).is_success
+    return service
+
+
+@pytest.fixture(scope="module")
+def keyed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
+    settings = Settings(port=0, data=tmp_path_factory.mktemp("keyed"), sign_ins_per_minute=1e6)
+    with running(settings) as service:
+        service.api("PUT", "/models/tedusar", json={"source": TEDUSAR})
+        service.key("admin")
+        yield service
+
+
+def signed_in(service: Service, look: Look, role: str, path: str) -> Page:
+    page = look(service).page(path)
+    page.get_by_label("Your key").fill(service.key(role))
+    page.get_by_role("button", name="Sign in").click()
+    page.wait_for_selector("#live")
+    return page
+
+
+def test_a_model_is_mended_and_refused_with_its_line(kept: Service, look: Look) -> None:
+    page = live(look(kept), "/ui/models")
+    page.get_by_text("Write a new model").click()
+    page.get_by_label("Name").fill("mended")
+    page.get_by_role("button", name="Save").click()
+    expect(page.get_by_role("heading", name="Model mended")).to_be_visible()
+    text = page.get_by_label("Text")
+    good = text.input_value()
+    text.fill(good.replace("publishes:", "publsihes:"))
+    page.get_by_role("button", name="Save").click()
+    expect(page.get_by_role("alert").first).to_contain_text("publishes")
+    expect(page.locator(".excerpt .fault")).to_contain_text("publsihes")
+    assert page.locator(".excerpt .fault th").inner_text() == "5"
+    assert "publsihes" in page.get_by_label("Text").input_value(), "what was written is not lost"
+    assert kept.api("GET", "/models/mended").json()["number"] == 1, "and the old one stays"
+    page.get_by_label("Text").fill(good + "# mended\n")
+    page.get_by_role("button", name="Save").click()
+    expect(page.get_by_text("version 2 (component)")).to_be_visible()
+    assert kept.api("GET", "/models/mended").json()["source"] == good + "# mended\n"
+
+
+def test_two_people_do_not_overwrite_one_another(kept: Service, look: Look) -> None:
+    kept.api("PUT", "/models/shared", json={"source": TEDUSAR})
+    page = live(look(kept), "/ui/models/shared")
+    etag = kept.api("GET", "/models/shared").headers["etag"]
+    theirs = {"source": TEDUSAR + "# theirs\n"}
+    kept.api("PUT", "/models/shared", json=theirs, headers={"If-Match": etag})
+    page.get_by_label("Text").fill(TEDUSAR + "# mine\n")
+    page.get_by_role("button", name="Save").click()
+    expect(page.get_by_text("Somebody else has changed it meanwhile")).to_be_visible()
+    assert "# mine" in page.get_by_label("Text").input_value()
+    assert kept.api("GET", "/models/shared").json()["source"].endswith("# theirs\n")
+
+
+def test_what_if_has_an_address_and_touches_no_robot(kept: Service, look: Look) -> None:
+    visitor = look(kept)
+    page = live(visitor, "/ui/what-if?model=tedusar")
+    page.get_by_label("Observations").fill("not ok(scan)\non(hokuyo)\nrunning(hokuyo_node)")
+    page.get_by_label("Taken to be healthy").fill("hokuyo")
+    page.get_by_role("button", name="Ask").click()
+    expect(page.locator(".diagnoses li")).to_have_count(1)
+    assert "hokuyo_node explains not ok(scan)" in page.inner_text(".diagnoses")
+    assert "start_node(hokuyo_node)" in page.inner_text(".plan")
+    assert "model=tedusar" in page.url
+    keep(page, "what-if")
+    again = live(visitor, page.url.removeprefix(kept.url))
+    assert again.inner_text(".diagnoses") == page.inner_text(".diagnoses")
+    again.get_by_label("Observations").fill("not ok(sacn)")
+    again.get_by_role("button", name="Ask").click()
+    expect(again.get_by_role("alert").first).to_contain_text("sacn")
+
+
+def test_repairs_and_the_audit_log_tell_who_did_what_and_why(kept: Service, look: Look) -> None:
+    page = live(look(kept), "/ui/repairs")
+    expect(page.locator("tbody tr")).to_have_count(1)
+    assert re.search(r"r1\s+cancelled", page.inner_text("tbody"))
+    page.get_by_role("link", name="Audit").click()
+    row = page.locator("tbody tr", has=page.get_by_text("repair.cancel", exact=True))
+    expect(row).to_contain_text("<b>not today</b>")
+    expect(row).to_contain_text("local")
+    keep(page, "audit")
+
+
+@pytest.mark.parametrize(("role", "audit"), [("viewer", 0), ("operator", 0), ("admin", 1)])
+def test_audit_and_keys_are_for_admins_and_viewers_change_no_model(
+    keyed: Service, look: Look, role: str, audit: int
+) -> None:
+    page = signed_in(keyed, look, role, "/ui/models/tedusar")
+    assert page.get_by_role("link", name="Audit").count() == audit
+    assert page.get_by_role("link", name="Keys").count() == audit
+    assert page.get_by_role("button", name="Save").count() == (role != "viewer")
+    answer = page.goto(keyed.url + "/ui/keys")
+    assert answer is not None
+    assert answer.status == (200 if audit else 403)
+    assert ("in use" in page.inner_text("main")) == bool(audit)
+    assert "rm_" not in page.content()
+
+
+@pytest.mark.parametrize(
+    "path", ["/ui/models", "/ui/models/tedusar", "/ui/what-if", "/ui/repairs", "/ui/audit", "/ui/keys"]
+)
+def test_nothing_serious_stands_in_the_way_of_anybody(kept: Service, look: Look, path: str) -> None:
+    page = live(look(kept, viewport={"width": 390, "height": 800}, color_scheme="dark"), path)
+    assert serious(page) == []
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390

@@ -1,0 +1,209 @@
+"""One robot in a real browser: why it misbehaves, what is done about it, and what a person may do."""
+
+from __future__ import annotations
+
+import re
+import urllib.parse
+
+import pytest
+from playwright.sync_api import Page, expect
+from tests.api.conftest import Service
+from tests.browser import PATIENCE_MS, Watched, keep
+from tests.web.conftest import Look
+from tests.web.test_fleet import LIVE, live, serious
+
+expect.set_options(timeout=PATIENCE_MS)
+
+LONG = "a" + "b" * 198 + "c"
+MARKUP = "<img src=x onerror=alert(1)>"
+HEBREW = "חיישן שמאל"
+ODD = f"""
+robomend: 1
+name: odd
+hardware:
+  "{MARKUP}": {{channel: 1}}
+  "{HEBREW}": {{channel: 2}}
+nodes:
+  "{LONG}": {{drives: ["{MARKUP}"], publishes: {{"</svg><script>alert(2)</script>": []}}}}
+  "right & left": {{drives: ["{HEBREW}"], publishes: {{plain: []}}}}
+"""
+
+FIVE_KEY = """
+ab: AB
+nab: NAB
+neg_prefix: not_
+rules: ["NAB(a)->ok(x)", "NAB(b),ok(x)->ok(y)"]
+props: [ok(x), ok(y), AB(a), NAB(a), AB(b), NAB(b)]
+"""
+
+
+def part(page: Page, name: str) -> str:
+    """Return how a part of the page reads."""
+    return page.locator(f'[data-part="{name}"]').inner_text()
+
+
+@pytest.fixture(scope="module")
+def ill(service: Service) -> Service:
+    """A service with a robot that waits for approval, and others beside it."""
+    service.with_robot("ill")
+    service.api("PUT", "/robots/silent", json={"model": "tedusar"})
+    service.observe("not ok(map)", "on(hokuyo)", robot="ill", source="general_observer")
+    return service
+
+
+def awaiting(service: Service, look: Look, robot: str) -> Page:
+    """Open a robot's page, and wait until its plan waits for a yes."""
+    page = live(look(service), f"/ui/robots/{robot}")
+    expect(page.locator('[data-part="repair"] .badge').first).to_have_text("awaiting approval")
+    return page
+
+
+def test_a_robot_is_told_with_diagnoses_reasons_probes_plan_and_observations(
+    ill: Service, look: Look
+) -> None:
+    page = awaiting(ill, look, "ill")
+    diagnosis = part(page, "diagnosis")
+    for name in ("hokuyo", "hokuyo_node", "hector_mapping"):
+        assert f"{name}\n{name} explains not ok(map)" in diagnosis
+    assert "There are no others." in diagnosis
+    assert re.search(r"ok\(scan\)\? It would tell hector_mapping \(yes\) from hokuyo", diagnosis)
+    assert "Expected: 0.92 bit for 1.0 s of looking." in diagnosis
+    assert "Approve: carry it out" in part(page, "repair")
+    observed = part(page, "obs")
+    assert re.search(r"not ok\(map\)\s+\d+ s ago\s+\d+ s ago\s+general_observer", observed)
+    assert page.locator(".timeline rect.suspect").count() >= 3
+
+
+def test_the_graph_shades_suspects_and_leads_to_the_reasons(ill: Service, look: Look) -> None:
+    page = awaiting(ill, look, "ill")
+    suspects = page.locator("svg.graph .suspect")
+    assert suspects.count() == 3
+    assert float(suspects.first.locator("rect").get_attribute("fill-opacity") or 1) < 0.6
+    assert (page.locator("svg.graph .topic.silent text").text_content() or "").strip() == "✕ map"
+    assert not page.locator("#why-2").get_attribute("open")
+    link = page.get_by_role("link", name="node hector_mapping: suspect, 33% of the suspicion")
+    link.focus()
+    page.keyboard.press("Enter")
+    opened = page.locator("details.why[open]")
+    expect(opened).to_contain_text(
+        "map should be ok because hokuyo, hokuyo_node and hector_mapping are taken"
+    )
+    expect(opened).to_contain_text("not ab(hector_mapping) and ok(scan) -> ok(map)")
+    before = page.locator("svg.graph").get_attribute("width")
+    page.get_by_role("button", name="Larger").click()
+    assert int(page.locator("svg.graph").get_attribute("width") or 0) > int(before or 0)
+
+
+def test_a_probe_is_answered_by_hand_and_the_diagnosis_follows(service: Service, look: Look) -> None:
+    service.with_robot("probed")
+    service.observe("not ok(map)", robot="probed")
+    page = live(look(service), "/ui/robots/probed")
+    page.get_by_role("button", name="Yes, ok(scan)").click()
+    expect(page.locator(".diagnoses li")).to_have_count(1)
+    expect(page.locator(".diagnoses")).to_contain_text("hector_mapping explains not ok(map)")
+    expect(page.locator('[data-part="obs"]')).to_contain_text("ok(scan)")
+    page.get_by_label("Seen by you, just now").fill("not ok(sca)")
+    page.get_by_role("button", name="Report").click()
+    expect(page.locator("#said")).to_contain_text("scan")
+    assert page.get_by_label("Seen by you, just now").input_value() == "not ok(sca)", "to be mended"
+
+
+def test_a_plan_is_approved_carried_out_and_told_in_words(service: Service, look: Look) -> None:
+    service.with_robot("approved")
+    service.observe("not ok(map)", "not running(hector_mapping)", robot="approved")
+    page = awaiting(service, look, "approved")
+    page.locator('[data-part="repair"]').get_by_label("Why").fill("I looked")
+    page.get_by_role("button", name="Approve").click()
+    expect(page.locator('[data-part="repair"] .badge').first).not_to_have_text("awaiting approval")
+    repair = service.api("GET", "/robots/approved/repairs").json()["items"][0]["id"]
+    page.goto(f"{service.url}/ui/repairs/{repair}")
+    expect(page.locator(".record")).to_contain_text("start_node(hector_mapping)")
+    audit = service.api("GET", "/audit", params={"robot": "approved"}).json()["items"]
+    assert [one["reason"] for one in audit if one["action"] == "repair.approve"] == ["I looked"]
+
+
+def test_a_click_that_comes_too_late_has_a_clear_answer(service: Service, look: Look) -> None:
+    service.with_robot("late")
+    service.observe("not on(jaguar)", robot="late")
+    page = awaiting(service, look, "late")
+    repair = service.api("GET", "/robots/late/repairs").json()["items"][0]["id"]
+    form = page.locator(f'form[action="/ui/repairs/{repair}"]')
+    # The page would follow the event before anybody clicks.
+    page.route("**/ui/robots/late", lambda route: route.abort())
+    service.api("POST", f"/repairs/{repair}", json={"decision": "cancel"})
+    form.get_by_role("button", name="Approve").click()
+    expect(page.locator("#said")).to_contain_text("has ended")
+    page.unroute("**/ui/robots/late")
+
+
+def test_a_plan_is_shown_without_acting(service: Service, look: Look) -> None:
+    service.with_robot("observed", policy="observe")
+    service.observe("not on(jaguar)", robot="observed")
+    page = live(look(service), "/ui/robots/observed")
+    page.get_by_role("link", name="Plan without acting").click()
+    expect(page.get_by_text("What a repair would do (nothing is done)")).to_be_visible()
+    assert "power_up(jaguar)" in part(page, "repair")
+    assert page.get_by_role("button", name="Ask for a repair").count() == 0
+    assert service.api("GET", "/robots/observed/repairs").json()["items"] == []
+
+
+def test_a_robot_that_never_reported_is_unknown_and_empty_of_claims(ill: Service, look: Look) -> None:
+    page = live(look(ill), "/ui/robots/silent")
+    assert "unknown" in part(page, "state")
+    assert "nobody has reported anything yet" in part(page, "obs")
+    assert "Nobody was blamed" in part(page, "past")
+    assert "healthy" not in part(page, "state")
+
+
+def test_odd_names_are_shown_as_they_are_and_do_nothing(service: Service, look: Look) -> None:
+    service.api("PUT", "/models/odd", json={"source": ODD})
+    made = service.api("PUT", "/robots/odd", json={"model": "odd"})
+    assert made.status_code == 201, made.text
+    seen = service.observe(
+        f'not on("{MARKUP}")', f'not on("{HEBREW}")', f'not running("{LONG}")', robot="odd"
+    )
+    assert seen.status_code == 200, seen.text
+    visitor = look(service, viewport={"width": 390, "height": 800})
+    said: list[str] = []
+    visitor.context.on("dialog", lambda dialog: said.append(dialog.message))
+    for path in ("/ui/robots/odd", "/?q=odd", "/ui/robots/odd?plan=true"):
+        page = live(visitor, path)
+        assert MARKUP in page.inner_text("main")
+        assert HEBREW in page.inner_text("main")
+        assert page.evaluate("document.documentElement.scrollWidth") <= 390
+        assert page.locator("main img, main script").count() == 0
+    assert said == []
+
+
+def test_a_model_of_clauses_has_no_graph_and_no_repair(service: Service, look: Look) -> None:
+    service.api("PUT", "/models/clauses", json={"source": FIVE_KEY})
+    made = service.api("PUT", "/robots/clauses", json={"model": "clauses", "policy": "observe"})
+    assert made.status_code == 201, made.text
+    service.observe("not ok(y)", robot="clauses")
+    page = live(look(service), "/ui/robots/clauses")
+    assert "There is no picture" in part(page, "graph")
+    assert re.search(r"a\na explains", part(page, "diagnosis"))
+
+
+def test_the_past_is_scrolled_back_to_by_addresses(ill: Service, look: Look) -> None:
+    page = live(look(ill), "/ui/robots/ill?span=600")
+    page.get_by_role("link", name="← earlier").click()
+    page.wait_for_selector(LIVE)
+    assert "Nobody was blamed" in part(page, "past")
+    asked = urllib.parse.parse_qs(urllib.parse.urlsplit(page.url).query)
+    assert asked["span"] == ["600"]
+    page.get_by_role("link", name="now").click()
+    expect(page.locator(".timeline rect.suspect").first).to_be_attached()
+
+
+@pytest.mark.parametrize(("width", "scheme"), [(390, "dark"), (1280, "light")])
+def test_nothing_serious_stands_in_the_way_of_anybody(
+    ill: Service, look: Look, width: int, scheme: str
+) -> None:
+    visitor: Watched = look(ill, color_scheme=scheme, viewport={"width": width, "height": 800})
+    page = live(visitor, "/ui/robots/ill")
+    for summary in page.locator("summary").all():
+        summary.click()
+    keep(page, f"robot-{width}-{scheme}")
+    assert serious(page) == []
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
