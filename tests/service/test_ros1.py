@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.api.test_process import served
+from tests.clients.bridges.ros1.test_actions import REJECTED, REPAIR, SUCCEEDED
 from tests.clients.running_agent import agent, config
 from tests.robomend_board.processes import running as emulator
 from tests.ros1 import RosNode, robot
@@ -122,3 +123,37 @@ def test_a_robot_is_told_its_diagnosis_and_heard_in_the_formats_of_the_published
             assert "laser" in {pair["key"]: pair["value"] for pair in broken["values"]}["diagnosis 1"]
         log = (tmp_path / "agent.log").read_text()
         assert log.count("not understood: 'why?' is no literal") == 1
+
+
+def test_a_ros_node_switches_a_device_through_the_service_whose_stop_and_protection_hold(
+    tmp_path: Path,
+) -> None:
+    with (
+        robot(tmp_path) as ros,
+        emulator("--on", "3") as board,
+        served(tmp_path) as (_, url),
+        Client(url) as client,
+    ):
+        client.put_model("bot", json.dumps(MODEL))
+        at = {"host": "127.0.0.1", "port": board.port, "rate_hz": 20, "protected": []}
+        client.put_robot("tedusar", {"model": "bot", "policy": "observe", "board": at})
+        asks = ros.node("operator")
+
+        def lamp() -> bool | None:
+            return next(c["on"] for c in client.board("tedusar")["channels"] if c["component"] == "lamp")
+
+        def act(name: str, *parameters: str) -> tuple[int, int]:
+            found = asks.do("act", name=name, parameter=list(parameters), **REPAIR)
+            return found["state"], found["result"]
+
+        section = {"master": ros.master.uri, "serve": ["power_up", "shutdown"]}
+        with agent(config(tmp_path, url, {}, ros1=section)):
+            until(lamp, "the lamp that is on", 60)
+            assert act("shutdown", "lamp") == (SUCCEEDED, 0)
+            until(lambda: lamp() is False, "the lamp off", 60)
+            assert act("power_up", "lamp") == (SUCCEEDED, 0)
+            until(lamp, "the lamp on", 60)
+            assert act("shutdown", "lamp2") == (REJECTED, 2)
+            client.stop("an operator says so")
+            assert act("shutdown", "lamp") == (REJECTED, 2)
+            assert lamp() is True

@@ -16,6 +16,8 @@ from pathlib import Path
 from typing import Any
 
 from robomend_client.agent.feeds import AgentParts, Deliver, split
+from robomend_client.bridges.ros1.action_client import RosAction
+from robomend_client.bridges.ros1.action_server import POWER, ActionServer
 from robomend_client.bridges.ros1.listening import Listening
 from robomend_client.bridges.ros1.liveness import Liveness
 from robomend_client.bridges.ros1.messages import MessageReaders, UnreadableMessage, value_at
@@ -65,6 +67,10 @@ class Ros1:
         self.hears = section.flag("hear_observations", True)
         self.lifetime_s = section.number("observations_s", 10.0, least=0.5, most=86400)
         self.ignored = (*section.texts("ignore"), "/robomend*")
+        self.serves = section.texts("serve")
+        for name in self.serves:
+            if not NAME.match(name):
+                raise section.error("serve", f"must be names of actions, not {name!r}")
         self.problems = Problems()
         self._parts: AgentParts | None = None
         self._telling: Telling | None = None
@@ -111,6 +117,15 @@ class Ros1:
             topics["diagnostics"] = "/diagnostics"  # the aggregator knows no namespace
         self._telling = Telling(node, parts, topics)
         work = [self._telling.run()]
+        for name in self.serves:
+            if name not in POWER and name not in parts.executors.names:
+                known = ", ".join((*parts.executors.names, *POWER))
+                self.problems.tell(name, f"cannot be served: this agent can do {known}")
+                continue
+            work.append(ActionServer(node, parts, name, self.names.ros(name)).run())
+        for executor in parts.executors:
+            if isinstance(executor, RosAction):
+                executor.attach(node)
         if self.hears:
             args = (self._readers, self.problems, self.lifetime_s, self.ignored)
             listening = Listening(parts, self.names, *args)

@@ -15,13 +15,20 @@ from robomend_client.bridges.ros1.messages import full_name
 from robomend_client.bridges.ros1.publication import MessageType
 
 HEADER = "uint32 seq\ntime stamp\nstring frame_id\n"
-GOAL_ID = "time stamp\nstring id\n"
-GOAL_STATUS = "actionlib_msgs/GoalID goal_id\nuint8 status\nstring text\n"
+GOAL_STATUS = (
+    "uint8 PENDING=0\nuint8 ACTIVE=1\nuint8 PREEMPTED=2\nuint8 SUCCEEDED=3\nuint8 ABORTED=4\n"
+    "uint8 REJECTED=5\nuint8 PREEMPTING=6\nuint8 RECALLING=7\nuint8 RECALLED=8\nuint8 LOST=9\n"
+    "actionlib_msgs/GoalID goal_id\nuint8 status\nstring text\n"
+)
 
 PACKAGE = "tug_ist_diagnosis_msgs"
+GOAL, RESULT, FEEDBACK = (f"{PACKAGE}/DiagnosisRepairAction{part}" for part in ("Goal", "Result", "Feedback"))
+CANCEL, STATUSES = "actionlib_msgs/GoalID", "actionlib_msgs/GoalStatusArray"
 OBSERVATIONS, DIAGNOSIS = f"{PACKAGE}/Observations", f"{PACKAGE}/Diagnosis"
 BOARD = f"{PACKAGE}/DBoardMeasurments"
 DIAGNOSTICS = "diagnostic_msgs/DiagnosticArray"
+
+ACTION_HEAD = "std_msgs/Header header\n"
 
 DEFINITIONS = {
     "std_msgs/Header": HEADER,
@@ -35,6 +42,15 @@ DEFINITIONS = {
     f"{PACKAGE}/DiagnosisResults": "string[] good\nstring[] bad\n",
     DIAGNOSIS: f"float32 o_time\n{PACKAGE}/DiagnosisResults[] diag\n",
     f"{PACKAGE}/Channel": "int32 id\nstring dev_connected\nint32 status\nfloat32 current\nfloat32 voltage\n",
+    CANCEL: "time stamp\nstring id\n",
+    "actionlib_msgs/GoalStatus": GOAL_STATUS,
+    STATUSES: "std_msgs/Header header\nactionlib_msgs/GoalStatus[] status_list\n",
+    f"{PACKAGE}/DiagnosisRepairGoal": "string[] parameter\n",
+    f"{PACKAGE}/DiagnosisRepairResult": "int32 result\n",
+    f"{PACKAGE}/DiagnosisRepairFeedback": "int32 feedback\n",
+    GOAL: f"{ACTION_HEAD}actionlib_msgs/GoalID goal_id\n{PACKAGE}/DiagnosisRepairGoal goal\n",
+    RESULT: f"{ACTION_HEAD}actionlib_msgs/GoalStatus status\n{PACKAGE}/DiagnosisRepairResult result\n",
+    FEEDBACK: f"{ACTION_HEAD}actionlib_msgs/GoalStatus status\n{PACKAGE}/DiagnosisRepairFeedback feedback\n",
     BOARD: f"float32 o_time\n{PACKAGE}/Channel[] channel\n",
 }
 
