@@ -12,6 +12,7 @@ import asyncio
 import contextlib
 import logging
 import time
+from collections.abc import Sequence
 from contextlib import AsyncExitStack
 from typing import Any
 
@@ -20,7 +21,7 @@ from robomend_client.agent.broker import Broker, Tap, TopicMessage
 from robomend_client.agent.config import AgentConfig
 from robomend_client.agent.executors.base import Executors
 from robomend_client.agent.executors.supervised import supervised
-from robomend_client.agent.feeds import Feed, Samples
+from robomend_client.agent.feeds import AgentParts, Bridge, Feed, Samples
 from robomend_client.agent.memory import FirstResults
 from robomend_client.agent.reporter import VerdictReporter
 from robomend_client.agent.supervisor import Supervisor
@@ -28,7 +29,7 @@ from robomend_client.agent.usage import PERIOD_S, Usage
 from robomend_client.agent.watch import Watch
 from robomend_client.buffer import DiskBuffer
 from robomend_client.clock import Clock
-from robomend_client.observers import PROCESSES
+from robomend_client.observers import PROCESSES, Change
 from robomend_client.outbox import AsyncOutbox
 from robomend_client.python310 import end, timeout
 from robomend_client.rest.asynchronous import AsyncClient
@@ -70,10 +71,17 @@ class Agent:
             )
             orders = await stack.enter_async_context(AsyncClient(service.url, key, timeout_s=10.0))
             clock = Clock()
+            bridges = [feed for feed in config.feeds if isinstance(feed, Bridge)]
+
+            def on_changes(changes: Sequence[Change]) -> None:
+                reporter.report(changes)
+                for bridge in bridges:
+                    bridge.changed(changes)
+
             watch = Watch(
                 [spec.make() for spec in config.observers],
                 clock,
-                lambda changes: reporter.report(changes),
+                on_changes,
                 config.lenient,
                 config.recording,
             )
@@ -99,6 +107,21 @@ class Agent:
             )
             actions = Actions(orders, config.robot, config.agent, executors, memory, config.host, watch)
             stack.push_async_callback(actions.close)
+            for bridge in bridges:
+                bridge.attach(
+                    AgentParts(
+                        robot=config.robot,
+                        agent=config.agent,
+                        state_dir=config.state_dir,
+                        client=await stack.enter_async_context(AsyncClient(service.url, key, timeout_s=10.0)),
+                        clock=clock,
+                        executors=executors,
+                        actions=actions,
+                        standing=watch.standing,
+                        heartbeat_s=config.heartbeat_s,
+                        buffer_bytes=config.buffer_bytes,
+                    )
+                )
             await self._work(supervisor, watch, reporter, actions)
             await reporter.flush()
 

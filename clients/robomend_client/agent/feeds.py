@@ -10,13 +10,21 @@ an observer wants it, or, of those in EXTRAS, when its section is there.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 from robomend_client.registry import Registry
 from robomend_client.yaml_reader import Section
+
+if TYPE_CHECKING:  # the agent's file is read before httpx is imported
+    from robomend_client.agent.actions import Actions
+    from robomend_client.agent.executors.base import Executors
+    from robomend_client.clock import Clock
+    from robomend_client.observers import Change, Verdict
+    from robomend_client.rest.asynchronous import AsyncClient
 
 AGENT, BUS = "agent", "bus"
 OWN = ("processes", "host")
@@ -46,6 +54,33 @@ class Feed(Protocol):
 
     async def run(self, deliver: Deliver) -> None:
         """Deliver until cancelled; what goes wrong outside is waited out and logged, not raised."""
+
+
+@dataclass(frozen=True)
+class AgentParts:
+    """What a bridge may use of the agent that it is a part of."""
+
+    robot: str
+    agent: str
+    state_dir: Path
+    client: AsyncClient
+    clock: Clock
+    executors: Executors
+    actions: Actions
+    standing: Callable[[], Sequence[Verdict]]  # what the agent's observers hold now
+    heartbeat_s: float
+    buffer_bytes: int
+
+
+@runtime_checkable
+class Bridge(Feed, Protocol):
+    """A feed that also tells the robot what the agent and the service know, and lets it act."""
+
+    def attach(self, parts: AgentParts) -> None:
+        """Called once, before `run`."""
+
+    def changed(self, changes: Sequence[Change]) -> None:
+        """The agent's observers have found this."""
 
 
 class MissingExtra(Exception):

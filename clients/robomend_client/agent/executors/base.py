@@ -7,7 +7,7 @@ its row in docs/agent.md.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Protocol
 
 from robomend_client.actions import REFUSED, Action, ActionResult, Feedback
@@ -44,6 +44,14 @@ class Executors:
         self._by_name: dict[str, list[ActionExecutor]] = {}
         for executor in executors:
             self._by_name.setdefault(executor.name, []).append(executor)
+
+    def __iter__(self) -> Iterator[ActionExecutor]:
+        return (executor for executors in self._by_name.values() for executor in executors)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The actions that any of them carries out."""
+        return tuple(self._by_name)
 
     @property
     def can(self) -> list[str]:

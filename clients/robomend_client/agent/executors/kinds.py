@@ -5,7 +5,7 @@
       reset_usb: {kind: reset_usb, devices: {camera: "046d:0825"}}
 
 Its keys are the parameters of the executor's class (observers/parameters.py). Bridges and other
-distributions add kinds (`ros_action`, `lifecycle`, `launch`) by the entry points
+distributions add kinds (`lifecycle`, `launch`) by the entry points
 `robomend.agent_executors`.
 """
 
@@ -31,6 +31,7 @@ KINDS = Registry[Callable[..., ActionExecutor]](
         "process": f"{ROOM}.program:Program",
         "systemd": f"{ROOM}.systemd:Units",
         "reset_usb": f"{ROOM}.usb:ResetUsb",
+        "ros_action": "robomend_client.bridges.ros1.action_client:RosAction",
     },
 )
 

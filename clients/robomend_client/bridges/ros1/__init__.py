@@ -9,6 +9,10 @@ catkin and no distribution.
     subscription.py   a topic that comes in          publication.py   a topic that goes out
     nodes.py          who runs (pure)                liveness.py      how that is found out
     messages.py       values out of messages         names.py         the model's names and ROS's
+    sentences.py      sentences to literals (pure)   listening.py      others' /observations
+    formats.py        the messages that go out       telling.py        what the robot is told
+    action_topics.py  the words of actionlib
+    action_server.py  actions that nodes ask for     action_client.py  the robot's own actions
     feed.py           the section `ros1:`, and what observers get
 """
 

@@ -11,17 +11,23 @@ from __future__ import annotations
 import asyncio
 import os
 import re
+from collections.abc import Coroutine, Sequence
 from pathlib import Path
 from typing import Any
 
-from robomend_client.agent.feeds import Deliver, split
+from robomend_client.agent.feeds import AgentParts, Deliver, split
+from robomend_client.bridges.ros1.action_client import RosAction
+from robomend_client.bridges.ros1.action_server import POWER, ActionServer
+from robomend_client.bridges.ros1.listening import Listening
 from robomend_client.bridges.ros1.liveness import Liveness
 from robomend_client.bridges.ros1.messages import MessageReaders, UnreadableMessage, value_at
 from robomend_client.bridges.ros1.names import Names, resolved
 from robomend_client.bridges.ros1.node import RosNode
 from robomend_client.bridges.ros1.problems import Problems
 from robomend_client.bridges.ros1.subscription import Publisher
+from robomend_client.bridges.ros1.telling import TYPES, Telling
 from robomend_client.bridges.ros1.xmlrpc import OutOfReach, address_of
+from robomend_client.observers import Change
 from robomend_client.python310 import end
 from robomend_client.yaml_reader import Section
 
@@ -53,7 +59,21 @@ class Ros1:
         self.names = Names(section.text("namespace", "/"), section.section("names").words())
         self.ping_s = section.number("ping_s", 0.75, least=0.05, most=60)
         self.ping_timeout_s = section.number("ping_timeout_s", 1.0, least=0.05, most=60)
+        given = section.texts("publish")
+        self.publishes = given if "publish" in section else tuple(TYPES)
+        for topic in self.publishes:
+            if topic not in TYPES:
+                raise section.error("publish", f"must be of {', '.join(TYPES)}, not {topic!r}")
+        self.hears = section.flag("hear_observations", True)
+        self.lifetime_s = section.number("observations_s", 10.0, least=0.5, most=86400)
+        self.ignored = (*section.texts("ignore"), "/robomend*")
+        self.serves = section.texts("serve")
+        for name in self.serves:
+            if not NAME.match(name):
+                raise section.error("serve", f"must be names of actions, not {name!r}")
         self.problems = Problems()
+        self._parts: AgentParts | None = None
+        self._telling: Telling | None = None
         self._readers = MessageReaders()
         self._topics: dict[str, list[tuple[str, str]]] = {}  # topic -> sources, each with its field
         for source in sorted(sources - {NODES}):
@@ -63,6 +83,15 @@ class Ros1:
             self._topics.setdefault(self.names.ros(topic), []).append((source, field))
         self._watches_nodes = NODES in sources
 
+    def attach(self, parts: AgentParts) -> None:
+        """Be a part of this agent; without one, the bridge only feeds observers."""
+        self._parts = parts
+
+    def changed(self, changes: Sequence[Change]) -> None:
+        """Tell the robot what the agent's observers have found."""
+        if self._telling is not None:
+            self._telling.changed(changes)
+
     async def run(self, deliver: Deliver) -> None:
         """Be a node of the master, and deliver what it hears, until cancelled."""
         node = RosNode(self.name, self.master_uri, self.address, self.problems)
@@ -70,12 +99,39 @@ class Ros1:
         for topic, wanted in self._topics.items():
             hears = _Hearing(self, topic, wanted, deliver, liveness)
             node.subscribe(topic, hears.message, keep=hears.looks)
-        work = [node.run()] if liveness is None else [node.run(), liveness.run()]
+        work = [node.run()]
+        if liveness is not None:
+            work.append(liveness.run())
+        if self._parts is not None:
+            work += self._with(node, self._parts)
         tasks = [asyncio.create_task(part) for part in work]
         try:
             await asyncio.gather(*tasks)
         finally:
             await end(tasks)
+
+    def _with(self, node: RosNode, parts: AgentParts) -> list[Coroutine[Any, Any, None]]:
+        """Return what else there is to do as a part of an agent."""
+        topics = {name: self.names.ros(name) for name in self.publishes}
+        if "diagnostics" in topics:
+            topics["diagnostics"] = "/diagnostics"  # the aggregator knows no namespace
+        self._telling = Telling(node, parts, topics)
+        work = [self._telling.run()]
+        for name in self.serves:
+            if name not in POWER and name not in parts.executors.names:
+                known = ", ".join((*parts.executors.names, *POWER))
+                self.problems.tell(name, f"cannot be served: this agent can do {known}")
+                continue
+            work.append(ActionServer(node, parts, name, self.names.ros(name)).run())
+        for executor in parts.executors:
+            if isinstance(executor, RosAction):
+                executor.attach(node)
+        if self.hears:
+            args = (self._readers, self.problems, self.lifetime_s, self.ignored)
+            listening = Listening(parts, self.names, *args)
+            node.subscribe(self.names.ros("observations"), listening.message, keep=True)
+            work.append(listening.run())
+        return work
 
     def _liveness(self, node: RosNode, deliver: Deliver) -> Liveness:
         def tell(table: dict[str, bool | None]) -> None:
@@ -115,7 +171,7 @@ class _Hearing:
                 except UnreadableMessage as error:
                     self._bridge.problems.tell(f"{self._topic} by {publisher.node}, {field}", str(error))
                 else:
-                    self._deliver(source, value, None)
+                    self._deliver(source, channels(value) if source == BOARD else value, None)
 
     def _read(self, publisher: Publisher, body: bytes) -> Any:
         place = f"messages of {self._topic} by {publisher.node}"
@@ -126,3 +182,9 @@ class _Hearing:
             return None
         self._bridge.problems.over(place)
         return message
+
+
+def channels(rows: Any) -> list[dict[str, Any]]:
+    """Return /board_measurments as hardware observers read it: by number, up to the first that is missing."""
+    found = {row["id"]: {"on": row["status"] == 1, "current_a": row["current"]} for row in rows}
+    return [found[number] for number in range(len(found)) if all(n in found for n in range(number + 1))]

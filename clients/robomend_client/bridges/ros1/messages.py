@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable
+from dataclasses import fields, is_dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -107,7 +108,7 @@ def plain(value: Any) -> Any:
         return [plain(item) for item in value]
     if hasattr(value, "tolist"):  # numpy's arrays and numbers
         return value.tolist()
-    fields = getattr(value, "__dataclass_fields__", None)
-    if fields is None:
+    if not is_dataclass(value):
         return str(value)
-    return {name: plain(getattr(value, name)) for name in fields if not name.startswith("__")}
+    names = (field.name for field in fields(value))
+    return {name: plain(getattr(value, name)) for name in names if not name.startswith("__")}

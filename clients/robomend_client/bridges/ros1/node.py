@@ -18,7 +18,7 @@ from typing import Any
 
 from robomend_client.bridges.ros1.master import Master
 from robomend_client.bridges.ros1.problems import Problems
-from robomend_client.bridges.ros1.publication import MessageType, Publication, Subscriber
+from robomend_client.bridges.ros1.publication import Describe, Publication, Subscriber
 from robomend_client.bridges.ros1.subscription import OnLink, OnMessage, Subscription
 from robomend_client.bridges.ros1.xmlrpc import PeerError, XmlRpcServer, address_of
 from robomend_client.python310 import timeout
@@ -58,9 +58,9 @@ class RosNode:
         self._subscriptions[topic] = found
         return found
 
-    def publish(self, topic: str, type_: MessageType, latched: bool = False) -> Publication:
+    def publish(self, topic: str, type_name: str, describe: Describe, latched: bool = False) -> Publication:
         """Offer a topic, from the next registration on."""
-        found = Publication(topic, self.name, type_, latched)
+        found = Publication(topic, self.name, type_name, describe, latched)
         self._publications[topic] = found
         return found
 
@@ -96,7 +96,7 @@ class RosNode:
         self._displaced = False
         self.known.clear()
         for publication in self._publications.values():
-            await self.master.register_publisher(publication.topic, publication.type.name, self.api)
+            await self.master.register_publisher(publication.topic, publication.type_name, self.api)
         for subscription in self._subscriptions.values():
             subscription.publishers(self._others(await self._register(subscription)))
         self.known.set()
@@ -135,7 +135,7 @@ class RosNode:
             case "getSubscriptions", _:
                 return [1, "", [[s.topic, s.type or "*"] for s in self._subscriptions.values()]]
             case "getPublications", _:
-                return [1, "", [[p.topic, p.type.name] for p in self._publications.values()]]
+                return [1, "", [[p.topic, p.type_name] for p in self._publications.values()]]
             case "getBusInfo", _:
                 return [1, "", []]
             case "getBusStats", _:

@@ -7,7 +7,7 @@ is refused with a reason.
 from __future__ import annotations
 
 import asyncio
-import contextlib
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from robomend_client.bridges.ros1.problems import Problems
@@ -29,12 +29,19 @@ class MessageType:
     definition: str
 
 
+Describe = Callable[[str], MessageType]
+
+
 class Publication:
     """One topic."""
 
-    def __init__(self, topic: str, node: str, type_: MessageType, latched: bool = False) -> None:
+    def __init__(
+        self, topic: str, node: str, type_name: str, describe: Describe, latched: bool = False
+    ) -> None:
+        """`describe` is asked, in a thread, when the first subscriber comes."""
         self.topic = topic
-        self.type = type_
+        self.type_name = type_name
+        self._describe = describe
         self.dropped = 0
         self._node = node
         self._latched = latched
@@ -59,28 +66,29 @@ class Publication:
         for subscriber in tuple(self._subscribers):
             subscriber.abort()
 
-    def joined(self, subscriber: Subscriber, header: dict[str, str]) -> bytes:
+    async def joined(self, subscriber: Subscriber, header: dict[str, str]) -> bytes:
         """Take in a subscriber; return what it is sent first.
 
         Raises:
             ProtocolError: it wants another type.
         """
-        if header.get("md5sum") not in ("*", self.type.md5):
+        kind = await asyncio.to_thread(self._describe, self.type_name)
+        if header.get("md5sum") not in ("*", kind.md5):
             raise ProtocolError(
-                f"{self.topic} is {self.type.name} with md5sum {self.type.md5}, not "
+                f"{self.topic} is {kind.name} with md5sum {kind.md5}, not "
                 f"{header.get('type')} with {header.get('md5sum')}"
             )
         if len(self._subscribers) >= MOST_SUBSCRIBERS:
             raise ProtocolError(f"{self.topic} has {MOST_SUBSCRIBERS} subscribers already")
-        self._subscribers.add(subscriber)
         hello = {
             "callerid": self._node,
             "topic": self.topic,
-            "type": self.type.name,
-            "md5sum": self.type.md5,
-            "message_definition": self.type.definition,
+            "type": kind.name,
+            "md5sum": kind.md5,
+            "message_definition": kind.definition,
             "latching": "1" if self._latched else "0",
         }
+        self._subscribers.add(subscriber)
         return encode_header(hello) + (self._last or b"")
 
     def left(self, subscriber: Subscriber) -> None:
@@ -97,6 +105,7 @@ class Subscriber(asyncio.Protocol):
         self._publication: Publication | None = None
         self._transport: asyncio.Transport | None = None
         self._late: asyncio.TimerHandle | None = None
+        self._greeting: asyncio.Task[None] | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         assert isinstance(transport, asyncio.Transport)
@@ -107,14 +116,12 @@ class Subscriber(asyncio.Protocol):
         assert self._transport is not None
         try:
             self._decoder.receive(data)
-            header = self._decoder.header
-            if self._publication is None and header is not None:
-                self._greet(header)
         except ProtocolError as error:
-            self._problems.tell("a subscriber", str(error))
-            with contextlib.suppress(RuntimeError):
-                self._transport.write(encode_header({"error": str(error)}))
-            self._transport.close()
+            self._refuse(error)
+            return
+        header = self._decoder.header
+        if self._greeting is None and header is not None:
+            self._greeting = asyncio.create_task(self._greet(header))
 
     def connection_lost(self, error: Exception | None) -> None:
         if self._late is not None:
@@ -136,13 +143,27 @@ class Subscriber(asyncio.Protocol):
         if self._transport is not None:
             self._transport.abort()
 
-    def _greet(self, header: dict[str, str]) -> None:
+    async def _greet(self, header: dict[str, str]) -> None:
         assert self._transport is not None
-        publication = self._publications.get(header.get("topic", ""))
-        if publication is None:
-            raise ProtocolError(f"{header.get('topic', '')[:200]!r} is not published here")
-        hello = publication.joined(self, header)
+        assert self._late is not None
+        self._late.cancel()
+        try:
+            publication = self._publications.get(header.get("topic", ""))
+            if publication is None:
+                raise ProtocolError(f"{header.get('topic', '')[:200]!r} is not published here")
+            hello = await publication.joined(self, header)
+        except ProtocolError as error:
+            self._refuse(error)
+            return
+        if self._transport.is_closing():
+            publication.left(self)
+            return
         self._publication = publication
         self._transport.write(hello)
-        if self._late is not None:
-            self._late.cancel()
+
+    def _refuse(self, error: ProtocolError) -> None:
+        assert self._transport is not None
+        self._problems.tell("a subscriber", str(error))
+        if not self._transport.is_closing():
+            self._transport.write(encode_header({"error": str(error)}))
+            self._transport.close()

@@ -14,6 +14,7 @@ import asyncio
 import socket
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from importlib import import_module
 from typing import Any
 
 from robomend_client.bridges.ros1.problems import Problems
@@ -101,6 +102,8 @@ class Subscription:
         """Listen to a publisher for as long as there is one."""
         place = f"{self.topic} from {uri}"
         wait_s = FIRST_WAIT_S
+        if self._keep:  # what reads its messages; a third of a second in which nobody else shall wait
+            await asyncio.to_thread(import_module, "rosbags.typesys")
         try:
             while uri in self._wanted:
                 try:

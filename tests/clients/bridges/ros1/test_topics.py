@@ -18,12 +18,20 @@ from tests.ros1 import Robot, robot
 from tests.waiting import eventually
 
 from robomend_client.bridges.ros1.tcpros import encode_header, frame
+from robomend_client.literals import fails, holds
+from robomend_client.observers import DiagnosticObserver, HardwareObserver, Wiring
 
 TWIST = "geometry_msgs/Twist"
 MINE = "my_msgs/Motor"
 MINE_TEXT = "Header header\nfloat64 temperature\nPart[] parts\n" + "=" * 80 + (
     "\nMSG: my_msgs/Part\nstring name\nfloat32[3] currents\n" + "=" * 80
     + "\nMSG: std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id\n"
+)  # fmt: skip
+
+
+BOARD_TEXT = "float32 o_time\nChannel[] channel\n" + "=" * 80 + (
+    "\nMSG: tug_ist_diagnosis_msgs/Channel\nint32 id\nstring dev_connected\nint32 status\n"
+    "float32 current\nfloat32 voltage\n"
 )  # fmt: skip
 
 
@@ -107,6 +115,36 @@ def test_a_topic_that_changes_its_type_is_told_and_heard_on(ros: Robot, tmp_path
             assert len(heard.lines("where std_msgs/Float64")) == 1
             assert "/other publishes my_msgs/Motor" in heard.lines("where std_msgs/Float64")[0]
             assert len(heard.lines("no field data")) == 1
+
+    asyncio.run(test())
+
+
+def test_diagnostics_and_the_boards_channels_come_as_observers_read_them(ros: Robot, tmp_path: Path) -> None:
+    node = ros.node("driver")
+    status = {
+        "name": "hokuyo: connection",
+        "level": 1,
+        "values": [{"key": "temperature", "value": "39.5"}],
+    }
+    diagnostics = {"status": [status]}
+    node.do(
+        "publish", topic="/diagnostics", type="diagnostic_msgs/DiagnosticArray", value=diagnostics, rate=20
+    )
+    rows = [{"id": 1, "status": 0}, {"id": 0, "status": 1, "current": 1.5}, {"id": 7, "status": 1}]
+    board = {"type": "tug_ist_diagnosis_msgs/DBoardMeasurments", "definition": BOARD_TEXT}
+    node.do("publish", topic="/board_measurments", value={"channel": rows}, rate=20, **board)
+
+    async def test() -> None:
+        async with hearing(tmp_path, ros.master.uri, "diagnostics", "board") as heard:
+            await heard.more("diagnostics")
+            await heard.more("board")
+            levels = DiagnosticObserver("hokuyo", ["hokuyo: *"], ["temperature < 39"])
+            levels.feed("diagnostics", 1, heard.last("diagnostics"))
+            assert levels.check(1) == (fails("ok", "hokuyo"), fails("ok", "temperature"))
+            wiring = {"jaguar": Wiring(0), "lamp": Wiring(1), "far": Wiring(7)}
+            hardware = HardwareObserver(wiring)
+            hardware.feed("board", 1, heard.last("board"))
+            assert hardware.check(1) == (holds("on", "jaguar"), fails("on", "lamp"))
 
     asyncio.run(test())
 

@@ -1,0 +1,181 @@
+"""Action servers: what the agent can do, and the power board, for ROS nodes that ask for it.
+
+    start_node, stop_node, …   the agent's executors, with their allow-list
+    power_up, shutdown         the board's channels, through the service: its protection and its stop hold
+
+Goals run side by side; one that comes with a known id is not run again. Nothing is served unless the file
+says so: who reaches the robot's network may then ask for it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections import OrderedDict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from robomend_client.actions import FAILED, OK, REFUSED, UNREACHABLE, Action, ActionResult, Feedback
+from robomend_client.agent.feeds import AgentParts
+from robomend_client.bridges.ros1 import formats
+from robomend_client.bridges.ros1.action_topics import TO_CLIENT, TO_SERVER, GoalState, header
+from robomend_client.bridges.ros1.node import RosNode
+from robomend_client.bridges.ros1.subscription import Publisher
+from robomend_client.python310 import end
+from robomend_client.rest.errors import ApiError, ClientError
+
+log = logging.getLogger(__name__)
+
+POWER = {"power_up": True, "shutdown": False}
+STATUS_S = 0.2
+KEPT_S = 5.0
+"""How long a goal that has ended is still listed, as actionlib does it."""
+
+MOST_GOALS = 64
+TIMEOUT_S = 60.0
+
+
+@dataclass
+class Goal:
+    """One goal, from its arrival on."""
+
+    id: str
+    stamp: dict[str, int]
+    state: GoalState = GoalState.ACTIVE
+    text: str = ""
+    ended_s: float | None = None
+    task: asyncio.Task[None] | None = None
+
+    @property
+    def status(self) -> dict[str, object]:
+        goal_id = {"stamp": self.stamp, "id": self.id}
+        return {"goal_id": goal_id, "status": int(self.state), "text": self.text}
+
+
+class ActionServer:
+    """Serves one action by its name."""
+
+    def __init__(self, node: RosNode, parts: AgentParts, name: str, topic: str) -> None:
+        self._node = node
+        self._parts = parts
+        self._name = name
+        self._goals: OrderedDict[str, Goal] = OrderedDict()
+        node.subscribe(f"{topic}/goal", self._goal, keep=True)
+        node.subscribe(f"{topic}/cancel", self._cancel, keep=True)
+        self._out = {
+            part: node.publish(f"{topic}/{part}", kind, formats.message_type)
+            for part, kind in TO_CLIENT.items()
+        }
+
+    async def run(self) -> None:
+        """Tell the states of the goals until cancelled; then give up what is under way."""
+        try:
+            while True:
+                self._tell_states()
+                await asyncio.sleep(STATUS_S)
+        finally:
+            await end([goal.task for goal in self._goals.values() if goal.task is not None])
+
+    # --- what clients want -----------------------------------------------------------------------------
+
+    def _goal(self, publisher: Publisher, body: bytes) -> None:
+        message = self._read(publisher, "goal", body)
+        if message is None:
+            return
+        goal_id = message.goal_id
+        stamp = {"sec": goal_id.stamp.sec, "nanosec": goal_id.stamp.nanosec}
+        name = goal_id.id or f"{publisher.node}-{time.time_ns()}"
+        if name in self._goals:
+            return
+        goal = Goal(name, stamp)
+        self._goals[name] = goal
+        if sum(g.ended_s is None for g in self._goals.values()) > MOST_GOALS:
+            self._ended(goal, GoalState.REJECTED, ActionResult(REFUSED, f"{MOST_GOALS} goals are under way"))
+            return
+        goal.task = asyncio.create_task(self._carry_out(goal, tuple(map(str, message.goal.parameter))))
+
+    def _cancel(self, publisher: Publisher, body: bytes) -> None:
+        """Give up one goal; all of them without an id (those up to a time, where one is given)."""
+        message = self._read(publisher, "cancel", body)
+        if message is None:
+            return
+        until = (message.stamp.sec, message.stamp.nanosec)
+        for goal in self._goals.values():
+            since = (goal.stamp["sec"], goal.stamp["nanosec"])
+            meant = goal.id == message.id if message.id else until == (0, 0) or since <= until
+            if meant and goal.task is not None and goal.ended_s is None:
+                goal.task.cancel()
+
+    def _read(self, publisher: Publisher, part: str, body: bytes) -> Any:
+        place = f"{self._name}/{part} by {publisher.node}"
+        if publisher.md5 != formats.message_type(TO_SERVER[part]).md5:
+            self._node.problems.tell(place, f"{publisher.type} is no {TO_SERVER[part]}; it is not heard")
+            return None
+        try:
+            return formats.decode(TO_SERVER[part], body)
+        except Exception as error:  # noqa: BLE001  # anybody's bytes
+            self._node.problems.tell(place, f"cannot be read: {error}"[:200])
+            return None
+
+    # --- carrying out ----------------------------------------------------------------------------------
+
+    async def _carry_out(self, goal: Goal, parameters: Sequence[str]) -> None:
+        action = Action(f"ros1:{goal.id}", self._name, tuple(parameters), TIMEOUT_S)
+        log.info("ROS 1: %s is asked for", action)
+
+        def feedback(number: int, message: str) -> None:
+            goal.text = message
+            self._publish("feedback", {"status": goal.status, "feedback": {"feedback": number}})
+
+        try:
+            if self._name in POWER:
+                result = await self._switch(action, feedback)
+            else:
+                result = await self._parts.actions.run(action, feedback)
+        except asyncio.CancelledError:
+            self._ended(goal, GoalState.PREEMPTED, ActionResult(FAILED, f"{action} was given up"))
+            raise
+        refused = GoalState.REJECTED if result.code == REFUSED else GoalState.ABORTED
+        self._ended(goal, GoalState.SUCCEEDED if result.ok else refused, result)
+
+    async def _switch(self, action: Action, feedback: Feedback) -> ActionResult:
+        """Switch a device's channel, as a person would."""
+        robot, client = self._parts.robot, self._parts.client
+        if len(action.parameters) != 1:
+            return ActionResult(REFUSED, f"{action} needs one device")
+        (device,) = action.parameters
+        try:
+            board = await client.board(robot)
+            channels = [one["channel"] for one in board["channels"] if one["component"] == device]
+            if not channels:
+                return ActionResult(REFUSED, f"{device} is on no channel of the board")
+            feedback(1, f"{action}: channel {channels[0]}")
+            await client.switch_channel(robot, channels[0], POWER[action.name], "asked for by a ROS node")
+        except ApiError as error:
+            return ActionResult(REFUSED, f"{action}: {error}")
+        except ClientError as error:
+            return ActionResult(UNREACHABLE, f"{action}: {error}")
+        return ActionResult(OK, f"{action} is done")
+
+    # --- what clients are told -------------------------------------------------------------------------
+
+    def _ended(self, goal: Goal, state: GoalState, result: ActionResult) -> None:
+        goal.state, goal.text, goal.ended_s = state, result.message, time.monotonic()
+        log.info("ROS 1: %s → %s, %d %s", self._name, state.name.lower(), result.code, result.message)
+        self._publish("result", {"status": goal.status, "result": {"result": result.code}})
+        self._tell_states()
+
+    def _tell_states(self) -> None:
+        now_s = time.monotonic()
+        for name in [
+            n for n, g in self._goals.items() if g.ended_s is not None and now_s - g.ended_s > KEPT_S
+        ]:
+            del self._goals[name]
+        self._publish("status", {"status_list": [goal.status for goal in self._goals.values()]})
+
+    def _publish(self, part: str, value: dict[str, object]) -> None:
+        out = self._out[part]
+        if out.wanted:
+            out.publish(formats.encode(TO_CLIENT[part], {"header": header(time.time_ns()), **value}))

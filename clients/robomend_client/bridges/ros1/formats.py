@@ -1,0 +1,182 @@
+"""The messages that the bridge publishes and serves, in the formats of the published system and of ROS.
+
+Source: the message definitions of tug_ist_diagnosis_msgs (float32 stamps, as released: its own subscribers
+compare md5 sums), diagnostic_msgs and actionlib_msgs. rosbags is imported when the first is made.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from functools import lru_cache
+from typing import Any
+
+from robomend_client.bridges.ros1.messages import full_name
+from robomend_client.bridges.ros1.publication import MessageType
+
+HEADER = "uint32 seq\ntime stamp\nstring frame_id\n"
+GOAL_STATUS = (
+    "uint8 PENDING=0\nuint8 ACTIVE=1\nuint8 PREEMPTED=2\nuint8 SUCCEEDED=3\nuint8 ABORTED=4\n"
+    "uint8 REJECTED=5\nuint8 PREEMPTING=6\nuint8 RECALLING=7\nuint8 RECALLED=8\nuint8 LOST=9\n"
+    "actionlib_msgs/GoalID goal_id\nuint8 status\nstring text\n"
+)
+
+PACKAGE = "tug_ist_diagnosis_msgs"
+GOAL, RESULT, FEEDBACK = (f"{PACKAGE}/DiagnosisRepairAction{part}" for part in ("Goal", "Result", "Feedback"))
+CANCEL, STATUSES = "actionlib_msgs/GoalID", "actionlib_msgs/GoalStatusArray"
+OBSERVATIONS, DIAGNOSIS = f"{PACKAGE}/Observations", f"{PACKAGE}/Diagnosis"
+BOARD = f"{PACKAGE}/DBoardMeasurments"
+DIAGNOSTICS = "diagnostic_msgs/DiagnosticArray"
+
+ACTION_HEAD = "std_msgs/Header header\n"
+
+DEFINITIONS = {
+    "std_msgs/Header": HEADER,
+    "diagnostic_msgs/KeyValue": "string key\nstring value\n",
+    "diagnostic_msgs/DiagnosticStatus": (
+        "byte OK=0\nbyte WARN=1\nbyte ERROR=2\nbyte STALE=3\nbyte level\nstring name\nstring message\n"
+        "string hardware_id\ndiagnostic_msgs/KeyValue[] values\n"
+    ),
+    DIAGNOSTICS: "std_msgs/Header header\ndiagnostic_msgs/DiagnosticStatus[] status\n",
+    OBSERVATIONS: "float32 out_time\nstring[] obs\n",
+    f"{PACKAGE}/DiagnosisResults": "string[] good\nstring[] bad\n",
+    DIAGNOSIS: f"float32 o_time\n{PACKAGE}/DiagnosisResults[] diag\n",
+    f"{PACKAGE}/Channel": "int32 id\nstring dev_connected\nint32 status\nfloat32 current\nfloat32 voltage\n",
+    CANCEL: "time stamp\nstring id\n",
+    "actionlib_msgs/GoalStatus": GOAL_STATUS,
+    STATUSES: "std_msgs/Header header\nactionlib_msgs/GoalStatus[] status_list\n",
+    f"{PACKAGE}/DiagnosisRepairGoal": "string[] parameter\n",
+    f"{PACKAGE}/DiagnosisRepairResult": "int32 result\n",
+    f"{PACKAGE}/DiagnosisRepairFeedback": "int32 feedback\n",
+    GOAL: f"{ACTION_HEAD}actionlib_msgs/GoalID goal_id\n{PACKAGE}/DiagnosisRepairGoal goal\n",
+    RESULT: f"{ACTION_HEAD}actionlib_msgs/GoalStatus status\n{PACKAGE}/DiagnosisRepairResult result\n",
+    FEEDBACK: f"{ACTION_HEAD}actionlib_msgs/GoalStatus status\n{PACKAGE}/DiagnosisRepairFeedback feedback\n",
+    BOARD: f"float32 o_time\n{PACKAGE}/Channel[] channel\n",
+}
+
+OK, WARN, ERROR, STALE = range(4)
+MOST_STATUSES = 1000
+
+
+@lru_cache(maxsize=1)
+def _store() -> Any:
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.EMPTY)
+    for name, text in DEFINITIONS.items():
+        store.register(get_types_from_msg(text, full_name(name)))
+    return store
+
+
+@lru_cache(maxsize=64)
+def message_type(name: str) -> MessageType:
+    """Return what the header of a connection says of a type."""
+    definition, md5 = _store().generate_msgdef(full_name(name), ros_version=1)
+    return MessageType(name, md5, definition)
+
+
+def encode(name: str, value: Mapping[str, Any]) -> bytes:
+    """Return the bytes of a message; what `value` leaves out is empty or 0."""
+    return bytes(_store().serialize_ros1(_made(full_name(name), value), full_name(name)))
+
+
+def decode(name: str, body: bytes) -> Any:
+    """Return a message of one of these types.
+
+    Raises:
+        Exception: the bytes are none; rosbags raises what it likes.
+    """
+    return _store().deserialize_ros1(body, full_name(name))
+
+
+def _made(name: str, value: Mapping[str, Any]) -> Any:
+    store = _store()
+    kind = store.types[name]
+    _, definition = store.fielddefs[name]
+    given = {}
+    for field, node in definition:
+        given[field] = _part(node, value.get(field))
+    return kind(**{field.name: given[field.name] for field in fields(kind) if field.name in given})
+
+
+def _part(node: Any, value: Any) -> Any:
+    """Return a field's value as rosbags wants it; `node` is its type: kind, and what it is made of."""
+    kind, inside = node
+    if kind == 1:  # a base type: its name and the longest string
+        return ("" if inside[0] == "string" else 0) if value is None else value
+    if kind == 2:  # another message
+        return _made(inside, value or {})
+    element, _ = inside
+    return [_part(element, item) for item in value or ()]
+
+
+def stamp(time_ns: int) -> dict[str, int]:
+    """Return a ROS time."""
+    return {"sec": time_ns // 10**9, "nanosec": time_ns % 10**9}
+
+
+def observations(sentences: Sequence[str], time_ns: int) -> bytes:
+    return encode(OBSERVATIONS, {"out_time": time_ns / 1e9, "obs": list(sentences)})
+
+
+def diagnosis(diagnoses: Sequence[Mapping[str, Any]], time_ns: int) -> bytes:
+    """Return /diagnosis: all minimal diagnoses, each with good and bad."""
+    rows = [{"good": list(d["good"]), "bad": list(d["bad"])} for d in diagnoses]
+    return encode(DIAGNOSIS, {"o_time": time_ns / 1e9, "diag": rows})
+
+
+def board(channels: Sequence[Mapping[str, Any]], time_ns: int) -> bytes:
+    """Return /board_measurments; of a channel of which nothing is known, there is no row."""
+    rows = [
+        {
+            "id": channel["channel"],
+            "dev_connected": channel["component"] or "",
+            "status": int(channel["on"]),
+            "current": channel["current_a"] or 0.0,
+            "voltage": channel["voltage_v"] or 0.0,
+        }
+        for channel in channels
+        if channel["on"] is not None
+    ]
+    return encode(BOARD, {"o_time": time_ns / 1e9, "channel": rows})
+
+
+def diagnostics(result: Mapping[str, Any] | None, why_none: str, time_ns: int) -> bytes:
+    """Return /diagnostics: a status for each component, for the aggregator of ROS.
+
+    ERROR: bad in every diagnosis; WARN: in some; OK: in none. Without a result there is one STALE status.
+    """
+    if result is None:
+        statuses = [{"level": STALE, "name": "robomend", "message": why_none}]
+    else:
+        statuses = [_status(name, result) for name in _components(result)][:MOST_STATUSES]
+    return encode(DIAGNOSTICS, {"header": {"stamp": stamp(time_ns)}, "status": statuses})
+
+
+def _components(result: Mapping[str, Any]) -> list[str]:
+    found = {name for one in result["diagnoses"] for name in (*one["bad"], *one["good"])}
+    return sorted(found)
+
+
+def _status(name: str, result: Mapping[str, Any]) -> dict[str, Any]:
+    diagnoses = result["diagnoses"]
+    blaming = [one for one in diagnoses if name in one["bad"]]
+    values = {}
+    if not blaming:
+        level, message = OK, "works"
+    else:
+        certain = len(blaming) == len(diagnoses) and result.get("complete", False)
+        level, message = (ERROR, "broken") if certain else (WARN, "perhaps broken")
+        values["in diagnoses"] = f"{len(blaming)} of {len(diagnoses)}"
+        values |= {
+            f"diagnosis {n}": one.get("text") or ", ".join(one["bad"]) for n, one in enumerate(blaming[:5], 1)
+        }
+        because = [c.get("text", "") for c in result.get("conflicts", ()) if name in c["components"]]
+        values |= {f"because {n}": text for n, text in enumerate(because[:5], 1) if text}
+    return {
+        "level": level,
+        "name": f"robomend: {name}",
+        "message": message,
+        "hardware_id": name,
+        "values": [{"key": key, "value": value} for key, value in values.items()],
+    }
