@@ -27,7 +27,7 @@ Sources:
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import NamedTuple
@@ -51,6 +51,8 @@ class Definite:
     """Variable -> what its one rule needs: the mask of healthy components, and variables that are true."""
     heads: Mapping[int, tuple[int, ...]]
     """Variable, of health as well -> what it helps to derive."""
+    grounded: frozenset[int]
+    """What follows from all components being healthy, and nothing observed: it has no circle below it."""
 
     @classmethod
     def of(cls, cnf: HealthCnf) -> Definite | None:
@@ -75,7 +77,24 @@ class Definite:
             rule[head] = (mask, body)
             for variable in needed:
                 heads.setdefault(variable, []).append(head)
-        return cls(count, rule, {variable: tuple(found) for variable, found in heads.items()})
+        return cls(
+            count, rule, {variable: tuple(found) for variable, found in heads.items()}, _grounded(rule, heads)
+        )
+
+
+def _grounded(
+    rule: Mapping[int, tuple[int, tuple[int, ...]]], heads: Mapping[int, Sequence[int]]
+) -> frozenset[int]:
+    missing = {head: len(body) for head, (_, body) in rule.items()}
+    pending = [head for head, count in missing.items() if not count]
+    found = set(pending)
+    while pending:
+        for head in heads.get(pending.pop(), ()):
+            missing[head] -= 1
+            if not missing[head]:
+                found.add(head)
+                pending.append(head)
+    return frozenset(found)
 
 
 class Signatures:
@@ -92,9 +111,9 @@ class Signatures:
         """Return the observed variables that rest on a component (a health variable)."""
         found = self._signatures.get(component)
         if found is None:
-            bit = 1 << (component - 1)
-            reached = (v for v in self.reached(component) if v in self.observed)
-            found = frozenset(v for v in reached if (cone := self.cone(v)) and cone.components & bit)
+            # What is reached has the component in its cone, if it has one: there is one rule for each atom.
+            reached = self.observed.intersection(self.reached(component))
+            found = frozenset(v for v in reached if v in self._definite.grounded or self.cone(v))
             self._signatures[component] = found
         return found
 
