@@ -29,6 +29,7 @@ OTHERS = {
     "service": ("robomend_bench.service.command", "load on a running service"),
     "robots": ("robomend_bench.robots.command", "the robot's side: observers, and an agent under a service"),
     "faults": ("robomend_bench.faults.command", "the score: faults planted into simulated robots"),
+    "isolability": ("robomend_bench.isolability", "which faults can be told apart, on generated robots"),
 }
 """Commands of their own, without suites, engines or questions: module and summary."""
 
@@ -141,6 +142,7 @@ def command(
     robomend-bench service --help                         load on a running service
     robomend-bench robots --help                          observers and agents
     robomend-bench faults --help                          the score: robots that break
+    robomend-bench isolability --help                     which faults can be told apart
     """
     if listing:
         _list()

@@ -82,6 +82,7 @@ RULES: dict[tuple[str, str], frozenset[Role] | None] = {
     ("PUT", f"{API}/models/{{name}}"): ACT,
     ("DELETE", f"{API}/models/{{name}}"): ACT,
     ("GET", f"{API}/models/{{name}}/versions"): READ,
+    ("POST", f"{API}/models/{{name}}/isolability"): READ,
     ("GET", f"{API}/robots"): READ,
     ("GET", f"{API}/robots/{{robot}}"): READ | OWN,
     ("PUT", f"{API}/robots/{{robot}}"): ACT,

@@ -20,6 +20,7 @@ from robomend.store.records import Quarantine
 ASKS = {
     ("POST", f"{API}/diagnoses"),
     ("POST", f"{API}/plans"),
+    ("POST", f"{API}/models/{{name}}/isolability"),
     ("POST", f"{API}/robots/{{robot}}/plans"),
 }
 """They ask, and write nothing."""

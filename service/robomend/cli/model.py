@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import math
+from pathlib import Path
+
 import click
 
+from robomend.cli.files import ExistingFile
 from robomend.cli.lazy import LazyGroup, Table
 from robomend.cli.models import MODEL, load
 
@@ -22,11 +26,50 @@ def command() -> None:
 @click.argument("model", type=MODEL)
 @click.option("--strict", is_flag=True, help="Exit with 1 when there is a warning.")
 @click.option("--format", "format_", type=click.Choice(("table", "json")), default="table", show_default=True)
-def check(model: str, strict: bool, format_: str) -> int:
+@click.option("--isolability", is_flag=True, help="Which faults can be detected and told apart, instead.")
+@click.option("--robot", type=ExistingFile(), help="A robot's configuration (JSON): what it reports.")
+@click.option("--agent", "agents", type=ExistingFile(), multiple=True, help="An agent's file; repeatable.")
+@click.option("--observe", "-o", multiple=True, metavar="ATOM", help='At hand, e.g. "ok(scan)"; repeatable.')
+@click.option("--double", is_flag=True, help="Compare double faults, too.")
+@click.option("--svg", type=click.Path(dir_okay=False, path_type=Path), help="Draw the matrix here.")
+@click.option("--timeout", type=float, default=60.0, show_default=True, help="Seconds; inf: none.")
+def check(
+    model: str,
+    strict: bool,
+    format_: str,
+    isolability: bool,
+    robot: Path | None,
+    agents: tuple[Path, ...],
+    observe: tuple[str, ...],
+    double: bool,
+    svg: Path | None,
+    timeout: float,
+) -> int:
     """Say what MODEL leaves out: components that no rule can blame, names that nothing uses.
+
+    With --isolability, say which faults can be detected and told apart by the observables at hand (--robot,
+    --agent, --observe; without these, all that the rules speak of), and what would split the rest.
 
     A model that is wrong is refused with its file and line, and exit code 2.
     """
+    if isolability:
+        from robomend.cli.isolability import report
+
+        if math.isnan(timeout) or timeout <= 0:
+            raise click.UsageError("--timeout is a number of seconds above 0")
+        report(
+            load(model),
+            robot=robot,
+            agents=agents,
+            observe=observe,
+            double=double,
+            timeout_s=None if math.isinf(timeout) else timeout,
+            svg=svg,
+            as_json=format_ == "json",
+        )
+        return 0
+    if robot or agents or observe or double or svg:
+        raise click.UsageError("--robot, --agent, --observe, --double and --svg are for --isolability")
     import json
 
     from robomend.model.checking import check as doubts

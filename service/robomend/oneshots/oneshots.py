@@ -5,7 +5,7 @@ A bounded number waits for a worker; more are refused. Nothing of a one-shot sta
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -21,7 +21,7 @@ from robomend.planning.planner_pool import PlannerPool, advise
 from robomend.planning.planners import PLANNERS
 from robomend.planning.planning import PlanOptions
 from robomend.settings import Settings
-from robomend_client.literals import Literal
+from robomend_client.literals import Atom, Literal
 
 GRACE_S = 2.0
 
@@ -120,6 +120,19 @@ class OneShots:
             return await self._solver.probes(
                 version, engine, system.cnf, literals, options, limit, deadline_s
             )
+
+    async def isolability(
+        self, system: System, observed: Collection[Atom] | None, *, double: bool, timeout_s: float
+    ) -> str:
+        """Return which faults can be detected and told apart by what is observed (None: by all
+        there is), as JSON.
+
+        Raises:
+            OptionRefused: too large a model, or no rule speaks of what is observed.
+            Overloaded: too many one-shots wait.
+        """
+        with self._place():
+            return await self._solver.isolability(system, observed, double, timeout_s)
 
     async def _ask(
         self, subject: Subject, literals: frozenset[Literal], engine: str, options: Options

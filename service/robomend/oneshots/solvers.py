@@ -6,17 +6,22 @@ killed and its engines with it; the next call sends the model again.
 
 from __future__ import annotations
 
+import json
 from collections import OrderedDict
+from collections.abc import Collection
 
 from robomend.diagnosis.engines import make_engine
+from robomend.diagnosis.isolability.analysis import isolability
 from robomend.diagnosis.probes import Prober, ProbeResult
 from robomend.diagnosis.result import DiagnosisResult, Engine, Options
 from robomend.errors import RobomendError
 from robomend.model.cnf import HealthCnf
 from robomend.model.packed import opened
+from robomend.model.system import System
+from robomend.oneshots.isolability_json import isolability_json
 from robomend.oneshots.warm_model import ask_engine
 from robomend.workers.pool import WorkerPool
-from robomend_client.literals import Literal
+from robomend_client.literals import Atom, Literal
 
 KEPT = 4
 """Engines kept warm in each worker; a monstrous one takes hundreds of megabytes."""
@@ -26,6 +31,10 @@ MEMORY_BYTES = 4 << 30
 
 SEND_S = 5.0
 """What a deadline allows besides the search: the model's way to the worker, and its compilation there."""
+
+
+ISOLABILITY_S = 5.0
+"""What comparing faults may take besides its budget: its answer has a place for each pair."""
 
 
 class SolverWorkers:
@@ -76,6 +85,15 @@ class SolverWorkers:
             find_probes, (key, engine), cnf, literals, options, limit, timeout_s=deadline_s + SEND_S
         )
 
+    async def isolability(
+        self, system: System, observed: Collection[Atom] | None, double: bool, timeout_s: float
+    ) -> str:
+        """Compare all faults with all, in a worker, and return the JSON; raises as `diagnose` does."""
+        deadline_s = timeout_s + ISOLABILITY_S + SEND_S
+        return await self.pool.run(
+            find_isolability, system, observed, double, timeout_s, timeout_s=deadline_s
+        )
+
     async def close(self) -> None:
         """Kill the workers."""
         await self.pool.aclose()
@@ -109,6 +127,14 @@ def diagnose(
         _warm[key] = make_engine(key[1], whole), whole
     _warm.move_to_end(key)
     return ask_engine(*_warm[key], literals, options)
+
+
+def find_isolability(
+    system: System, observed: Collection[Atom] | None, double: bool, timeout_s: float
+) -> str:
+    """Compare all faults with all; runs in a worker process, as does making its JSON, which is long."""
+    found = isolability(opened(system.cnf), observed, double=double, timeout_s=timeout_s)
+    return json.dumps(isolability_json(found, system), ensure_ascii=False)
 
 
 def find_probes(

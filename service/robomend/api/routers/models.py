@@ -1,4 +1,4 @@
-"""/models: system descriptions as versioned resources.
+"""/models: system descriptions as versioned resources, and what their faults can show.
 
 A robot follows its model: a new version recompiles and diagnoses anew without losing OBS. A bad model is
 refused whole, and the old one stays.
@@ -24,11 +24,15 @@ from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
 from robomend.api.model_text import OPENAPI_BODY, read_model
 from robomend.api.schemas.base import Items
+from robomend.api.schemas.isolability import IsolabilityBody, IsolabilityOut
 from robomend.api.schemas.models import ModelOut, VersionOut
 from robomend.api.views import model_out, version_out
+from robomend.errors import InputError
+from robomend.robots.at_hand import observables_at_hand
 from robomend.security import API
 from robomend.store import models
 from robomend.store.records import ABSENT
+from robomend_client.literals import Atom
 
 router = APIRouter(prefix=f"{API}/models", tags=["models"], route_class=GuardedRoute)
 
@@ -93,3 +97,28 @@ async def list_versions(name: ModelPath, parts: PartsDep, paging: PagingDep) -> 
     """List all versions of a model, newest first."""
     page = await parts.store.read(models.versions, name, paging)
     return Items(items=[version_out(model) for model in page.items], next=page.next)
+
+
+@router.post("/{name}/isolability", response_model=IsolabilityOut, responses=problems(404, body=True))
+async def isolability(name: ModelPath, body: IsolabilityBody, parts: PartsDep) -> Response:
+    """Say which faults can be detected and told apart by the observables at hand, and what would split the
+    rest: before one happens.
+    """
+    subject = await parts.robots.models.subject(name, None)
+    observed: set[Atom] | None = None
+    if body.observed is not None:
+        asked = await parts.robots.models.question(subject, body.observed)
+        if asked.assertions:
+            raise InputError("`observed` names observables, such as ok(scan), and nothing richer")
+        observed = {literal.atom for literal in asked.literals}
+    if body.robot is not None:
+        state = await parts.robots.memory.latest(body.robot)
+        if state.config.model != name:
+            raise InputError(f"the robot {body.robot} follows the model {state.config.model}, not {name}")
+        reported = observables_at_hand(state.config, subject.system, state.sight.declared.agents())
+        observed = (observed or set()).union(reported)
+    timeout_s = min(body.timeout_s or parts.settings.solver_timeout_s, parts.settings.max_solver_timeout_s)
+    text = await parts.one_shots.isolability(
+        subject.system, observed, double=body.double, timeout_s=timeout_s
+    )
+    return Response(text, media_type="application/json")

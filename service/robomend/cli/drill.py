@@ -1,0 +1,154 @@
+"""`robomend drill --plan`: what planted faults would show on a robot, and what stands in the way."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import islice
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from robomend.errors import BackendError, InputError
+from robomend_client.rest.errors import ClientError
+
+if TYPE_CHECKING:
+    from robomend.planning.drill import PlantableFault
+    from robomend.robots.configuration import RobotConfig
+    from robomend_client.rest import Client
+
+REFUSED = 1
+
+
+@click.command("drill")
+@click.argument("robot", metavar="ROBOT")
+@click.option("--plan", is_flag=True, help="Say what could be planted, and what it would show.")
+@click.option("--url", envvar="ROBOMEND_URL", default="http://127.0.0.1:8600", show_default=True)
+@click.option("--key", envvar="ROBOMEND_KEY", help="Of role viewer; also by ROBOMEND_KEY.")
+@click.option("--format", "format_", type=click.Choice(("table", "json")), default="table", show_default=True)
+def command(robot: str, plan: bool, url: str, key: str | None, format_: str) -> int:
+    """Say which faults could be planted on ROBOT, how each is undone, what is protected, and what would be
+    diagnosed. 1 where a drill would be refused now: an unhealthy robot, an open repair, a stop.
+
+    Nothing is planted: this version plans drills, for people who carry them out by hand.
+    """
+    if not plan:
+        raise click.UsageError("this version plans drills and carries none out: say --plan")
+    try:
+        obstacles, faults, complete = _asked(robot, url, key)
+    except (ClientError, OSError) as error:
+        raise BackendError(f"{url}: {error}") from error
+    if format_ == "json":
+        click.echo(json.dumps(_json(robot, obstacles, faults, complete), ensure_ascii=False))
+    else:
+        _show(robot, obstacles, faults, complete)
+    return REFUSED if obstacles else 0
+
+
+def _asked(robot: str, url: str, key: str | None) -> tuple[list[str], list[PlantableFault], bool]:
+    """Return what stands in the way, the faults, and whether they are all."""
+    from robomend.model.loading import load_text
+    from robomend.planning.drill import MOST_FAULTS, drill_plan
+    from robomend.robots.at_hand import observables_at_hand
+    from robomend.robots.configuration import RobotConfig, protection_of
+    from robomend_client.rest import Client
+    from robomend_client.rest.retry import NEVER
+
+    with Client(url, key, timeout_s=10.0, retry=NEVER) as client:
+        state = client.robot(robot).value
+        config = RobotConfig.from_json(robot, state["config"])
+        model = client.model(config.model).value
+        system = load_text(model["source"], name=config.model)
+        if system.parts is None:
+            raise InputError(f"{config.model} is no component model: it does not say what could be planted")
+        observed = observables_at_hand(config, system)
+        obstacles = list(_obstacles(client, state, config, bool(observed)))
+    faults = drill_plan(
+        system.extended(expected_stopped=system.named(config.expected_stopped)),
+        system.parts,
+        observed,
+        protected=protection_of(config, system.parts),
+        board=None if config.board is None else config.board.protected,
+    )
+    found = list(islice(faults, MOST_FAULTS + 1))
+    return obstacles, found[:MOST_FAULTS], len(found) <= MOST_FAULTS
+
+
+def _obstacles(
+    client: Client, state: Mapping[str, Any], config: RobotConfig, observed: bool
+) -> Iterator[str]:
+    """Yield why a drill would be refused now."""
+    import time
+
+    from robomend.planning.policy import Window
+    from robomend.repairs.states import ENDS
+
+    if config.policy == "observe":
+        yield "the robot's policy is `observe`: nothing is ever done to it"
+    if not observed:
+        yield "nothing is said to be observed: name it in `observed` of the robot's configuration"
+    if state["state"] != "healthy":
+        yield f"the robot is {state['state']}, so that a fault would not be seen for itself"
+    stop = client.stopped()
+    if stop["active"]:
+        yield f"the global stop is active, set by {stop['by']}: {stop['reason']}"
+    windows = list(map(Window.of, config.windows))
+    if windows and not any(window.holds(time.time_ns()) for window in windows):
+        yield "no maintenance window is open"
+    ends = {str(end) for end in ENDS}
+    for repair in client.repairs(config.id, limit=10)["items"]:
+        if repair["state"] not in ends:
+            yield f"the repair {repair['id']} is {repair['state']}"
+
+
+def _json(
+    robot: str, obstacles: Sequence[str], faults: Sequence[PlantableFault], complete: bool
+) -> dict[str, Any]:
+    from robomend.planning.drill import BY
+
+    return {
+        "robot": robot,
+        "obstacles": list(obstacles),
+        "faults": [
+            {
+                "kind": str(fault.kind),
+                "component": fault.component,
+                "by": BY[fault.kind],
+                "act": fault.act,
+                "undo": fault.undo,
+                "refused": fault.refused,
+                "shows": list(map(str, fault.shows)),
+                "diagnoses": list(map(list, fault.diagnoses)),
+                "promise": fault.promise,
+            }
+            for fault in faults
+        ],
+        "complete": complete,
+    }
+
+
+def _show(robot: str, obstacles: Sequence[str], faults: Sequence[PlantableFault], complete: bool) -> None:
+    for obstacle in obstacles:
+        click.echo(f"refused now: {obstacle}")
+    click.echo(f"what could be planted on {robot}; nothing is done")
+    for fault in faults:
+        if fault.refused is None:
+            shows = ", ".join(map(str, fault.shows)) or "nothing"
+            click.echo(f"\n  {fault.act}; undo: {fault.undo}\n      shows {shows}\n      {_promised(fault)}")
+    click.echo()
+    for fault in faults:
+        if fault.refused is not None:
+            click.echo(f"never: {fault.act}: {fault.refused}")
+    if not complete:
+        click.echo(f"there are more: the first {len(faults)} are shown")
+
+
+def _promised(fault: PlantableFault) -> str:
+    named = " or ".join(" with ".join(bad) for bad in fault.diagnoses)
+    words = {
+        "unseen": "would not be noticed",
+        "told": "told: the only diagnosis",
+        "among": f"one of {named}",
+        "missed": f"another is blamed: {named}",
+    }
+    return words[fault.promise]

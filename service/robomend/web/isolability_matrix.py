@@ -1,0 +1,81 @@
+"""The isolability matrix as SVG: row i, column j says whether fault i can be told from fault j.
+
+              a  b  c
+    a         ▪  ·  ·        always: nothing in the way
+    b         █  ▪  ◦        never: a full square; sometimes: a ring
+    c         ·  ·  ▪
+
+What is told by colour is told by shape as well, so that the figure reads in grey.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+
+NEVER, SOMETIMES, UNKNOWN, SELF = "#c8553d", "#e3a690", "#9aa5b1", "#d9dee3"
+INK, MUTED, GRID = "#1f2933", "#616e7c", "#eef1f4"
+FONT = "font-family='system-ui, Segoe UI, Roboto, Helvetica, Arial, sans-serif'"
+
+CELL, LETTER = 14, 6.2  # pixels
+TOP, MARGIN = 64, 16
+MOST_ROWS = 200
+"""Faults in one figure; what is left out is said in it."""
+
+
+def isolability_matrix(
+    title: str, faults: Sequence[Sequence[str]], matrix: Sequence[str], detectable: Sequence[bool | None]
+) -> str:
+    """Return the figure."""
+    count = min(len(faults), MOST_ROWS)
+    names = [" + ".join(fault) for fault in faults[:count]]
+    wide = max([len(name) for name in names], default=0) * LETTER + 12
+    left, top = MARGIN + wide, TOP + wide
+    width, height = left + count * CELL + MARGIN, top + count * CELL + 56
+    out = [
+        f"<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 {width:.0f} {height:.0f}' "
+        f"width='{width:.0f}' height='{height:.0f}' role='img' {FONT} font-size='11' fill='{INK}'>",
+        f"<title>{escape(title)}</title>",
+        f"<rect width='{width:.0f}' height='{height:.0f}' fill='white'/>",
+        f"<text x='{MARGIN}' y='24' font-size='14' font-weight='600'>{escape(title)}</text>",
+        f"<text x='{MARGIN}' y='42' fill='{MUTED}'>Can the fault of the row be told from that of the column?"
+        f"{f' The first {count} of {len(faults)}.' if count < len(faults) else ''}</text>",
+    ]
+    for index, name in enumerate(names):
+        x, y = left + index * CELL, top + index * CELL
+        faint = f" fill='{MUTED}' font-style='italic'" if detectable[index] is False else ""
+        lines = f"M{left:.1f} {y:.1f}h{count * CELL}M{x:.1f} {top:.1f}v{count * CELL}"
+        turned = f"translate({x + 11:.1f} {top - 6:.1f}) rotate(-90)"
+        out += [
+            f"<text x='{left - 6:.1f}' y='{y + 11:.1f}' text-anchor='end'{faint}>{escape(name)}</text>",
+            f"<text transform='{turned}'{faint}>{escape(name)}</text>",
+            f"<path d='{lines}' stroke='{GRID}'/>",
+        ]
+    for index in range(count):
+        for other in range(count):
+            out.append(_cell(matrix[index][other], left + other * CELL, top + index * CELL))
+    y = top + count * CELL + 22
+    for place, (mark, words) in enumerate(
+        (("-", "never"), ("~", "by some of what it shows"), ("+", "whatever it shows"), ("?", "not known"))
+    ):
+        x = MARGIN + place * 170
+        out += [_cell(mark, x, y), f"<text x='{x + 20:.1f}' y='{y + 11:.1f}'>{words}</text>"]
+    out.append(
+        f"<text x='{MARGIN}' y='{y + 28:.1f}' fill='{MUTED}'>in italics: cannot be detected at all</text>"
+    )
+    return "".join(filter(None, [*out, "</svg>"])) + "\n"
+
+
+def _cell(place: str, x: float, y: float) -> str:
+    if place == "-":
+        return f"<rect x='{x + 1:.1f}' y='{y + 1:.1f}' width='12' height='12' fill='{NEVER}'/>"
+    if place == "~":
+        return (
+            f"<circle cx='{x + 7:.1f}' cy='{y + 7:.1f}' r='4' fill='none' stroke='{SOMETIMES}' "
+            "stroke-width='2'/>"
+        )
+    if place == "?":
+        return f"<text x='{x + 4:.1f}' y='{y + 11:.1f}' fill='{UNKNOWN}'>?</text>"
+    if place == "=":
+        return f"<rect x='{x + 4:.1f}' y='{y + 4:.1f}' width='6' height='6' fill='{SELF}'/>"
+    return ""

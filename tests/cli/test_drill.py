@@ -1,0 +1,85 @@
+"""`robomend drill --plan` against a running service."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.api.conftest import TEDUSAR, running
+from tests.api.test_process import served
+
+from robomend.cli.commands import run
+from robomend.settings import Settings
+from robomend_client.rest import Client
+
+Capture = pytest.CaptureFixture[str]
+SEEN = ["on(hokuyo)", "ok(scan)", "running(hokuyo_node)"]
+
+
+def planned(url: str, capsys: Capture, robot: str = "r1") -> tuple[int, dict[str, Any]]:
+    """Return the exit code and the plan; before it may be a service's log."""
+    code = run(["drill", robot, "--plan", "--url", url, "--format", "json"])
+    answer: dict[str, Any] = json.loads(capsys.readouterr().out.splitlines()[-1])
+    return code, answer
+
+
+def test_a_plan_says_what_would_be_done_and_what_stands_in_the_way(tmp_path: Path, capsys: Capture) -> None:
+    with served(tmp_path) as (_, url), Client(url) as client:
+        client.put_model("tedusar", TEDUSAR)
+        client.put_robot("r1", {"model": "tedusar", "observed": SEEN, "protected": ["jaguar_node"]})
+        code, plan = planned(url, capsys)
+        assert code == 1
+        assert any("unknown" in obstacle for obstacle in plan["obstacles"])
+        client.observe("r1", SEEN)
+        code, plan = planned(url, capsys)
+        assert (code, plan["obstacles"], plan["complete"]) == (0, [], True)
+        faults = {(fault["kind"], fault["component"]): fault for fault in plan["faults"]}
+        killed = faults["node-killed", "hokuyo_node"]
+        assert killed["shows"] == ["not ok(scan)", "not running(hokuyo_node)"]
+        assert (killed["promise"], killed["by"]) == ("told", "agent")
+        assert "protected" in faults["node-killed", "jaguar_node"]["refused"]
+        assert "no `board`" in faults["device-off", "hokuyo"]["refused"]
+
+        client.stop("lunch")
+        client.observe("r1", ["not ok(scan)"])
+        client.diagnosis("r1")
+        code, plan = planned(url, capsys)
+        assert code == 1
+        for words in ("lunch", "unhealthy"):
+            assert any(words in obstacle for obstacle in plan["obstacles"])
+
+        assert run(["drill", "r1", "--plan", "--url", url]) == 1
+        out = capsys.readouterr().out
+        assert "told: the only diagnosis" in out
+        assert "never: switch off channel 3" in out
+
+
+def test_robots_that_are_never_acted_on_or_whose_windows_are_closed_are_refused(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    with running(Settings(port=0, data=tmp_path)) as service:
+        never = [{"weekdays": [0], "start": "00:00", "end": "00:00"}]
+        service.with_robot("r1", policy="observe", windows=never)
+        _, plan = planned(service.url, capsys)
+        said = " ".join(plan["obstacles"])
+        # The repairs that this service tells of are a double's: one is open.
+        for words in (
+            "`observe`",
+            "nothing is said to be observed",
+            "no maintenance window",
+            "repair r-1 is",
+        ):
+            assert words in said
+
+
+def test_what_cannot_be_planned_is_refused(tmp_path: Path, capsys: Capture) -> None:
+    assert run(["drill", "r1"]) == 2
+    assert "--plan" in capsys.readouterr().err
+    assert run(["drill", "r1", "--plan", "--url", "http://127.0.0.1:1"]) == 3
+    with running(Settings(port=0, data=tmp_path)) as service:
+        service.api("PUT", "/models/c17", json={"source": "INPUT(a)\nOUTPUT(b)\nb = NOT(a)\n"})
+        service.api("PUT", "/robots/r2", json={"model": "c17"})
+        assert run(["drill", "r2", "--plan", "--url", service.url]) == 2
+        assert "no component model" in capsys.readouterr().err

@@ -1,0 +1,85 @@
+"""`robomend model check --isolability`, as a user calls it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from robomend.cli.commands import run
+from robomend.resources import resource
+
+TEDUSAR = str(resource("examples", "tedusar.yaml"))
+Capture = pytest.CaptureFixture[str]
+
+AGENT = """\
+robot: tedusar
+agent: onboard
+service: {url: "http://127.0.0.1:8600"}
+topics: {odom: {rate_hz: 10, tolerance_hz: 1}, elsewhere: {rate_hz: 10, tolerance_hz: 1}}
+processes: {jaguar_node: {command: ["true"]}}
+"""
+
+
+def told(capsys: Capture, *arguments: str) -> str:
+    assert run(["model", "check", TEDUSAR, "--isolability", *arguments]) == 0
+    return capsys.readouterr().out
+
+
+def observed(capsys: Capture, *arguments: str) -> set[str]:
+    return set(json.loads(told(capsys, *arguments, "--format", "json"))["observed"])
+
+
+def test_groups_are_told_with_a_table_and_what_to_watch(capsys: Capture) -> None:
+    out = told(capsys, "-o", "ok(odom)")
+    assert "jaguar and jaguar_node cannot be told apart: watch whether jaguar is on (channel 7)" in out
+    assert "\n  jaguar_node              - + +" in out
+    assert "complete, by signatures" in out
+
+
+def test_the_matrix_is_drawn(capsys: Capture, tmp_path: Path) -> None:
+    told(capsys, "--svg", str(tmp_path / "m.svg"))
+    assert "hector_mapping" in (tmp_path / "m.svg").read_text()
+
+
+def test_what_an_agent_observes_is_at_hand(capsys: Capture, tmp_path: Path) -> None:
+    (tmp_path / "agent.yaml").write_text(AGENT)
+    assert observed(capsys, "--agent", str(tmp_path / "agent.yaml")) == {"ok(odom)", "running(jaguar_node)"}
+
+
+def test_what_a_robot_reports_is_at_hand_and_so_is_its_board(capsys: Capture, tmp_path: Path) -> None:
+    board = {"host": "10.0.0.2", "port": 5000, "expected_currents": {}}
+    config = {"model": "tedusar", "observed": ["ok(scan)", "not ok(odom)"], "board": board}
+    file = tmp_path / "robot.json"
+    for body in (config, {"id": "r1", "config": config}):
+        file.write_text(json.dumps(body))
+        assert observed(capsys, "--robot", str(file)) == {
+            "ok(scan)", "ok(odom)", "on(jaguar)", "on(hokuyo)", "on(laser_alignment)",
+        }  # fmt: skip
+
+
+def test_double_faults_are_compared_on_request(capsys: Capture) -> None:
+    found = json.loads(told(capsys, "--double", "--format", "json"))
+    assert found["double"]["complete"]
+    assert len(found["double"]["faults"]) == 12 * 11 / 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--isolability", "-o", "ok(scam)"], "scan"),
+        (["--isolability", "--timeout", "0"], "above 0"),
+        (["--double"], "--isolability"),
+    ],
+)
+def test_bad_input_is_refused(arguments: list[str], words: str, capsys: Capture) -> None:
+    assert run(["model", "check", TEDUSAR, *arguments]) == 2
+    assert words in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("text", ["{", '{"model": 5}'])
+def test_a_configuration_that_is_none_is_refused(text: str, tmp_path: Path, capsys: Capture) -> None:
+    (tmp_path / "robot.json").write_text(text)
+    assert run(["model", "check", TEDUSAR, "--isolability", "--robot", str(tmp_path / "robot.json")]) == 2
+    assert "robot.json" in capsys.readouterr().err

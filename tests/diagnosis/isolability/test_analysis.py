@@ -1,0 +1,181 @@
+"""Isolability agrees with its definition, pair by pair; and what further observables cost is least."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from itertools import combinations, product
+
+import pytest
+from hypothesis import given, settings
+from tests.diagnosis.isolability.by_definition import ByDefinition, least_cost
+from tests.diagnosis.isolability.models import definite, questions
+from tests.diagnosis.systems import model
+
+from robomend.diagnosis.engines import make_engine
+from robomend.diagnosis.isolability import analysis
+from robomend.diagnosis.isolability.analysis import Ambiguity, isolability
+from robomend.diagnosis.isolability.comparing import BySearch, Fault, comparison
+from robomend.diagnosis.isolability.definite import Definite
+from robomend.diagnosis.oracle import Deadline
+from robomend.diagnosis.result import Options
+from robomend.errors import ContradictoryModel, OptionRefused
+from robomend.model.cnf import HealthCnf
+from robomend_client.literals import Atom, Literal
+
+Question = tuple[HealthCnf, list[int]]
+
+
+def atoms_of(cnf: HealthCnf, observed: list[int]) -> list[Atom]:
+    return [atom for atom, variable in cnf.atom_variable.items() if variable in observed]
+
+
+# --- the definition
+
+
+def test_single_faults_are_told_apart_as_the_definition_says(long: bool) -> None:
+    @settings(max_examples=500 if long else 100)
+    @given(questions())
+    def agrees(question: Question) -> None:
+        cnf, observed = question
+        by_definition = ByDefinition(cnf, observed)
+        found = isolability(cnf, atoms_of(cnf, observed), timeout_s=None)
+        singles = [(variable,) for variable in cnf.health.values()]
+        assert found.complete
+        assert list(found.detectable) == [by_definition.detectable(fault) for fault in singles]
+        assert list(found.matrix) == [
+            "".join(by_definition.place(fault, rival) for rival in singles) for fault in singles
+        ]
+
+    agrees()
+
+
+def test_double_faults_are_told_apart_as_the_definition_says(long: bool) -> None:
+    @settings(max_examples=500 if long else 70)
+    @given(questions())
+    def agrees(question: Question) -> None:
+        cnf, observed = question
+        by_definition = ByDefinition(cnf, observed)
+        compared = comparison(cnf, observed, Deadline())
+        singles: list[Fault] = [(variable,) for variable in cnf.health.values()]
+        doubles: list[Fault] = list(combinations(cnf.health.values(), 2))
+        for fault in doubles:
+            assert compared.shows(fault) == by_definition.detectable(fault)
+        for fault, rival in (*product(doubles, (*singles, *doubles)), *product(singles, doubles)):
+            assert compared.told(fault, rival) == by_definition.told(fault, rival)
+        compared.close()
+
+    agrees()
+
+
+def test_no_cheaper_observables_split_a_group(long: bool) -> None:
+    @settings(max_examples=200 if long else 50)
+    @given(questions())
+    def agrees(question: Question) -> None:
+        cnf, observed = question
+        found = isolability(cnf, atoms_of(cnf, observed), timeout_s=None)
+        for group in (*found.ambiguities, *found.undetectable):
+            assert group.further is not None
+            cost = group.further.cost_s if group.further.atoms else None
+            assert cost == least_cost(cnf, observed, goals_of(cnf, group))
+
+    agrees()
+
+
+def goals_of(cnf: HealthCnf, group: Ambiguity) -> list[tuple[list[int], list[int] | None]]:
+    """Return what is asked of a group's further observables; one that shows nothing is to be detected."""
+    faults = [[cnf.health[name] for name in fault] for fault in group.faults]
+    rivals = [[cnf.health[name] for name in fault] for fault in group.rivals]
+    if len(faults) == 1 and not rivals:
+        return [(faults[0], None)]
+    return [(fault, rival) for fault in faults for rival in (*faults, *rivals) if fault != rival]
+
+
+@given(definite())
+@settings(max_examples=40)
+def test_signatures_say_what_a_search_says(cnf: HealthCnf) -> None:
+    assert Definite.of(cnf) is not None
+    observed = list(cnf.atom_variable.values())[::2]
+    by_signatures, by_search = (
+        comparison(cnf, observed, Deadline()),
+        BySearch(cnf, frozenset(observed), Deadline()),
+    )
+    faults = [*((v,) for v in cnf.health.values()), *combinations(cnf.health.values(), 2)]
+    for fault, rival in product(faults, faults):
+        assert by_signatures.told(fault, rival) == by_search.told(fault, rival)
+    by_search.close()
+
+
+@given(definite())
+@settings(max_examples=30)
+def test_a_fault_is_told_from_another_where_an_engine_finds_the_one_and_not_the_other(cnf: HealthCnf) -> None:
+    found = isolability(cnf, cnf.atoms, timeout_s=None)
+    with_engine = make_engine("sat", cnf)
+    diagnosed = []
+    for signs in product((False, True), repeat=len(cnf.atoms)):
+        seen = [Literal(atom, sign) for atom, sign in zip(cnf.atoms, signs, strict=True)]
+        with suppress(ContradictoryModel):
+            result = with_engine.diagnose(seen, Options(conflicts=False))
+            diagnosed.append({one.bad[0] for one in result.diagnoses if len(one.bad) == 1})
+    with_engine.close()
+    for i, fault in enumerate(cnf.components):
+        assert found.detectable[i] == any(fault in bad for bad in diagnosed)
+        for j, rival in enumerate(cnf.components):
+            if i != j:
+                told = any(fault in bad and rival not in bad for bad in diagnosed)
+                shared = any(fault in bad and rival in bad for bad in diagnosed)
+                assert found.matrix[i][j] == ("-" if not told else "~" if shared else "+")
+
+
+# --- small systems, by hand
+
+C1, C2, A, B, X = range(1, 6)  # of two components
+
+
+def test_the_cheapest_observable_may_be_one_that_a_hidden_input_rests_on() -> None:
+    # x by c1 from b, b by c2 from a, a by nothing: x says something of c1 once a or b (dear) is observed.
+    cnf = model(2, [(-C1, -B, X), (-C2, -A, B)], atoms=4, costs={Atom("ok", ("a2",)): 5.0})
+    found = isolability(cnf, [Atom("ok", ("a3",))])
+    first, _ = found.undetectable
+    assert first.further is not None
+    assert first.further.atoms == (Atom("ok", ("a1",)),)
+    assert found.detectable == (False, False)
+
+
+def test_faults_of_a_circle_are_told_apart_only_where_it_is_cut() -> None:
+    cnf = model(2, [(-C1, -A, B), (-C2, -B, A)], atoms=2)
+    assert isolability(cnf, [Atom("ok", ("a1",))]).detectable == (False, False)
+    assert isolability(cnf).matrix == ("=+", "+=")
+
+
+def test_a_double_fault_behind_another_cannot_be_seen() -> None:
+    # b rests on a: while a is not ok, b says nothing of c2.
+    compared = comparison(model(2, [(-C1, A), (-C2, -A, B)], atoms=2), [A, B], Deadline())
+    assert compared.shows((C1,))
+    assert compared.shows((C2,))
+    assert not compared.shows((C1, C2))
+
+
+def test_without_time_the_answer_says_what_it_does_not_know() -> None:
+    found = isolability(model(2, [(-C1, A), (-C2, A)], atoms=2), timeout_s=0.0)
+    assert not found.complete
+    assert found.matrix == ("=?", "?=")
+    assert found.detectable == (None, None)
+
+
+def test_a_model_without_observers_is_refused() -> None:
+    with pytest.raises(OptionRefused, match="name observables of the model"):
+        isolability(model(2, [(-C1, A)], atoms=1), [Atom("ok", ("elsewhere",))])
+
+
+def test_a_model_that_is_too_large_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(analysis, "MOST_COMPONENTS", 1)
+    with pytest.raises(OptionRefused, match="check a part of it"):
+        isolability(model(2, [(-C1, A)], atoms=1))
+
+
+def test_double_faults_beyond_the_bound_are_said_to_be_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(analysis, "MOST_DOUBLE_FAULTS", 2)
+    cnf = model(3, [(-1, 4), (-2, 5), (-3, 6)], atoms=3)
+    doubles = isolability(cnf, double=True).double_faults
+    assert doubles is not None
+    assert (doubles.faults, doubles.complete) == ((("c1", "c2"), ("c1", "c3")), False)

@@ -1,0 +1,134 @@
+"""What is told of a robot in words, and whether following them splits what could not be told apart."""
+
+from __future__ import annotations
+
+import pytest
+
+from robomend.diagnosis.isolability.analysis import Ambiguity, Isolability, isolability
+from robomend.diagnosis.isolability.words import sentences, suggestions, watched
+from robomend.model.loading import load_text
+from robomend.model.system import System
+from robomend_client.literals import Atom, parse_atom
+
+CAMERA = """\
+robomend: 1
+name: camera_robot
+hardware:
+  camera: {channel: 4}
+  lidar: {}
+nodes:
+  camera_driver: {drives: [camera], publishes: {image: []}}
+  lidar_driver: {drives: [lidar], publishes: {scan: []}}
+  detector: {publishes: {objects: [image]}}
+topics:
+  image: {cost: 2}
+values:
+  pan: {topic: image, field: pan}
+  range: {topic: scan, field: range}
+rules: [RULES]
+related: [RELATED]
+"""
+
+
+def robot(rules: str = "", related: str = "") -> System:
+    return load_text(CAMERA.replace("RULES", rules).replace("RELATED", related))
+
+
+def asked(system: System, *observed: str) -> Isolability:
+    return isolability(system.cnf, [parse_atom(atom) for atom in observed])
+
+
+def group_of(found: Isolability, name: str) -> Ambiguity:
+    groups = (*found.ambiguities, *found.undetectable)
+    return next(group for group in groups if (name,) in group.faults)
+
+
+def test_what_cannot_be_told_apart_is_told_with_what_to_watch() -> None:
+    system = robot()
+    found = asked(system, "ok(image)", "running(camera_driver)", "ok(objects)")
+    words = "camera cannot be told from camera_driver: watch whether camera is on (channel 4); 1 s"
+    assert words in sentences(found, system)
+
+
+def test_of_two_observables_the_cheaper_is_told() -> None:
+    text = CAMERA.replace("RULES", '"not ab(camera) -> ok(link)"').replace("RELATED", "")
+    system = load_text(text + "properties: {link: {cost: 0.5}}\n")
+    said = sentences(asked(system, "ok(image)", "running(camera_driver)"), system)
+    assert "camera cannot be told from camera_driver: watch link; 0.5 s" in said
+
+
+@pytest.mark.parametrize(
+    ("name", "observed"),
+    [
+        ("camera", ["ok(image)"]),
+        ("camera_driver", ["ok(objects)"]),
+        ("detector", ["ok(objects)", "running(camera_driver)"]),
+        ("lidar_driver", ["ok(image)"]),
+    ],
+)
+def test_watching_what_the_words_say_splits_the_group(name: str, observed: list[str]) -> None:
+    system = robot()
+    found = asked(system, *observed)
+    group = group_of(found, name)
+    assert group.further is not None
+    assert group.further.atoms
+    after = asked(system, *observed, *map(str, group.further.atoms))
+    index = system.cnf.components.index(name)
+    assert after.detectable[index]
+    rivals = [after.faults.index(rival) for rival in (*group.faults, *group.rivals) if rival != (name,)]
+    assert "-" not in {after.matrix[index][rival] for rival in rivals}
+
+
+def test_a_rule_that_is_suggested_tells_a_fault_from_all_else() -> None:
+    before = robot()
+    seen = [str(atom) for atom in before.cnf.atoms]
+    assert "on(lidar)" not in seen
+    (suggestion,) = suggestions(group_of(asked(before, *seen), "lidar"), before)
+    assert str(suggestion.watch) == "on(lidar)"
+    after = robot(f'"{suggestion.add}"')
+    found = asked(after, *seen, str(suggestion.watch))
+    assert "-" not in found.matrix[after.cnf.components.index("lidar")]
+
+
+def test_a_trend_that_is_suggested_tells_a_node_from_its_rivals() -> None:
+    before = robot()
+    found = asked(before, "ok(image)")
+    trend = next(one for one in suggestions(group_of(found, "camera_driver"), before) if "related" in one.add)
+    assert trend.add == "related: [[pan, range]]"
+    after = robot(related="[pan, range]")
+    index = after.cnf.components.index("camera_driver")
+    rival = after.cnf.components.index("camera")
+    assert found.matrix[index][rival] == "-"
+    assert asked(after, "ok(image)", str(trend.watch)).matrix[index][rival] == "~"
+
+
+@pytest.mark.parametrize(
+    ("atom", "words"),
+    [
+        ("on(camera)", "whether camera is on (channel 4)"),
+        ("on(lidar)", "whether lidar is on"),
+        ("running(detector)", "whether detector runs"),
+        ("ok(image)", "image"),
+        ("ok(current,camera)", "the current of channel 4"),
+        ("ok(CPU,detector)", "the processor time of detector"),
+        ("ok(temperature,camera)", "the temperature of camera"),
+        ("matched(pan,range)", "whether pan and range go together"),
+        ("inc(pan)", "the trend of pan"),
+        ("v(22)", "v(22)"),
+    ],
+)
+def test_what_is_watched_is_said_as_people_say_it(atom: str, words: str) -> None:
+    assert watched(parse_atom(atom), robot().parts) == words
+
+
+def test_what_no_rule_speaks_of_is_named() -> None:
+    system = robot()
+    found = isolability(system.cnf, [Atom("ok", ("image",)), Atom("ok", ("CPU", "detector"))])
+    assert "no rule speaks of ok(CPU,detector): observing it tells nothing" in sentences(found, system)
+
+
+def test_double_faults_are_told_in_words() -> None:
+    system = robot()
+    found = isolability(system.cnf, [parse_atom(a) for a in ("ok(image)", "ok(scan)")], double=True)
+    (line,) = [line for line in sentences(found, system) if line.startswith("double faults")]
+    assert "of 1 compared, 1 can be seen to be double" in line
