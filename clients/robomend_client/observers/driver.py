@@ -41,7 +41,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from robomend_client.literals import Atom, Literal
-from robomend_client.observers.base import SECOND, Evidence, Observer, Verdict, ns
+from robomend_client.observers.base import SECOND, Evidence, Observer, Patient, Verdict, ns
 
 log = logging.getLogger(__name__)
 
@@ -220,7 +220,7 @@ class Driver:
         lost_ns = until_ns - self.now_ns
         touched: dict[Atom, None] = {}
         for seat in self._seats:
-            if lost_ns > seat.patience_ns:
+            if seat.waiting or lost_ns > seat.patience_ns:
                 self._refresh(seat)
                 self._reset(seat, until_ns, touched)
             elif seat.tick_ns <= until_ns:
@@ -545,7 +545,6 @@ class _Seat:
         "floor_ns",
         "number",
         "observer",
-        "patience_ns",
         "patient_until_ns",
         "period_ns",
         "said",
@@ -559,7 +558,6 @@ class _Seat:
         self.number = number
         self.feed, self.check, self.due_ns = observer.feed, observer.check, observer.due_ns
         self.period_ns = observer.period_ns
-        self.patience_ns = ns(observer.detection_s) // 2  # so long nobody may look: messages wait meanwhile
         self.fed = False
         self.tick_ns = NEVER
         self.floor_ns = -NEVER
@@ -567,6 +565,16 @@ class _Seat:
         self.verdicts: dict[Atom, Verdict] = {}
         self.waiting: frozenset[Atom] = frozenset()  # atoms that were to be judged anew, and are not yet
         self.patient_until_ns = NEVER
+
+    @property
+    def patience_ns(self) -> int:
+        """So long nobody may look: what waits meanwhile comes all at once, and changes no verdict."""
+        observer = self.observer
+        try:
+            patience_s = observer.patience_s if isinstance(observer, Patient) else observer.detection_s
+            return ns(min(patience_s, observer.detection_s / 2))
+        except Exception:  # noqa: BLE001  # anybody's observer may raise anything: then it judges anew
+            return -1
 
     def wait(self, time_ns: int) -> None:
         """It judges anew from `time_ns` on."""
