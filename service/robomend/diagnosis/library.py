@@ -184,7 +184,17 @@ class Library:
         packed = np.concatenate(applying) if applying else self._applying(rows)
         sets, set_of = np.unique(packed, axis=0, return_inverse=True)
         answers = tuple([self._of_set(bits) for bits in sets])
+        if self.cnf.priors and self.cnf.puts_out:  # what works counts, too, so each row is weighed by itself
+            weighed = [
+                self._weighed(answers[of], row) for row, of in zip(rows.tolist(), set_of.flat, strict=True)
+            ]
+            return RowAnswers(row_of.reshape(-1), tuple(weighed))
         return RowAnswers(set_of.reshape(-1)[row_of.reshape(-1)], answers)
+
+    def _weighed(self, answer: Answer, row: Sequence[int]) -> Answer:
+        if isinstance(answer, ContradictoryModel):
+            return answer
+        return rank(answer, self.cnf, self._options, self.literals(row))
 
     def _applying(self, rows: Codes) -> NDArray[np.uint8]:
         """Return, packed as bits, the columns of the minimal conflicts of each row."""

@@ -13,7 +13,7 @@ from robomend.model.components import ComponentModel, Hardware, Node
 from robomend.model.formulas import AB, Formula
 from robomend.model.interlock import Interlock
 from robomend.model.rules import Sentence, read_rules
-from robomend.model.schemes import publishers_of, schemes
+from robomend.model.schemes import outputs, publishers_of, schemes
 from robomend.model.system import System
 from robomend.model.vocabulary import Vocabulary, for_robot
 from robomend_client.literals import Atom
@@ -85,6 +85,8 @@ def compile_robot(
         modes=modes,
         priors={part.name: part.prior for part in parts if part.prior is not None},
         costs=observation_costs(model),
+        puts_out=outputs(model),
+        partial=model.partial_failure,
     )
     return System(
         name=model.name,

@@ -13,6 +13,7 @@ from typing import NoReturn, TypeVar
 
 from robomend.errors import ModelError
 from robomend.model.clauses import UNKNOWN_MODE
+from robomend.model.cnf import PARTIAL
 from robomend.model.component_checks import Checks, near, shown
 from robomend.model.components import ComponentModel, Hardware, Node, Topic, Value
 from robomend.model.sentences import plain
@@ -22,6 +23,7 @@ from robomend_client.yaml_tree import Scalar, Sequence, Tree
 MODEL_KEYS = (
     "robomend", "name", "channels", "protected_channels", "hardware", "nodes", "topics", "properties",
     "values", "related", "rules", "act_when", "blame_hardware", "inputs_matter",
+    "partial_failure",
 )  # fmt: skip
 PART_KEYS = ("prior", "cost", "modes", "exhaustive_modes", "host", "protected")
 HARDWARE_KEYS = ("channel", "fed_by", "blame_hardware", *PART_KEYS)
@@ -106,6 +108,7 @@ class _Reader:
             rule_lines=tuple(line for _, line in rules),
             act_when=None if act_when is None else act_when[0],
             act_when_line=None if act_when is None else act_when[1],
+            partial_failure=self.optional(top, "partial_failure", self.probability) or PARTIAL,
         )
         if not model.components:
             self.fail("the model has no component: give it `hardware:` or `nodes:`", tree.line)
@@ -329,7 +332,7 @@ class _Reader:
             prior = math.nan
         if not 0 < prior < 1:
             self.fail(
-                f"a prior lies between 0 and 1, both excluded; {shown(number)} does not",
+                f"a probability lies between 0 and 1, both excluded; {shown(number)} does not",
                 tree.line,
             )
         return prior

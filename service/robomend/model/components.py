@@ -10,6 +10,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from robomend.model.cnf import PARTIAL
+
 
 @dataclass(frozen=True, slots=True)
 class Hardware:
@@ -86,11 +88,22 @@ class ComponentModel:
     rule_lines: tuple[int | None, ...] = ()  # parallel to rules where known
     act_when: str | None = None  # nothing is sent to the robot unless OBS shows this sentence
     act_when_line: int | None = None
+    partial_failure: float = PARTIAL  # P(a component that fails does so in part only), for weighing
 
     @property
     def components(self) -> tuple[str, ...]:
         """COMPS: hardware, then nodes, in the order of the model."""
         return (*self.hardware, *self.nodes)
+
+    def feeders(self, name: str) -> tuple[str, ...]:
+        """Return what a device gets its power from, all the way up, nearest first."""
+        found = dict.fromkeys(self.hardware[name].fed_by)
+        pending = list(found)
+        for feeder in pending:  # grows on the way
+            new = [other for other in self.hardware[feeder].fed_by if other not in found]
+            found.update(dict.fromkeys(new))
+            pending += new
+        return tuple(found)
 
     def switchable(self, name: str) -> bool:
         """Whether this is hardware on a board channel (the paper's SH)."""

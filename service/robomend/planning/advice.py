@@ -10,9 +10,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from robomend.diagnosis.likelihood import likelihoods
 from robomend.diagnosis.probes import ProbeResult
 from robomend.diagnosis.result import Diagnosis, DiagnosisResult
 from robomend.errors import ModelError
+from robomend.model.cnf import HealthCnf
 from robomend.model.components import ComponentModel
 from robomend.model.system import System
 from robomend.planning.choice import (
@@ -42,6 +44,7 @@ class Situation:
     probes: ProbeResult | None = None  # only those that somebody can make now
     now_ns: int = 0
     patience: Patience = DEFAULT_PATIENCE
+    cnf: HealthCnf | None = None  # says how well OBS fits a diagnosis; None: that does not count
 
     @property
     def wanted(self) -> tuple[Diagnosis, ...]:
@@ -54,8 +57,20 @@ class Situation:
     @property
     def leading(self) -> tuple[Diagnosis, ...]:
         """The most probable diagnoses, by what was tried: those worth a plan of their own."""
-        found = leading(self.result.diagnoses, self.tried, now_ns=self.now_ns, patience=self.patience)
+        found = leading(
+            self.result.diagnoses,
+            self.tried,
+            fits=self._fits(self.result.diagnoses),
+            switchable=frozenset(filter(self.model.switchable, self.model.hardware)),
+            now_ns=self.now_ns,
+            patience=self.patience,
+        )
         return tuple(found)
+
+    def _fits(self, diagnoses: Sequence[Diagnosis]) -> list[float] | None:
+        if self.cnf is None:
+            return None
+        return likelihoods(self.cnf, self.observed, [diagnosis.bad for diagnosis in diagnoses])
 
     def decide(self, plans: Sequence[Plan]) -> Choice:
         """Return the choice, given a plan for each of `wanted`."""
@@ -67,6 +82,7 @@ class Situation:
             self.tried,
             looks(self.probes, candidates),
             common=shared[0] if shared else None,
+            fits=self._fits(diagnoses),
             now_ns=self.now_ns,
             patience=self.patience,
         )

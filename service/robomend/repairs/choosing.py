@@ -146,6 +146,7 @@ class Chooser:
             memory.tried,
             now_ns=time.time_ns(),
             patience=self.patience,
+            cnf=state.system.cnf,
         )
         policy = self.policy(state)
         options = PlanOptions(

@@ -7,7 +7,7 @@ itself keeps nothing: after a crash a new one is made from the store and fresh O
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from functools import partial
 
@@ -68,6 +68,7 @@ class LiveRepair:
         acts.influences = self._confirming.acted
         self.rounds = max(1, chooser.policy(state).rounds - len(record.data.get("rounds", ())))
         self._permission = Permission(state, record, signals, chooser, acts, self._newest)
+        self._in_doubt: frozenset[str] = frozenset()  # suspects that the present plan leaves alone
         self._first = 0  # number of the present round's first step within the repair
 
     # --- diagnose
@@ -115,6 +116,7 @@ class LiveRepair:
             found = await self._planned(result, looks=False)
         if found.plan is not None and found.diagnosis is not None:
             bad = found.diagnosis.bad
+            self._in_doubt = in_doubt(bad, result)
             self._first = await self._record.begin_round(
                 found.plan,
                 bad=bad,
@@ -160,7 +162,11 @@ class LiveRepair:
             repair=self._record.id,
             first_step=self._first,
             sight=self._state.sight,
-            prediction=Prediction(theory_of(system.cnf), system.cnf.components, plan.initial),
+            prediction=Prediction(
+                theory_of(system.cnf),
+                [name for name in system.cnf.components if name not in self._in_doubt],
+                plan.initial,
+            ),
             executors=self._executors,
             journal=self._acts,
             permit=self._permission.refusal,
@@ -220,3 +226,13 @@ class LiveRepair:
         await self._record.end_round(
             str(execution.ending), execution.reason, helped=helped, tried=tried, quarantined=left_alone
         )
+
+
+def in_doubt(bad: Collection[str], result: DiagnosisResult) -> frozenset[str]:
+    """Return the suspects that may still prevent what a repair of these components brings about: where only
+    what all diagnoses share is repaired, whatever else they blame. Nothing is awaited that rests on them.
+    """
+    shared = set(bad)
+    if not result.diagnoses or any(not shared < set(diagnosis.bad) for diagnosis in result.diagnoses):
+        return frozenset()
+    return frozenset(name for diagnosis in result.diagnoses for name in diagnosis.bad) - shared
