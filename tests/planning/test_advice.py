@@ -149,3 +149,33 @@ def test_no_power_is_cut_on_a_tie_that_restarts_would_break() -> None:
     choice = chosen(system, *(fails("ok", f"{name}_out") for name in names))
     assert choice.plan is not None
     assert power_cuts(choice.plan) == frozenset()
+
+
+LOOP = load_text(
+    "robomend: 1\ntopics: {cmd: {rate_hz: 5}, state: {rate_hz: 20}}\n"
+    "nodes: {est: {publishes: {state: [cmd]}}, ctl: {publishes: {cmd: [state]}}}"
+)
+
+
+def blamed_by_onset(cmd_s: float, state_s: float) -> tuple[str, ...]:
+    system = LOOP.extended(loop.clause for loop in LOOP.loops)
+    observed = (fails("ok", "cmd"), fails("ok", "state"))
+    engine = make_engine("sat", system.cnf)
+    try:
+        found = engine.diagnose(observed)
+    finally:
+        engine.close()
+    onsets = {Atom("ok", ("cmd",)): round(cmd_s * 1e9), Atom("ok", ("state",)): round(state_s * 1e9)}
+    situation = Situation(
+        parts_of(system), observed, found, cnf=system.cnf, loops=system.loops, onsets=onsets
+    )
+    return situation.leading[0].bad
+
+
+def test_in_a_circle_who_fell_first_leads() -> None:
+    assert blamed_by_onset(cmd_s=1.0, state_s=1.3) == ("ctl",)
+    assert blamed_by_onset(cmd_s=1.3, state_s=1.0) == ("est",)
+
+
+def test_differences_of_less_than_a_period_say_nothing() -> None:
+    assert blamed_by_onset(cmd_s=1.0, state_s=1.19) == blamed_by_onset(cmd_s=1.19, state_s=1.0)

@@ -12,6 +12,7 @@ from robomend.model.cnf import Rule
 from robomend.model.components import ComponentModel, Hardware, Node
 from robomend.model.formulas import AB, Formula
 from robomend.model.interlock import Interlock
+from robomend.model.loops import loops_of
 from robomend.model.rules import Sentence, read_rules
 from robomend.model.schemes import outputs, publishers_of, schemes
 from robomend.model.system import System
@@ -97,6 +98,7 @@ def compile_robot(
         vocabulary=vocabulary,
         warnings=(*doubtful(model), *warnings),
         act_when=_interlock(model, formulas[-1], file) if act_when else None,
+        loops=loops_of(model),
     )
 
 

@@ -121,7 +121,7 @@ def weights(
 ) -> list[float]:
     """Return P(diagnosis) for each, attempts taken into account; they sum to 1.
 
-    `fits`: how well OBS fits each, where the diagnoses have no probability, which would have it in it.
+    `fits`: how well OBS fits each, as far as the probabilities do not have it in them.
     """
     if diagnoses and all(diagnosis.probability is not None for diagnosis in diagnoses):
         raw = [diagnosis.probability or 0.0 for diagnosis in diagnoses]
@@ -129,8 +129,8 @@ def weights(
         # Relative to the smallest, so that a hundred bad components do not underflow.
         least = min((len(diagnosis.bad) for diagnosis in diagnoses), default=0)
         raw = [patience.component_odds ** (len(diagnosis.bad) - least) for diagnosis in diagnoses]
-        if fits is not None:
-            raw = [odds * fit for odds, fit in zip(raw, fits, strict=True)]
+    if fits is not None:
+        raw = [odds * fit for odds, fit in zip(raw, fits, strict=True)]
     oldest = now_ns - int(patience.memory_s * S_TO_NS)
     failed = [one for one in tried if not one.helped and one.time_ns >= oldest]
     for position, diagnosis in enumerate(diagnoses):

@@ -147,6 +147,8 @@ class Chooser:
             now_ns=time.time_ns(),
             patience=self.patience,
             cnf=state.system.cnf,
+            loops=state.system.loops,
+            onsets=state.sight.onsets(),
         )
         policy = self.policy(state)
         options = PlanOptions(

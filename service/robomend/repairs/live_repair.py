@@ -7,12 +7,13 @@ itself keeps nothing: after a crash a new one is made from the store and fresh O
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import partial
 
 from robomend.cycle import stands_no_more
 from robomend.diagnosis.result import DiagnosisResult
+from robomend.planning.advice import in_doubt
 from robomend.planning.choice import Choice
 from robomend.planning.plan import Plan
 from robomend.planning.prediction import Prediction, theory_of
@@ -166,6 +167,7 @@ class LiveRepair:
                 theory_of(system.cnf),
                 [name for name in system.cnf.components if name not in self._in_doubt],
                 plan.initial,
+                self._state.sight.from_outside,
             ),
             executors=self._executors,
             journal=self._acts,
@@ -226,13 +228,3 @@ class LiveRepair:
         await self._record.end_round(
             str(execution.ending), execution.reason, helped=helped, tried=tried, quarantined=left_alone
         )
-
-
-def in_doubt(bad: Collection[str], result: DiagnosisResult) -> frozenset[str]:
-    """Return the suspects that may still prevent what a repair of these components brings about: where only
-    what all diagnoses share is repaired, whatever else they blame. Nothing is awaited that rests on them.
-    """
-    shared = set(bad)
-    if not result.diagnoses or any(not shared < set(diagnosis.bad) for diagnosis in result.diagnoses):
-        return frozenset()
-    return frozenset(name for diagnosis in result.diagnoses for name in diagnosis.bad) - shared

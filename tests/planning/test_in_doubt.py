@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from robomend.diagnosis.result import Diagnosis, DiagnosisResult
 from robomend.model.loading import load_text
+from robomend.planning.advice import in_doubt
 from robomend.planning.prediction import Prediction, theory_of
-from robomend.repairs.live_repair import in_doubt
 from robomend_client.literals import Atom, holds
 
 SYSTEM = load_text(
