@@ -37,7 +37,8 @@
   (:functions (total-cost) - number)
 
   ;; The driver of a device that comes back must reconnect, hence restart. What hangs on it comes back with it;
-  ;; what it feeds through a channel of its own is brought up by itself, one after the other, if it was down too.
+  ;; so does what it feeds through a channel of its own whose relay stayed where it was; one that was opened
+  ;; is closed by itself, after the supply.
   (:action power_up
     :parameters (?h - hardware)
     :precondition (and (switchable ?h) (off ?h)
@@ -55,7 +56,7 @@
     :precondition (and (switchable ?h) (on ?h) (bad ?h))
     :effect (and (off ?h) (not (on ?h))
       (forall (?n - node) (when (drives ?n ?h) (and (bad ?n) (not (good ?n)))))
-      (forall (?d - hardware) (when (fed_by ?d ?h) (and (bad ?d) (not (good ?d)))))
+      (forall (?d - hardware) (when (hangs_on ?d ?h) (and (bad ?d) (not (good ?d)))))
       (increase (total-cost) 15)))
 
   (:action start_node

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 from tests.planning.robots import TEDUSAR
 
+from robomend.diagnosis.engines import make_engine
 from robomend.diagnosis.probes import Probe, ProbeResult
 from robomend.diagnosis.result import Diagnosis, DiagnosisResult
-from robomend.planning.advice import Situation, looks
-from robomend.planning.choice import Attempt, Candidate
+from robomend.model.loading import load_model, load_text
+from robomend.model.system import System
+from robomend.planning.advice import Situation, looks, parts_of
+from robomend.planning.choice import Attempt, Candidate, Choice, power_cuts
 from robomend.planning.domain.loading import shipped
 from robomend.planning.planning import PlanOptions, plan_for, plans_for
 from robomend_client.literals import Atom, Literal, fails, holds
@@ -64,3 +68,114 @@ def test_probes_become_looks_in_the_order_of_the_candidates() -> None:
     (look,) = looks(found, candidates)
     assert look.predicted == (True, False, None)
     assert look.cost == 2.0
+
+
+FEEDS = load_text(
+    "robomend: 1\n"
+    "hardware: {rail: {channel: 1}, cam: {channel: 3, fed_by: rail}, lamp: {channel: 4, fed_by: rail}}\n"
+    "nodes: {cam_d: {drives: cam, publishes: [img]}, lamp_d: {drives: lamp, publishes: [lux]}}"
+)
+
+
+def chosen(system: System, *observed: Literal, tried: tuple[Attempt, ...] = ()) -> Choice:
+    """What is done about these observations, from the engine to the plan."""
+    engine = make_engine("sat", system.cnf)
+    try:
+        result = engine.diagnose(observed)
+    finally:
+        engine.close()
+    situation = Situation(parts_of(system), observed, result, tried, cnf=system.cnf)
+    wanted = [diagnosis.bad for diagnosis in situation.wanted]
+    return situation.decide(plans_for(situation.model, situation.observed, wanted, PlanOptions()))
+
+
+def steps(choice: Choice) -> list[str]:
+    assert choice.plan is not None
+    return [str(step) for step in choice.plan.steps]
+
+
+def test_a_supply_that_is_off_takes_five_acts_and_comes_first() -> None:
+    relays = (fails("on", "rail"), holds("on", "cam"), holds("on", "lamp"))
+    choice = chosen(FEEDS, *relays, fails("ok", "img"), fails("ok", "lux"))
+    assert steps(choice)[0] == "power_up(rail)"
+    assert sorted(steps(choice)[1:]) == [
+        "start_node(cam_d)",
+        "start_node(lamp_d)",
+        "stop_node(cam_d)",
+        "stop_node(lamp_d)",
+    ]
+
+
+def test_on_the_shipped_manipulator_the_first_plan_powers_the_supply() -> None:
+    """The 12 V supply is off; all relays behind it are where they were, and what it feeds is silent."""
+    system = load_model(Path(__file__).parents[2] / "examples" / "mobile_manipulator.yaml")
+    parts = parts_of(system)
+    relays = [holds("on", name) for name in parts.hardware if parts.switchable(name) and name != "psu_12v"]
+    silent = [
+        fails("ok", topic)
+        for node in parts.nodes.values()
+        for topic in node.publishes
+        if any("psu_12v" in parts.feeders(name) for name in node.drives)
+    ]
+    assert steps(chosen(system, fails("on", "psu_12v"), *relays, *silent))[0] == "power_up(psu_12v)"
+
+
+PROBE = load_text(
+    "robomend: 1\nhardware: {probe: {channel: 1}}\n"
+    "nodes: {probe_d: {drives: probe, publishes: [a, b, c]}, agg: {publishes: {x: [a], y: [a]}}}"
+)
+
+
+def test_a_probe_two_of_whose_topics_work_keeps_its_power() -> None:
+    seen = (holds("ok", "b"), holds("ok", "c"), fails("ok", "x"), fails("ok", "y"))
+    assert steps(chosen(PROBE, *seen)) == ["stop_node(agg)", "start_node(agg)"]
+    agg = Attempt(
+        frozenset({"agg"}),
+        frozenset({"agg"}),
+        0,
+        effect_seen=True,
+        helped=False,
+        actions=("stop_node(agg)", "start_node(agg)"),
+    )
+    assert steps(chosen(PROBE, *seen, tried=(agg,))) == ["stop_node(probe_d)", "start_node(probe_d)"]
+
+
+def test_no_power_is_cut_on_a_tie_that_restarts_would_break() -> None:
+    """Three silent sensors: one power cycle of all would mend every diagnosis, and yet it comes last."""
+    names = ("a", "b", "c")
+    hardware = ", ".join(f"{name}: {{channel: {index}}}" for index, name in enumerate(names))
+    nodes = ", ".join(f"{name}_d: {{drives: {name}, publishes: [{name}_out]}}" for name in names)
+    system = load_text(f"robomend: 1\nhardware: {{{hardware}}}\nnodes: {{{nodes}}}")
+    choice = chosen(system, *(fails("ok", f"{name}_out") for name in names))
+    assert choice.plan is not None
+    assert power_cuts(choice.plan) == frozenset()
+
+
+LOOP = load_text(
+    "robomend: 1\ntopics: {cmd: {rate_hz: 5}, state: {rate_hz: 20}}\n"
+    "nodes: {est: {publishes: {state: [cmd]}}, ctl: {publishes: {cmd: [state]}}}"
+)
+
+
+def blamed_by_onset(cmd_s: float, state_s: float) -> tuple[str, ...]:
+    system = LOOP.extended(loop.clause for loop in LOOP.loops)
+    observed = (fails("ok", "cmd"), fails("ok", "state"))
+    engine = make_engine("sat", system.cnf)
+    try:
+        found = engine.diagnose(observed)
+    finally:
+        engine.close()
+    onsets = {Atom("ok", ("cmd",)): round(cmd_s * 1e9), Atom("ok", ("state",)): round(state_s * 1e9)}
+    situation = Situation(
+        parts_of(system), observed, found, cnf=system.cnf, loops=system.loops, onsets=onsets
+    )
+    return situation.leading[0].bad
+
+
+def test_in_a_circle_who_fell_first_leads() -> None:
+    assert blamed_by_onset(cmd_s=1.0, state_s=1.3) == ("ctl",)
+    assert blamed_by_onset(cmd_s=1.3, state_s=1.0) == ("est",)
+
+
+def test_differences_of_less_than_a_period_say_nothing() -> None:
+    assert blamed_by_onset(cmd_s=1.0, state_s=1.19) == blamed_by_onset(cmd_s=1.19, state_s=1.0)

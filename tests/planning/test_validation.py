@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from tests.planning.robots import TEDUSAR
 
+from robomend.model.loops import strong_components
 from robomend.planning.domain.loading import load_domain
 from robomend.planning.grounding import Grounder
-from robomend.planning.problem import needs_of, repair_problem, strong_components
+from robomend.planning.problem import needs_of, repair_problem
 from robomend.planning.validation import Named, replay, validate
 from robomend_client.literals import fails
 

@@ -127,6 +127,19 @@ class Observer(Protocol):
         ...
 
 
+@runtime_checkable
+class Patient(Protocol):
+    """An observer to which the times of its samples matter: a rate, a trend."""
+
+    @property
+    def patience_s(self) -> float:
+        """How much later than it was sent a sample may be heard of, now, without a verdict that is wrong.
+
+        An agent that was held up for longer has it judge anew. Others bear half of their detection delay.
+        """
+        ...
+
+
 def number(value: object) -> float | None:
     """Return a sample as a number, true as 1; None for one that is no number (NaN, infinite).
 

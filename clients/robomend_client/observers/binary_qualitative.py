@@ -23,7 +23,7 @@ from typing import Any, ClassVar
 
 from robomend_client.literals import Atom, Literal, parse_atom
 from robomend_client.observers.base import NOTHING, Evidence, ns, number, positive
-from robomend_client.observers.qualitative import CONST, DEC, INC, Trend, TrendOf
+from robomend_client.observers.qualitative import CONST, DEC, INC, PATIENCE, Trend, TrendOf
 
 COMPARED = ("trend-trend", "trend-sign", "sign-trend", "sign-sign")
 
@@ -93,6 +93,7 @@ class BinaryQualitativeObserver:
         }
         window_s = max(expected.window_s, second_window_s)
         self._window_ns = ns(window_s)
+        self.patience_s = PATIENCE * window_s
         self.settling_s = window_s + 2 * expected.tick_s
         self.detection_s = self.settling_s + (expected.threshold + 1) * expected.tick_s
         self._signs = {good: (Literal(self.atoms[0], good),) for good in (True, False)}

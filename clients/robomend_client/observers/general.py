@@ -197,6 +197,18 @@ class GeneralObserver:
         since_ns = self._times[-min(len(self._times), self._size)]
         return Evidence(since_ns, None if right else self._last_good_ns())
 
+    @property
+    def patience_s(self) -> float:
+        """What waited comes all at once: the rate bears that while it stays within the tolerance.
+
+        Half of it is left to what the topic's own messages are late by.
+        """
+        intervals = min(len(self._times), self._size) - 1
+        if intervals < self._intervals:
+            return 0.0
+        rate_hz, tolerance_hz = self.expected.rate_hz, self.expected.tolerance_hz
+        return 0.5 * intervals * tolerance_hz / (rate_hz * (rate_hz + tolerance_hz))
+
     def rate_hz(self) -> float | None:
         """Return the measured rate, or None while there is none to speak of."""
         intervals = min(len(self._times), self._size) - 1

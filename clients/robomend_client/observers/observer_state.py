@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from robomend_client.literals import Atom, Literal
-from robomend_client.observers.base import Observer, Verdict, ns
+from robomend_client.observers.base import Observer, Patient, Verdict, ns
 
 GRID_NS = 10_000_000
 """Ticks of observers that are due; coarse enough that many of them share a wake-up."""
@@ -22,7 +22,6 @@ class ObserverState:
         "floor_ns",
         "number",
         "observer",
-        "patience_ns",
         "patient_until_ns",
         "period_ns",
         "said",
@@ -36,7 +35,6 @@ class ObserverState:
         self.number = number
         self.feed, self.check, self.due_ns = observer.feed, observer.check, observer.due_ns
         self.period_ns = observer.period_ns
-        self.patience_ns = ns(observer.detection_s) // 2  # so long nobody may look: messages wait meanwhile
         self.fed = False
         self.tick_ns = NEVER
         self.floor_ns = -NEVER
@@ -44,6 +42,16 @@ class ObserverState:
         self.verdicts: dict[Atom, Verdict] = {}
         self.waiting: frozenset[Atom] = frozenset()  # atoms that were to be judged anew, and are not yet
         self.patient_until_ns = NEVER
+
+    @property
+    def patience_ns(self) -> int:
+        """So long nobody may look: what waits meanwhile comes all at once, and changes no verdict."""
+        observer = self.observer
+        try:
+            patience_s = observer.patience_s if isinstance(observer, Patient) else observer.detection_s
+            return ns(min(patience_s, observer.detection_s / 2))
+        except Exception:  # noqa: BLE001  # anybody's observer may raise anything: then it judges anew
+            return -1
 
     def wait(self, time_ns: int) -> None:
         """It judges anew from `time_ns` on."""

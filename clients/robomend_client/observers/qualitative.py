@@ -26,6 +26,9 @@ from robomend_client.observers.slope import Slope
 
 DEC, CONST, INC = -1, 0, 1
 FAR = 1 << 62
+PATIENCE = 0.1
+"""How much of a trend's window may come all at once: its slope is wrong by as much, at most."""
+
 WORDS = {INC: "inc", DEC: "dec", CONST: "const"}
 
 
@@ -140,6 +143,7 @@ class QualitativeObserver:
         self.atoms = tuple(atoms.values())
         self.period_ns = ns(expected.check_s)
         self.detection_s = self.settling_s = expected.window_s + expected.debounce_s + expected.check_s
+        self.patience_s = PATIENCE * expected.window_s
         self._said: dict[int | None, tuple[Literal, ...]] = {
             trend: tuple(Literal(atom, trend == other) for other, atom in atoms.items()) for trend in atoms
         }

@@ -104,7 +104,7 @@ def _situation(system: System, given: dict[str, Any]) -> Situation:
     with WarmModel(system, given["engine"], unknown=given["unknown"], expected_stopped=stopped) as model:
         asked = model.question(given["observe"])
         result = given_diagnosis(given["bad"], system) if given["bad"] else model.ask(asked).result
-    return Situation(parts_of(system), tuple(sorted(asked.literals)), result)
+    return Situation(parts_of(system), tuple(sorted(asked.literals)), result, cnf=system.cnf)
 
 
 def show(choice: Choice, result: DiagnosisResult) -> None:

@@ -132,6 +132,7 @@ class BaseEngine(ABC):
                     "the factored form of a circuit is for minimal cardinality: say minimal='cardinality'"
                 )
         self._refuse(options)
+        observations = tuple(observations)
         observed = self._reader.read(observations)
         what_if = supposed(self.cnf, options)
         self._clock.start(options.timeout_s)
@@ -148,7 +149,7 @@ class BaseEngine(ABC):
         except NoDiagnosis:
             stopped = self._explain_contradiction(observed, what_if)
         result = self._answer(started, observed, what_if, options, answer, stopped)
-        return rank(result, self.cnf, options) if self.cnf.priors else result
+        return rank(result, self.cnf, options, observations) if self.cnf.priors else result
 
     # --- the answer in words ----------------------------------------------------------------------
 

@@ -195,6 +195,12 @@ class Library:
         sets, set_of = np.unique(packed, axis=0, return_inverse=True)
         answers = tuple([self._of_set(bits) for bits in sets])
         told = tuple([self._conflicts_of(bits) for bits in sets])
+        if self.cnf.priors and self.cnf.puts_out:  # what works counts, too, so each row is weighed by itself
+            of_rows = set_of.reshape(-1).tolist()
+            weighed = [
+                self._weighed(answers[of], row) for row, of in zip(rows.tolist(), of_rows, strict=True)
+            ]
+            return RowAnswers(row_of.reshape(-1), tuple(weighed), tuple([told[of] for of in of_rows]))
         return RowAnswers(set_of.reshape(-1)[row_of.reshape(-1)], answers, told)
 
     def grounds(self, codes: Codes) -> Codes:
@@ -215,6 +221,11 @@ class Library:
                     for word, wanted in enumerate(self._words(conflict.states)):
                         grounds[start : start + ROWS, word][applies] |= wanted
         return grounds
+
+    def _weighed(self, answer: Answer, row: Sequence[int]) -> Answer:
+        if isinstance(answer, ContradictoryModel):
+            return answer
+        return rank(answer, self.cnf, self._options, self.literals(row))
 
     def _applying(self, rows: Codes) -> NDArray[np.bool_]:
         """Return, shape (rows, columns), which columns are minimal conflicts of each row."""

@@ -5,6 +5,9 @@ just Δ is abnormal, so that among the diagnoses found
 
     P(Δ | OBS)  ∝  ∏ p(c) for c ∈ Δ · ∏ (1 - p(c)) for c ∉ Δ  ∝  ∏ p(c) / (1 - p(c)) for c ∈ Δ
 
+times how well OBS fits Δ where the rules say nothing (robomend.diagnosis.likelihood; 1 unless a component
+model says what its components put out).
+
 Only the priors of components that a diagnosis blames matter: the rest cancels. If one of those has no
 prior, there is no probability at all; no default is made up. All sums are in log space: a thousand priors
 of 1e-9 underflow.
@@ -31,11 +34,13 @@ from heapq import heappop, heappush
 from math import exp, expm1, fsum, inf, log, log1p
 
 from robomend.diagnosis.guided import CheapestHittingSets
+from robomend.diagnosis.likelihood import likelihoods
 from robomend.diagnosis.masks import bits
 from robomend.diagnosis.oracle import Deadline, OutOfTime
 from robomend.diagnosis.result import DiagnosisResult, Options
 from robomend.errors import ModelError, OptionRefused
 from robomend.model.cnf import HealthCnf
+from robomend_client.literals import Literal
 
 STEP = 1e6
 """Between sizes where diagnoses are listed by size first: more than the log odds of any diagnosis."""
@@ -67,6 +72,7 @@ def posterior(
     diagnoses: Sequence[Collection[str]],
     priors: Mapping[str, float],
     given: Collection[str] = (),
+    fits: Sequence[float] | None = None,
 ) -> tuple[float, ...] | None:
     """Return P(Δ | OBS) among the diagnoses found; they sum to 1.
 
@@ -74,6 +80,7 @@ def posterior(
         diagnoses: what each blames.
         priors: P(AB(c)); checked.
         given: components that a what-if assumes abnormal: their priors do not count.
+        fits: the likelihood of OBS under each, above 0; None: all the same.
 
     Returns:
         None if there is no diagnosis, no prior, or a blamed component without one.
@@ -91,6 +98,8 @@ def posterior(
         weights.append(fsum(log_odds(priors[component]) for component in relevant))
     if not weights or not priors:
         return None
+    if fits is not None:
+        weights = [weight + log(fit) for weight, fit in zip(weights, fits, strict=True)]
     highest = max(weights)
     shares = [exp(weight - highest) for weight in weights]
     total = fsum(shares)
@@ -160,15 +169,20 @@ def _exactly(
     return fsum(exp(none + fsum(log_odds(priors[c]) for c in blamed)) for blamed in diagnoses)
 
 
-def rank(result: DiagnosisResult, cnf: HealthCnf, options: Options) -> DiagnosisResult:
+def rank(
+    result: DiagnosisResult, cnf: HealthCnf, options: Options, observed: Collection[Literal] = ()
+) -> DiagnosisResult:
     """Return the result with probabilities and the unexplored mass, where the model has priors.
+
+    `observed`: what was seen, for how well it fits each diagnosis; empty where that does not count.
 
     The order is kept, or is by probability if that was asked for.
     """
     if not cnf.priors:
         return result
     blamed = [diagnosis.bad for diagnosis in result.diagnoses]
-    shares = posterior(blamed, cnf.priors, options.abnormal)
+    fits = likelihoods(cnf, observed, blamed) if observed and cnf.puts_out else None
+    shares = posterior(blamed, cnf.priors, options.abnormal, fits)
     diagnoses = result.diagnoses
     if shares is not None:
         diagnoses = tuple(

@@ -149,8 +149,14 @@ def scheme_steps(model: ComponentModel) -> int:
     steps = 0
     for device in model.hardware.values():
         steps += 2 + len(device.fed_by)
+    fed: dict[str, int] = {}  # driven device -> its feeders, all the way up
     for node in model.nodes.values():
-        steps += 2 + sum(2 + 2 * len(node.drives) + len(inputs) for inputs in node.publishes.values())
+        for name in node.drives:
+            if name not in fed and steps <= MODEL_STEPS:
+                fed[name] = len(model.feeders(name))
+                steps += fed[name]
+        needed = sum(2 + 2 * fed.get(name, 0) for name in node.drives)
+        steps += 2 + sum(2 + needed + len(inputs) for inputs in node.publishes.values())
     for one, other in model.related:
         steps += 3 * publishers[model.values[one].topic] * publishers[model.values[other].topic]
     steps += sum(

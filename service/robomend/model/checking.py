@@ -21,6 +21,7 @@ def check(system: System) -> tuple[str, ...]:
         *contradictory(system),
         *unblamable(system),
         *excused(system),
+        *coarse(system),
         *unused(system),
         *self_locking(system),
         *partial_priors(system),
@@ -103,7 +104,13 @@ def excused(system: System) -> Iterator[str]:
     for cause, topics in by_cause.items():
         more = f" and {len(topics) - SHOWN} more" if len(topics) > SHOWN else ""
         named = f"topic{'s' if len(topics) > 1 else ''} {', '.join(topics[:SHOWN])}{more}"
-        yield f"{named}: {cause}, so that silence alone blames nobody; observe what is waited for as well"
+        yield f"{named}: {cause}, so that silence alone blames nobody{_until(cause)}"
+
+
+def _until(cause: str) -> str:
+    if cause.startswith("waits for itself"):
+        return " until the robot was seen with the circle up"
+    return "; observe what is waited for as well"
 
 
 def _unforced(system: System, publishers: Mapping[str, list[Node]]) -> dict[str, None]:
@@ -137,6 +144,17 @@ def _waits_for(topic: str, free: Mapping[str, None], publishers: Mapping[str, li
     first = circle.index(min(circle))  # the same words, wherever the circle was entered
     circle = circle[first:] + circle[: first + 1]
     return f"waits for itself, in a circle ({' ← '.join(circle)})"
+
+
+def coarse(system: System) -> Iterator[str]:
+    """Circles of topics within circles: one clause for all of them."""
+    for loop in system.loops:
+        if loop.nested:
+            shown = ", ".join(loop.topics[:SHOWN]) + (" …" if len(loop.topics) > SHOWN else "")
+            yield (
+                f"topics {shown} need each other in more than one circle: once they were up, the silence of "
+                f"any of them blames one of all {len(loop.components)} components in it, no fewer"
+            )
 
 
 def unused(system: System) -> Iterator[str]:

@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 from robomend.errors import ModelError, UnknownComponent
-from robomend.model.cnf import Clause, HealthCnf, Rule
+from robomend.model.cnf import PARTIAL, Clause, HealthCnf, Output, Rule
 from robomend.model.formulas import (
     AB,
     And,
@@ -69,6 +69,8 @@ def compile_rules(
     modes: Iterable[Modes] = (),
     priors: Mapping[str, float] | None = None,
     costs: Mapping[Atom, float] | None = None,
+    puts_out: Mapping[str, tuple[Output, ...]] | None = None,
+    partial: float = PARTIAL,
 ) -> HealthCnf:
     """Return the clauses of ground rules; `ab(c)` among their leaves is AB(c).
 
@@ -106,6 +108,8 @@ def compile_rules(
         costs=dict(costs or {}),
         modes=mode_variables,
         weak=_weak(clauses, len(components)),
+        puts_out=dict(puts_out or {}),
+        partial=partial,
     )
 
 

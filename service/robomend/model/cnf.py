@@ -31,6 +31,19 @@ class Rule:
     line: int | None = None  # in the model's file, from 1
 
 
+@dataclass(frozen=True, slots=True)
+class Output:
+    """What a component puts out, as far as it can be observed: see robomend.diagnosis.likelihood."""
+
+    atom: Atom  # ok(t)
+    by: str  # the node that publishes it
+    inputs: tuple[Atom, ...] = ()  # what it rests on
+
+
+PARTIAL = 0.2
+"""How often what is broken is so in part only, unless the model says otherwise."""
+
+
 @dataclass(frozen=True)
 class HealthCnf:
     """SD as clauses, COMPS as its first variables.
@@ -59,6 +72,9 @@ class HealthCnf:
     inputs: tuple[Atom, ...] = ()
     outputs: tuple[Atom, ...] = ()
     """Of a circuit: its primary nets, in the order of the file. A net may be both."""
+    puts_out: Mapping[str, tuple[Output, ...]] = field(default_factory=dict)
+    """Component -> the outputs that are bad when it fails as a whole; of component models."""
+    partial: float = PARTIAL  # P(a component that fails does so in part only)
 
     @cached_property
     def health(self) -> Mapping[str, int]:
@@ -70,6 +86,15 @@ class HealthCnf:
         """Atom -> its variable. Atoms that no clause mentions are absent: they are kept in OBS, unused."""
         first = len(self.components) + 1
         return {atom: index for index, atom in enumerate(self.atoms, first)}
+
+    @cached_property
+    def publishers(self) -> Mapping[Atom, tuple[str, ...]]:
+        """Output -> the nodes that put it out."""
+        found: dict[Atom, dict[str, None]] = {}
+        for outputs in self.puts_out.values():
+            for output in outputs:
+                found.setdefault(output.atom, {})[output.by] = None
+        return {atom: tuple(by) for atom, by in found.items()}
 
     @cached_property
     def clauses_of_rule(self) -> Mapping[str, tuple[Clause, ...]]:

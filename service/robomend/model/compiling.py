@@ -12,8 +12,9 @@ from robomend.model.cnf import Rule
 from robomend.model.components import KINDS, ComponentModel
 from robomend.model.formulas import AB, Formula
 from robomend.model.interlock import Interlock
+from robomend.model.loops import loops_of
 from robomend.model.rules import Sentence, read_rules
-from robomend.model.schemes import publishers_of, schemes
+from robomend.model.schemes import outputs, publishers_of, schemes
 from robomend.model.system import System
 from robomend.model.vocabulary import Vocabulary, for_robot
 from robomend_client.literals import Atom
@@ -86,6 +87,8 @@ def compile_robot(
         modes=modes,
         priors={part.name: part.prior for part in parts if part.prior is not None},
         costs=observation_costs(model),
+        puts_out=outputs(model),
+        partial=model.partial_failure,
     )
     return System(
         name=model.name,
@@ -96,6 +99,7 @@ def compile_robot(
         vocabulary=vocabulary,
         warnings=(*doubtful(model), *warnings),
         act_when=_interlock(model, formulas[-1], file) if act_when else None,
+        loops=loops_of(model),
     )
 
 

@@ -14,6 +14,7 @@ from typing import Any, NoReturn, TypeVar
 
 from robomend.errors import ModelError
 from robomend.model.clauses import UNKNOWN_MODE
+from robomend.model.cnf import PARTIAL
 from robomend.model.component_checks import Checks, near, shown
 from robomend.model.components import KINDS, Component, ComponentModel, Hardware, Node, Topic, Value
 from robomend.model.sentences import plain
@@ -24,6 +25,7 @@ OTHER_KINDS = KINDS[2:]
 MODEL_KEYS = (
     "robomend", "name", "channels", "protected_channels", *(kind.section for kind in KINDS), "topics",
     "properties", "values", "related", "rules", "act_when", "blame_hardware", "inputs_matter",
+    "partial_failure",
 )  # fmt: skip
 PART_KEYS = ("prior", "cost", "modes", "exhaustive_modes", "host", "protected")
 HARDWARE_KEYS = ("channel", "fed_by", "blame_hardware", *PART_KEYS)
@@ -118,6 +120,7 @@ class _Reader:
             act_when=None if act_when is None else act_when[0],
             act_when_line=None if act_when is None else act_when[1],
             others=others,
+            partial_failure=self.optional(top, "partial_failure", self.probability) or PARTIAL,
         )
         if not model.components:
             sections = " or ".join(f"`{kind.section}:`" for kind in KINDS)
@@ -359,7 +362,7 @@ class _Reader:
             prior = math.nan
         if not 0 < prior < 1:
             self.fail(
-                f"a prior lies between 0 and 1, both excluded; {shown(number)} does not",
+                f"a probability lies between 0 and 1, both excluded; {shown(number)} does not",
                 tree.line,
             )
         return prior

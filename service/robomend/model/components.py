@@ -15,6 +15,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import KW_ONLY, dataclass, field
 from typing import ClassVar
 
+from robomend.model.cnf import PARTIAL
 from robomend_client.literals import Literal, holds
 
 
@@ -116,6 +117,7 @@ class ComponentModel:
     act_when: str | None = None  # nothing is sent to the robot unless OBS shows this sentence
     act_when_line: int | None = None
     others: Mapping[str, Mapping[str, Component]] = field(default_factory=dict)  # section -> of other kinds
+    partial_failure: float = PARTIAL  # P(a component that fails does so in part only), for weighing
 
     @property
     def components(self) -> tuple[str, ...]:
@@ -132,6 +134,16 @@ class ComponentModel:
         if kind is Hardware:
             return self.hardware
         return self.nodes if kind is Node else self.others.get(kind.section, {})
+
+    def feeders(self, name: str) -> tuple[str, ...]:
+        """Return what a device gets its power from, all the way up, nearest first."""
+        found = dict.fromkeys(self.hardware[name].fed_by)
+        pending = list(found)
+        for feeder in pending:  # grows on the way
+            new = [other for other in self.hardware[feeder].fed_by if other not in found]
+            found.update(dict.fromkeys(new))
+            pending += new
+        return tuple(found)
 
     def switchable(self, name: str) -> bool:
         """Whether this is hardware on a board channel (the paper's SH)."""

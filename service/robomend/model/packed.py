@@ -24,7 +24,7 @@ INLINE_CLAUSES = 5_000
 INLINE_STEPS = 200
 """Steps (robomend.model.budget) of assertions that are made clauses at once: some milliseconds."""
 
-NAMES = ("name", "components", "atoms", "priors", "costs", "circuit", "inputs", "outputs")
+NAMES = ("name", "components", "atoms", "priors", "costs", "circuit", "inputs", "outputs", "partial")
 
 
 class PackedCnf(HealthCnf):

@@ -19,9 +19,11 @@ Opt-in keys add premises, never clauses of another shape:
   blamed.
 - `fed_by: [psu]`: power is a chain of on(…), as data is a chain of ok(…). The fed device's clause 1 reads
   ¬AB(h) ∧ on(psu) → on(h), for every feeder (all are needed), and its drivers' clauses also need on(h): a
-  device that gets no power is not to blame for being silent, nor is its driver. A feeder without channel
-  gets a clause 1 of its own, since its on(psu) now bears weight. Chains of feeds work by themselves;
-  without `fed_by` nothing changes.
+  device that gets no power is not to blame for being silent, nor is its driver. But on(h) of a channel is
+  the position of a relay, which stays where it is when the supply fails: so the drivers' clauses need
+  ¬AB(psu) as well, of every feeder up the chain, and a supply that hangs with its relay closed can be
+  blamed. A feeder without channel gets a clause 1 of its own, since its on(psu) now bears weight. Without
+  `fed_by` nothing changes.
 
 Source: section IV-D of the paper.
 """
@@ -30,7 +32,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from robomend.model.cnf import Rule
+from robomend.model.cnf import Output, Rule
 from robomend.model.components import KINDS, ComponentModel, Hardware, Node
 from robomend.model.formulas import And, Formula, Implies, Leaf, ab
 from robomend_client.literals import Literal, holds
@@ -65,7 +67,8 @@ def drivers(model: ComponentModel) -> Scheme:
             devices = [model.hardware[name] for name in node.drives]
             if not devices or any(device.channel is not None for device in devices) != wanted:
                 continue
-            premises = [-ab(node.name), *(p for device in devices for p in _working(device))]
+            working = (premise for device in devices for premise in _working(model, device))
+            premises = [-ab(node.name), *dict.fromkeys(working)]
             for topic, inputs in node.publishes.items():
                 needed = [holds("ok", i) for i in inputs] if node.inputs_matter else []
                 yield _rule([*premises, *needed], holds("ok", topic), f"scheme {number}", node.line)
@@ -119,12 +122,30 @@ def publishers_of(model: ComponentModel) -> Mapping[str, list[Node]]:
     return found
 
 
-def _working(device: Hardware) -> list[Literal]:
+def outputs(model: ComponentModel) -> dict[str, tuple[Output, ...]]:
+    """Return component -> what it silences by failing: of a device, the topics of all whom it powers."""
+    found: dict[str, dict[Output, None]] = {}
+    for node in model.nodes.values():
+        inputs_count = not node.drives or node.inputs_matter
+        powered = [model.hardware[name] for name in node.drives]
+        names = dict.fromkeys(
+            name for device in powered for name in (device.name, *model.feeders(device.name))
+        )
+        for topic, inputs in node.publishes.items():
+            rests_on = tuple(holds("ok", name).atom for name in inputs) if inputs_count else ()
+            output = Output(holds("ok", topic).atom, node.name, rests_on)
+            for name in (node.name, *names):
+                found.setdefault(name, {})[output] = None
+    return {name: tuple(each) for name, each in found.items()}
+
+
+def _working(model: ComponentModel, device: Hardware) -> list[Literal]:
     """Return what a driver's output needs of a device."""
     blamed = device.channel is not None or device.blame
     return [
         *([-ab(device.name)] if blamed else []),
         *([holds("on", device.name)] if device.fed_by else []),
+        *(-ab(name) for name in model.feeders(device.name)),
     ]
 
 

@@ -7,14 +7,17 @@ import hashlib
 import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 from robomend.errors import UnknownComponent
 from robomend.model.clauses import Assertion
 from robomend.model.cnf import HealthCnf
 from robomend.model.components import ComponentModel
 from robomend.model.interlock import Interlock
+from robomend.model.loops import Loop
 from robomend.model.packed import supposed
 from robomend.model.vocabulary import Vocabulary
+from robomend_client.literals import Atom
 
 
 @dataclass(frozen=True)
@@ -31,6 +34,15 @@ class System:
     vocabulary: Vocabulary
     warnings: tuple[str, ...] = ()
     act_when: Interlock | None = None  # None: actions may be sent at any time
+    loops: tuple[Loop, ...] = ()  # its topics that need each other in circles
+
+    @cached_property
+    def outside(self) -> tuple[Atom, ...]:
+        """The topics that nobody in the model publishes, as what is observed of them."""
+        if self.parts is None:
+            return ()
+        published = {topic for node in self.parts.nodes.values() for topic in node.publishes}
+        return tuple(Atom("ok", (topic,)) for topic in self.parts.topics if topic not in published)
 
     def extended(self, assertions: Iterable[Assertion] = (), expected_stopped: Iterable[str] = ()) -> System:
         """Return the system with assertions as further rules, for a robot on which these components are

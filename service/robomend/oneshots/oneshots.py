@@ -106,7 +106,7 @@ class OneShots:
                     "no diagnosis was found in time: name the bad components, or allow more time"
                 )
         options = PlanOptions(planner=planner, timeout_s=timeout_s, expected_stopped=stopped, pddl=pddl)
-        situation = Situation(parts, tuple(sorted(asked.literals)), result)
+        situation = Situation(parts, tuple(sorted(asked.literals)), result, cnf=subject.system.cnf)
         with self._place():
             return await advise(self._planners, situation, options)
 

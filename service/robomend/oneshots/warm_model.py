@@ -186,10 +186,11 @@ def ask_engine(
     The literals are put in order first: which of several conflicts an engine finds depends on it, and a set
     has to have one answer whoever asks, in whatever process.
     """
-    result = engine.diagnose(sorted(literals, key=_order), options)
+    observed = sorted(literals, key=_order)
+    result = engine.diagnose(observed, options)
     if any(diagnosis.probability is not None for diagnosis in result.diagnoses):
         return result
-    return rank(result, cnf, options)
+    return rank(result, cnf, options, observed)
 
 
 def _order(literal: Literal) -> tuple[str, tuple[str, ...], bool]:

@@ -7,13 +7,17 @@ The service, the stateless one-shots and the command line all go through here.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
 
+from robomend.diagnosis.likelihood import likelihoods
+from robomend.diagnosis.onsets import onset_fit
 from robomend.diagnosis.probes import ProbeResult
 from robomend.diagnosis.result import Diagnosis, DiagnosisResult
 from robomend.errors import ModelError
+from robomend.model.cnf import HealthCnf
 from robomend.model.components import ComponentModel
+from robomend.model.loops import Loop
 from robomend.model.system import System
 from robomend.planning.choice import (
     Attempt,
@@ -26,7 +30,7 @@ from robomend.planning.choice import (
     leading,
 )
 from robomend.planning.plan import Plan
-from robomend_client.literals import Literal
+from robomend_client.literals import Atom, Literal
 
 DEFAULT_PATIENCE = Patience()
 
@@ -42,6 +46,9 @@ class Situation:
     probes: ProbeResult | None = None  # only those that somebody can make now
     now_ns: int = 0
     patience: Patience = DEFAULT_PATIENCE
+    cnf: HealthCnf | None = None  # says how well OBS fits a diagnosis; None: that does not count
+    loops: tuple[Loop, ...] = ()
+    onsets: Mapping[Atom, int] = field(default_factory=dict)  # of what is not ok, its last good sample
 
     @property
     def wanted(self) -> tuple[Diagnosis, ...]:
@@ -54,8 +61,27 @@ class Situation:
     @property
     def leading(self) -> tuple[Diagnosis, ...]:
         """The most probable diagnoses, by what was tried: those worth a plan of their own."""
-        found = leading(self.result.diagnoses, self.tried, now_ns=self.now_ns, patience=self.patience)
+        found = leading(
+            self.result.diagnoses,
+            self.tried,
+            fits=self._fits(self.result.diagnoses),
+            switchable=frozenset(filter(self.model.switchable, self.model.hardware)),
+            now_ns=self.now_ns,
+            patience=self.patience,
+        )
         return tuple(found)
+
+    def _fits(self, diagnoses: Sequence[Diagnosis]) -> list[float] | None:
+        """Return how well OBS fits each, as far as their probabilities do not have it in them."""
+        if self.cnf is None:
+            return None
+        blamed = [diagnosis.bad for diagnosis in diagnoses]
+        weighed = bool(diagnoses) and all(one.probability is not None for one in diagnoses)
+        fits = [1.0] * len(blamed) if weighed else likelihoods(self.cnf, self.observed, blamed)
+        if not self.onsets:
+            return fits
+        order = (onset_fit(self.model, self.cnf, self.loops, self.onsets, bad) for bad in blamed)
+        return [fit * factor for fit, factor in zip(fits, order, strict=True)]
 
     def decide(self, plans: Sequence[Plan]) -> Choice:
         """Return the choice, given a plan for each of `wanted`."""
@@ -67,6 +93,7 @@ class Situation:
             self.tried,
             looks(self.probes, candidates),
             common=shared[0] if shared else None,
+            fits=self._fits(diagnoses),
             now_ns=self.now_ns,
             patience=self.patience,
         )
@@ -84,6 +111,16 @@ def parts_of(system: System) -> ComponentModel:
             "needs a component model (robomend: 1)"
         )
     return system.parts
+
+
+def in_doubt(bad: Collection[str], result: DiagnosisResult) -> frozenset[str]:
+    """Return the suspects that may still prevent what a repair of these components brings about: where only
+    what all diagnoses share is repaired, whatever else they blame. Nothing is awaited that rests on them.
+    """
+    shared = set(bad)
+    if not result.diagnoses or any(not shared < set(diagnosis.bad) for diagnosis in result.diagnoses):
+        return frozenset()
+    return frozenset(name for diagnosis in result.diagnoses for name in diagnosis.bad) - shared
 
 
 def looks(probes: ProbeResult | None, candidates: Sequence[Candidate]) -> list[Look]:

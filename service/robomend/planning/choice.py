@@ -4,15 +4,18 @@ The paper repairs the first diagnosis. Here each leading diagnosis is planned fo
 decision-theoretic troubleshooting: repair, look, repair the next. With probability p(i) that repair i helps
 and cost c(i), the expected cost Σ c(i) · P(none before i helped) is least in order of p(i) / c(i).
 
-    weight of a diagnosis   its posterior, or without priors one factor a component (small sets first);
-                            lowered by each repair of it that did not help: much when its effect was seen
-                            (the power is back and still nothing: it was not that), little when it was not
+    weight of a diagnosis   its posterior, or without priors one factor a component (small sets first) and
+                            how well what works fits it (robomend.diagnosis.likelihood); lowered by each
+                            repair of it that did not help: much when its effect was seen (the power is back
+                            and still nothing: it was not that), little when it was not
     p(plan)                 weight of all diagnoses whose components the plan repairs: a power cycle that
                             restarts the driver helps against a bad device and against a bad driver; lowered
                             for a plan that was carried out before, with its effects seen, and did not help
     common part             components that every leading diagnosis blames are repaired first, by
                             themselves, if what is saved when the first full repair is wrong exceeds the
                             cost of one more look
+    power                   is not cut on a tie that a cheaper act would break: while another diagnosis, as
+                            probable, can be repaired with less of it and was not tried, that comes first
     probe                   if looking first makes the expected cost, the look included, smaller
     quarantine              a component whose repairs keep failing is left alone for a time: quarantine.py
 
@@ -112,16 +115,22 @@ def weights(
     diagnoses: Sequence[Diagnosis],
     tried: Iterable[Attempt] = (),
     *,
+    fits: Sequence[float] | None = None,
     now_ns: int = 0,
     patience: Patience = Patience(),
 ) -> list[float]:
-    """Return P(diagnosis) for each, attempts taken into account; they sum to 1."""
+    """Return P(diagnosis) for each, attempts taken into account; they sum to 1.
+
+    `fits`: how well OBS fits each, as far as the probabilities do not have it in them.
+    """
     if diagnoses and all(diagnosis.probability is not None for diagnosis in diagnoses):
         raw = [diagnosis.probability or 0.0 for diagnosis in diagnoses]
     else:
         # Relative to the smallest, so that a hundred bad components do not underflow.
         least = min((len(diagnosis.bad) for diagnosis in diagnoses), default=0)
         raw = [patience.component_odds ** (len(diagnosis.bad) - least) for diagnosis in diagnoses]
+    if fits is not None:
+        raw = [odds * fit for odds, fit in zip(raw, fits, strict=True)]
     oldest = now_ns - int(patience.memory_s * S_TO_NS)
     failed = [one for one in tried if not one.helped and one.time_ns >= oldest]
     for position, diagnosis in enumerate(diagnoses):
@@ -137,12 +146,18 @@ def leading(
     diagnoses: Sequence[Diagnosis],
     tried: Iterable[Attempt] = (),
     *,
+    fits: Sequence[float] | None = None,
+    switchable: Collection[str] = (),
     now_ns: int = 0,
     patience: Patience = Patience(),
 ) -> list[Diagnosis]:
-    """Return the diagnoses worth planning for, the most probable first."""
-    found = weights(diagnoses, tried, now_ns=now_ns, patience=patience)
-    order = sorted(range(len(diagnoses)), key=lambda index: -found[index])
+    """Return the diagnoses worth planning for, the most probable first.
+
+    Of equally probable ones those come first that blame fewer of `switchable`, whose repair cuts power.
+    """
+    found = weights(diagnoses, tried, fits=fits, now_ns=now_ns, patience=patience)
+    cuts = [sum(name in switchable for name in diagnosis.bad) for diagnosis in diagnoses]
+    order = sorted(range(len(diagnoses)), key=lambda index: (-round(found[index], 12), cuts[index]))
     return [diagnoses[index] for index in order[: patience.leading] if diagnoses[index].bad]
 
 
@@ -172,6 +187,7 @@ def choose(
     looks: Sequence[Look] = (),
     *,
     common: Candidate | None = None,
+    fits: Sequence[float] | None = None,
     now_ns: int = 0,
     patience: Patience = Patience(),
 ) -> Choice:
@@ -182,9 +198,11 @@ def choose(
         tried: earlier attempts, in any order.
         looks: probes that somebody can make now.
         common: the plan for `common_part`, if there is one.
+        fits: how well OBS fits each candidate; see `weights`.
         now_ns: the time, on the clock of `Attempt.time_ns`.
     """
-    chances = weights([one.diagnosis for one in candidates], tried, now_ns=now_ns, patience=patience)
+    diagnoses = [one.diagnosis for one in candidates]
+    chances = weights(diagnoses, tried, fits=fits, now_ns=now_ns, patience=patience)
     oldest = now_ns - int(patience.memory_s * S_TO_NS)
     recent = [one for one in tried if one.time_ns >= oldest]
     weighed = [
@@ -192,7 +210,7 @@ def choose(
         for one, chance in zip(candidates, chances, strict=True)
     ]
     ranked = sorted(weighed, key=lambda one: (-one.score, one.plan.cost, len(one.diagnosis.bad)))
-    best = next((one for one in ranked if one.score > 0), None)
+    best = _cutting_less(next((one for one in ranked if one.score > 0), None), ranked)
     cost = _expected_cost(candidates, chances, patience)
     if best is None:
         return Choice(None, None, None, tuple(ranked), cost, _nothing(candidates, ranked))
@@ -227,6 +245,16 @@ def attempt(
         effect_seen,
         helped,
         tuple(map(str, steps)),
+    )
+
+
+def power_cuts(plan: Plan) -> frozenset[str]:
+    """Return the devices that the plan takes power from."""
+    return frozenset(
+        effect.atom.args[0]
+        for step in plan.steps
+        for effect in step.effects
+        if effect.positive and effect.atom.predicate == "off" and effect.atom.args
     )
 
 
@@ -279,6 +307,29 @@ def _weigh(
         times = "once" if len(failures) == 1 else f"{len(failures)} times"
         reason += f"; repaired {times} before without help, effect seen {seen} of {len(failures)}"
     return Alternative(one.diagnosis, plan, chance, helps, score, len(failures), reason)
+
+
+TIED = 0.5
+"""Diagnoses are tied whose weights differ by no more than this factor."""
+
+
+def _cutting_less(best: Alternative | None, ranked: Sequence[Alternative]) -> Alternative | None:
+    """Return the best one, or one tied with it that cuts less power, costs less and was not tried yet."""
+    while best is not None:
+        cut, weight, cost = power_cuts(best.plan), best.weight, best.plan.cost
+        less = [
+            one
+            for one in ranked
+            if one.score > 0
+            and not one.failures
+            and one.weight >= TIED * weight
+            and one.plan.cost < cost
+            and power_cuts(one.plan) < cut
+        ]
+        if not less:
+            return best
+        best = min(less, key=lambda one: (len(power_cuts(one.plan)), -one.score))
+    return None
 
 
 def _nothing(candidates: Sequence[Candidate], weighed: Sequence[Alternative]) -> str:

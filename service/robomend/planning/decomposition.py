@@ -22,8 +22,8 @@ from __future__ import annotations
 from collections import defaultdict
 from dataclasses import dataclass
 
+from robomend.model.loops import strong_components
 from robomend.planning.grounding import GroundAction, GroundProblem
-from robomend.planning.problem import strong_components
 
 
 @dataclass(frozen=True, slots=True)

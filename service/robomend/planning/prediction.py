@@ -1,7 +1,8 @@
 """What OBS should show while a plan runs: the state that the plan predicts, in the words of the observers.
 
     facts of the plan's state   on(h), running(n), bad(c), …   ──► on/running literals of every component
-    components predicted good   ──► unit propagation over SD   ──► ok(t), and whatever the user's rules derive
+    components predicted good,
+    inputs from outside as seen ──► unit propagation over SD   ──► ok(t), and whatever the user's rules derive
 
 The second line is the diagnosis' own theory read forwards. A literal that it derives and that OBS
 contradicts is exactly what would start a new conflict, so a mismatch seen here is one that the next
@@ -12,7 +13,7 @@ until it is restarted.
 from __future__ import annotations
 
 from collections import OrderedDict, defaultdict
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 from robomend.model.cnf import HealthCnf
 from robomend.model.components import KINDS
@@ -35,15 +36,17 @@ class Theory:
             for literal in clause:
                 self._watching[literal].append(index)
 
-    def derived(self, good: Iterable[str]) -> frozenset[Literal]:
-        """Return the literals over atoms that follow by unit propagation from these components being healthy.
+    def derived(self, good: Iterable[str], given: Iterable[Literal] = ()) -> frozenset[Literal]:
+        """Return the literals over atoms that follow by unit propagation from these components being healthy,
+        and from literals that are known anyhow, as far as a rule mentions them.
 
         Sound and, for Horn rules such as the six schemes, complete. A clause that becomes empty ends the
         propagation: then nothing is predicted, as the rules contradict each other.
         """
         cnf = self._cnf
         true: set[int] = set()
-        pending = [cnf.health[component] for component in good]
+        known = (cnf.literal(literal) for literal in given)
+        pending = [*(cnf.health[component] for component in good), *(k for k in known if k is not None)]
         missing: dict[int, int] = {}  # clause -> literals not yet false
         while pending:
             literal = pending.pop()
@@ -87,8 +90,17 @@ def theory_of(cnf: HealthCnf) -> Theory:
 class Prediction:
     """The predicted state: the plan's initial state, then what the actions do as they are sent and done."""
 
-    def __init__(self, theory: Theory, components: Iterable[str], initial: Iterable[Atom]) -> None:
+    def __init__(
+        self,
+        theory: Theory,
+        components: Iterable[str],
+        initial: Iterable[Atom],
+        outside: Callable[[], frozenset[Literal]] = frozenset,
+    ) -> None:
+        """`outside` returns what is observed now of topics that nobody in the model publishes."""
         self._theory = theory
+        self._outside = outside
+        self._given: frozenset[Literal] = frozenset()
         self._components = tuple(components)
         self._facts = set(initial)
         self._expected: frozenset[Literal] | None = None  # until a fact changes
@@ -119,7 +131,9 @@ class Prediction:
 
     def expected(self) -> frozenset[Literal]:
         """Return the literals that OBS should hold, once the robot has had time to show them."""
-        if self._expected is None:
+        given = self._outside()
+        if self._expected is None or given != self._given:
+            self._given = given
             self._expected = self._now_expected()
         return self._expected
 
@@ -130,7 +144,7 @@ class Prediction:
             if OPPOSITES.get(fact.predicate, fact.predicate) in OBSERVED_FACTS
         }
         good = [name for name in self._components if Atom("good", (name,)) in self._facts]
-        derived = self._theory.derived(good)
+        derived = self._theory.derived(good, self._given) - self._given
         # A fact of the plan's own state is nearer than what the rules derive: a component may be called good
         # while one of its facts is on its way.
         atoms = {literal.atom for literal in facts}

@@ -27,6 +27,7 @@ from dataclasses import dataclass, field
 
 from robomend.errors import DomainError, UnknownComponent
 from robomend.model.components import KINDS, ComponentModel, Hardware, Node
+from robomend.model.loops import strong_components
 from robomend.planning.domain.values import PAIRS, Declared, Domain
 from robomend.planning.protection import protection
 from robomend_client.literals import Atom, Literal
@@ -168,45 +169,6 @@ def needs_of(model: ComponentModel) -> frozenset[tuple[str, str]]:
         for other in others
         if cluster[name] != cluster[other]
     )
-
-
-def strong_components(successors: Mapping[str, Iterable[str]]) -> dict[str, int]:
-    """Return the number of each vertex's strongly connected component; a successor's number is never higher.
-
-    Source: R. Tarjan. Depth-first search and linear graph algorithms. SIAM J. Computing 1(2), 1972; with an
-    explicit stack, as chains of a thousand nodes are deeper than Python recurses.
-    """
-    number: dict[str, int] = {}
-    low: dict[str, int] = {}
-    found: dict[str, int] = {}
-    path: list[str] = []
-    count = 0
-    for root in successors:
-        if root in number:
-            continue
-        work = [(root, iter(successors[root]))]
-        number[root] = low[root] = len(number)
-        path.append(root)
-        while work:
-            vertex, rest = work[-1]
-            for other in rest:
-                if other not in number:
-                    number[other] = low[other] = len(number)
-                    path.append(other)
-                    work.append((other, iter(successors.get(other, ()))))
-                    break
-                if other not in found:
-                    low[vertex] = min(low[vertex], number[other])
-            else:
-                work.pop()
-                if work:
-                    low[work[-1][0]] = min(low[work[-1][0]], low[vertex])
-                if low[vertex] == number[vertex]:
-                    while (member := path.pop()) != vertex:
-                        found[member] = count
-                    found[vertex] = count
-                    count += 1
-    return found
 
 
 def _feeders(model: ComponentModel, device: Hardware) -> list[str]:

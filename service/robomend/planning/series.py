@@ -19,10 +19,10 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable
 
+from robomend.model.loops import strong_components
 from robomend.planning.decomposition import Part, PartAction
 from robomend.planning.plan import Outcome
 from robomend.planning.planners import PartAnswer
-from robomend.planning.problem import strong_components
 
 
 def in_series(part: Part, solve: Callable[[Part], PartAnswer]) -> tuple[int, ...] | None:

@@ -146,6 +146,9 @@ class Chooser:
             memory.tried,
             now_ns=time.time_ns(),
             patience=self.patience,
+            cnf=state.system.cnf,
+            loops=state.system.loops,
+            onsets=state.sight.onsets(),
         )
         policy = self.policy(state)
         options = PlanOptions(

@@ -13,6 +13,7 @@ from functools import partial
 
 from robomend.cycle import stands_no_more
 from robomend.diagnosis.result import DiagnosisResult
+from robomend.planning.advice import in_doubt
 from robomend.planning.choice import Choice
 from robomend.planning.plan import Plan
 from robomend.planning.prediction import Prediction, theory_of
@@ -68,6 +69,7 @@ class LiveRepair:
         acts.influences = self._confirming.acted
         self.rounds = max(1, chooser.policy(state).rounds - len(record.data.get("rounds", ())))
         self._permission = Permission(state, record, signals, chooser, acts, self._newest)
+        self._in_doubt: frozenset[str] = frozenset()  # suspects that the present plan leaves alone
         self._first = 0  # number of the present round's first step within the repair
 
     # --- diagnose
@@ -115,6 +117,7 @@ class LiveRepair:
             found = await self._planned(result, looks=False)
         if found.plan is not None and found.diagnosis is not None:
             bad = found.diagnosis.bad
+            self._in_doubt = in_doubt(bad, result)
             self._first = await self._record.begin_round(
                 found.plan,
                 bad=bad,
@@ -160,7 +163,12 @@ class LiveRepair:
             repair=self._record.id,
             first_step=self._first,
             sight=self._state.sight,
-            prediction=Prediction(theory_of(system.cnf), system.cnf.components, plan.initial),
+            prediction=Prediction(
+                theory_of(system.cnf),
+                [name for name in system.cnf.components if name not in self._in_doubt],
+                plan.initial,
+                self._state.sight.from_outside,
+            ),
             executors=self._executors,
             journal=self._acts,
             permit=self._permission.refusal,

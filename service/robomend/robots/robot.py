@@ -20,6 +20,7 @@ from robomend.model.clauses import Assertion
 from robomend.model.system import System, variant
 from robomend.observations.obs import Obs, consequences
 from robomend.robots.batches import Update, Words
+from robomend.robots.circles import Circles, extended
 from robomend.robots.clock import AHEAD_NS, CLOCK
 from robomend.robots.configuration import RobotConfig
 from robomend.robots.current import Current
@@ -46,6 +47,7 @@ class Robot:
         "__weakref__",
         "_announced",
         "_changed_at",
+        "_circles",
         "_generation",
         "_head",
         "_held",
@@ -77,6 +79,7 @@ class Robot:
         """`read_again` calls `read` on the robot of this id, if it is stale. NotFound."""
         self._configure(stored, model, system)
         self.obs = Obs()
+        self._circles = Circles()
         self.sight = Sight(self)
         self.assertion_records: dict[str, records.StoredAssertion] = {}
         self.observed = Turnstile()  # committed revisions
@@ -167,17 +170,21 @@ class Robot:
     def question(self, literals: Iterable[Literal] | None = None) -> tuple[str, System, frozenset[Literal]]:
         """Return version, system and literals for the engine; by default what is known now.
 
-        Assertions join the system description, and nodes that are meant to be stopped leave scheme 5. The
-        version names the result: equal versions are equal clauses.
+        Assertions join the system description, and the clauses of circles of topics that were up, and nodes
+        that are meant to be stopped leave scheme 5. The version names the result: equal versions are equal
+        clauses.
         """
         literals = frozenset(self.literals() if literals is None else literals)
         assertions = tuple(self.obs.assertions.values())
         stopped = self.config.expected_stopped
+        if self.system.loops:
+            assertions += self._circles.up(self.system, self.obs, stopped)
         if not assertions and not stopped:
             return self.model.version, self.system, literals
         wanted = (self.model.version, assertions, stopped)
         if self._own is None or self._own[0] != wanted:
-            self._own = (wanted, variant(*wanted), self.system.extended(assertions, stopped))
+            version = variant(*wanted)
+            self._own = (wanted, version, extended(self.system, version, assertions, stopped))
         _, version, system = self._own
         return version, system, literals
 
@@ -202,6 +209,8 @@ class Robot:
             self.assertion_records.pop(name, None)
         if update.forgotten:
             self.obs.forget(update.forgotten)
+        if self.system.loops:
+            self._circles.hear(update.entries)
         self.sight.hear(update.entries)
         return changed, tuple(kept.values())
 
@@ -224,12 +233,15 @@ class Robot:
         if newest_ns > CLOCK.now_ns() + AHEAD_NS:  # no client's clock may be so far ahead: ours went back
             CLOCK.no_earlier_than(newest_ns)
         self.assertion_records = {assertion.name: assertion for assertion in obs.assertions}
+        self._circles.hear(obs.entries)
         self.sight.hear(obs.entries)
         self._head = obs.revision
         self._generation += 1
         self.observed.advance(obs.revision)
         if diagnosis is not None and (self.current is None or self.current.revision < diagnosis.revision):
             self.current = self._announced = Current.stored(diagnosis)
+        if self.current is not None:
+            self._circles.were_up(system, self.current.result)
 
     def _configure(self, stored: records.StoredRobot, model: records.StoredModel, system: System) -> None:
         self.stored = stored

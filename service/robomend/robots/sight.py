@@ -73,6 +73,21 @@ class Sight:
         literals = self._robot.literals()
         return tuple(literal for literal in literals if literal.atom not in left) if left else literals
 
+    def onsets(self) -> dict[Atom, int]:
+        """Return what does not hold now, with its last good sample where that is known."""
+        now_ns, entries = CLOCK.now_ns(), self._robot.obs.entries()
+        return {
+            entry.atom: entry.onset_ns
+            for entry in entries
+            if not entry.positive and entry.onset_ns is not None and entry.fresh(now_ns)
+        }
+
+    def from_outside(self) -> frozenset[Literal]:
+        """Return what is known now of topics that nobody in the model publishes."""
+        outside = self._robot.system.outside
+        known = ((atom, self.value(atom)) for atom in outside)
+        return frozenset(Literal(atom, value) for atom, value in known if value is not None)
+
     @property
     def observed(self) -> frozenset[Atom]:
         """What somebody should report: the robot's `observed` list."""

@@ -260,6 +260,28 @@ def test_after_time_that_nobody_looked_at_a_silent_topic_is_found_silent() -> No
     assert (silent.time_ns, silent.value, silent.since_ns) == (ns(8.5), fails("ok", "scan"), ns(8))
 
 
+@pytest.mark.parametrize("rate", [RATE, Rate.published(), Rate(), Rate(rate_hz=100, tolerance_hz=10)])
+@pytest.mark.parametrize("late_s", [0.05, 0.15, 0.2, 0.6, 1.0, 1.3, 3.0])
+@pytest.mark.parametrize("settled_s", [0.1, 0.7, 4.0])
+def test_however_late_an_agent_is_the_rate_stays_what_it_is(
+    rate: Rate, late_s: float, settled_s: float
+) -> None:
+    driver = Driver([GeneralObserver("scan", rate)], 0)
+    # Held up twice, the second time so soon after the first; what is sent meanwhile comes at the end of it.
+    held_up = [(5.03, 5.03 + late_s), (5.03 + late_s + settled_s, 5.03 + 2 * late_s + settled_s)]
+    changes: list[Change] = []
+    over = 0
+    for k in range(round((10 + 2 * late_s + settled_s) * rate.rate_hz)):
+        due_s = k / rate.rate_hz
+        heard_s = next((end_s for begin_s, end_s in held_up if begin_s <= due_s <= end_s), due_s)
+        if over < 2 and heard_s >= held_up[over][1]:
+            changes += driver.advance(ns(held_up[over][0]))
+            changes += driver.lapse(ns(held_up[over][1] + 0.02))
+            over += 1
+        changes += driver.sample("scan", ns(heard_s), now_ns=ns(heard_s))
+    assert [change.value for change in changes] == [holds("ok", "scan")]
+
+
 def test_a_short_lapse_only_puts_ticks_off() -> None:
     driver = Driver([GeneralObserver("scan", RATE), NodeObserver(["n"], Table(lifetime_s=0.3))], 0)
     beat(driver, "scan", 0, 20)  # the last one at 1.9 s

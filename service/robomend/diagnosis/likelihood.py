@@ -1,0 +1,64 @@
+"""How well a diagnosis fits what works: the likelihood of OBS, where the six schemes say nothing.
+
+A weak fault model lets a broken component do anything, so ok(b) speaks neither for nor against a probe that
+publishes b. People weigh it: what is broken seldom works. A component c that a diagnosis blames fails
+
+    as a whole    with probability 1 − μ: all that it puts out is bad
+    in part       with probability μ: each of its outputs is as likely good as bad
+
+so with k observed outputs  L(c) = (1 − μ)·[all k are bad] + μ·2⁻ᵏ, and the weight of a diagnosis is
+
+    P(Δ | OBS)  ∝  prior odds of Δ · ∏ L(c) for c ∈ Δ
+
+An output counts once, and only if nothing else entails what was seen of it: not where it is bad and an input
+is bad, too, nor where it is good and somebody else publishes it whom Δ holds healthy. Without such outputs L
+is 1. The outputs of a device are those of the nodes that drive it, or a device that it feeds.
+
+Conflicts and minimal diagnoses stay what they are: this weighs, it does not exclude.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping
+from math import prod
+
+from robomend.model.cnf import HealthCnf, Output
+from robomend_client.literals import Atom, Literal
+
+
+def likelihood(cnf: HealthCnf, observed: Iterable[Literal], bad: Collection[str]) -> float:
+    """Return P(OBS | this diagnosis) up to a factor that is the same for all; 1 where nothing is known of
+    what components put out.
+    """
+    if not cnf.puts_out or not bad:
+        return 1.0
+    seen = {literal.atom: literal.positive for literal in observed}
+    blamed = frozenset(bad)
+    counted: set[tuple[str, Atom]] = set()
+    factors = []
+    for component in sorted(blamed):
+        signs = []
+        for output in cnf.puts_out.get(component, ()):
+            sign = seen.get(output.atom)
+            key = (output.by, output.atom)
+            if sign is not None and key not in counted and not _entailed(cnf, seen, blamed, output, sign):
+                counted.add(key)
+                signs.append(sign)
+        factors.append((1 - cnf.partial) * (not any(signs)) + cnf.partial * 0.5 ** len(signs))
+    return prod(factors)
+
+
+def likelihoods(
+    cnf: HealthCnf, observed: Collection[Literal], diagnoses: Iterable[Collection[str]]
+) -> list[float]:
+    """Return the likelihood under each diagnosis."""
+    return [likelihood(cnf, observed, bad) for bad in diagnoses]
+
+
+def _entailed(
+    cnf: HealthCnf, seen: Mapping[Atom, bool], blamed: Collection[str], output: Output, sign: bool
+) -> bool:
+    """Return whether what was seen of an output says nothing of who puts it out."""
+    if not sign:
+        return any(seen.get(atom) is False for atom in output.inputs)
+    return any(by not in blamed for by in cnf.publishers[output.atom] if by != output.by)

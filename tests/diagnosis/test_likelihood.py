@@ -1,0 +1,109 @@
+"""How well diagnoses fit what works: L against its formula, and what it makes of ties."""
+
+from __future__ import annotations
+
+import pytest
+
+from robomend.diagnosis.engines import make_engine
+from robomend.diagnosis.likelihood import likelihood
+from robomend.diagnosis.result import Options
+from robomend.model.loading import load_text
+from robomend.model.system import System
+from robomend.observations.language import parse
+from robomend.oneshots.warm_model import WarmModel
+from robomend_client.literals import Literal
+
+PROBE = """
+robomend: 1
+hardware: {probe: {channel: 1%s}}
+nodes:
+  probe_d: {drives: [probe], publishes: [a, b, c]%s}
+  agg: {publishes: {x: [a], y: [a]}%s}
+"""
+PLAIN = load_text(PROBE % ("", "", ""))
+WITH_PRIORS = load_text(PROBE % ((", prior: 0.01",) * 3))
+SEEN = "ok(b), ok(c), not ok(x), not ok(y)"
+
+
+def read(system: System, sentences: str) -> list[Literal]:
+    return [literal for part in sentences.split(", ") for literal in parse(part, system.vocabulary)]
+
+
+def fit(system: System, sentences: str, *bad: str) -> float:
+    return likelihood(system.cnf, read(system, sentences), bad)
+
+
+def test_what_works_speaks_against_whoever_would_have_silenced_it() -> None:
+    # a is not observed: of the probe's outputs two are, and both are good.
+    assert fit(PLAIN, SEEN, "probe_d") == fit(PLAIN, SEEN, "probe") == pytest.approx(0.2 / 4)
+    assert fit(PLAIN, SEEN, "agg") == pytest.approx(0.8 + 0.2 / 4)
+
+
+def test_without_observed_outputs_nothing_is_weighed() -> None:
+    assert fit(PLAIN, "running(agg)", "agg") == fit(PLAIN, SEEN) == 1.0
+
+
+def test_an_output_counts_once() -> None:
+    assert fit(PLAIN, SEEN, "probe", "probe_d") == pytest.approx(0.2 / 4)
+
+
+def test_silence_that_comes_from_an_input_says_nothing_of_the_node() -> None:
+    assert fit(PLAIN, "not ok(a), not ok(x), not ok(y)", "agg") == 1.0
+    assert fit(PLAIN, "not ok(a), ok(x), not ok(y)", "agg") == pytest.approx(0.2 / 2)  # x works all the same
+
+
+def test_what_somebody_healthy_publishes_as_well_says_nothing() -> None:
+    two = load_text("robomend: 1\nnodes: {a: {publishes: [t]}, b: {publishes: [t, u]}}")
+    assert fit(two, "ok(t)", "b") == 1.0
+    assert fit(two, "ok(t), not ok(u)", "b") == pytest.approx(0.8 + 0.2 / 2)
+    assert fit(two, "ok(t)", "a", "b") == pytest.approx((0.2 / 2) ** 2)
+
+
+def test_a_supply_is_weighed_by_all_that_it_feeds() -> None:
+    fed = load_text(
+        "robomend: 1\nhardware: {rail: {channel: 1}, cam: {channel: 2, fed_by: rail}, lamp: {fed_by: rail}}\n"
+        "nodes: {cam_d: {drives: cam, publishes: [img]}, lamp_d: {drives: lamp, publishes: [lux]}}"
+    )
+    assert fit(fed, "not ok(img), ok(lux)", "rail") == pytest.approx(0.2 / 4)
+    assert fit(fed, "not ok(img), ok(lux)", "cam") == pytest.approx(0.8 + 0.2 / 2)
+
+
+def test_a_model_says_how_often_a_fault_is_one_in_part() -> None:
+    system = load_text("partial_failure: 0.5\n" + PROBE.lstrip() % ("", "", ""))
+    assert fit(system, SEEN, "probe") == pytest.approx(0.5 / 4)
+
+
+@pytest.mark.parametrize("engine", ["sat", "hs_dag", "maxsat", "asp"])
+def test_with_priors_the_probability_has_it_and_conflicts_and_diagnoses_stay(engine: str) -> None:
+    with WarmModel(WITH_PRIORS, engine) as model:
+        weighed = model.ask(model.question(SEEN.split(", "))).result
+    with WarmModel(PLAIN, engine) as model:
+        plain = model.ask(model.question(SEEN.split(", "))).result
+    assert {d.bad for d in weighed.diagnoses} == {d.bad for d in plain.diagnoses}
+    assert {c.components for c in weighed.conflicts} == {c.components for c in plain.conflicts}
+    shares = {d.bad: d.probability for d in weighed.diagnoses}
+    assert shares[("agg",)] == pytest.approx(0.85 / 0.95)
+    assert shares[("probe",)] == pytest.approx(0.05 / 0.95)
+    assert {d.probability for d in plain.diagnoses} == {None}
+
+
+@pytest.mark.parametrize(
+    ("seen", "expected"),
+    [
+        # The relays of what it feeds stay closed when a supply is off, or hangs.
+        ("not on(rail), on(cam), on(lamp), not ok(img), not ok(lux)", [("rail",)]),
+        ("on(rail), on(cam), on(lamp), not ok(img), not ok(lux)", [("rail",)]),
+    ],
+)
+def test_a_supply_without_power_is_the_smallest_diagnosis(seen: str, expected: list[tuple[str, ...]]) -> None:
+    fed = load_text(
+        "robomend: 1\n"
+        "hardware: {rail: {channel: 1}, cam: {channel: 3, fed_by: rail}, lamp: {channel: 4, fed_by: rail}}\n"
+        "nodes: {cam_d: {drives: cam, publishes: [img]}, lamp_d: {drives: lamp, publishes: [lux]}}"
+    )
+    engine = make_engine("sat", fed.cnf)
+    try:
+        found = engine.diagnose(read(fed, seen), Options(minimal="cardinality"))
+    finally:
+        engine.close()
+    assert [diagnosis.bad for diagnosis in found.diagnoses] == expected

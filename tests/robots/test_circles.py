@@ -1,0 +1,88 @@
+"""Circles of topics on a robot: their clause counts once they were up, after a restart as well."""
+
+from __future__ import annotations
+
+import json
+
+from robomend.diagnosis.engines import make_engine
+from robomend.diagnosis.result import DiagnosisResult, Options
+from robomend.entry import Entry
+from robomend.model.loading import load_text
+from robomend.oneshots.result_json import quoted_names, result_text
+from robomend.oneshots.warm_model import ask_engine
+from robomend.robots.batches import Update
+from robomend.robots.robot import Robot
+from robomend.store.records import StoredDiagnosis, StoredModel, StoredObs, StoredRobot
+from robomend_client.literals import fails, holds
+
+SOURCE = "robomend: 1\nname: m\nnodes: {est: {publishes: {state: [cmd]}}, ctl: {publishes: {cmd: [state]}}}\n"
+SYSTEM = load_text(SOURCE, name="m", format=None)
+MODEL = StoredModel("m", "v1", 1, "component", SOURCE, 0, "test")
+
+
+async def never(robot: str) -> Robot:
+    raise AssertionError("not read by itself")
+
+
+def made(**config: object) -> Robot:
+    return Robot(StoredRobot("r1", {"model": "m", **config}, "e1", 0, 0), MODEL, SYSTEM, never)
+
+
+def say(robot: Robot, time_ns: int, *ok: str, silent: tuple[str, ...] = ()) -> None:
+    literals = [*(holds("ok", topic) for topic in ok), *(fails("ok", topic) for topic in silent)]
+    robot.apply(Update(tuple(Entry(literal, "agent", time_ns) for literal in literals)))
+
+
+def diagnosed(robot: Robot) -> DiagnosisResult:
+    _, system, literals = robot.question()
+    engine = make_engine("sat", system.cnf)
+    try:
+        return ask_engine(engine, system.cnf, literals, Options())
+    finally:
+        engine.close()
+
+
+def bad_of(robot: Robot) -> set[tuple[str, ...]]:
+    return {diagnosis.bad for diagnosis in diagnosed(robot).diagnoses}
+
+
+def test_a_circle_that_never_began_blames_nobody() -> None:
+    robot = made()
+    say(robot, 1, "state", silent=("cmd",))
+    say(robot, 2, silent=("state", "cmd"))
+    assert bad_of(robot) == {()}
+
+
+def test_one_that_was_up_blames_its_members() -> None:
+    robot = made()
+    say(robot, 1, "state", "cmd")
+    version = robot.question()[0]
+    say(robot, 2, silent=("state", "cmd"))
+    assert bad_of(robot) == {("est",), ("ctl",)}
+    assert robot.question()[0] == version != MODEL.version
+
+
+def test_a_member_that_is_meant_to_be_stopped_suspends_it() -> None:
+    robot = made(expected={"stopped": ["ctl"]})
+    say(robot, 1, "state", "cmd")
+    say(robot, 2, silent=("state", "cmd"))
+    assert bad_of(robot) == {()}
+
+
+def test_robots_of_one_model_share_what_a_circle_makes_of_it() -> None:
+    one, other = made(), made()
+    for robot in (one, other):
+        say(robot, 1, "state", "cmd")
+    assert one.question()[1] is other.question()[1]
+
+
+def test_after_a_restart_of_the_service_the_last_diagnosis_tells_that_it_was_up() -> None:
+    before = made()
+    say(before, 1, "state", "cmd")
+    say(before, 2, silent=("state", "cmd"))
+    quoted = quoted_names(SYSTEM.cnf.components)
+    result = json.loads(result_text(diagnosed(before), quoted))
+    after = made()
+    stored = StoredDiagnosis("r1", 2, "v1", 2, {"model_version": "v1", "result": result})
+    after.read(after.stored, MODEL, SYSTEM, StoredObs(2, before.obs.entries()), (), stored)
+    assert bad_of(after) == {("est",), ("ctl",)}
