@@ -1,0 +1,88 @@
+"""./dev processor REVISION: the processor time of robomend-bench's suites, this tree against another.
+
+Both run in turns, in pairs, the first of a pair changing each time: what else the machine does falls on both.
+Counted is user and system time of a run with all its processes, start included; on a busy machine that
+stays what it is, as wall-clock time does not. Told is the geometric mean of this tree's over the other's.
+
+    ./dev processor v0.1.0                 all suites, seven pairs
+    ./dev processor HEAD~1 --pairs 10 --only plans,service
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from statistics import geometric_mean
+
+ROOT = Path(__file__).resolve().parents[1]
+SOURCES = ("service", "clients", "board_emulator")
+
+BENCH = ("-m", "robomend_bench.main")
+SUITES = {
+    "iscas85": (*BENCH, "iscas85", "--only", "c432,c880,c1908", "--instances", "10", "--repeats", "1"),
+    "robots-v1": (*BENCH, "robots-v1", "--only", "100,1000,3000", "--instances", "25", "--repeats", "5"),
+    "plans": (*BENCH, "plans", "--only", "tedusar,robot-100", "--instances", "3",
+              "--engines", "pyperplan,asp"),
+    "service": (*BENCH, "service", "--only", "single,fleet,ndjson", "--robots", "200", "--seconds", "6",
+                "--changes", "200", "--observations", "50000"),
+}  # fmt: skip
+"""Suite -> the arguments of Python; each takes some seconds, and does the same work every time."""
+
+OURS = ("--engines", "sat", "--clock", "cpu")
+"""For the suites of engines: the contenders' time is not ours."""
+
+
+def processor_s(tree: Path, arguments: Sequence[str]) -> float:
+    """Run Python in a tree, with the code of that tree; return the processor time of all its processes.
+
+    Raises:
+        subprocess.CalledProcessError: it failed.
+    """
+    path = os.pathsep.join(str(tree / source) for source in SOURCES)
+    environment = {**os.environ, "PYTHONPATH": path}
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    subprocess.run(
+        [sys.executable, *arguments], cwd=tree, env=environment, check=True, stdout=subprocess.DEVNULL
+    )
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
+
+
+def ratios(ours: Path, other: Path, arguments: Sequence[str], pairs: int) -> list[float]:
+    """Return our time over the other's, of each pair."""
+    found = []
+    for pair in range(pairs):
+        order = (ours, other) if pair % 2 else (other, ours)
+        took = {tree: processor_s(tree, arguments) for tree in order}
+        found.append(took[ours] / took[other])
+    return found
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Compare this tree, as it lies there, with a revision."""
+    parser = argparse.ArgumentParser(prog="./dev processor", description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("revision")
+    parser.add_argument("--pairs", type=int, default=7)
+    parser.add_argument("--only", default=",".join(SUITES), help="suites, comma-separated")
+    asked = parser.parse_args(arguments)
+    with tempfile.TemporaryDirectory() as folder:
+        archive = subprocess.run(
+            ["git", "archive", asked.revision], cwd=ROOT, check=True, stdout=subprocess.PIPE
+        ).stdout
+        subprocess.run(["tar", "x", "-C", folder], input=archive, check=True)
+        for suite in asked.only.split(","):
+            options = OURS if suite in {"iscas85", "robots-v1"} else ()
+            found = ratios(ROOT, Path(folder), (*SUITES[suite], *options), asked.pairs)
+            each = " ".join(f"{ratio:.3f}" for ratio in found)
+            print(f"{suite}: {geometric_mean(found):.3f} of {asked.revision} ({each})", flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
