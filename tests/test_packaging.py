@@ -61,6 +61,13 @@ def test_the_wheel_carries_encodings_and_domains(wheels: dict[str, Path]) -> Non
                 assert f"robomend/data/{kind}/{path.relative_to(ROOT / kind)}" in inside
 
 
+def test_the_wheel_carries_the_page(wheels: dict[str, Path]) -> None:
+    inside = names(wheels["robomend"])
+    web = ROOT / "service" / "robomend" / "web"
+    for path in (*web.rglob("*.html"), *(web / "static").iterdir()):
+        assert f"robomend/web/{path.relative_to(web)}" in inside
+
+
 def test_encodings_is_never_a_python_package() -> None:
     # A package of this name on sys.path would shadow the standard library's, and Python would not start.
     assert not (ROOT / "encodings" / "__init__.py").exists()

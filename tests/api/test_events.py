@@ -64,6 +64,39 @@ def test_a_change_and_its_diagnosis_come_in_order(start: StartService) -> None:
     assert diagnosed["data"]["data"]["result"]["diagnoses"][0]["bad"] == ["hokuyo"]
 
 
+def test_a_stream_is_of_the_kinds_and_the_robot_that_are_asked_for_and_brief_if_wanted(
+    start: StartService,
+) -> None:
+    service = start()
+    service.with_robot("r1")
+    service.with_robot("r2")
+    path = "/events?about=r2&kind=observations&kind=stop&brief=true"
+
+    def happen() -> None:
+        service.observe("not ok(scan)", robot="r1")
+        service.observe("not ok(map)", robot="r2")
+        service.api("POST", "/stop", json={"reason": "told without its data"})
+
+    with following(service, path) as events:
+        happen()
+        live = [next(events), next(events)]
+    with following(service, path, last=str(int(live[0]["id"]) - 1)) as events:
+        replayed = [next(events), next(events)]
+    for told in (live, replayed):
+        assert [(event["event"], event["data"]["robot"]) for event in told] == [
+            ("observations", "r2"),
+            ("stop", None),
+        ]
+        assert [event["data"]["data"] for event in told] == [{}, {}]
+    assert service.api("GET", "/events", params={"kind": "nonsense"}).status_code == 422
+
+
+def test_a_brief_stream_pings_with_an_event(start: StartService) -> None:
+    service = start(ping_s=0.05)
+    with following(service, "/events?brief=true") as events:
+        assert next(events)["event"] == "ping"
+
+
 def test_a_robots_stream_is_about_that_robot(start: StartService) -> None:
     service = start()
     service.with_robot("r1")

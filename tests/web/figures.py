@@ -25,7 +25,10 @@ from tests.browser import FLAGS
 
 from robomend.model.loading import load_text
 from robomend.resources import resource
+from robomend.robots.health import HealthState
 from robomend.web import graph
+from robomend.web.fleet import WAITING, FleetPage, Line
+from robomend.web.rendering import MOST_ROWS, ROWS, render
 from robomend.web.suspicion import Suspicion
 
 ROBOTS = 2000
@@ -180,21 +183,39 @@ def idle_pages(url: str, pid: int) -> tuple[float, float]:
 
 
 def graph_s() -> tuple[float, int]:
-    """Return how long a graph of 300 components takes to lay out and draw, and its size in bytes."""
+    """Return the processor time of laying out and drawing a graph of 300 components, and its bytes."""
     model = load_text(chain(300), name="chain").parts
     assert model is not None
     times = []
     for _ in range(5):
-        began = time.perf_counter()
+        began = time.process_time()
         drawn = graph.svg(graph.layout(model), {name: Suspicion("good") for name in model.components}, {}, {})
-        times.append(time.perf_counter() - began)
+        times.append(time.process_time() - began)
     return statistics.median(times), len(drawn)
+
+
+def rendering_s(rows: int) -> float:
+    """Return the processor time that the list of robots takes to render."""
+    finding = ("hokuyo", 1, "approval of a plan of 2 actions", True, time.time_ns())
+    lines = [Line(f"robot-{n}", "tedusar", "approve", HealthState.UNHEALTHY, *finding) for n in range(rows)]
+    found = FleetPage(
+        lines, rows, rows, {**dict.fromkeys(map(str, HealthState), 0), WAITING: rows}, 1, 1, True
+    )
+    around = {"may_act": True, "stop": {"active": False}, "now_ms": 1, "to": "/", "fragment": True}
+    times = []
+    for _ in range(10):
+        began = time.process_time()
+        render("fleet.html", found=found, q="", state="", rows=rows, wanted=("stop", "fleet"), **around)
+        times.append(time.process_time() - began)
+    return statistics.median(times)
 
 
 def main() -> None:
     """Measure and print."""
+    for rows in (ROWS, MOST_ROWS):
+        print(f"{rows} rows are rendered in {rendering_s(rows) * 1000:.0f} ms of processor time")
     took, size = graph_s()
-    print(f"graph of 300 components: laid out and drawn in {took * 1000:.0f} ms, {size / 1000:.0f} kB of SVG")
+    print(f"graph of 300 components: {took * 1000:.0f} ms of processor time, {size / 1000:.0f} kB of SVG")
     with served() as (url, pid), sync_playwright() as playwright:
         flags = [flag for flag in FLAGS if not flag.startswith(("--remote", "--headless"))]
         flags.append("--enable-precise-memory-info")
@@ -213,7 +234,7 @@ def main() -> None:
             rate = live_bytes(browser, url, api) / 1000
             print(f"a robot with {COMPONENTS} components, 5 changes/s: {rate:.1f} kB/s", flush=True)
             fill(url)
-            for rows in (100, ROBOTS):
+            for rows in (ROWS, MOST_ROWS):
                 tell(f"/ with {ROBOTS} robots, {rows} rows", first_load(browser, f"{url}/?rows={rows}"))
                 tell("  again", first_load(browser, f"{url}/?rows={rows}"))
             alone, together = idle_pages(url, pid)

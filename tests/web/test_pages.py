@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 
 import httpx
@@ -9,6 +10,7 @@ import pytest
 from tests.api.conftest import Service, running, sign_in
 
 from robomend.api.routers.pages import ours
+from robomend.security import RULES
 from robomend.settings import Settings
 from robomend.web.rendering import percent, static_address, static_files
 from robomend.web.words import duration, listed
@@ -71,6 +73,14 @@ def test_a_form_must_be_ours_with_and_without_keys(
         assert answer.status_code in {status, 403 if status == 400 else status}
         assert asked.http.get("/api/v1/stop", headers=more).json()["active"] == (status == 303)
         asked.http.post("/ui/stop", content="active=no", headers={**FORM, **more, "Origin": asked.url})
+
+
+@pytest.mark.parametrize("path", [path for method, path in RULES if method == "POST" and "/ui/" in path])
+def test_no_form_is_taken_that_does_not_say_whose_page_it_is_on(service: Service, path: str) -> None:
+    asked = re.sub(r"\{\w+\}", "1", path)
+    for headers, status in (({}, 400), ({"Origin": "https://evil.example"}, 403)):
+        answer = service.http.post(asked, content="", headers={**FORM, **headers})
+        assert answer.status_code == status
 
 
 def test_a_viewer_may_look_and_not_stop(keyed: Service) -> None:

@@ -67,7 +67,8 @@ class Line:
 
     def found_by(self, words: Sequence[str], state: str) -> bool:
         """Return whether a search and a filter let it through."""
-        if state and state != (WAITING if self.waits_for_person and state == WAITING else self.state):
+        fits = self.waits_for_person if state == WAITING else self.state == state
+        if state and not fits:
             return False
         text = f"{self.id} {self.model} {self.policy} {self.finding} {self.waits}".casefold()
         return all(word in text for word in words)

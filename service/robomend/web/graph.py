@@ -31,6 +31,9 @@ SWEEPS = 6
 
 SIGNS = {"bad": "✕ ", "suspect": "! ", "good": "", "unknown": "? ", "silent": "✕ "}
 
+ODD = frozenset({"bad", "suspect", "silent"})
+"""What leads on from these is drawn broken."""
+
 
 @dataclass(frozen=True, slots=True)
 class Thing:
@@ -149,7 +152,7 @@ def svg(
         (left, above), (right, below) = (_corner(drawn.places[end]) for end in (source, target))
         left, y1, y2 = left + BOX, above + HEIGHT / 2, below + HEIGHT / 2
         bend = max(24.0, abs(right - left) / 2)
-        odd = "" if _state(source, found, topics) == "good" else " odd"
+        odd = " odd" if _state(source, found, topics) in ODD else ""
         curve = f"M{left} {y1:g} C{left + bend:g} {y1:g} {right - bend:g} {y2:g} {right} {y2:g}"
         out.append(f'<path class="edge{odd}" d="{curve}"/>')
     for thing, place in drawn.places.items():

@@ -36,6 +36,9 @@ NAVIGATION = (
 ROWS = 100
 """Robots on a page unless asked for more."""
 
+MOST_ROWS = 500
+"""Some 25 ms of the service's event loop; the others come with the next page."""
+
 MEDIA_TYPES = {".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
 
 

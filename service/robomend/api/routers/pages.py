@@ -16,7 +16,7 @@ from robomend.api.routers.control import ANSWER_S
 from robomend.api.shell import shell, wanted_parts
 from robomend.errors import NotFound
 from robomend.repairs.stop_switch import written
-from robomend.web.rendering import ROWS, static_files, static_version
+from robomend.web.rendering import MOST_ROWS, ROWS, static_files, static_version
 
 router = APIRouter(route_class=PageRoute, include_in_schema=False)
 
@@ -35,7 +35,7 @@ async def fleet_page(
     q: Annotated[str, Query(max_length=200)] = "",
     state: Annotated[str, Query(max_length=20)] = "",
     number: Annotated[int, Query(alias="page", ge=1, le=1_000_000)] = 1,
-    rows: Annotated[int, Query(ge=1, le=2000)] = ROWS,
+    rows: Annotated[int, Query(ge=1, le=MOST_ROWS)] = ROWS,
 ) -> Response:
     """Show every robot: how it is, what is wrong, what it waits for."""
     wanted = wanted_parts(request, ("stop", "fleet"))

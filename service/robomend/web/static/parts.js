@@ -74,7 +74,8 @@ function place(page) {
     const text = fresh.outerHTML;
     if (old.fetched === text) continue;
     const focused = old.contains(document.activeElement) ? document.activeElement : null;
-    if (focused?.matches("input:not([type=hidden]), textarea, select")) { // nobody is disturbed while typing
+    const typing = focused?.matches("input, textarea, select");
+    if (typing && !fresh.hasAttribute("data-always")) { // nobody is disturbed while typing, unless by the stop
       focused.addEventListener("blur", () => setTimeout(() => refresh([fresh.dataset.part]), 300), { once: true });
       continue;
     }
@@ -109,6 +110,7 @@ function keep(old, fresh) {
 function same(fresh, focused) {
   const address = focused.getAttribute("href");
   if (address) return fresh.querySelector(`a[href="${CSS.escape(address)}"]`);
+  if (focused.name) return fresh.querySelector(`[name="${CSS.escape(focused.name)}"]:not([type=hidden])`);
   return [...fresh.querySelectorAll("button, summary, [tabindex]")].find(
     (each) => each.textContent === focused.textContent);
 }

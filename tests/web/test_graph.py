@@ -1,0 +1,67 @@
+"""The component graph: where things stand, and what is drawn of them."""
+
+from __future__ import annotations
+
+from xml.etree import ElementTree
+
+from robomend.model.components import ComponentModel
+from robomend.model.loading import load_text
+from robomend.resources import resource
+from robomend.web.graph import Thing, layout, svg
+from robomend.web.suspicion import Suspicion, suspicions
+
+
+def model(text: str) -> ComponentModel:
+    """Return a model of these lines."""
+    parts = load_text("robomend: 1\nname: m\n" + text).parts
+    assert parts is not None
+    return parts
+
+
+def test_everything_stands_right_of_what_it_rests_on() -> None:
+    parts = load_text(resource("examples", "tedusar.yaml").read_text()).parts
+    assert parts is not None
+    drawn = layout(parts)
+    assert all(drawn.places[source][0] < drawn.places[target][0] for source, target in drawn.edges)
+    assert len(set(drawn.places.values())) == len(drawn.places), "one thing in each place"
+    assert {thing.name for thing in drawn.places if thing.kind != "topic"} == set(parts.components)
+
+
+def test_a_circle_of_topics_is_drawn_all_the_same() -> None:
+    parts = model(
+        "nodes:\n  a: {publishes: {x: [y]}}\n  b: {publishes: {y: [x]}}\n  c: {publishes: {z: [z]}}\n"
+    )
+    drawn = layout(parts)
+    assert len(drawn.places) == 6
+    assert len(drawn.edges) == 6
+    assert len(set(drawn.places.values())) == 6
+
+
+def test_a_model_without_nodes_has_a_graph() -> None:
+    parts = model("hardware:\n  psu: {}\n  lamp: {fed_by: [psu]}\n")
+    drawn = layout(parts)
+    assert drawn.places[Thing("hardware", "psu")][0] < drawn.places[Thing("hardware", "lamp")][0]
+
+
+def test_what_is_drawn_is_well_formed_and_says_how_each_is() -> None:
+    parts = model(
+        'hardware:\n  "<a & b>": {channel: 1}\nnodes:\n  n: {drives: ["<a & b>"], publishes: {t: []}}\n'
+    )
+    found = {"<a & b>": Suspicion("suspect", 0.25), "n": Suspicion("good")}
+    text = svg(layout(parts), found, {"t": False}, {"<a & b>": "#why-0"})
+    titles = [each.text for each in ElementTree.fromstring(text).iter("title")]
+    assert titles == ["hardware <a & b>: suspect, 25% of the suspicion", "node n: good", "topic t: silent"]
+    assert 'href="#why-0"' in text
+
+
+def test_suspicion_is_the_probability_or_the_part_of_the_diagnoses() -> None:
+    def result(*found: tuple[list[str], float | None]) -> dict[str, object]:
+        return {"diagnoses": [{"bad": bad, "good": [], "probability": p} for bad, p in found]}
+
+    names = ("a", "b", "c")
+    assert suspicions(names, None)["a"] == Suspicion("unknown")
+    even = suspicions(names, result((["a"], None), (["a", "b"], None)))
+    assert even == {"a": Suspicion("bad", 1.0), "b": Suspicion("suspect", 0.5), "c": Suspicion("good")}
+    weighed = suspicions(names, result((["a"], 0.6), (["b"], 0.2)))
+    assert [round(weighed[name].share, 2) for name in names] == [0.75, 0.25, 0]
+    assert suspicions(names, result(([], None)))["a"] == Suspicion("good")
