@@ -10,7 +10,7 @@ from typing import Any
 
 import click
 
-from robomend_bench.robots import live, streams
+from robomend_bench.robots import live, ros1, streams
 from robomend_bench.service.measure import load_of_others
 from robomend_bench.service.process import processors, served
 
@@ -70,11 +70,55 @@ def _live(wish: dict[str, Any]) -> Measured:
     ]
 
 
+def _ros1(wish: dict[str, Any]) -> Measured:
+    try:
+        ros1.check()
+    except ros1.NoRos1 as error:
+        return {"missing": str(error)}, [("ROS 1", f"not measured: {error}", "")]
+    found: dict[str, Any] = {}
+    for name, observers in (
+        ("raw", {}),
+        ("fields", {"x": {"kind": "qualitative", "from": "ros1", "source": "node0_topic0:data"}}),
+    ):
+        with served() as service, tempfile.TemporaryDirectory(prefix="robomend-bench-") as folder:
+            rig = ros1.Ros1Rig(service.url, Path(folder), 5, 10)
+            with rig.robot() as uri, rig.watched(uri, observers) as agent:
+                found[f"{name}_mb"] = round(live.settled_mb(agent.pid), 1)
+                found[f"{name}_core"] = round(ros1.share_of_a_core(agent.pid, 20.0), 4)
+                if name == "raw":
+                    found["frozen"] = live.row([t for n in range(2) for t in rig.frozen_s(wish["seed"] + n)])
+                    found["silent"] = live.row(rig.hushed_s(wish["seed"]))
+                    found["killed"] = live.row(rig.ended_s(wish["seed"]))
+    killed, frozen, silent = found["killed"], found["frozen"], found["silent"]
+    seconds = "median {median_s:.2f} s, max {max_s:.2f} s".format
+    return found, [
+        (
+            f"ROS 1 node SIGKILLed, to service, {killed['count']} times",
+            f"median {killed['median_s'] * 1e3:.0f} ms, max {killed['max_s'] * 1e3:.0f} ms",
+            "0.3 s; 0.1 s",
+        ),
+        (f"ROS 1 node frozen (SIGSTOP), to service, {frozen['count']} times", seconds(**frozen), "2 s; 1 s"),
+        (
+            f"10 Hz topic of ROS 1 silent, to service, {silent['count']} times",
+            seconds(**silent),
+            "0.5 s; 0.35 s",
+        ),
+        ("agent, 50 topics of ROS 1 at 10 Hz, 5 nodes", f"{found['raw_core']:.1%} of a core", "4 %; 2.5 %"),
+        ("the same, with a field read", f"{found['fields_core']:.1%} of a core", ""),
+        (
+            "agent's memory, the same",
+            f"{found['raw_mb']:.1f} MB; {found['fields_mb']:.1f} MB",
+            "55 MB; 48 MB",
+        ),
+    ]
+
+
 PARTS: dict[str, Callable[[dict[str, Any]], Measured]] = {
     "speed": _speed,
     "silence": _silence,
     "alarms": _alarms,
     "live": _live,
+    "ros1": _ros1,
 }
 
 

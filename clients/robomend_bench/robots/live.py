@@ -15,7 +15,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -39,7 +39,8 @@ class NotTold(Exception):
 class Rig:
     """A robot of so many nodes that publish a topic each, its agent, and who listens to the service."""
 
-    def __init__(self, url: str, folder: Path, count: int) -> None:
+    def __init__(self, url: str, folder: Path, count: int, topics: Sequence[str] = ("topic",)) -> None:
+        """`topics` are those of each node, after its name."""
         self.client = Client(url)
         self._url = url
         self._folder = folder
@@ -47,7 +48,9 @@ class Rig:
         self._events: queue.Queue[Event] = queue.Queue()
         self._holds: dict[str, bool] = {}
         self._bus = f"unix:{folder}/bus"
-        nodes: dict[str, Any] = {node: {"publishes": {f"{node}_topic": []}} for node in self._nodes}
+        nodes: dict[str, Any] = {
+            node: {"publishes": {f"{node}_{topic}": [] for topic in topics}} for node in self._nodes
+        }
         self.client.put_model("bench", json.dumps({"robomend": 1, "name": "bench", "nodes": nodes}))
         self.client.put_robot("bench", {"model": "bench", "policy": "observe"})
         threading.Thread(target=self._listen, daemon=True).start()

@@ -4,7 +4,7 @@ It is a ROS node without ROS: it speaks the master's XML-RPC and TCPROS itself, 
 catkin and no distribution.
 
     xmlrpc.py         calls between nodes            tcpros.py        bytes of connections (sans-io)
-    master.py         the master's calls             graph.py         what the master knows, as a value
+    master.py         the master's calls
     node.py           our own node                   problems.py      what is wrong outside, told once
     subscription.py   a topic that comes in          publication.py   a topic that goes out
     nodes.py          who runs (pure)                liveness.py      how that is found out

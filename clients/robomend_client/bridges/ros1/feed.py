@@ -45,10 +45,10 @@ class Ros1:
     """The feed `ros1`."""
 
     def __init__(self, section: Section, base: Path, sources: frozenset[str]) -> None:
-        name = section.text("name", "robomend")
-        if not NAME.match(name):
+        name = section.optional("name")
+        if name is not None and not NAME.match(name):
             raise section.error("name", f"must be of letters, digits, _ and /, not {name!r}")
-        self.name = resolved(name)
+        self.name = name
         self.master_uri = section.text("master", os.environ.get("ROS_MASTER_URI") or MASTER_URI)
         try:
             address_of(self.master_uri)
@@ -57,7 +57,7 @@ class Ros1:
         own = os.environ.get("ROS_HOSTNAME") or os.environ.get("ROS_IP")
         self.address = section.optional("address") or own
         self.names = Names(section.text("namespace", "/"), section.section("names").words())
-        self.ping_s = section.number("ping_s", 0.75, least=0.05, most=60)
+        self.ping_s = section.number("ping_s", 0.6, least=0.05, most=60)
         self.ping_timeout_s = section.number("ping_timeout_s", 1.0, least=0.05, most=60)
         given = section.texts("publish")
         self.publishes = given if "publish" in section else tuple(TYPES)
@@ -94,7 +94,9 @@ class Ros1:
 
     async def run(self, deliver: Deliver) -> None:
         """Be a node of the master, and deliver what it hears, until cancelled."""
-        node = RosNode(self.name, self.master_uri, self.address, self.problems)
+        agent = "" if self._parts is None else "_" + re.sub(r"[^A-Za-z0-9_]", "_", self._parts.agent)
+        name = resolved(self.name or f"robomend{agent}")
+        node = RosNode(name, self.master_uri, self.address, self.problems)
         liveness = self._liveness(node, deliver) if self._watches_nodes else None
         for topic, wanted in self._topics.items():
             hears = _Hearing(self, topic, wanted, deliver, liveness)
@@ -186,5 +188,9 @@ class _Hearing:
 
 def channels(rows: Any) -> list[dict[str, Any]]:
     """Return /board_measurments as hardware observers read it: by number, up to the first that is missing."""
-    found = {row["id"]: {"on": row["status"] == 1, "current_a": row["current"]} for row in rows}
+    found = {
+        row["id"]: {"on": row["status"] == 1, "current_a": row["current"]}
+        for row in (rows if isinstance(rows, list) else ())
+        if isinstance(row, dict) and {"id", "status", "current"} <= row.keys()
+    }
     return [found[number] for number in range(len(found)) if all(n in found for n in range(number + 1))]

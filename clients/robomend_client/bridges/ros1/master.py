@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import asyncio
+from collections.abc import Iterable
 from typing import Any
 
-from robomend_client.bridges.ros1.graph import Graph, read_state
 from robomend_client.bridges.ros1.xmlrpc import CALL_S, CallRefused, Garbage, call
+from robomend_client.ros_graph import RosGraph, Table
 
 
 class Master:
@@ -34,7 +36,7 @@ class Master:
         except CallRefused:
             return None
 
-    async def graph(self, types: bool = True) -> Graph:
+    async def graph(self, types: bool = True) -> RosGraph:
         """Return who publishes, listens to and offers what, and the types of the topics."""
         state = await self._ask("getSystemState")
         kinds = await self._ask("getTopicTypes") if types else []
@@ -51,6 +53,29 @@ class Master:
             case [int(), str(why), _]:
                 raise CallRefused(f"{method}: {why[:200]}")
         raise Garbage(f"{method} was answered with {str(answer)[:200]!r}")
+
+
+def read_graph(uri: str) -> RosGraph:
+    """Return the graph of a running robot, without being one of its nodes.
+
+    Raises:
+        PeerError: the master does not answer, or not as one.
+    """
+    return asyncio.run(Master(uri, "/robomend_model").graph())
+
+
+def read_state(state: Any, types: Any) -> RosGraph:
+    """Return the graph of what `getSystemState` and `getTopicTypes` answer.
+
+    Raises:
+        TypeError, ValueError: they are not of the shape they should be.
+    """
+    publishers, subscribers, services = map(_table, state)
+    return RosGraph(publishers, subscribers, services, {str(topic): str(kind) for topic, kind in types})
+
+
+def _table(rows: Iterable[Any]) -> Table:
+    return {str(name): frozenset(map(str, nodes)) for name, nodes in rows}
 
 
 def _texts(value: Any) -> list[str]:

@@ -1,0 +1,49 @@
+"""The graph that a ROS 1 recording shows: who published what, how often. It does not know who listened."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from pathlib import Path
+
+from rosbags.rosbag1 import Reader
+
+from robomend_client.ros_graph import RosGraph
+
+UNKNOWN = "/unknown_publisher"
+"""The node of topics whose publisher the recording does not name."""
+
+LEAST = 10
+"""Messages without which there is no rate."""
+
+
+class UnreadableBag(Exception):
+    """The file is no bag that can be read; the message says why."""
+
+
+def bag_graph(file: Path) -> RosGraph:
+    """Return the graph of a bag; of its messages only the index is read.
+
+    Raises:
+        UnreadableBag: it is none.
+    """
+    publishers: dict[str, set[str]] = defaultdict(set)
+    counts: dict[str, int] = defaultdict(int)
+    types: dict[str, str] = {}
+    try:
+        with Reader(file) as reader:
+            duration_s = reader.duration / 1e9
+            for connection in reader.connections:
+                caller = getattr(connection.ext, "callerid", None) or UNKNOWN
+                caller = "/" + caller.strip("/")
+                played = caller.startswith("/play_")  # a recording of a recording
+                publishers[connection.topic].add(UNKNOWN if played else caller)
+                counts[connection.topic] += connection.msgcount
+                types[connection.topic] = connection.msgtype.replace("/msg/", "/")
+    except Exception as error:  # rosbags raises what the bytes of a broken file make it
+        raise UnreadableBag(f"{file}: cannot be read as a ROS 1 bag: {error}") from error
+    rates = {
+        topic: count / duration_s for topic, count in counts.items() if count >= LEAST and duration_s > 0
+    }
+    return RosGraph(
+        {topic: frozenset(nodes) for topic, nodes in publishers.items()}, types=types, rates_hz=rates
+    )

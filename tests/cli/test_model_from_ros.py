@@ -1,0 +1,59 @@
+"""`robomend model from-ros`, from a real robot and from a recording."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from rosbags.rosbag1 import Writer
+from rosbags.typesys import Stores, get_typestore
+from tests.ros1 import robot
+
+from robomend.cli.commands import run
+from robomend.model.loading import load_text
+
+
+def test_the_model_of_a_running_robot(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with robot(tmp_path) as ros:
+        ros.node("hokuyo_node").do("publish", topic="/scan", type="std_msgs/String")
+        mapper = ros.node("mapper")
+        mapper.do("subscribe", topic="/scan", type="std_msgs/String")
+        mapper.do("publish", topic="/map", type="std_msgs/Float64")
+        assert run(["model", "from-ros", "--ros1", ros.master.uri, "--name", "bot"]) == 0
+    told = capsys.readouterr().out
+    assert "      map: [scan]    # std_msgs/Float64\n" in told
+    assert "      scan: []    # std_msgs/String\n" in told
+    assert sorted(load_text(told).cnf.components) == ["hokuyo_node", "mapper"]
+
+
+def test_the_model_of_a_recording_has_its_rates(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    store = get_typestore(Stores.ROS1_NOETIC)
+    kind = "std_msgs/msg/String"
+    message = store.serialize_ros1(store.types[kind](data="x"), kind)
+    with Writer(tmp_path / "run.bag") as bag:
+        scan = bag.add_connection("/scan", kind, typestore=store, callerid="/hokuyo_node")
+        for number in range(101):
+            bag.write(scan, number * 50_000_000, message)
+    assert run(["model", "from-ros", "--bag", str(tmp_path / "run.bag")]) == 0
+    told = capsys.readouterr().out
+    assert "\n  hokuyo_node:    # listens to nothing" in told
+    assert "\n  scan: {rate_hz: 20.2, tolerance_hz: 2}\n" in told
+    load_text(told)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "why"),
+    [
+        ([], 2, "give one of --ros1 and --bag"),
+        (["--ros1", "nonsense"], 2, "'nonsense' is no address"),
+        (["--ros1", "http://127.0.0.1:1/"], 3, "http://127.0.0.1:1/: nobody listens at 127.0.0.1:1"),
+        (["--bag", "BAG"], 2, "cannot be read as a ROS 1 bag"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_read_is_said(
+    arguments: list[str], code: int, why: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bad = tmp_path / "bad.bag"
+    bad.write_bytes(b"#ROSBAG V2.0\nnothing more")
+    assert run(["model", "from-ros", *(str(bad) if a == "BAG" else a for a in arguments)]) == code
+    assert why in capsys.readouterr().err
