@@ -20,6 +20,8 @@ from robomend.diagnosis.oracle import Deadline
 from robomend.diagnosis.result import Options
 from robomend.errors import ContradictoryModel, OptionRefused
 from robomend.model.cnf import HealthCnf
+from robomend.model.loading import load_model
+from robomend_bench.suite import DATA
 from robomend_client.literals import Atom, Literal
 
 Question = tuple[HealthCnf, list[int]]
@@ -88,6 +90,18 @@ def goals_of(cnf: HealthCnf, group: Ambiguity) -> list[tuple[list[int], list[int
     if len(faults) == 1 and not rivals:
         return [(faults[0], None)]
     return [(fault, rival) for fault in faults for rival in (*faults, *rivals) if fault != rival]
+
+
+def test_a_circuit_is_judged_by_its_inputs_and_outputs_as_the_definition_says() -> None:
+    cnf = load_model(DATA / "iscas85" / "c17.bench").cnf
+    observed = [cnf.atom_variable[net] for net in (*cnf.inputs, *cnf.outputs)]
+    by_definition = ByDefinition(cnf, observed)
+    singles = [(variable,) for variable in cnf.health.values()]
+    found = isolability(cnf)
+    assert found.exact_by == "search"
+    assert list(found.matrix) == [
+        "".join(by_definition.place(fault, rival) for rival in singles) for fault in singles
+    ]
 
 
 @given(definite())
