@@ -193,3 +193,13 @@ def test_double_faults_beyond_the_bound_are_said_to_be_there(monkeypatch: pytest
     doubles = isolability(cnf, double=True).double_faults
     assert doubles is not None
     assert (doubles.faults, doubles.complete) == ((("c1", "c2"), ("c1", "c3")), False)
+
+
+def test_of_a_large_group_the_first_ones_are_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(analysis, "MOST_SPLIT", 2)
+    # a by all three; b by the first, c by the second, d by the third
+    cnf = model(3, [(-1, -2, -3, 4), (-1, 5), (-2, 6), (-3, 7)], atoms=4)
+    (group,) = isolability(cnf, [Atom("ok", ("a1",))]).ambiguities
+    assert group.further is not None
+    assert (len(group.faults), group.all_looked_at) == (3, False)
+    assert set(group.further.atoms) == {Atom("ok", ("a2",)), Atom("ok", ("a3",))}
