@@ -35,7 +35,7 @@ def atoms_of(cnf: HealthCnf, observed: list[int]) -> list[Atom]:
 
 
 def test_single_faults_are_told_apart_as_the_definition_says(long: bool) -> None:
-    @settings(max_examples=500 if long else 100)
+    @settings(max_examples=500 if long else 50)
     @given(questions())
     def agrees(question: Question) -> None:
         cnf, observed = question
@@ -52,7 +52,7 @@ def test_single_faults_are_told_apart_as_the_definition_says(long: bool) -> None
 
 
 def test_double_faults_are_told_apart_as_the_definition_says(long: bool) -> None:
-    @settings(max_examples=500 if long else 70)
+    @settings(max_examples=500 if long else 30)
     @given(questions())
     def agrees(question: Question) -> None:
         cnf, observed = question
@@ -70,7 +70,7 @@ def test_double_faults_are_told_apart_as_the_definition_says(long: bool) -> None
 
 
 def test_no_cheaper_observables_split_a_group(long: bool) -> None:
-    @settings(max_examples=200 if long else 50)
+    @settings(max_examples=200 if long else 25)
     @given(questions())
     def agrees(question: Question) -> None:
         cnf, observed = question
@@ -105,7 +105,7 @@ def test_a_circuit_is_judged_by_its_inputs_and_outputs_as_the_definition_says() 
 
 
 @given(definite())
-@settings(max_examples=40)
+@settings(max_examples=20)
 def test_signatures_say_what_a_search_says(cnf: HealthCnf) -> None:
     assert Definite.of(cnf) is not None
     observed = list(cnf.atom_variable.values())[::2]
@@ -120,7 +120,7 @@ def test_signatures_say_what_a_search_says(cnf: HealthCnf) -> None:
 
 
 @given(definite())
-@settings(max_examples=30)
+@settings(max_examples=15)
 def test_a_fault_is_told_from_another_where_an_engine_finds_the_one_and_not_the_other(cnf: HealthCnf) -> None:
     found = isolability(cnf, cnf.atoms, timeout_s=None)
     with_engine = make_engine("sat", cnf)
