@@ -9,6 +9,7 @@ from tests.api.conftest import Service
 
 from robomend.cli.commands import run
 from robomend.resources import resource
+from robomend_client.rest import Client
 
 TEDUSAR = str(resource("examples", "tedusar.yaml"))
 
@@ -26,7 +27,8 @@ def test_the_answer_is_that_of_the_command(service: Service, capsys: pytest.Capt
 
 def test_what_a_robot_reports_is_at_hand(service: Service) -> None:
     service.with_robot("seen", observed=["ok(scan)"])
-    found = service.api("POST", "/models/tedusar/isolability", json={"robot": "seen"}).json()
+    with Client(service.url) as client:
+        found = client.isolability("tedusar", {"robot": "seen"})
     assert found["observed"] == ["ok(scan)"]
     more = {"robot": "seen", "observed": ["on(hokuyo)"]}
     found = service.api("POST", "/models/tedusar/isolability", json=more).json()

@@ -200,6 +200,12 @@ class AsyncClient:
         answer: Result = await self.send(calls.post("diagnoses", json=dict(question), repeatable=True))
         return answer
 
+    async def isolability(self, model: str, question: Mapping[str, Any] | None = None) -> dict[str, Any]:
+        """Return which faults of a model could be told apart (POST /models/{name}/isolability)."""
+        call = calls.post("models", model, "isolability", json=dict(question or {}), repeatable=True)
+        answer: dict[str, Any] = await self.send(call)
+        return answer
+
     # --- repair ------------------------------------------------------------------------------------
 
     async def plan(self, robot: str, *, bad: Sequence[str] | None = None, **options: Any) -> dict[str, Any]:

@@ -202,6 +202,12 @@ class Client:
         answer: Result = self.send(calls.post("diagnoses", json=dict(question), repeatable=True))
         return answer
 
+    def isolability(self, model: str, question: Mapping[str, Any] | None = None) -> dict[str, Any]:
+        """Return which faults of a model could be told apart (POST /models/{name}/isolability)."""
+        call = calls.post("models", model, "isolability", json=dict(question or {}), repeatable=True)
+        answer: dict[str, Any] = self.send(call)
+        return answer
+
     # --- repair ------------------------------------------------------------------------------------
 
     def plan(self, robot: str, *, bad: Sequence[str] | None = None, **options: Any) -> dict[str, Any]:

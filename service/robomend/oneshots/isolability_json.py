@@ -46,7 +46,7 @@ def _group(group: Ambiguity, system: System, words: Words) -> dict[str, Any]:
             "atoms": [str(atom) for atom in further.atoms],
             "cost_s": further.cost_s,
             "left": [{"fault": list(fault), "rival": list(rival)} for fault, rival in further.left],
-            "all_rivals": group.all_rivals,
+            "all_looked_at": group.all_looked_at,
         },
         "suggestions": [{"add": one.add, "watch": str(one.watch)} for one in suggestions(group, system)],
         "text": "\n".join(words(group, system)),

@@ -20,6 +20,8 @@ from robomend.diagnosis.oracle import Deadline
 from robomend.diagnosis.result import Options
 from robomend.errors import ContradictoryModel, OptionRefused
 from robomend.model.cnf import HealthCnf
+from robomend.model.loading import load_model
+from robomend_bench.suite import DATA
 from robomend_client.literals import Atom, Literal
 
 Question = tuple[HealthCnf, list[int]]
@@ -33,7 +35,7 @@ def atoms_of(cnf: HealthCnf, observed: list[int]) -> list[Atom]:
 
 
 def test_single_faults_are_told_apart_as_the_definition_says(long: bool) -> None:
-    @settings(max_examples=500 if long else 100)
+    @settings(max_examples=500 if long else 50)
     @given(questions())
     def agrees(question: Question) -> None:
         cnf, observed = question
@@ -50,7 +52,7 @@ def test_single_faults_are_told_apart_as_the_definition_says(long: bool) -> None
 
 
 def test_double_faults_are_told_apart_as_the_definition_says(long: bool) -> None:
-    @settings(max_examples=500 if long else 70)
+    @settings(max_examples=500 if long else 30)
     @given(questions())
     def agrees(question: Question) -> None:
         cnf, observed = question
@@ -68,7 +70,7 @@ def test_double_faults_are_told_apart_as_the_definition_says(long: bool) -> None
 
 
 def test_no_cheaper_observables_split_a_group(long: bool) -> None:
-    @settings(max_examples=200 if long else 50)
+    @settings(max_examples=200 if long else 25)
     @given(questions())
     def agrees(question: Question) -> None:
         cnf, observed = question
@@ -90,8 +92,20 @@ def goals_of(cnf: HealthCnf, group: Ambiguity) -> list[tuple[list[int], list[int
     return [(fault, rival) for fault in faults for rival in (*faults, *rivals) if fault != rival]
 
 
+def test_a_circuit_is_judged_by_its_inputs_and_outputs_as_the_definition_says() -> None:
+    cnf = load_model(DATA / "iscas85" / "c17.bench").cnf
+    observed = [cnf.atom_variable[net] for net in (*cnf.inputs, *cnf.outputs)]
+    by_definition = ByDefinition(cnf, observed)
+    singles = [(variable,) for variable in cnf.health.values()]
+    found = isolability(cnf)
+    assert found.exact_by == "search"
+    assert list(found.matrix) == [
+        "".join(by_definition.place(fault, rival) for rival in singles) for fault in singles
+    ]
+
+
 @given(definite())
-@settings(max_examples=40)
+@settings(max_examples=20)
 def test_signatures_say_what_a_search_says(cnf: HealthCnf) -> None:
     assert Definite.of(cnf) is not None
     observed = list(cnf.atom_variable.values())[::2]
@@ -106,7 +120,7 @@ def test_signatures_say_what_a_search_says(cnf: HealthCnf) -> None:
 
 
 @given(definite())
-@settings(max_examples=30)
+@settings(max_examples=15)
 def test_a_fault_is_told_from_another_where_an_engine_finds_the_one_and_not_the_other(cnf: HealthCnf) -> None:
     found = isolability(cnf, cnf.atoms, timeout_s=None)
     with_engine = make_engine("sat", cnf)
@@ -179,3 +193,13 @@ def test_double_faults_beyond_the_bound_are_said_to_be_there(monkeypatch: pytest
     doubles = isolability(cnf, double=True).double_faults
     assert doubles is not None
     assert (doubles.faults, doubles.complete) == ((("c1", "c2"), ("c1", "c3")), False)
+
+
+def test_of_a_large_group_the_first_ones_are_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(analysis, "MOST_SPLIT", 2)
+    # a by all three; b by the first, c by the second, d by the third
+    cnf = model(3, [(-1, -2, -3, 4), (-1, 5), (-2, 6), (-3, 7)], atoms=4)
+    (group,) = isolability(cnf, [Atom("ok", ("a1",))]).ambiguities
+    assert group.further is not None
+    assert (len(group.faults), group.all_looked_at) == (3, False)
+    assert set(group.further.atoms) == {Atom("ok", ("a2",)), Atom("ok", ("a3",))}

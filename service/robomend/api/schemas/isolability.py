@@ -44,7 +44,7 @@ class FurtherOut(Out):
     atoms: list[str]
     cost_s: float
     left: list[LeftTogether]
-    all_rivals: bool = Field(description="false: there are many rivals, and the first ones were looked at")
+    all_looked_at: bool = Field(description="false: there are many, and the first ones were looked at")
 
 
 class SuggestionOut(Out):

@@ -30,8 +30,8 @@ MOST_DOUBLE_FAULTS = 300
 MOST_DOUBLE_SPLITS = 20
 """Double faults for which the cheapest further observables are looked for."""
 
-MOST_RIVALS = 50
-"""Rivals of one group that further observables are to tell it from."""
+MOST_SPLIT = 50
+"""Faults of one group, and its rivals, that further observables are to tell apart: goals are pairs."""
 
 Told = OneOf["=", "-", "~", "+", "?"]
 """A place of the matrix: itself, never, sometimes, always, not known (no time)."""
@@ -54,7 +54,7 @@ class Ambiguity:
     faults: tuple[tuple[str, ...], ...]
     rivals: tuple[tuple[str, ...], ...]
     further: Further | None  # None: there was no time to look
-    all_rivals: bool = True  # False: further observables were looked for against the first rivals only
+    all_looked_at: bool = True  # False: further observables were looked for of the first MOST_SPLIT only
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +90,6 @@ def isolability(
     *,
     double: bool = False,
     timeout_s: float | None = 60.0,
-    clock: Deadline | None = None,
 ) -> Isolability:
     """Return which faults can be detected and told apart.
 
@@ -106,7 +105,7 @@ def isolability(
             f"the model has {len(cnf.components):,} components: isolability is computed for at most "
             f"{MOST_COMPONENTS:,}; check a part of it"
         )
-    clock = clock or Deadline()
+    clock = Deadline()
     clock.start(timeout_s)
     if observed is None:
         observed = (*cnf.inputs, *cnf.outputs) if cnf.circuit else cnf.atoms
@@ -213,7 +212,8 @@ class _Analysis:
                 if not rivals:
                     continue
                 if len(found) < MOST_DOUBLE_SPLITS:
-                    found.append(self._split([fault], rivals, [Goal(fault, rival) for rival in rivals]))
+                    goals = [Goal(fault, rival) for rival in rivals[:MOST_SPLIT]]
+                    found.append(self._split([fault], rivals, goals))
                 else:
                     whole = False
                     names = tuple(map(self._names, rivals))
@@ -229,8 +229,8 @@ class _Analysis:
         outside = [faults[index] for index in rivals]
         goals = [
             Goal(fault, rival)
-            for fault in inside
-            for rival in (*inside, *outside[:MOST_RIVALS])
+            for fault in inside[:MOST_SPLIT]
+            for rival in (*inside[:MOST_SPLIT], *outside[:MOST_SPLIT])
             if rival != fault
         ]
         return self._split(inside, outside, goals)
@@ -238,17 +238,17 @@ class _Analysis:
     def _split(self, faults: Sequence[Fault], rivals: Sequence[Fault], goals: Sequence[Goal]) -> Ambiguity:
         further: Further | None = None
         try:
-            further = self._told(cheapest(self.compared, goals, self._cost_s, self.clock))
+            further = self._further(cheapest(self.compared, goals, self._cost_s, self.clock))
         except OutOfTime:
             self.whole = False
         return Ambiguity(
             tuple(map(self._names, faults)),
             tuple(map(self._names, rivals)),
             further,
-            len(rivals) <= MOST_RIVALS,
+            max(len(faults), len(rivals)) <= MOST_SPLIT,
         )
 
-    def _told(self, found: Cheapest) -> Further:
+    def _further(self, found: Cheapest) -> Further:
         left = [(self._names(goal.fault), self._names(goal.rival or ())) for goal in found.beyond]
         cost_s = sum(map(self._cost_s, found.variables))
         return Further(tuple(self._atoms[variable] for variable in found.variables), cost_s, tuple(left))
