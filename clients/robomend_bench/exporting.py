@@ -18,7 +18,7 @@ from functools import cached_property
 from robomend.diagnosis.engines import make_engine
 from robomend.diagnosis.result import DiagnosisResult, Options
 from robomend.diagnosis.snapshots import SnapshotEngine
-from robomend.errors import BackendError
+from robomend.errors import ContradictoryModel
 from robomend.model.cnf import Clause, HealthCnf
 from robomend.planning.domain.values import Domain
 from robomend.planning.pddl_text import pddl_names, problem_text
@@ -29,7 +29,10 @@ from robomend.resources import resource
 from robomend_client.literals import Literal
 
 ANSWERED_WITHIN_S = 600.0
-"""The known answer of a question that takes longer is not known."""
+"""The answer of a question that takes longer is not known."""
+
+KnownAnswer = dict[str, object]
+"""As in the manifest; `{"solvable": False}`: proved that there is none. None instead: not known."""
 
 
 @dataclass(frozen=True)
@@ -73,16 +76,15 @@ class DiagnosisProblem:
         base, minimum, _ = encoding.split("#program ")
         return "\n".join([*lines, base, minimum.partition("\n")[2]])
 
-    def answer(self) -> dict[str, object]:
-        """Return the minimum cardinality and a diagnosis of it, as components by number.
-
-        Raises:
-            BackendError: it was not found in time.
-        """
+    def answer(self) -> KnownAnswer | None:
+        """Return the minimum cardinality and a diagnosis of it, as components by number."""
         options = Options(minimal="cardinality", limit=1, timeout_s=ANSWERED_WITHIN_S, conflicts=False)
-        result = self._asked(options)
+        try:
+            result = self._asked(options)
+        except ContradictoryModel:
+            return {"solvable": False}
         if not result.diagnoses:
-            raise BackendError(f"{self.cnf.name}: no answer within {ANSWERED_WITHIN_S:g} s")
+            return None
         bad = [self.cnf.health[component] for component in result.diagnoses[0].bad]
         return {"minimum_cardinality": len(bad), "diagnosis": bad}
 
@@ -123,20 +125,13 @@ class PlanningProblem:
         """Word of the problem file -> the object that it stands for."""
         return {word: name for name, word in pddl_names(self.problem.objects).items()}
 
-    def answer(self) -> dict[str, object]:
-        """Return the least cost of a plan, or that there is none.
-
-        Raises:
-            BackendError: it was not found in time.
-        """
-        plan = plan_problem(
-            self.domain, self.problem, PlanOptions(planner="asp", timeout_s=ANSWERED_WITHIN_S)
-        )
+    def answer(self) -> KnownAnswer | None:
+        """Return the least cost of a plan."""
+        options = PlanOptions(planner="asp", timeout_s=ANSWERED_WITHIN_S)
+        plan = plan_problem(self.domain, self.problem, options)
         if plan.outcome is Outcome.GAVE_UP:
-            raise BackendError(f"{self.problem.name}: no plan within {ANSWERED_WITHIN_S:g} s")
-        if plan.outcome is Outcome.UNSOLVABLE:
-            return {"solvable": False}
-        return {"cost": plan.cost}
+            return None
+        return {"solvable": False} if plan.outcome is Outcome.UNSOLVABLE else {"cost": plan.cost}
 
 
 Exported = DiagnosisProblem | PlanningProblem

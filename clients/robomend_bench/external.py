@@ -22,6 +22,7 @@ import shlex
 import signal
 import subprocess
 from contextlib import suppress
+from math import ceil
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
@@ -32,6 +33,9 @@ from robomend.errors import OptionRefused
 from robomend.planning.validation import Named, validate
 from robomend_bench.exporting import FORMATS, DiagnosisProblem, Exported, PlanningProblem
 from robomend_bench.suite import ONE, Answer, Ask, External, Group, Question, Suite, Wish
+
+SPARE_S = 2
+"""Processor seconds beyond the time-out after which the system itself ends a solver."""
 
 MAX_OUTPUT_BYTES = 64 * 1024 * 1024
 """Of an answer, that is read."""
@@ -107,6 +111,8 @@ def _run(
     else:
         files["file"].write_text(text)
     line = [PLACE.sub(lambda place: str(files[place[1]]), part) for part in external.command]
+    # for the case that we are killed ourselves, who would have ended it
+    most_s = ceil(wish.timeout_s * (os.cpu_count() or 1)) + SPARE_S
     began, before = perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
     with files["stdout"].open("wb") as stdout:
         try:
@@ -117,6 +123,7 @@ def _run(
                 stdout=stdout,
                 stderr=subprocess.DEVNULL,
                 process_group=0,
+                preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (most_s, most_s)),
             )
         except OSError as error:
             raise OptionRefused(f"{external.name}: {line[0]}: {error.strerror}") from error

@@ -23,7 +23,7 @@ CLINGO = f"clingo-command=lp:{PYTHON} -m clingo {{file}}"
 
 def test_a_maxsat_solver_and_clingo_take_part_by_their_command_lines() -> None:
     others = tuple(map(read_external, (RC2, CLINGO)))
-    wish = Wish(mode="first", only=("c17",), timeout_s=60.0, external=others)
+    wish = Wish(mode="first", only=("c17",), timeout_s=300.0, external=others)
     run = run_suite(find_suite("iscas85"), wish, ("sat",), repeats=1)
     assert run.contenders == ("sat", "rc2-command", "clingo-command")
     assert run.disagreements == ()
@@ -40,7 +40,7 @@ def script(folder: Path, text: str, name: str = "mine") -> External:
 
 def asked(external: External, **more: float) -> Answer:
     """Ask it the first question of c17, which needs one gate."""
-    wish = Wish(mode="first", only=("c17",), external=(external,), **{"timeout_s": 60.0, **more})  # type: ignore[arg-type]  # fields of Wish, by name
+    wish = Wish(mode="first", only=("c17",), external=(external,), **{"timeout_s": 300.0, **more})  # type: ignore[arg-type]  # fields of Wish, by name
     suite = find_suite("iscas85")
     (group,) = suite.groups(wish)
     return prepare_external(external, suite, group, wish)(group.questions[0])
@@ -68,7 +68,7 @@ def test_a_solution_that_is_not_shown_is_refused(tmp_path: Path) -> None:
 def test_a_diagnosis_that_is_not_the_smallest_disagrees_with_the_others(tmp_path: Path) -> None:
     everything = script(tmp_path, "print('s OPTIMUM FOUND\\no 6\\nv 000000')")
     wish = Wish(
-        mode="first", only=("c17",), instances=1, timeout_s=60.0, external=(everything,), sizes=(1, 1)
+        mode="first", only=("c17",), instances=1, timeout_s=300.0, external=(everything,), sizes=(1, 1)
     )
     run = run_suite(find_suite("iscas85"), wish, ("sat",), repeats=1)
     assert run.disagreements == ("c17/01-0: (1,) by sat, (6,) by mine",)
@@ -146,7 +146,7 @@ def planned(folder: Path, text: str) -> Answer:
     path.write_text(text)
     line = f"{PYTHON} {shlex.quote(str(path))} {{domain}} {{problem}} {{plan}}"
     external = read_external(f"mine=pddl:{line}")
-    suite, wish = find_suite("plans"), Wish(mode="time", only=("tedusar",), timeout_s=60.0)
+    suite, wish = find_suite("plans"), Wish(mode="time", only=("tedusar",), timeout_s=300.0)
     (group,) = suite.groups(wish)
     return prepare_external(external, suite, group, wish)(group.questions[1])
 
