@@ -20,18 +20,20 @@ from robomend.diagnosis.engines import ENGINES
 from robomend.errors import BackendError, InputError
 from robomend_bench.baselines import BASELINES
 from robomend_bench.charts import cactus, scaling
+from robomend_bench.external import read_external
 from robomend_bench.results import Run, as_json, load, save
 from robomend_bench.running import run_suite
 from robomend_bench.suite import DATA, Clock, Wish, find_suite, suite_names
 from robomend_bench.tables import comparison, markdown
 
 OTHERS = {
+    "export": ("robomend_bench.export_command", "a suite's questions as files for other solvers"),
     "service": ("robomend_bench.service.command", "load on a running service"),
     "robots": ("robomend_bench.robots.command", "the robot's side: observers, and an agent under a service"),
     "faults": ("robomend_bench.faults.command", "the score: faults planted into simulated robots"),
     "isolability": ("robomend_bench.isolability", "which faults can be told apart, on generated robots"),
 }
-"""Commands of their own, without suites, engines or questions: module and summary."""
+"""Commands of their own: module and summary."""
 
 RANGE = re.compile(r"(\d+)(?:-(\d+))?\Z")
 
@@ -58,6 +60,13 @@ def _names(context: click.Context, parameter: click.Parameter, value: str) -> tu
 @click.option("--mode", help="What is measured; the suite's first mode if not given.")
 @click.option(
     "--engines", callback=_names, default="", help="Contenders, comma-separated: sat,sat:glucose4,rc2."
+)
+@click.option(
+    "--external",
+    "externals",
+    multiple=True,
+    metavar="NAME=FORMAT:COMMAND",
+    help="A solver of somebody else as one more contender; the format is wcnf, lp or pddl.",
 )
 @click.option(
     "--only", callback=_names, default="", help="Groups, comma-separated: circuits, or sizes of robots."
@@ -118,6 +127,7 @@ def command(
     listing: bool,
     mode: str | None,
     engines: tuple[str, ...],
+    externals: tuple[str, ...],
     only: tuple[str, ...],
     instances: int | None,
     repeats: int,
@@ -138,7 +148,9 @@ def command(
     robomend-bench iscas85                                first diagnosis, against RC2
     robomend-bench iscas85 --mode factored --only c7552 --faults 5
     robomend-bench robots-v1 --engines sat,hs_dag --out report/
+    robomend-bench iscas85 --external "rc2-cli=wcnf:python -m pysat.examples.rc2 -vv {file}"
     robomend-bench --compare old.json new.json
+    robomend-bench export --help                          questions as WCNF, ASP or PDDL
     robomend-bench service --help                         load on a running service
     robomend-bench robots --help                          observers and agents
     robomend-bench faults --help                          the score: robots that break
@@ -168,6 +180,7 @@ def command(
         timeout_s=timeout,
         clock=clock,
         data=data,
+        external=tuple(map(read_external, externals)),
     )
     run = _with_progress(suite, wish, engines, repeats)
     if out is not None:
@@ -216,7 +229,7 @@ def _write(run: Run, out: Path) -> None:
 def _list() -> None:
     for name in suite_names():
         suite = find_suite(name)
-        click.echo(f"{name}: {suite.summary}")
+        click.echo(f"{name}: {suite.summary} (version {suite.version})")
         for mode, meaning in suite.modes.items():
             click.echo(f"    {mode:<10} {meaning} [{','.join(suite.contenders(mode))}]")
     for name, (_, summary) in OTHERS.items():

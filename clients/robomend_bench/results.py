@@ -11,16 +11,20 @@ from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from statistics import median
+from statistics import fmean, median
 from typing import Any
 from typing import Literal as OneOf
 
 from robomend.errors import InputError
+from robomend_bench.intervals import Interval, bootstrap
 
 FORMAT = 1
 
 KILLED = "killed"
 """The note of a question whose contender had to be killed: its time is then wall time, whatever the clock."""
+
+BOOTSTRAP_FROM = 5
+"""Questions; of fewer an interval says nothing."""
 
 Status = OneOf["ok", "timeout", "refused", "error"]
 LIBRARIES = ("robomend", "python-sat", "clingo")
@@ -67,6 +71,8 @@ class Run:
     machine: Mapping[str, Any]
     started: str
     clock: str = "wall"
+    version: str = "1"  # of the suite
+    timeout_s: float = 10.0
     samples: tuple[Sample, ...] = ()
     built: tuple[Built, ...] = ()
     disagreements: tuple[str, ...] = ()
@@ -101,7 +107,9 @@ class Line:
     median_s: float | None
     most_s: float | None  # the 90th percentile
     worst_s: float | None
+    par2_s: float | None  # mean over questions; what was not solved counts as twice the time-out
     ratio: float | None  # median over questions of this time / that of the first contender
+    ratio_between: Interval | None  # 95%, by bootstrap over questions
     shown: str  # how many diagnoses: median and range
     peak_mib: float
     note: str
@@ -130,13 +138,21 @@ def summarise(run: Run) -> list[Line]:
                     median_s=median(times.values()) if times else None,
                     most_s=percentile(times.values(), 0.9),
                     worst_s=max(times.values(), default=None),
+                    par2_s=par2(run, [s.question for s in mine], times, group),
                     ratio=median(ratios) if ratios else None,
+                    ratio_between=bootstrap(ratios, median) if len(ratios) >= BOOTSTRAP_FROM else None,
                     shown=_range([s.shown for s in mine if s.status == "ok" and s.shown is not None]),
                     peak_mib=peaks.get((group, contender), 0.0),
                     note="; ".join(notes),
                 )
             )
     return lines
+
+
+def par2(run: Run, questions: Iterable[str], times: Mapping[str, float], group: str) -> float:
+    """Return the penalised mean of SAT competitions: an unsolved question counts as twice the time-out."""
+    asked = set(questions)
+    return fmean(times.get(f"{group}/{question}", 2 * run.timeout_s) for question in asked)
 
 
 def percentile(values: Iterable[float], share: float) -> float | None:

@@ -42,6 +42,7 @@ def run_suite(
         InputError: the wish names groups, data or contenders that are not there.
     """
     names = contenders or suite.contenders(wish.mode)
+    names = (*names, *(external.name for external in wish.external if external.name not in names))
     machine, started = this_machine(), now()
     samples: list[Sample] = []
     built: list[Built] = []
@@ -64,6 +65,7 @@ def run_suite(
             built += [Built(group.name, c.name, c.build_s, c.base_mib, c.peak_mib) for c in contestants]
     return Run(
         suite=suite.name,
+        version=suite.version,
         mode=wish.mode,
         command=command,
         seed=wish.seed,
@@ -71,6 +73,7 @@ def run_suite(
         machine=machine,
         started=started,
         clock=wish.clock,
+        timeout_s=wish.timeout_s,
         samples=tuple(samples),
         built=tuple(built),
         disagreements=(*disagreements(samples), *too_dear(samples)),

@@ -5,15 +5,17 @@ name into something that answers them. To add one, put a module with an object `
 found by itself:
 
     class Mine:
-        name, summary = "mine", "one line for --list"
+        name, version, summary = "mine", "1", "one line for --list"
         modes = {"first": "what is measured"}          the first one is the default
         def contenders(self, mode): ...                names that run when --engines says nothing
         def groups(self, wish): ...                    models and questions; seeded, the same for all
         def prepare(self, contender, group, wish): ... in the contender's own process: returns `ask`
+        def exported(self, question, group): ...       what other solvers are asked: robomend_bench.exporting
 
     SUITE = Mine()
 
-Groups, questions and answers must pickle: each contender answers in a process of its own.
+Groups, questions and answers must pickle: each contender answers in a process of its own. Questions that
+change make a new version: papers cite a suite by its name, version and seed.
 """
 
 from __future__ import annotations
@@ -27,6 +29,7 @@ from typing import Any, Protocol
 from typing import Literal as OneOf
 
 from robomend.errors import OptionRefused
+from robomend_bench.exporting import Exported
 
 Clock = OneOf["wall", "cpu"]
 
@@ -36,6 +39,15 @@ DATA = Path(__file__).resolve().parent / "data"
 
 ONE = ("first", "once", "cold")
 """Modes that ask for one minimum-cardinality diagnosis: from a warm engine, from a model, from its text."""
+
+
+@dataclass(frozen=True, slots=True)
+class External:
+    """A solver of somebody else, by its command line: see robomend_bench.external."""
+
+    name: str
+    format: str
+    command: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +67,7 @@ class Wish:
     timeout_s: float = 10.0  # a question
     clock: Clock = "wall"  # or "cpu": the time of the process, for machines that others use too
     data: Path = DATA
+    external: tuple[External, ...] = ()  # solvers of others, as contenders by a command line
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +108,7 @@ class Suite(Protocol):
     """See the module."""
 
     name: str
+    version: str
     summary: str
     modes: Mapping[str, str]
 
@@ -108,6 +122,14 @@ class Suite(Protocol):
 
     def prepare(self, contender: str, group: Group, wish: Wish) -> Ask:
         """Return what answers this group's questions; building it is not part of the measurement."""
+        ...
+
+    def exported(self, question: Question, group: Group) -> Exported:
+        """Return what solvers that are not ours are asked.
+
+        Raises:
+            OptionRefused: the question is none for them.
+        """
         ...
 
 

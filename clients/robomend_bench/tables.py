@@ -36,10 +36,11 @@ def markdown(run: Run) -> str:
     """Return a report of one run."""
     lines = summarise(run)
     shown = "size" if run.mode in ONE else _counted(run)
-    head = ["group", "components", "contender", "solved", "median", "90 %", "worst", shown, "peak memory"]
+    head = ["group", "components", "contender", "solved", "median", "90 %", "worst", "PAR-2", shown]
+    head.append("peak memory")
     against = len(run.contenders) > 1
     if against:
-        head.insert(7, f"ratio to {run.contenders[0]}")
+        head.insert(8, f"ratio to {run.contenders[0]}")
     rows = []
     for line in lines:
         row = [
@@ -50,14 +51,15 @@ def markdown(run: Run) -> str:
             seconds(line.median_s),
             seconds(line.most_s),
             seconds(line.worst_s),
+            seconds(line.par2_s),
             line.shown or "-",
             f"{line.peak_mib:.0f} MiB" if line.peak_mib else "-",
         ]
         if against:
-            row.insert(7, times(line.ratio))
+            row.insert(8, times(line.ratio) + _between(line.ratio_between))
         rows.append(row)
     parts = [
-        f"## {run.suite}, {run.mode}",
+        f"## {run.suite} version {run.version}, {run.mode}",
         "",
         f"`{run.command}`" if run.command else "",
         "",
@@ -71,6 +73,10 @@ def markdown(run: Run) -> str:
         machine_line(run),
     ]
     return "\n".join(parts) + "\n"
+
+
+def _between(interval: tuple[float, float] | None) -> str:
+    return f" ({times(interval[0])[:-1]}-{times(interval[1])[:-1]})" if interval is not None else ""
 
 
 def _against_the_fastest(run: Run) -> list[str]:

@@ -18,6 +18,7 @@ from time import perf_counter, process_time
 from typing import Any
 
 from robomend.errors import InputError, OptionRefused, RobomendError
+from robomend_bench.external import prepare_external
 from robomend_bench.results import KILLED, Status
 from robomend_bench.suite import Answer, Ask, Group, Wish, find_suite
 
@@ -57,7 +58,11 @@ def _serve(pipe: Connection, suite: str, contender: str, group: Group, wish: Wis
     clock = process_time if wish.clock == "cpu" else perf_counter
     began, before = clock(), peak_mib()
     try:
-        ask = find_suite(suite).prepare(contender, group, wish)
+        others = {external.name: external for external in wish.external}
+        if contender in others:
+            ask = prepare_external(others[contender], find_suite(suite), group, wish)
+        else:
+            ask = find_suite(suite).prepare(contender, group, wish)
     except InputError as error:
         pipe.send(("refused", str(error)))
         return
@@ -116,8 +121,8 @@ class Contestant:
         if kind != "answer":
             return kind, None, perf_counter() - began, content
         answer, seconds, self.peak_mib = content
-        if not answer.complete or seconds > self._timeout_s:
-            return "timeout", answer, seconds, ""
+        if not answer.complete or (answer.seconds is None and seconds > self._timeout_s):
+            return "timeout", answer, answer.seconds or seconds, ""
         if answer.seconds is not None:
             return "ok", answer, answer.seconds, ""
         return "ok", answer, seconds / answer.calls, ""

@@ -319,7 +319,7 @@ def test_engines_that_weigh_agree_on_the_most_probable_faults_of_a_robot(
     robot = make_robot(components, seed)
     seen = observe(robot, 1 + seed % 4, random.Random(seed))
     cnf = replace(robot.cnf, priors=dict(zip(robot.cnf.components, priors, strict=False)))
-    options = Options(limit=7, timeout_s=None, order="probability", conflicts=False)
+    options = Options(limit=1 + seed % 3, timeout_s=None, order="probability", conflicts=False)
     told = []
     for name in ("sat", "cda_star", "maxsat"):
         result = make_engine(name, cnf).diagnose(seen, options)

@@ -78,6 +78,34 @@ def test_lines_take_the_fastest_repeat_and_the_median_over_questions() -> None:
     assert (late.solved, late.median_s, late.ratio) == (0, None, None)
 
 
+def test_what_was_not_solved_counts_twice_the_time_out_in_par2() -> None:
+    first, _, _, late = summarise(replace(RUN, timeout_s=7.0))
+    assert first.par2_s == pytest.approx((0.001 + 0.003) / 2)
+    assert late.par2_s == 14.0
+    assert "| 14.0 s |" in markdown(replace(RUN, timeout_s=7.0))
+
+
+def test_a_ratio_of_five_questions_has_an_interval() -> None:
+    took = {"a": 0.001, "b <&>": 0.004}
+    run = replace(
+        RUN,
+        samples=tuple(
+            sample("small", 10, f"q{index}", name, seconds_ * (1 + index * (name != "a")))
+            for index in range(5)
+            for name, seconds_ in took.items()
+        ),
+    )
+    first, second = summarise(run)
+    assert first.ratio_between == (1.0, 1.0)
+    assert second.ratio_between is not None
+    low, high = second.ratio_between
+    assert second.ratio == 12.0
+    assert 4.0 <= low < 12.0 < high <= 20.0
+    assert f"12.0× ({times(low)[:-1]}-{times(high)[:-1]}) |" in markdown(run)
+    few = replace(run, samples=run.samples[:8])
+    assert [line.ratio_between for line in summarise(few)] == [None, None]
+
+
 def test_a_percentile_is_one_of_the_values() -> None:
     assert percentile([5, 1, 4, 2, 3, 9, 8, 7, 6, 10], 0.9) == 9
     assert percentile([2.0, 1.0], 0.5) == 1.0
@@ -155,8 +183,8 @@ def test_times_have_three_digits_and_a_unit() -> None:
 
 def test_the_report_says_what_was_run_and_where() -> None:
     text = markdown(RUN)
-    assert "| small | 10 | a | 2/2 | 2.00 ms | 3.00 ms | 3.00 ms | 1.00× | 1 | 42 MiB |" in text
-    assert "| large | 100 | b <&> | 0/1 | - | - | - | - | - |" in text
+    assert "| small | 10 | a | 2/2 | 2.00 ms | 3.00 ms | 3.00 ms | 2.00 ms | 1.00× | 1 | 42 MiB |" in text
+    assert "| large | 100 | b <&> | 0/1 | - | - | - | 20.0 s | - |" in text
     assert "All contenders gave the same answers." in text
     assert "`robomend-bench toy`" in text
     assert "2026-01-01" in text

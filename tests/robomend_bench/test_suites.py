@@ -7,6 +7,8 @@ import os
 import random
 import time
 from collections.abc import Iterator, Mapping
+from pathlib import Path
+from shutil import copyfile
 
 import pytest
 
@@ -16,7 +18,7 @@ from robomend_bench.contenders import CHECKS, healthy_sets
 from robomend_bench.generator import make_robot, observe
 from robomend_bench.results import Run
 from robomend_bench.running import run_suite
-from robomend_bench.suite import Answer, Ask, Group, Question, Wish, find_suite, suite_names
+from robomend_bench.suite import DATA, Answer, Ask, Group, Question, Wish, find_suite, suite_names
 from robomend_bench.worker import Contestant
 from robomend_client.literals import holds
 
@@ -127,6 +129,18 @@ def test_questions_are_the_same_for_the_same_seed() -> None:
         suite = find_suite(name)
         wish = Wish(mode=next(iter(suite.modes)), only=TINY[name], instances=3)
         assert list(suite.groups(wish)) == list(suite.groups(wish))
+
+
+def test_circuits_that_do_not_come_with_the_package_are_read_from_a_folder(tmp_path: Path) -> None:
+    suite = find_suite("itc99")
+    with pytest.raises(InputError, match="where they can be had"):
+        list(suite.groups(Wish(mode="first")))
+    (tmp_path / "itc99").mkdir()
+    copyfile(DATA / "iscas85" / "c17.bench", tmp_path / "itc99" / "b14.bench")
+    wish = Wish(mode="first", only=("b14",), data=tmp_path)
+    (group,) = suite.groups(wish)
+    assert {question.name[:2] for question in group.questions} == {"01", "02"}
+    assert suite.prepare("sat", group, wish)(group.questions[0]).result == (1,)
 
 
 class Odd:

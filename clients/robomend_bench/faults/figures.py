@@ -10,8 +10,8 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
-from robomend_bench.faults.intervals import bootstrap, poisson, quantile, wilson
 from robomend_bench.faults.scoring import Score
+from robomend_bench.intervals import bootstrap, poisson, quantile, wilson
 
 
 @dataclass(frozen=True, slots=True)

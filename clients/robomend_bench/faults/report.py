@@ -8,9 +8,9 @@ from typing import Any
 
 from robomend_bench.faults.classes import CLASSES
 from robomend_bench.faults.figures import Figure, of_faults, of_stretches
-from robomend_bench.faults.intervals import quantile
 from robomend_bench.faults.scoring import Score
 from robomend_bench.faults.stretches import STRETCHES
+from robomend_bench.intervals import quantile
 
 LISTED = 200
 """Trials that a list names at most; JSON has them all."""

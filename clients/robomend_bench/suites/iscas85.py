@@ -11,7 +11,8 @@ from robomend.model.loading import load_text
 from robomend_bench import contenders
 from robomend_bench.baselines import RC2_OPTIONS
 from robomend_bench.circuit_questions import questions_about
-from robomend_bench.suite import ONE, Ask, Group, Wish
+from robomend_bench.exporting import DiagnosisProblem, Exported
+from robomend_bench.suite import ONE, Ask, Group, Question, Wish
 
 CIRCUITS = ("c17", "c432", "c499", "c880", "c1355", "c1908", "c2670", "c3540", "c5315", "c6288", "c7552")
 BY_DEFAULT = tuple(name for name in CIRCUITS if name != "c6288")
@@ -22,12 +23,31 @@ SIZES = (1, 20)
 other, so that most observations of random faults need one or two gates only."""
 
 
-class Iscas85:
-    """See the module."""
+class Circuits:
+    """Circuits in .bench form, from a folder of `--data` that has the suite's name."""
 
-    name = "iscas85"
-    summary = "ISCAS-85 circuits, seeded faults"
+    version = "1"
     modes: Mapping[str, str] = contenders.CIRCUIT_MODES
+
+    def __init__(
+        self,
+        name: str,
+        summary: str,
+        circuits: tuple[str, ...],
+        by_default: tuple[str, ...],
+        sizes: tuple[int, int],
+        source: str = "",
+    ) -> None:
+        """Make a suite.
+
+        Args:
+            by_default: the circuits that run when none is named.
+            sizes: minimum cardinalities of questions for one diagnosis, equally many of each.
+            source: where circuits that do not come with the package can be had.
+        """
+        self.name, self.summary = name, summary
+        self._circuits, self._by_default, self._sizes = circuits, by_default, sizes
+        self._source = source
 
     def contenders(self, mode: str) -> tuple[str, ...]:
         """Return the engine and what it is held against in this mode."""
@@ -37,13 +57,14 @@ class Iscas85:
 
     def groups(self, wish: Wish) -> Iterator[Group]:
         """Yield a group a circuit. The questions of a circuit depend on the seed and its name only."""
-        for name in wish.only or BY_DEFAULT:
-            path = wish.data / "iscas85" / f"{name}.bench"
+        for name in wish.only or self._by_default:
+            path = wish.data / self.name / f"{name}.bench"
             if not path.is_file():
-                raise InputError(f"no circuit {path}: choose from {', '.join(CIRCUITS)}, or give --data DIR")
+                known = f"choose from {', '.join(self._circuits)}, or give --data DIR"
+                raise InputError(f"no circuit {path}: {known}{self._source}")
             text = path.read_text()
             cnf = _compiled(text, name)
-            sizes = wish.sizes or (SIZES if wish.mode in ONE else None)
+            sizes = wish.sizes or (self._sizes if wish.mode in ONE else None)
             questions = questions_about(text, cnf, f"{wish.seed} {name}", sizes, wish)
             yield Group(name, len(cnf.components), text if wish.mode == "cold" else cnf, questions)
 
@@ -55,6 +76,12 @@ class Iscas85:
             return contenders.prepare_cold(contender, lambda: _uncached(group.model), wish)
         return contenders.prepare(contender, group.model, group, wish)
 
+    def exported(self, question: Question, group: Group) -> Exported:
+        """Return the observation of the circuit."""
+        cold = isinstance(group.model, str)
+        cnf = _compiled(group.model, group.name) if cold else group.model
+        return DiagnosisProblem(cnf, [question.payload])
+
 
 def _compiled(text: str, name: str) -> HealthCnf:
     return load_text(text, name=name, file=f"{name}.bench", format="bench").cnf
@@ -65,4 +92,4 @@ def _uncached(cnf: HealthCnf) -> HealthCnf:
     return replace(cnf)
 
 
-SUITE = Iscas85()
+SUITE = Circuits("iscas85", "ISCAS-85 circuits, seeded faults", CIRCUITS, BY_DEFAULT, SIZES)

@@ -14,6 +14,7 @@ from robomend.diagnosis.result import Options
 from robomend.diagnosis.snapshots import SnapshotEngine
 from robomend.diagnosis.wcnf import read_wcnf
 from robomend.errors import InputError, OptionRefused
+from robomend_bench.exporting import DiagnosisProblem, Exported
 from robomend_bench.suite import Answer, Ask, Group, Question, Wish
 
 PUBLISHED = "hsd-published"
@@ -24,6 +25,7 @@ class MultiObservation:
     """See the module."""
 
     name = "multi-observation"
+    version = "1"
     summary = "144 published instances with several observations each (IJCAI 2019)"
     modes: Mapping[str, str] = {
         "subset": "all subset-minimal diagnoses of several observations, reading and building included",
@@ -82,6 +84,11 @@ class MultiObservation:
             return Answer((count,), complete=result.complete, shown=count)
 
         return ask
+
+    def exported(self, question: Question, group: Group) -> Exported:
+        """Return all observations of one file."""
+        read = read_wcnf(Path(question.payload[0]))
+        return DiagnosisProblem(read.cnf, read.snapshots)
 
 
 def _published(question: Question) -> Answer:

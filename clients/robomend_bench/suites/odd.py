@@ -11,6 +11,7 @@ from dataclasses import replace
 from robomend.diagnosis.engines import make_engine
 from robomend.diagnosis.result import Options
 from robomend.errors import ContradictoryModel, InputError
+from robomend_bench.exporting import DiagnosisProblem, Exported
 from robomend_bench.odd_models import MODELS
 from robomend_bench.suite import Answer, Ask, Group, Question, Wish
 
@@ -19,6 +20,7 @@ class Odd:
     """See the module."""
 
     name = "odd"
+    version = "1"
     summary = "models that break searches, with default options; --timeout is the engine's own"
     modes: Mapping[str, str] = {
         "default": "default options: subset-minimal, at most 100, with conflicts; solved: at least one",
@@ -59,6 +61,10 @@ class Odd:
             return Answer((least,), complete=bool(result.diagnoses), shown=len(result.diagnoses))
 
         return ask
+
+    def exported(self, question: Question, group: Group) -> Exported:
+        """Return the model with what is seen of it."""
+        return DiagnosisProblem(group.model, [question.payload])
 
 
 SUITE = Odd()

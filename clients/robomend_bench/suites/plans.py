@@ -30,6 +30,7 @@ from robomend.planning.planners import PLANNERS, make_planner
 from robomend.planning.planning import PlanOptions, forget, plan_for
 from robomend.planning.problem import repair_problem
 from robomend.resources import resource
+from robomend_bench.exporting import Exported, PlanningProblem
 from robomend_bench.plan_robots import broken, longest_chain, random_robot, some_bad, supplied_robot
 from robomend_bench.suite import Answer, Ask, Group, Question, Wish
 from robomend_client.literals import Literal
@@ -52,6 +53,7 @@ class Plans:
     """See the module."""
 
     name = "plans"
+    version = "1"
     summary = "repair planning: power-up and seeded robots of 100 and 1000 components"
     modes: Mapping[str, str] = {
         "time": "from diagnosis to validated plan, two components bad and all bad",
@@ -112,6 +114,12 @@ class Plans:
             return _answer(wish, plan.cost, len(plan.steps), bound, complete=done)
 
         return ask
+
+    def exported(self, question: Question, group: Group) -> Exported:
+        """Return the repair problem."""
+        robot, seen, bad = question.payload
+        domain = load_domain()
+        return PlanningProblem(domain, repair_problem(robot, domain, seen, bad))
 
 
 def _answer(wish: Wish, cost: float, steps: int, bound: float, *, complete: bool = True) -> Answer:

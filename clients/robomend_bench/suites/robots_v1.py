@@ -6,11 +6,13 @@ import random
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
-from robomend.errors import InputError
+from robomend.errors import InputError, OptionRefused
 from robomend_bench import contenders
+from robomend_bench.exporting import DiagnosisProblem, Exported
 from robomend_bench.generator import make_robot, observe
 from robomend_bench.rows import prepare_rows, rows_of
 from robomend_bench.suite import Ask, Group, Question, Wish
+from robomend_client.literals import Literal
 
 SIZES = ("20", "100", "300", "1000")
 GROWTH = ("100", "300", "1000", "3000")
@@ -24,6 +26,7 @@ class RobotsV1:
     """See the module."""
 
     name = "robots-v1"
+    version = "1"
     summary = "generated robot models of 20-3000 components, 1-4 broken at once"
     modes: Mapping[str, str] = contenders.ROBOT_MODES
 
@@ -62,6 +65,12 @@ class RobotsV1:
         if wish.mode == "rows":
             return prepare_rows(contender, group.model, wish)
         return contenders.prepare(contender, group.model, group, wish)
+
+    def exported(self, question: Question, group: Group) -> Exported:
+        """Return what was seen of the robot."""
+        if question.payload and not isinstance(question.payload[0], Literal):
+            raise OptionRefused("rows are no question for other solvers: export another mode")
+        return DiagnosisProblem(group.model, [question.payload])
 
 
 SUITE = RobotsV1()

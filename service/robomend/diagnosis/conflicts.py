@@ -219,8 +219,8 @@ class Conflicts:
         n = len(self._cnf.components)
         found: dict[int, list[Clause]] = {}
         for clause in self._cnf.clauses:
-            first = min((-literal for literal in clause if -n <= literal < 0), default=0)
-            found.setdefault(first, []).append(clause)
+            first = max([literal for literal in clause if -n <= literal < 0], default=0)
+            found.setdefault(-first, []).append(clause)
         return found
 
     def in_words(self, known: Known, observed: SignedObs) -> Conflict:

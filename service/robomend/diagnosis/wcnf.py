@@ -62,8 +62,17 @@ def parse_wcnf(lines: Iterable[str], name: str, file: str | None = None) -> Snap
     hard: list[list[int]] = []
     health: list[int] = []
     snapshots: list[list[int]] = []
-    for number, line in enumerate(lines, 1):
-        kind, _, rest = line.strip().partition(" ")
+    for number, line in enumerate(map(str.strip, lines), 1):
+        if top is not None and line[:1].isdecimal():  # most lines are clauses
+            clause = _integers(line, file, number)
+            if clause[0] >= top:
+                hard.append(clause[1:])
+            elif len(clause) == 2 and clause[1] > 0:
+                health.append(clause[1])
+            else:
+                raise ModelError("a soft clause must be one positive literal, its component", file, number)
+            continue
+        kind, _, rest = line.partition(" ")
         if kind == "c":
             key, colon, value = rest.partition(":")
             if colon and key.strip() == "mutated gates":
@@ -75,13 +84,7 @@ def parse_wcnf(lines: Iterable[str], name: str, file: str | None = None) -> Snap
         elif kind:
             if top is None:
                 raise ModelError("a clause before the line 'p wcnf …'", file, number)
-            weight, *clause = _integers(line, file, number)
-            if weight >= top:
-                hard.append(clause)
-            elif len(clause) == 1 and clause[0] > 0:
-                health.append(clause[0])
-            else:
-                raise ModelError("a soft clause must be one positive literal, its component", file, number)
+            raise ModelError("a clause begins with its weight, a number", file, number)
     if top is None:
         raise ModelError("no line 'p wcnf …'", file)
     if len(set(health)) < len(health):

@@ -16,7 +16,7 @@ WORD = re.compile(r"[A-Za-z][A-Za-z0-9_-]*\Z")
 
 def problem_text(domain: Domain, problem: RepairProblem, goal: Iterable[Fact]) -> str:
     """Return the problem file that goes with `domain.pddl`."""
-    names = _pddl_names(problem.objects)
+    names = pddl_names(problem.objects)
     renamed = [f";; {word} is {name}" for name, word in names.items() if word != name.lower()]
     lines = [
         ";; Made by robomend. Protected and excluded components are not expressed here: their shutdown and",
@@ -40,7 +40,8 @@ def problem_text(domain: Domain, problem: RepairProblem, goal: Iterable[Fact]) -
     return "\n".join(lines)
 
 
-def _pddl_names(objects: Iterable[str]) -> dict[str, str]:
+def pddl_names(objects: Iterable[str]) -> dict[str, str]:
+    """Return object -> its word in the problem file, each word once."""
     found: dict[str, str] = {}
     taken: set[str] = set()
     for index, name in enumerate(objects):

@@ -8,7 +8,7 @@ from statistics import fmean
 
 import pytest
 
-from robomend_bench.faults.intervals import bootstrap, poisson, quantile, wilson
+from robomend_bench.intervals import bootstrap, poisson, quantile, wilson
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,144 @@
+"""Questions as files that other solvers read, each with its known answer: WCNF, ASP and PDDL.
+
+    wcnf    weighted partial MaxSAT, as in the MaxSAT Evaluations since 2022: `h` before a hard clause. Hard
+            are SD and OBS, soft (weight 1) is the health of each component, variables 1 … n. The optimum is
+            the minimum cardinality of a diagnosis; what a solution makes false of 1 … n is one.
+    lp      the same for clingo: `ab(C)` are the abnormal components, and they are minimized
+    pddl    a repair problem; domain.pddl is beside the problems
+
+Several observations are one copy of SD each, over the same components.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from robomend.diagnosis.engines import make_engine
+from robomend.diagnosis.result import DiagnosisResult, Options
+from robomend.diagnosis.snapshots import SnapshotEngine
+from robomend.errors import ContradictoryModel
+from robomend.model.cnf import Clause, HealthCnf
+from robomend.planning.domain.values import Domain
+from robomend.planning.pddl_text import pddl_names, problem_text
+from robomend.planning.plan import Outcome
+from robomend.planning.planning import PlanOptions, plan_problem
+from robomend.planning.problem import RepairProblem
+from robomend.resources import resource
+from robomend_client.literals import Literal
+
+ANSWERED_WITHIN_S = 600.0
+"""The answer of a question that takes longer is not known."""
+
+KnownAnswer = dict[str, object]
+"""As in the manifest; `{"solvable": False}`: proved that there is none. None instead: not known."""
+
+
+@dataclass(frozen=True)
+class DiagnosisProblem:
+    """Which fewest components explain all snapshots?"""
+
+    cnf: HealthCnf
+    snapshots: Sequence[Iterable[Literal]]
+
+    @cached_property
+    def hard(self) -> list[Clause]:
+        """SD and OBS as clauses; variables 1 … n are health, the others one set a snapshot."""
+        n = len(self.cnf.components)
+        found: list[Clause] = []
+        for index, snapshot in enumerate(self.snapshots):
+            shift = index * (self.cnf.variables - n)
+            found += [tuple(_moved(literal, n, shift) for literal in clause) for clause in self.cnf.clauses]
+            numbers = filter(None, map(self.cnf.literal, snapshot))
+            found += [(_moved(number, n, shift),) for number in numbers]
+        return found
+
+    def wcnf(self) -> str:
+        """Return the text of a .wcnf file, without a comment."""
+        soft = [f"1 {variable} 0" for variable in range(1, len(self.cnf.components) + 1)]
+        return "\n".join([*(f"h {' '.join(map(str, clause))} 0" for clause in self.hard), *soft, ""])
+
+    def lp(self) -> str:
+        """Return the text of an .lp file, without a comment."""
+        n = len(self.cnf.components)
+        variables = max(n, max((abs(literal) for clause in self.hard for literal in clause), default=0))
+        lines = [f"component(1..{n})."] if n else []
+        lines += [f"variable(1..{variables})."] if variables else []
+        for index, clause in enumerate(self.hard):
+            facts = [f"clause({index})."]
+            facts += [
+                f"positive({index},{literal})." if literal > 0 else f"negative({index},{-literal})."
+                for literal in clause
+            ]
+            lines.append("".join(facts))
+        encoding = resource("encodings", "diagnosis.lp").read_text()
+        base, minimum, _ = encoding.split("#program ")
+        return "\n".join([*lines, base, minimum.partition("\n")[2]])
+
+    def answer(self) -> KnownAnswer | None:
+        """Return the minimum cardinality and a diagnosis of it, as components by number."""
+        options = Options(minimal="cardinality", limit=1, timeout_s=ANSWERED_WITHIN_S, conflicts=False)
+        try:
+            result = self._asked(options)
+        except ContradictoryModel:
+            return {"solvable": False}
+        if not result.diagnoses:
+            return None
+        bad = [self.cnf.health[component] for component in result.diagnoses[0].bad]
+        return {"minimum_cardinality": len(bad), "diagnosis": bad}
+
+    def _asked(self, options: Options) -> DiagnosisResult:
+        if len(self.snapshots) == 1:
+            engine = make_engine("sat", self.cnf)
+            try:
+                return engine.diagnose(self.snapshots[0], options)
+            finally:
+                engine.close()
+        together = SnapshotEngine(self.cnf)
+        try:
+            return together.diagnose(self.snapshots, options)
+        finally:
+            together.close()
+
+
+def _moved(literal: int, n: int, shift: int) -> int:
+    """Return the literal in another copy of SD: health is shared, the rest is not."""
+    if abs(literal) <= n:
+        return literal
+    return literal + shift if literal > 0 else literal - shift
+
+
+@dataclass(frozen=True)
+class PlanningProblem:
+    """Which cheapest plan makes everything good again?"""
+
+    domain: Domain
+    problem: RepairProblem
+
+    def pddl(self) -> str:
+        """Return the text of the problem file."""
+        return problem_text(self.domain, self.problem, self.problem.goal)
+
+    @cached_property
+    def names(self) -> Mapping[str, str]:
+        """Word of the problem file -> the object that it stands for."""
+        return {word: name for name, word in pddl_names(self.problem.objects).items()}
+
+    def answer(self) -> KnownAnswer | None:
+        """Return the least cost of a plan."""
+        options = PlanOptions(planner="asp", timeout_s=ANSWERED_WITHIN_S)
+        plan = plan_problem(self.domain, self.problem, options)
+        if plan.outcome is Outcome.GAVE_UP:
+            return None
+        return {"solvable": False} if plan.outcome is Outcome.UNSOLVABLE else {"cost": plan.cost}
+
+
+Exported = DiagnosisProblem | PlanningProblem
+
+FORMATS: dict[str, Callable[[Exported], str | None]] = {
+    "wcnf": lambda one: one.wcnf() if isinstance(one, DiagnosisProblem) else None,
+    "lp": lambda one: one.lp() if isinstance(one, DiagnosisProblem) else None,
+    "pddl": lambda one: one.pddl() if isinstance(one, PlanningProblem) else None,
+}
+"""Format -> what writes a question in it; None: it cannot be said so."""

@@ -1,0 +1,192 @@
+"""Solvers of others by a command line: real ones, and some that are late, wrong or silent."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from robomend.errors import OptionRefused
+from robomend_bench.external import prepare_external, read_external
+from robomend_bench.running import run_suite
+from robomend_bench.suite import Answer, External, Wish, find_suite
+
+PYTHON = shlex.quote(sys.executable)
+RC2 = f"rc2-command=wcnf:{PYTHON} -m pysat.examples.rc2 -vv {{file}}"
+RC2_BITS = f"rc2-bits=wcnf:{PYTHON} -m pysat.examples.rc2 -vv --vnew {{file}}"
+CLINGO = f"clingo-command=lp:{PYTHON} -m clingo {{file}}"
+
+
+def test_a_maxsat_solver_and_clingo_take_part_by_their_command_lines() -> None:
+    others = tuple(map(read_external, (RC2, CLINGO)))
+    wish = Wish(mode="first", only=("c17",), timeout_s=300.0, external=others)
+    run = run_suite(find_suite("iscas85"), wish, ("sat",), repeats=1)
+    assert run.contenders == ("sat", "rc2-command", "clingo-command")
+    assert run.disagreements == ()
+    assert {(sample.status, sample.note) for sample in run.samples} == {("ok", "")}
+    assert all(sample.seconds > 0 for sample in run.samples)
+
+
+def script(folder: Path, text: str, name: str = "mine") -> External:
+    """Return a solver that is a script of this text."""
+    path = folder / "solver.py"
+    path.write_text(text)
+    return read_external(f"{name}=wcnf:{PYTHON} {shlex.quote(str(path))} {{file}}")
+
+
+def asked(external: External, **more: float) -> Answer:
+    """Ask it the first question of c17, which needs one gate."""
+    wish = Wish(mode="first", only=("c17",), external=(external,), **{"timeout_s": 300.0, **more})  # type: ignore[arg-type]  # fields of Wish, by name
+    suite = find_suite("iscas85")
+    (group,) = suite.groups(wish)
+    return prepare_external(external, suite, group, wish)(group.questions[0])
+
+
+def test_a_solution_may_be_a_row_of_bits() -> None:
+    assert asked(read_external(RC2_BITS)).result == (1,)
+
+
+def test_what_is_no_diagnosis_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="is no diagnosis"):
+        asked(script(tmp_path, "print('s OPTIMUM FOUND\\no 0\\nv 1 2 3 4 5 6')"))
+
+
+def test_a_cost_that_is_not_that_of_the_solution_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="says that the cost is 2, but its solution has 6"):
+        asked(script(tmp_path, "print('s OPTIMUM FOUND\\no 2\\nv 000000')"))
+
+
+def test_a_solution_that_is_not_shown_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="printed no solution"):
+        asked(script(tmp_path, "print('s OPTIMUM FOUND\\no 1')"))
+
+
+def test_a_diagnosis_that_is_not_the_smallest_disagrees_with_the_others(tmp_path: Path) -> None:
+    everything = script(tmp_path, "print('s OPTIMUM FOUND\\no 6\\nv 000000')")
+    wish = Wish(
+        mode="first", only=("c17",), instances=1, timeout_s=300.0, external=(everything,), sizes=(1, 1)
+    )
+    run = run_suite(find_suite("iscas85"), wish, ("sat",), repeats=1)
+    assert run.disagreements == ("c17/01-0: (1,) by sat, (6,) by mine",)
+
+
+@pytest.mark.parametrize("text", ["print('s SATISFIABLE\\no 3\\nv 000000')", "raise SystemExit(1)", ""])
+def test_what_is_not_proved_is_not_solved(text: str, tmp_path: Path) -> None:
+    assert not asked(script(tmp_path, text)).complete
+
+
+def test_who_is_late_is_ended_with_all_that_they_started(tmp_path: Path) -> None:
+    pid = tmp_path / "pid"
+    late = script(
+        tmp_path,
+        "import subprocess, pathlib\n"
+        "child = subprocess.Popen(['sleep', '600'])\n"
+        f"part = pathlib.Path({str(pid)!r} + '.part')\n"
+        "part.write_text(str(child.pid))\n"
+        f"part.rename({str(pid)!r})\n"
+        "child.wait()\n",
+    )
+    timeout_s = 1.0
+    answer = asked(late, timeout_s=timeout_s)
+    while not pid.is_file():  # it was ended before it had begun
+        timeout_s *= 2
+        assert timeout_s < 100
+        answer = asked(late, timeout_s=timeout_s)
+    assert not answer.complete
+    for _ in range(6000):
+        if ended(int(pid.read_text())):
+            return
+        time.sleep(0.01)
+    pytest.fail("what it started still runs")
+
+
+def ended(pid: int) -> bool:
+    """Whether a process is gone, or only waits for its parent to notice."""
+    try:
+        os.kill(pid, 0)
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
+    except (ProcessLookupError, FileNotFoundError):
+        return True
+
+
+PLANNER = """
+import sys
+from unified_planning.io import PDDLReader
+from unified_planning.shortcuts import CompilationKind, Compiler, OneshotPlanner, get_environment
+
+get_environment().credits_stream = None
+problem = PDDLReader().parse_problem(sys.argv[1], sys.argv[2])
+back = []
+for name, kind in (
+    ("up_quantifiers_remover", CompilationKind.QUANTIFIERS_REMOVING),
+    ("up_grounder", CompilationKind.GROUNDING),
+):
+    with Compiler(name=name) as compiler:
+        result = compiler.compile(problem, kind)
+    problem = result.problem
+    back.append(result.map_back_action_instance)
+problem.clear_quality_metrics()
+with OneshotPlanner(name="pyperplan", params={"search": "gbf", "heuristic": "hff"}) as planner:
+    plan = planner.solve(problem).plan
+for original in reversed(back):
+    plan = plan.replace_action_instances(original)
+with open(sys.argv[3], "w") as file:
+    for action in plan.actions:
+        print(f"({action.action.name} {' '.join(map(str, action.actual_parameters))})", file=file)
+"""
+
+
+def planned(folder: Path, text: str) -> Answer:
+    """Ask a planner to shut the paper's robot's base down and bring it up again."""
+    path = folder / "planner.py"
+    path.write_text(text)
+    line = f"{PYTHON} {shlex.quote(str(path))} {{domain}} {{problem}} {{plan}}"
+    external = read_external(f"mine=pddl:{line}")
+    suite, wish = find_suite("plans"), Wish(mode="time", only=("tedusar",), timeout_s=300.0)
+    (group,) = suite.groups(wish)
+    return prepare_external(external, suite, group, wish)(group.questions[1])
+
+
+def test_a_planner_s_plan_is_carried_out(tmp_path: Path) -> None:
+    answer = planned(tmp_path, PLANNER)
+    assert answer.complete
+    assert answer.shown
+
+
+def test_a_plan_that_fails_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="does not hold"):
+        planned(tmp_path, "import sys\nopen(sys.argv[3], 'w').write('(power_up jaguar)\\n(power_up jaguar)')")
+    with pytest.raises(ValueError, match="no action of the problem"):
+        planned(tmp_path, "import sys\nopen(sys.argv[3], 'w').write('(dance jaguar)')")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "rc2",
+        "rc2=wcnf",
+        "rc2=dimacs:rc2 {file}",
+        "rc2=wcnf:rc2",
+        "rc2=wcnf:rc2 {domain} {problem}",
+        "fd=pddl:fd {domain}",
+        "rc2=wcnf:rc2 '{file}",
+    ],
+)
+def test_a_command_line_that_cannot_be_asked_is_refused(text: str) -> None:
+    with pytest.raises(OptionRefused):
+        read_external(text)
+
+
+def test_a_program_that_is_not_there_and_a_mode_that_is_not_theirs_are_refused() -> None:
+    with pytest.raises(OptionRefused, match="no-such-solver: No such file"):
+        asked(read_external("mine=wcnf:no-such-solver {file}"))
+    external = read_external(RC2)
+    wish = Wish(mode="all", only=("c17",), external=(external,))
+    suite = find_suite("iscas85")
+    (group,) = suite.groups(wish)
+    with pytest.raises(OptionRefused, match="no mode 'all'"):
+        prepare_external(external, suite, group, wish)
