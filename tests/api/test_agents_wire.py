@@ -55,6 +55,8 @@ def test_evidence_is_taken_with_a_batch_and_refused_in_another_shape(service: Se
         assert answer.status_code == 200, answer.text
     for wrong in (
         {"since": [-1, 0]},
+        {"since": [OBSERVATIONS["time"] + 1, None]},  # after the batch's own time
+        {"since": [None, 2**62]},  # in the future
         {"since": ["now"]},
         {"onset": [1.5]},
         {"unknown": "ok(scan)"},

@@ -116,15 +116,8 @@ class LiveRepair:
             result = await self._newest()
             found = await self._planned(result, looks=False)
         if found.plan is not None and found.diagnosis is not None:
-            bad = found.diagnosis.bad
-            self._in_doubt = in_doubt(bad, result)
-            self._first = await self._record.begin_round(
-                found.plan,
-                bad=bad,
-                good=result.good(found.diagnosis),
-                why=found.reason,
-                conflicts=[c.text for c in result.conflicts if set(c.components) & set(bad)],
-            )
+            self._in_doubt = in_doubt(found.diagnosis.bad, result)
+            self._first = await self._record.begin_round(found, result, self._state.obs.entries())
         return found
 
     async def _would_choose(self, result: DiagnosisResult, literals: Iterable[Literal]) -> Choice:
@@ -226,5 +219,10 @@ class LiveRepair:
             self._state, self._record.id, choice, execution, memory, self._chooser.patience, helped=helped
         )
         await self._record.end_round(
-            str(execution.ending), execution.reason, helped=helped, tried=tried, quarantined=left_alone
+            str(execution.ending),
+            execution.reason,
+            helped=helped,
+            tried=tried,
+            quarantined=left_alone,
+            entries=self._state.obs.entries(),
         )

@@ -10,7 +10,10 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import Any
 
-from robomend.planning.plan import Plan
+from robomend.diagnosis.result import DiagnosisResult
+from robomend.entry import Entry
+from robomend.planning.choice import Choice
+from robomend.repairs.account import grounds, outcome
 from robomend.repairs.execution_values import StepReport, Withheld
 from robomend.repairs.repair_json import repair_json, report_json, step_json, step_number
 from robomend.repairs.signals import NO_REASON
@@ -164,19 +167,24 @@ class RepairRecord:
         self._repair = await self._store.write(write, robots=(self.robot,))
         self._data = data
 
-    async def begin_round(
-        self, plan: Plan, *, bad: Sequence[str], good: Sequence[str], why: str, conflicts: Sequence[str]
-    ) -> int:
+    async def begin_round(self, choice: Choice, result: DiagnosisResult, entries: Iterable[Entry]) -> int:
         """Note the plan of a new round; return the number of its first step within the repair.
 
-        `why` is the choice in words, `conflicts` what the diagnosis resolves; both go into the audit log.
+        With it goes what the choice rests on (account.py): its rivals, what it was chosen from (`result`),
+        and what was known of the robot. The choice in words and the conflicts that it resolves go into the
+        audit log, too.
         """
+        plan, why = choice.plan, choice.reason
+        assert plan is not None
+        assert choice.diagnosis is not None
+        rests_on = grounds(result, choice, entries)
         rounds = list(self._data.get("rounds", ()))
         first = sum(len(past["plan"]) for past in rounds)
+        bad, good = choice.diagnosis.bad, result.good(choice.diagnosis)
         diagnosis = {"bad": list(bad), "good": list(good)}
         steps = [step_json(step, first) for step in plan.steps]
-        rounds.append({"diagnosis": diagnosis, "plan": steps, "why": why, "ending": None})
-        self._why = f"{why}; {'; '.join(conflicts)}" if conflicts else why
+        rounds.append({"diagnosis": diagnosis, "plan": steps, "why": why, "ending": None, **rests_on})
+        self._why = "; ".join((why, *rests_on["conflicts"]))
         await self.update(
             RepairTrigger.PLANNED,
             reason=why,
@@ -199,10 +207,14 @@ class RepairRecord:
         helped: bool,
         tried: StoredAttempt | None = None,
         quarantined: Sequence[Quarantine] = (),
+        entries: Iterable[Entry] = (),
     ) -> None:
-        """Note how the round's execution ended, what was tried, and what is not tried again for a while."""
+        """Note how the round's execution ended, what is known of its symptoms then (`entries`), what was
+        tried, and what is not tried again for a while.
+        """
         rounds = list(self._data["rounds"])
-        rounds[-1] = {**rounds[-1], "ending": ending, "reason": reason, "helped": helped}
+        after_it = outcome(rounds[-1], {entry.atom: entry for entry in entries})
+        rounds[-1] = {**rounds[-1], "ending": ending, "reason": reason, "helped": helped, "after": after_it}
 
         def remember(tx: Transaction) -> None:
             if tried is not None:

@@ -31,6 +31,7 @@ import structlog
 from robomend.errors import NotFound, Refused, RobomendError, StateConflict
 from robomend.oneshots.oneshots import OneShots
 from robomend.planning.planner_pool import PlannerPool
+from robomend.repairs.account import account
 from robomend.repairs.agent_queue import AgentQueue
 from robomend.repairs.choosing import Chooser
 from robomend.repairs.dependencies import Dependencies
@@ -262,10 +263,11 @@ class Repairs:
         return await self._store.read(look)
 
     async def repair(self, repair_id: str) -> Json:
-        """Return one repair with its steps."""
-        return await self._store.read(
+        """Return one repair with its steps, and its account."""
+        repair = await self._store.read(
             lambda view: repair_json(repairs.get(view, repair_id), repairs.steps(view, repair_id))
         )
+        return {**repair, "account": account(repair)}
 
     async def approve(self, repair_id: str, *, by: str, reason: str) -> Json:
         """Let a repair that awaits approval run. StateConflict in any other state."""

@@ -1,0 +1,118 @@
+"""Evidence that is odd: of nobody any more, never judged anew, from before the robot, from an older agent."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.repairs.robot import Robot, robot_on, running, service, the_repair
+
+from robomend.robots.batches import Batch
+from robomend.robots.clock import CLOCK
+
+pytestmark = pytest.mark.anyio
+
+S = 10**9
+
+
+class WithAgent(Robot):
+    """Its agent reports with a lifetime, and says that it observes; `since`: what its verdicts rest on."""
+
+    asks = True
+
+    async def report(self) -> None:
+        if self.silent:
+            return
+        if self.asks:
+            await self.repairs.orders(
+                "r1",
+                host=None,
+                wait_s=0.0,
+                agent="onboard",
+                can=[],  # it observes; what is to be done, the robot itself does
+                observes={"ok(scan)": (0.1, 0.1), "ok(map)": (0.1, 0.1)},
+                settled=None,
+            )
+        sentences, now_ns = self.sentences(), CLOCK.now_ns()
+        since = self.since(sentences, now_ns)
+        await self.robots.observe(
+            "r1", Batch(sentences, source="agent", time_ns=now_ns, since=since, lifetime_s=2.0)
+        )
+
+    def since(self, sentences: Sequence[str], now_ns: int) -> Sequence[int | None]:
+        return [now_ns] * len(sentences)
+
+
+async def mended(path: Path, robot_class: type[WithAgent], **changes: Any) -> dict[str, Any]:
+    """Return the repair of a robot whose node `mapping` has ended."""
+    async with service(path) as runtime:
+        async with robot_on(runtime, **changes):
+            pass  # it is configured
+        robot = robot_class(runtime.repairs, runtime.robots)
+        async with running(robot):
+            await robot.settled()
+            robot.running["mapping"] = False
+            repair = await the_repair(runtime)
+    assert robot.done[:1] == ["start_node(mapping)"]
+    return repair
+
+
+async def test_an_observer_that_never_judges_anew_confirms_nothing(tmp_path: Path) -> None:
+    class Never(WithAgent):
+        """What it says of topics rests for ever on what it saw before the node ended."""
+
+        seen_ns = 0
+
+        def sentences(self) -> list[str]:
+            return [one.removeprefix("not ") if "(map)" in one else one for one in super().sentences()]
+
+        def since(self, sentences: Sequence[str], now_ns: int) -> Sequence[int | None]:
+            self.seen_ns = self.seen_ns or now_ns
+            return [self.seen_ns if "(map)" in one else now_ns for one in sentences]
+
+    repair = await mended(tmp_path, Never)
+    assert repair["state"] == "escalated"
+    assert "nobody could confirm ok(map)" in repair["reason"]
+
+
+@pytest.mark.parametrize("before_the_robot", [0, 1, S])
+async def test_evidence_from_before_there_was_a_robot_is_taken_and_confirms_nothing(
+    tmp_path: Path, before_the_robot: int
+) -> None:
+    class Ancient(WithAgent):
+        def since(self, sentences: Sequence[str], now_ns: int) -> Sequence[int | None]:
+            return [before_the_robot if "(map)" in one else now_ns for one in sentences]
+
+    repair = await mended(tmp_path, Ancient)
+    assert repair["state"] == "escalated"
+    assert "ok(map)" in repair["reason"]
+
+
+async def test_a_settle_for_an_agent_that_is_gone_ends_and_the_reason_says_who_is_silent(
+    tmp_path: Path,
+) -> None:
+    class Gone(WithAgent):
+        """It carries out the action, and is never heard of again."""
+
+        def do(self, name: str, parameter: str) -> None:
+            super().do(name, parameter)
+            self.silent = True
+
+    repair = await mended(tmp_path, Gone)
+    assert repair["state"] == "escalated"
+    assert "nobody" in repair["reason"]
+
+
+async def test_an_agent_of_the_version_before_is_believed_after_its_usual_delay(tmp_path: Path) -> None:
+    """It knows neither `since` nor `settle`, nor does it say what it observes."""
+
+    class Before(WithAgent):
+        asks = False
+
+        def since(self, sentences: Sequence[str], now_ns: int) -> Sequence[int | None]:
+            return ()
+
+    repair = await mended(tmp_path, Before, detection_s=0.3)
+    assert repair["state"] == "repaired", repair["reason"]
