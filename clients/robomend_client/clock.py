@@ -24,6 +24,11 @@ class Clock:
         self._read_at = at
         return self._latest_ns
 
+    @property
+    def ahead_ns(self) -> int:
+        """How far it is ahead of the computer's clock, as that went back."""
+        return self.now_ns() - time.time_ns()
+
     def no_earlier_than(self, time_ns: int) -> None:
         """Go on from this time if it is ahead."""
         self._latest_ns = max(self.now_ns(), time_ns)

@@ -3,14 +3,28 @@
 from __future__ import annotations
 
 import time
+from typing import Any
 
 import pytest
 from tests.api.conftest import StartService, bad_sets
 from tests.api.conftest import start as start  # the fixture
+from tests.waiting import until
 
+from robomend.robots.clock import ServiceClock
 from robomend_client.clock import Clock
 
 HOUR_NS = 3600 * 10**9
+DAY_NS = 24 * HOUR_NS
+
+ROOMS = ("clock", "batches", "robot", "diagnosing", "robots", "sight")
+"""Modules of robomend.robots that know the service's clock."""
+
+
+def with_a_clock_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have the services of this process use a new clock, as after a restart."""
+    fresh = ServiceClock()
+    for room in ROOMS:
+        monkeypatch.setattr(f"robomend.robots.{room}.CLOCK", fresh)
 
 
 def set_back(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -46,10 +60,50 @@ def test_what_is_observed_after_the_clock_went_back_counts(
     set_back(monkeypatch)
     service = first
     if restarted:
-        fresh = Clock()
-        for room in ("clock", "batches", "robot", "diagnosing", "robots"):
-            monkeypatch.setattr(f"robomend.robots.{room}.CLOCK", fresh)
+        with_a_clock_of_its_own(monkeypatch)
         service = start()
     answer = service.observe("not ok(scan)", lifetime_s=600.0)
     assert answer.json()["changed"] == ["not ok(scan)"]
     assert bad_sets(service.diagnosis(after=1, wait_s=20)) == [{"hokuyo"}, {"hokuyo_node"}]
+
+
+@pytest.mark.parametrize("restarted", [False, True])
+def test_after_it_was_a_day_ahead_correct_stamps_count_again(
+    start: StartService, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], restarted: bool
+) -> None:
+    real = time.time_ns
+    with monkeypatch.context() as ahead:
+        ahead.setattr(time, "time_ns", lambda: real() + DAY_NS)
+        with_a_clock_of_its_own(monkeypatch)
+        service = start()
+        service.with_robot()
+        service.observe("ok(scan)", "ok(map)")  # without a time: by the service's clock
+    if restarted:
+        with_a_clock_of_its_own(monkeypatch)
+        service = start()
+    now = real()
+    answer = service.observe("not ok(scan)", time=now, since=[now - 10**9], lifetime_s=600.0)
+    assert answer.json()["changed"] == ["not ok(scan)"]
+    assert bad_sets(service.diagnosis(after=1, wait_s=20)) == [{"hokuyo"}, {"hokuyo_node"}]
+    assert service.observe("ok(scan)", time=real()).json()["changed"] == ["ok(scan)"]
+    late = service.observe("not ok(scan)", time=now - 10**9)  # what is older is older still
+    assert late.json()["changed"] == []
+    assert capsys.readouterr().out.count("clock jumped") == 1
+
+
+def test_a_source_that_is_a_day_behind_is_followed_when_that_is_sure(
+    start: StartService, capsys: pytest.CaptureFixture[str]
+) -> None:
+    service = start()
+    service.with_robot()
+    service.observe("not ok(scan)")
+
+    def say(sentence: str) -> list[str]:
+        """Say it as a robot does whose clock is a day behind."""
+        body: dict[str, Any] = {"time": time.time_ns() - DAY_NS, "source": "lidar", "lifetime_s": 600.0}
+        changed: list[str] = service.observe(sentence, **body).json()["changed"]
+        return changed
+
+    until(lambda: say("ok(scan)") == ["ok(scan)"], "its news are never heard")
+    assert say("not ok(scan)") == ["not ok(scan)"]
+    assert capsys.readouterr().out.count("clock jumped") == 1

@@ -50,6 +50,25 @@ class Batch:
     unknown: Sequence[str] = ()  # atoms that are unknown from now on
     settled: int | None = None  # the number of the `settle` that this answers
 
+    def later(self, by_ns: int) -> Batch:
+        """Return it with its times brought to a clock that is so far ahead."""
+        if by_ns == 0 or self.time_ns is None:
+            return self
+        since = [None if time_ns is None else time_ns + by_ns for time_ns in self.since]
+        onset = [None if time_ns is None else time_ns + by_ns for time_ns in self.onset]
+        return Batch(
+            self.observations,
+            self.assertions,
+            self.time_ns + by_ns,
+            self.source,
+            self.lifetime_s,
+            self.together,
+            since,
+            onset,
+            self.unknown,
+            self.settled,
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class Update:
@@ -127,10 +146,13 @@ async def read_batches(
     refused: list[ObservationError] = []
     newest: dict[Atom, Entry] = {}  # of atoms that a batch calls unknown, and of those in batches after it
     forgotten: dict[Atom, None] = {}
-    for batch in batches:
-        at_ns, expires_ns = _times(batch, now_ns)
-        source = batch.source or by
+    for given in batches:
+        source = given.source or by
+        batch = given.later(_set_back_ns(given))
+        at_ns, _ = _times(batch, now_ns)
         rests_on = evidence.of(source, at_ns, now_ns, len(batch.observations), batch.since, batch.onset)
+        batch = batch.later(evidence.clocks.behind_ns(source))
+        at_ns, expires_ns = _times(batch, now_ns)
         for sentence in batch.unknown:
             try:
                 for literal in parse(sentence, vocabulary, unknown=unknown):
@@ -174,6 +196,14 @@ def _refuse(batch: Batch, refused: list[ObservationError], error: ObservationErr
             error.position,
         )
     refused.append(error)
+
+
+def _set_back_ns(batch: Batch) -> int:
+    """Return how far our clock is ahead of that of a batch because the computer's clock went back."""
+    ahead_ns = CLOCK.set_back_ns()
+    if not ahead_ns or batch.time_ns is None or batch.time_ns > CLOCK.now_ns() - ahead_ns + AHEAD_NS:
+        return 0
+    return ahead_ns
 
 
 def _times(batch: Batch, now_ns: int) -> tuple[int, int | None]:

@@ -231,7 +231,7 @@ class Robot:
         self.obs = Obs(obs.entries, assertions)
         newest_ns = max((entry.time_ns for entry in obs.entries), default=0)
         if newest_ns > CLOCK.now_ns() + AHEAD_NS:  # no client's clock may be so far ahead: ours went back
-            CLOCK.no_earlier_than(newest_ns)
+            CLOCK.no_earlier_than(newest_ns + AHEAD_NS)  # what was stamped since and comes now is newer
         self.assertion_records = {assertion.name: assertion for assertion in obs.assertions}
         self._circles.hear(obs.entries)
         self.sight.hear(obs.entries)

@@ -39,7 +39,7 @@ class Sight:
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
-        self._clocks = SourceClocks()
+        self._clocks = SourceClocks(robot.id)
         self._settle = 0  # the latest settle number; by the clock, so that none comes twice after a crash
         self._listed: tuple[tuple[str, ...], Vocabulary, frozenset[Atom]] | None = None
         self.declared = DeclaredAgents()

@@ -5,11 +5,19 @@ needed on its way is all that it is wrong by. A batch that waited on a disk look
 were heard, a stamp in the past is taken as it is: whether a clock is behind or a batch was late, one cannot
 tell, and to take old evidence for young would be the worse mistake. A stamp ahead of us is a clock that is
 ahead.
+
+Where a source is far behind us, the times of its batches are brought to our clock, as OBS is ordered by them.
+So it is too, and at once, where our own clock is ahead of the computer's: it was set back, and goes on from
+where it was (robomend_client.clock), so that correct stamps would count as old. Jumps are told in the log.
 """
 
 from __future__ import annotations
 
 from collections import OrderedDict, deque
+
+import structlog
+
+log = structlog.get_logger("robomend.robots.source_clocks")
 
 LATEST = 16
 """Batches of a source that are looked at."""
@@ -20,16 +28,21 @@ ENOUGH = 4
 SPREAD_NS = 250_000_000
 """… if so many of them needed the same time on their way, within this."""
 
+FAR_NS = 60 * 10**9
+"""So far apart, clocks are no longer taken for equal where observations are ordered."""
+
 MOST_SOURCES = 64
 
 
 class SourceClocks:
     """The sources of one robot."""
 
-    __slots__ = ("_delays",)
+    __slots__ = ("_behind", "_delays", "_robot")
 
-    def __init__(self) -> None:
+    def __init__(self, robot: str = "") -> None:
+        self._robot = robot
         self._delays: OrderedDict[str, deque[int]] = OrderedDict()
+        self._behind: dict[str, int] = {}  # sources that are far behind
 
     def offset_ns(self, source: str, time_ns: int, arrival_ns: int) -> int:
         """Take a batch's stamp and its arrival; return what brings the source's times to our clock."""
@@ -37,11 +50,26 @@ class SourceClocks:
         if delays is None:
             delays = self._delays[source] = deque(maxlen=LATEST)
             while len(self._delays) > MOST_SOURCES:
-                self._delays.popitem(last=False)
+                self._behind.pop(self._delays.popitem(last=False)[0], None)
         delays.append(arrival_ns - time_ns)
         least = min(delays)
         if least > 0:
             alike = sorted(delays)[:ENOUGH]
             if len(alike) < ENOUGH or alike[-1] - least > SPREAD_NS:
                 least = 0
+        self._note(source, least if least > FAR_NS else 0)
         return least
+
+    def behind_ns(self, source: str) -> int:
+        """Return how far a source is behind our clock; 0 where it is not far."""
+        return self._behind.get(source, 0)
+
+    def _note(self, source: str, behind_ns: int) -> None:
+        before = self._behind.get(source, 0)
+        if abs(behind_ns - before) > FAR_NS:
+            seconds = round(behind_ns / 1e9)
+            log.warning("clock jumped", robot=self._robot, source=source, behind_s=seconds)
+        if behind_ns:
+            self._behind[source] = behind_ns
+        elif before:
+            del self._behind[source]
