@@ -28,6 +28,7 @@ from robomend_bench.tables import comparison, markdown
 OTHERS = {
     "service": ("robomend_bench.service.command", "load on a running service"),
     "robots": ("robomend_bench.robots.command", "the robot's side: observers, and an agent under a service"),
+    "batch": ("robomend_bench.batch.command", "logs to diagnoses: rows, messages, workers, memory"),
     "faults": ("robomend_bench.faults.command", "the score: faults planted into simulated robots"),
 }
 """Commands of their own, without suites, engines or questions: module and summary."""
