@@ -12,6 +12,8 @@ from robomend.cli.lazy import LazyGroup, Table
 COMMANDS: Table = {
     "run": ("robomend_batch.run_command:command", "Diagnose logs into a folder of results."),
     "report": ("robomend_batch.report_command:command", "Write results as one HTML file."),
+    "compare": ("robomend_batch.compare_commands:compare", "Group the logs by what they show."),
+    "diff": ("robomend_batch.compare_commands:diff", "Say where two folders of results differ."),
     "query": ("robomend_batch.query_command:command", "Answer SQL over results."),
 }
 

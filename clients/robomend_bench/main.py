@@ -30,6 +30,7 @@ OTHERS = {
     "export": ("robomend_bench.export_command", "a suite's questions as files for other solvers"),
     "service": ("robomend_bench.service.command", "load on a running service"),
     "robots": ("robomend_bench.robots.command", "the robot's side: observers, and an agent under a service"),
+    "batch": ("robomend_bench.batch.command", "logs to diagnoses: rows, messages, workers, memory"),
     "faults": ("robomend_bench.faults.command", "the score: faults planted into simulated robots"),
     "isolability": ("robomend_bench.isolability", "which faults can be told apart, on generated robots"),
 }

@@ -161,3 +161,33 @@ def test_a_log_in_no_order_at_all_is_refused() -> None:
     lines: list[Said] = [(-time * 10 * SECOND, "ok(scan)", None) for time in range(2000)]
     with pytest.raises(LogRefused, match="sort it"):
         list(track.add(rows_of(lines, known)))
+
+
+@pytest.mark.parametrize("cut", [1, 2, 3])
+def test_a_lifetime_that_ends_with_a_block_has_run_out(cut: int) -> None:
+    known, track = words(), Track()
+    lines: list[Said] = [(5, "ok(scan)", 3), (8, "on(jaguar)", None), (9, "on(hokuyo)", None)]
+    rows = rows_of(lines, known)
+
+    def blocks() -> Iterator[Stretch]:
+        yield from track.add(rows.part(0, cut))
+        yield from track.add(rows.part(cut, 3))
+
+    found = held(blocks(), known)
+    assert found == by_obs(lines, known)
+    assert found[8] == {Literal(Atom("on", ("jaguar",)))}
+
+
+def test_a_lifetime_that_ends_with_the_log_has_run_out() -> None:
+    known = words()
+    lines: list[Said] = [(5, "ok(scan)", 3), (8, "on(jaguar)", None)]
+    found = held(Track().add(rows_of(lines, known)), known)
+    assert found[8] == {Literal(Atom("on", ("jaguar",)))}
+
+
+def test_of_equal_times_the_last_row_counts_also_where_others_come_late() -> None:
+    known = words()
+    lines: list[Said] = [(5, "ok(scan)", None), (5, "not ok(scan)", None), (3, "on(jaguar)", None)]
+    found = held(Track().add(rows_of(lines, known)), known)
+    assert found == by_obs(lines, known)
+    assert found[5] == {Literal(Atom("ok", ("scan",)), False), Literal(Atom("on", ("jaguar",)))}

@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 
 from robomend_bench.baselines import BASELINES
+from robomend_bench.batch.command import PARTS as BATCH_PARTS
+from robomend_bench.batch.command import command as batch
 from robomend_bench.contenders import MODES
 from robomend_bench.faults.bench import LATE_S
 from robomend_bench.faults.classes import CLASSES
@@ -41,7 +43,8 @@ def test_every_command_on_the_page_can_be_run(line: str) -> None:
 
 DOCS = Path(__file__).parents[2] / "docs"
 FIGURES = [
-    DOCS / name for name in ("planning.md", "repair.md", "service-figures.md", "score.md", "observers.md")
+    DOCS / name
+    for name in ("batch.md", "planning.md", "repair.md", "service-figures.md", "score.md", "observers.md")
 ]
 SHOWN = sorted(
     {
@@ -69,6 +72,12 @@ def test_every_command_that_measured_the_service_can_be_run(line: str) -> None:
 @pytest.mark.parametrize("line", [line for line in SHOWN if line.split()[0] == "robots"])
 def test_every_command_that_measured_the_robot_s_side_can_be_run(line: str) -> None:
     robots.make_context("robomend-bench robots", shlex.split(line)[1:])
+
+
+@pytest.mark.parametrize("line", [line for line in SHOWN if line.split()[0] == "batch"])
+def test_every_command_that_measured_logs_can_be_run(line: str) -> None:
+    context = batch.make_context("robomend-bench batch", shlex.split(line)[1:])
+    assert set(filter(None, context.params["only"].split(","))) <= set(BATCH_PARTS)
 
 
 @pytest.mark.parametrize("line", [line for line in SHOWN if line.split()[0] == "faults"])

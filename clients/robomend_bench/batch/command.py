@@ -1,0 +1,213 @@
+"""The command `robomend-bench batch`: how fast logs are diagnosed by robomend-batch, start-up included."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import tempfile
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import click
+
+from robomend.errors import BackendError
+from robomend_bench.batch import workload
+from robomend_bench.service.measure import load_of_others
+from robomend_bench.service.process import processors
+
+Row = tuple[str, str, str]
+"""What was measured, what came out, the goal."""
+
+Measured = tuple[dict[str, Any], list[Row]]
+
+COMMAND = [sys.executable, "-c", "from robomend_batch.main import main; main()"]
+READ_ALL = (
+    "import sys; from pathlib import Path; from rosbags.highlevel import AnyReader\n"
+    "with AnyReader([Path(sys.argv[1])]) as reader: print(sum(1 for _ in reader.messages()))"
+)
+RATES = "topics:\n" + "".join(f"  state{n}: {{rate_hz: 100, tolerance_hz: 20}}\n" for n in range(3))
+VALUES = "observers:\n" + "".join(
+    f'  "ok(state{n}_value)": {{kind: property, source: "state{n}:value", high: 1.0e9}}\n' for n in (3, 4)
+)
+
+
+ONCE = ("--workers", "0", "--minimal", "cardinality")
+
+
+class BatchFailed(BackendError):
+    """The command did not end well."""
+
+    code = "batch-failed"
+
+
+def took(line: list[str], clock: str) -> tuple[float, float]:
+    """Run a command; return seconds, of the clock on the wall or of the processor, and megabytes at most."""
+    began = perf_counter()
+    pid = os.posix_spawn(
+        line[0],
+        line,
+        {**os.environ, "POLARS_MAX_THREADS": "1"},
+        file_actions=[(os.POSIX_SPAWN_OPEN, fd, os.devnull, os.O_WRONLY, 0) for fd in (1, 2)],
+    )
+    _, status, used = os.wait4(pid, 0)
+    code = os.waitstatus_to_exitcode(status)
+    if code:
+        raise BatchFailed(f"{' '.join(line[3:])} ended with {code}")
+    spent = used.ru_utime + used.ru_stime if clock == "cpu" else perf_counter() - began
+    return spent, used.ru_maxrss / 1024
+
+
+def batch(clock: str, folder: Path, model: Path, logs: list[Path], *more: str) -> tuple[float, float]:
+    """Run robomend-batch over logs; return seconds and megabytes at most."""
+    out = tempfile.mkdtemp(dir=folder)
+    line = [*COMMAND, "run", *map(str, logs), "-m", str(model), "-o", out, "--quiet", *more]
+    return took(line, clock)
+
+
+def median(measure: Callable[[], tuple[float, float]], repeats: int) -> tuple[float, float]:
+    """Return the median of the times, and the most memory."""
+    found = [measure() for _ in range(repeats)]
+    return sorted(seconds for seconds, _ in found)[repeats // 2], max(megabytes for _, megabytes in found)
+
+
+def _literals(wish: dict[str, Any], folder: Path) -> Measured:
+    model = folder / "model.yaml"
+    atoms = workload.write_model(model, wish["seed"])
+    found, rows = {}, []
+    count = wish["rows"]
+    for share, goal in ((0.001, "2 M; stretch 4 M"), (0.01, "500,000; stretch 1 M")):
+        log = folder / "states.parquet"
+        workload.write_states(log, atoms, count, max(1, round(count * share)), wish["seed"])
+        seconds, megabytes = median(
+            partial(batch, wish["clock"], folder, model, [log], *ONCE), wish["repeats"]
+        )
+        found[f"{share:.1%}"] = {"rows_s": round(count / seconds), "mb": round(megabytes)}
+        what = f"Parquet, 50 components, 20 sensors, {count:,} rows, {share:.1%} distinct, rows/s"
+        rows.append((what, f"{count / seconds:,.0f} ({megabytes:.0f} MB)", goal))
+    return found, rows
+
+
+def _distinct(wish: dict[str, Any], folder: Path) -> Measured:
+    model = folder / "model.yaml"
+    atoms = workload.write_model(model, wish["seed"])
+    count = min(wish["rows"] // 100, 100_000)
+    log = folder / "distinct.parquet"
+    workload.write_states(log, atoms, count, count, wish["seed"])
+    seconds, megabytes = median(
+        partial(batch, wish["clock"], folder, model, [log], *ONCE, "--limit", "0"), wish["repeats"]
+    )
+    what = f"{count:,} rows all distinct, each with all its diagnoses, rows/s"
+    shown = f"{count / seconds:,.0f} ({megabytes:.0f} MB)"
+    return {"rows_s": round(count / seconds)}, [(what, shown, "8,000; stretch 20,000")]
+
+
+def _recording(wish: dict[str, Any], folder: Path) -> Measured:
+    model, rates, both = (folder / name for name in ("robot.yaml", "rates.yaml", "both.yaml"))
+    nodes = "".join(f"  node{n}: {{publishes: {{state{n}: []}}}}\n" for n in range(5))
+    properties = "properties: {state3_value: {}, state4_value: {}}\n"
+    model.write_text(f"robomend: 1\nname: r\nnodes:\n{nodes}{properties}")
+    rates.write_text(RATES)
+    both.write_text(RATES + VALUES)
+    log, small = folder / "log.mcap", folder / "small.mcap"
+    count = workload.write_recording(log, wish["megabytes"])
+    workload.write_recording(small, 1)
+    clock, repeats = wish["clock"], wish["repeats"]
+
+    def with_observers(file: Path, observers: Path) -> tuple[float, float]:
+        more = ("--workers", "0", "--observers", str(observers))
+        return median(partial(batch, clock, folder, model, [file], *more), repeats)
+
+    start_s, _ = with_observers(small, rates)
+    index_s, _ = with_observers(log, rates)
+    both_s, megabytes = with_observers(log, both)
+    raw = [sys.executable, "-c", READ_ALL, str(log)]
+    raw_s, _ = median(partial(took, raw, clock), repeats)
+    size = f".mcap of {wish['megabytes']:,} MB, {count:,} messages"
+    share = raw_s / both_s
+    found = {"start_s": start_s, "index_s": index_s - start_s, "share": share, "mb": round(megabytes)}
+    shown = f"{share:.0%}: {both_s:.2f} s, rosbags {raw_s:.2f} s; {megabytes:.0f} MB"
+    index = f"{index_s - start_s:.2f} s (start-up {start_s:.2f} s)"
+    against = "3 rate and 2 value observers, same file, against rosbags reading all of it"
+    return found, [
+        (f"rate and silence of 3 topics, {size}", index, "1 s; 0.3 s"),
+        (against, shown, "80 %, 300 MB; 120 %"),
+    ]
+
+
+def _workers(wish: dict[str, Any], folder: Path) -> Measured:
+    model = folder / "model.yaml"
+    atoms = workload.write_model(model, wish["seed"])
+    logs = [folder / f"part{number}.parquet" for number in range(8)]
+    for number, log in enumerate(logs):
+        count = wish["rows"] // 4
+        workload.write_states(log, atoms, count, max(1, count // 100), wish["seed"] + number)
+    found = {}
+    for workers in ("1", "2"):
+        measured = partial(batch, "wall", folder, model, logs, "--workers", workers)
+        found[workers], _ = median(measured, wish["repeats"])
+    ratio = found["1"] / found["2"]
+    shown = f"{ratio:.2f}× ({found['1']:.1f} s, {found['2']:.1f} s)"
+    return {"ratio": ratio}, [("two workers against one, 8 logs", shown, "1.7×; 1.9×")]
+
+
+def _memory(wish: dict[str, Any], folder: Path) -> Measured:
+    model = folder / "model.yaml"
+    atoms = workload.write_model(model, wish["seed"])
+    found = {}
+    for count in (wish["rows"] // 10, wish["rows"], 3 * wish["rows"]):
+        log = folder / "long.parquet"
+        workload.write_states(log, atoms, count, 1000, wish["seed"])
+        _, found[f"{count:,}"] = batch("wall", folder, model, [log], "--workers", "0")
+    shown = "; ".join(f"{count} rows {megabytes:.0f} MB" for count, megabytes in found.items())
+    return found, [("memory, one log", shown, "flat, under 500 MB")]
+
+
+PARTS: dict[str, Callable[[dict[str, Any], Path], Measured]] = {
+    "literals": _literals,
+    "distinct": _distinct,
+    "recording": _recording,
+    "workers": _workers,
+    "memory": _memory,
+}
+
+
+@click.command("batch", context_settings={"help_option_names": ["-h", "--help"]})
+@click.option("--only", default="", help=f"Parts, comma-separated: {','.join(PARTS)}.")
+@click.option(
+    "--rows", type=click.IntRange(100), default=10_000_000, show_default=True, help="Of a log of literals."
+)
+@click.option("--megabytes", type=click.IntRange(1), default=1000, show_default=True, help="Of a recording.")
+@click.option("--repeats", type=click.IntRange(1, 100), default=3, show_default=True)
+@click.option(
+    "--clock", type=click.Choice(["wall", "cpu"]), default="wall", help="cpu: for a machine that others use."
+)
+@click.option("--seed", type=int, default=1, show_default=True)
+@click.option("--format", "output", type=click.Choice(["markdown", "json"]), default="markdown")
+def command(only: str, output: str, **wish: Any) -> None:
+    """Measure how fast logs are diagnosed: each figure is a run of robomend-batch, start-up included.
+
+    \b
+    robomend-bench batch
+    robomend-bench batch --only literals,distinct --repeats 5
+    robomend-bench batch --only recording --megabytes 200 --format json
+    """
+    results: dict[str, dict[str, Any]] = {}
+    rows: list[Row] = []
+    for part in tuple(filter(None, only.split(","))) or tuple(PARTS):
+        if part not in PARTS:
+            raise click.BadParameter(f"{part!r} is none of {', '.join(PARTS)}", param_hint="--only")
+        click.echo(f"measuring: {part}", err=True)
+        with tempfile.TemporaryDirectory(prefix="robomend-bench-") as folder:
+            results[part], more = PARTS[part](wish, Path(folder))
+        rows += more
+    if output == "json":
+        click.echo(json.dumps(results, indent=1))
+        return
+    click.echo(f"{wish['clock']} clock, {processors()} cores, load {load_of_others():.1f}\n")
+    click.echo("| what | measured | goal |\n|---|---|---|")
+    for what, measured, goal in rows:
+        click.echo(f"| {what} | {measured} | {goal} |")
