@@ -332,3 +332,9 @@ def bad_of(system: System, seen: list[Literal]) -> list[tuple[str, ...]]:
         return [diagnosis.bad for diagnosis in engine.diagnose(seen).diagnoses]
     finally:
         engine.close()
+
+
+def test_an_assertion_is_what_it_says_not_what_it_took_to_read() -> None:
+    one, other = (Assertion("a", "ok(p)", Leaf(holds("ok", "p")), steps) for steps in (1, 2))
+    assert one == other
+    assert hash(one) == hash(other)
