@@ -17,6 +17,7 @@ import tempfile
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -29,13 +30,13 @@ NODE = Path(__file__).parent / "ros1_node.py"
 PACKAGES = [
     *("python3-rospy", "python3-rosmaster", "python3-actionlib", "python3-rosbag", "python3-genpy"),
     *("python3-std-msgs", "python3-diagnostic-msgs", "python3-geometry-msgs"),
-    "libdiagnostic-aggregator-tools",
 ]
 
 UP = "import rospy, rosmaster.master, actionlib, rosbag, genpy.dynamic, diagnostic_msgs, geometry_msgs"
 WAIT_S = 60.0
 
 
+@lru_cache(maxsize=1)
 def ros1() -> None:
     """Install what is missing, if we may; skip the test, or fail it in CI, where that is impossible."""
     if _is_there():

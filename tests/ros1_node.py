@@ -77,6 +77,9 @@ class Node:
     def nothing(self, line: dict[str, Any]) -> None:
         pass
 
+    def warn(self, line: dict[str, Any]) -> None:
+        rospy.logwarn("as asked")
+
     def publish(self, line: dict[str, Any]) -> None:
         talker = self.talkers[line["topic"]] = Talker(line)
         if not talker.rate and "value" in line:

@@ -8,8 +8,10 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from tests.ros1 import ros1
 
 from robomend_bench.robots import live, streams
+from robomend_bench.robots import ros1 as bench_ros1
 from robomend_bench.robots.command import PARTS, command
 from robomend_client.observers import GeneralObserver, Rate
 
@@ -17,15 +19,37 @@ SMALL = ("--samples", "1000", "--repeats", "1", "--messages", "1000", "--nodes",
 
 
 def test_every_part_gives_its_figures() -> None:
-    done = CliRunner().invoke(command, [*SMALL, "--format", "json"], catch_exceptions=False)
+    ours = [part for part in PARTS if part != "ros1"]
+    small = [*SMALL, "--only", ",".join(ours), "--format", "json"]
+    done = CliRunner().invoke(command, small, catch_exceptions=False)
     found = json.loads(done.stdout)
-    assert found.keys() == PARTS.keys()
+    assert list(found) == ours
     assert all(speed["median"] > 0 for speed in found["speed"].values())
     assert 0.35 <= found["silence"]["median_s"] <= found["silence"]["max_s"]
     assert found["alarms"] == {"alarms": 0, "messages": 1000}
     assert found["live"]["killed"]["count"] == found["live"]["silent"]["count"] == 2
     assert found["live"]["silent"]["median_s"] >= 0.35
     assert found["live"]["alone_mb"] > 10
+
+
+@pytest.mark.timeout(300)
+def test_a_real_ros_1_robot_gives_its_figures(long: bool) -> None:
+    if not long:
+        pytest.skip("a service, a robot and two agents that wait for their own time-outs: --long runs it")
+    ros1()
+    small = ["--only", "ros1", "--nodes", "1", "--seconds", "0.5", "--format", "json"]
+    found = json.loads(CliRunner().invoke(command, small, catch_exceptions=False).stdout)["ros1"]
+    assert found["killed"]["count"] == found["frozen"]["count"] == found["silent"]["count"] == 1
+    assert found["silent"]["median_s"] >= 0.35
+    assert found["frozen"]["median_s"] > 1.0  # the time-out of a question
+    assert 10 < found["raw_mb"] < found["fields_mb"]  # rosbags is loaded when a field is read
+    assert found["raw_core"] > 0
+
+
+def test_without_ros_1_nothing_is_measured_and_that_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bench_ros1, "PYTHON", "/bin/false")
+    done = CliRunner().invoke(command, ["--only", "ros1"], catch_exceptions=False)
+    assert "| ROS 1 | not measured: no rospy" in done.stdout
 
 
 def test_an_unknown_part_is_refused() -> None:

@@ -40,8 +40,8 @@ talking = {t: rospy.Publisher(t, Float64, queue_size=10) for t in sys.argv[2].sp
 def talk():
     rate = rospy.Rate(10)
     while True:
-        for topic in tuple(talking):
-            talking[topic].publish(1.0)
+        for publisher in tuple(talking.values()):
+            publisher.publish(1.0)
         rate.sleep()
 threading.Thread(target=talk, daemon=True).start()
 print("up", flush=True)
@@ -131,7 +131,8 @@ class Ros1Rig(Rig):
             self._processes[node].send_signal(signal.SIGSTOP)
             found.append((self.told({f"running({node})": False}) - began_ns) / 1e9)
             self._processes[node].send_signal(signal.SIGCONT)
-            self.told({f"running({node})": True})
+            talk_again = {f"ok({topic})": True for topic in self._topics[node]}
+            self.told({f"running({node})": True, **talk_again})
         return sorted(found)
 
     def hushed_s(self, seed: int) -> list[float]:

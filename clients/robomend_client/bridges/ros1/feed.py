@@ -37,6 +37,9 @@ NODES, DIAGNOSTICS, BOARD = "nodes", "diagnostics", "board"
 WHOLE = {DIAGNOSTICS: ("diagnostics", "status"), BOARD: ("board_measurments", "channel")}
 """Of these the topic, and the field that observers get."""
 
+ALL_DIAGNOSTICS = "/diagnostics"
+"""In any namespace: the aggregator knows none."""
+
 NAME = re.compile(r"/?[A-Za-z][A-Za-z0-9_/]*\Z")
 MASTER_URI = "http://localhost:11311/"
 
@@ -45,10 +48,9 @@ class Ros1:
     """The feed `ros1`."""
 
     def __init__(self, section: Section, base: Path, sources: frozenset[str]) -> None:
-        name = section.optional("name")
-        if name is not None and not NAME.match(name):
-            raise section.error("name", f"must be of letters, digits, _ and /, not {name!r}")
-        self.name = name
+        self.name = section.optional("name")
+        if self.name is not None and not NAME.match(self.name):
+            raise section.error("name", f"must be of letters, digits, _ and /, not {self.name!r}")
         self.master_uri = section.text("master", os.environ.get("ROS_MASTER_URI") or MASTER_URI)
         try:
             address_of(self.master_uri)
@@ -80,7 +82,8 @@ class Ros1:
             topic, field = split(source)
             if source in WHOLE:
                 topic, field = WHOLE[source]
-            self._topics.setdefault(self.names.ros(topic), []).append((source, field))
+            name = ALL_DIAGNOSTICS if source == DIAGNOSTICS else self.names.ros(topic)
+            self._topics.setdefault(name, []).append((source, field))
         self._watches_nodes = NODES in sources
 
     def attach(self, parts: AgentParts) -> None:
@@ -116,7 +119,7 @@ class Ros1:
         """Return what else there is to do as a part of an agent."""
         topics = {name: self.names.ros(name) for name in self.publishes}
         if "diagnostics" in topics:
-            topics["diagnostics"] = "/diagnostics"  # the aggregator knows no namespace
+            topics["diagnostics"] = ALL_DIAGNOSTICS
         self._telling = Telling(node, parts, topics)
         work = [self._telling.run()]
         for name in self.serves:

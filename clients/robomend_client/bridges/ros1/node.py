@@ -53,13 +53,19 @@ class RosNode:
     def subscribe(
         self, topic: str, on_message: OnMessage, keep: bool = False, on_link: OnLink | None = None
     ) -> Subscription:
-        """Listen to a topic, from the next registration on; each topic once."""
+        """Listen to a topic, from the next registration on; of several who do, each gets its messages."""
+        if (known := self._subscriptions.get(topic)) is not None:
+            known.add(on_message, keep, on_link)
+            return known
         found = Subscription(topic, self.name, on_message, self.problems, keep, on_link)
         self._subscriptions[topic] = found
         return found
 
     def publish(self, topic: str, type_name: str, describe: Describe, latched: bool = False) -> Publication:
         """Offer a topic, from the next registration on."""
+        known = self._publications.get(topic)
+        if known is not None and known.type_name == type_name:
+            return known
         found = Publication(topic, self.name, type_name, describe, latched)
         self._publications[topic] = found
         return found

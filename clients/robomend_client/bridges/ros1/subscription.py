@@ -79,12 +79,20 @@ class Subscription:
         self.type = ""
         self._md5 = ""
         self._node = node
-        self._on_message = on_message
-        self._on_link = on_link
+        self._on_message: list[OnMessage] = []
+        self._on_link: list[OnLink] = []
         self._problems = problems
-        self._keep = keep
+        self._keep = False
+        self.add(on_message, keep, on_link)
         self._wanted: frozenset[str] = frozenset()
         self._links: dict[str, asyncio.Task[None]] = {}
+
+    def add(self, on_message: OnMessage, keep: bool, on_link: OnLink | None) -> None:
+        """Somebody else wants the topic, too: before the first connection."""
+        self._on_message.append(on_message)
+        self._keep = self._keep or keep
+        if on_link is not None:
+            self._on_link.append(on_link)
 
     def publishers(self, uris: Iterable[str]) -> None:
         """The topic has these publishers now."""
@@ -184,13 +192,13 @@ class Subscription:
             )
         self.type, self._md5 = publisher.type, publisher.md5
         self._problems.over(f"the publisher at {stream.uri}")
-        if self._on_link is not None:
-            self._on_link(publisher, True)
+        for on_link in self._on_link:
+            on_link(publisher, True)
         return publisher
 
     def lost(self, publisher: Publisher) -> None:
-        if self._on_link is not None:
-            self._on_link(publisher, False)
+        for on_link in self._on_link:
+            on_link(publisher, False)
 
 
 class _Stream(asyncio.Protocol):
@@ -231,7 +239,8 @@ class _Stream(asyncio.Protocol):
         if self._publisher is not None:
             self.messages += len(messages)
             for message in messages:
-                self._subscription._on_message(self._publisher, message)
+                for on_message in self._subscription._on_message:
+                    on_message(self._publisher, message)
 
     def connection_lost(self, error: Exception | None) -> None:
         self._set(self.greeted)

@@ -83,6 +83,7 @@ def test_the_robots_own_action_servers_carry_out_what_the_plan_asks_for(
     either = {"arm": ["left", "right"]}
     actions = {
         "calibrate": {"kind": "ros_action", "server": "/arm/calibrate", "parameters": either},
+        "recalibrate": {"kind": "ros_action", "server": "/arm/calibrate", "parameters": either},
         "refuse": {"kind": "ros_action", "server": "/arm/refuse", "parameters": either},
         "slow": {"kind": "ros_action", "server": "/arm/slow", "parameters": either, "gives_up": True},
         "absent": {"kind": "ros_action", "server": "/arm/absent", "parameters": either},
@@ -91,6 +92,7 @@ def test_the_robots_own_action_servers_carry_out_what_the_plan_asks_for(
         done = service.do("r:1", "calibrate", "left", timeout_s=60)
         assert done["code"] == 0, done
         assert [line["value"] for line in server.heard] == [["left"]]
+        assert service.do("r:7", "recalibrate", "right", timeout_s=60)["code"] == 0  # of the same server
         assert service.do("r:2", "refuse", "left", timeout_s=60)["code"] == 7
         assert service.do("r:3", "calibrate", "up", timeout_s=60)["code"] == 2  # no parameter of the list
         absent = service.do("r:4", "absent", "left", timeout_s=60)

@@ -47,10 +47,13 @@ def test_a_node_that_ends_in_order_stops_and_one_that_stops_publishing_does_not(
     stays.do("publish", topic="/scan", type="std_msgs/String", rate=20)
 
     async def test() -> None:
-        async with hearing(tmp_path, ros.master.uri, "nodes", "scan") as heard:
+        # /rosout is the bridge's own business, and an observer's
+        async with hearing(tmp_path, ros.master.uri, "nodes", "scan", "rosout") as heard:
             await becomes(heard, "ends", True)
             await becomes(heard, "stays", True)
             await heard.more("scan")
+            await asyncio.to_thread(stays.do, "warn")
+            await eventually(lambda: heard.count("rosout"), "a message of /rosout", 60)
             await asyncio.to_thread(stays.do, "unpublish", topic="/scan")
             await asyncio.to_thread(ends.do, "leave")
             await becomes(heard, "ends", False)
