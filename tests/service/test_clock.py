@@ -104,6 +104,6 @@ def test_a_source_that_is_a_day_behind_is_followed_when_that_is_sure(
         changed: list[str] = service.observe(sentence, **body).json()["changed"]
         return changed
 
-    until(lambda: say("ok(scan)") == ["ok(scan)"], "its news are never heard")
+    until(lambda: say("ok(scan)") == ["ok(scan)"], "its news are never heard", 60.0)
     assert say("not ok(scan)") == ["not ok(scan)"]
     assert capsys.readouterr().out.count("clock jumped") == 1
