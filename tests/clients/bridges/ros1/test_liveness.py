@@ -40,6 +40,20 @@ def test_a_killed_node_stops_and_a_frozen_one_too_until_it_goes_on(ros: Robot, t
     asyncio.run(test())
 
 
+def test_a_killed_node_is_found_by_its_connection_before_it_would_be_asked(
+    ros: Robot, tmp_path: Path
+) -> None:
+    killed = ros.node("killed")
+
+    async def test() -> None:
+        async with hearing(tmp_path, ros.master.uri, "nodes", more="ping_s: 60") as heard:
+            await becomes(heard, "killed", True)
+            killed.kill()
+            await eventually(lambda: heard.last("nodes")["killed"] is False, "that it is gone", 40)
+
+    asyncio.run(test())
+
+
 def test_a_node_that_ends_in_order_stops_and_one_that_stops_publishing_does_not(
     ros: Robot, tmp_path: Path
 ) -> None:
