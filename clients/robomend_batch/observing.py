@@ -40,7 +40,7 @@ def load_observers(file: Path) -> Observing:
         if not any(name in top for name in SECTIONS):
             tree = read_tree(file.read_text("utf-8-sig"), aliases=True)
             top = Section(Mapping({"observers": tree}, 1), str(file), "")
-        specs = (*read_topics(top), *read_observers(top, file.resolve().parent))
+        specs = (*(topic.observer for topic in read_topics(top)), *read_observers(top, file.resolve().parent))
         lenient = read_lenient(top)
     except ConfigError as error:
         raise InputError(str(error)) from error

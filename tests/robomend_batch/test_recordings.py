@@ -104,7 +104,7 @@ def test_what_a_robot_said_live_is_what_the_batch_of_its_recordings_says(
     """The agent's driver, live and with its recording on; then its recording, its literals, and a bag."""
     model, observers = rover
     top = read(observers)
-    specs = (*read_topics(top), *read_observers(top, tmp_path))
+    specs = (*(topic.observer for topic in read_topics(top)), *read_observers(top, tmp_path))
     samples = sorted(drive(), key=lambda sample: sample[0])
     written = Recording(tmp_path / "run.jsonl", EPOCH_NS, 1 << 20)
     driver = Driver([spec.make() for spec in specs], EPOCH_NS, lenient=read_lenient(top), listener=written)

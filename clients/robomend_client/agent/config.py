@@ -35,10 +35,9 @@ from __future__ import annotations
 import os
 import re
 import socket
-from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 from urllib.parse import urlsplit
 
 from robomend_client.agent.executors.kinds import ActionSpec, read_actions
@@ -46,9 +45,14 @@ from robomend_client.agent.feeds import BUS, EXTRAS, BrokenFeed, Feed, UnknownFe
 from robomend_client.agent.usage import Usage
 from robomend_client.bus import parse_address
 from robomend_client.literals import Atom
-from robomend_client.observers import PROCESSES, GeneralObserver, NodeObserver, Rate
-from robomend_client.observers.kinds import FIRST_S, ObserverSpec, observer_spec, read_lenient, read_observers
-from robomend_client.observers.parameters import read_dataclass
+from robomend_client.observers import PROCESSES, NodeObserver, Rate
+from robomend_client.observers.kinds import (
+    ObserverSpec,
+    observer_spec,
+    read_lenient,
+    read_observers,
+    read_topics,
+)
 from robomend_client.yaml_reader import Section, read
 
 
@@ -147,17 +151,8 @@ def load(file: Path) -> AgentConfig:
     report.finish()
 
     keep = top.choice("when_agent_ends", ("stop", "keep"), "stop") == "keep"
-    shared = top.section("rate")
-    common = _rate(shared, {})
-    origin = shared.text("from", BUS)
-    shared.finish()
-    topics = []
-    rates = []
-    for name, section in top.sections("topics"):
-        topic = name.removeprefix("/")
-        topics.append((topic, _rate(section, asdict(common))))
-        rates.append(_general(*topics[-1], section.text("from", origin)))
-        section.finish()
+    topics = read_topics(top)
+    rates = tuple(topic.observer for topic in topics)
     lenient = read_lenient(top)
     processes = tuple(_process(name, section, base, keep) for name, section in top.sections("processes"))
     given = read_observers(top, base)
@@ -183,7 +178,7 @@ def load(file: Path) -> AgentConfig:
         lifetime_s=lifetime_s,
         buffer_bytes=buffer_bytes,
         keep_processes=keep,
-        topics=tuple(topics),
+        topics=tuple((topic.name, topic.rate) for topic in topics),
         observers=observers,
         lenient=lenient,
         feeds=feeds,
@@ -231,19 +226,6 @@ def _bus(section: Section, state_dir: Path) -> tuple[str, bool]:
         raise section.error(key, str(error)) from error
     section.finish()
     return address, joins
-
-
-def _rate(section: Section, common: Mapping[str, Any]) -> Rate:
-    """Return what is expected of a topic; what its section does not say is as for all of them."""
-    preset = section.choice("preset", ("none", *Rate.PRESETS), "none")
-    rate = read_dataclass(section, Rate, {**common, **Rate.PRESETS.get(preset, {})})
-    assert isinstance(rate, Rate)
-    return rate
-
-
-def _general(topic: str, rate: Rate, origin: str) -> ObserverSpec:
-    rate = replace(rate, first_s=FIRST_S) if rate.first_s is None else rate
-    return observer_spec(topic, "general", origin, lambda: GeneralObserver(topic, rate))
 
 
 def _nodes(names: tuple[str, ...]) -> ObserverSpec:

@@ -83,21 +83,38 @@ def read_observers(top: Section, base: Path) -> tuple[ObserverSpec, ...]:
     return tuple(_read_observer(name, section, base) for name, section in top.sections("observers"))
 
 
-def read_topics(top: Section) -> tuple[ObserverSpec, ...]:
-    """Return the general observers of the sections `topics:` and `rate:` of an agent's file, for logs."""
+@dataclass(frozen=True)
+class TopicSpec:
+    """A topic of the section `topics:`, with its general observer."""
+
+    name: str
+    rate: Rate
+    observer: ObserverSpec
+
+
+def read_topics(top: Section) -> tuple[TopicSpec, ...]:
+    """Return the topics of an agent's file; what `topics:` does not say of one is in `rate:`.
+
+    Raises:
+        ConfigError: with file, line and key.
+    """
     shared = top.section("rate")
     common = asdict(_read_rate(shared, {}))
+    origin = shared.text("from", BUS)
+    shared.finish()
     found = []
     for name, section in top.sections("topics"):
         topic, rate = name.removeprefix("/"), _read_rate(section, common)
-        rate = replace(rate, first_s=FIRST_S) if rate.first_s is None else rate
-        make = partial(GeneralObserver, topic, rate)
-        found.append(observer_spec(topic, "general", section.text("from", BUS), make))
+        judged = replace(rate, first_s=FIRST_S) if rate.first_s is None else rate
+        make = partial(GeneralObserver, topic, judged)
+        spec = observer_spec(topic, "general", section.text("from", origin), make)
+        found.append(TopicSpec(topic, rate, spec))
         section.finish()
     return tuple(found)
 
 
 def _read_rate(section: Section, common: Mapping[str, Any]) -> Rate:
+    """Return what is expected of a topic; what its section does not say is as for all of them."""
     preset = section.choice("preset", ("none", *Rate.PRESETS), "none")
     rate = read_dataclass(section, Rate, {**common, **Rate.PRESETS.get(preset, {})})
     assert isinstance(rate, Rate)
