@@ -47,6 +47,11 @@ class Step:
     in_body: bool = False  # the reason
     headers: dict[str, str] = field(default_factory=dict)
 
+    @property
+    def form(self) -> bool:
+        """Whether it is a form of the page."""
+        return self.rule[1].startswith("/ui/")
+
 
 ANY = {"If-Match": "*"}
 PLACES = {"name": "tedusar", "robot": "r1", "channel": "3", "component": "jaguar", "assertion": "hint"}
@@ -59,7 +64,10 @@ def rule(method: str, path: str) -> tuple[str, str]:
 STEPS = (
     Step(rule("POST", "/session"), "session.begin", reason=""),
     Step(rule("DELETE", "/session"), "session.end", reason=""),
+    Step(("POST", "/ui/sign-in"), "session.begin", reason=""),
+    Step(("POST", "/ui/sign-out"), "session.end", body={}, reason=""),
     Step(rule("PUT", "/models/{name}"), "model.put", body={"source": TEDUSAR}),
+    Step(("POST", "/ui/models"), "model.put", body={"name": "formed", "source": TEDUSAR}, in_body=True),
     Step(
         rule("PUT", "/robots/{robot}"),
         "robot.put",
@@ -79,6 +87,13 @@ STEPS = (
         reason="",
     ),
     Step(
+        ("POST", "/ui/robots/{robot}/observations"),
+        "observations.report",
+        Role.ADMIN,  # a key is told of once a minute
+        {"observation": "ok(odom)"},
+        reason="",
+    ),
+    Step(
         rule("POST", "/robots/{robot}/observations"),
         "assertion.put",
         Role.ROBOT,
@@ -90,10 +105,19 @@ STEPS = (
     Step(rule("POST", "/actions/{action}/result"), "action.reported", Role.ADMIN, {"code": 0}, reason=""),
     Step(rule("POST", "/robots/{robot}/repairs"), "repair.create", body={}, in_body=True),
     Step(rule("POST", "/repairs/{repair}"), "repair.cancel", body={"decision": "cancel"}, in_body=True),
+    Step(("POST", "/ui/robots/{robot}/repairs"), "repair.create", body={}, in_body=True),
+    Step(("POST", "/ui/repairs/{repair}"), "repair.cancel", body={"decision": "cancel"}, in_body=True),
     Step(
         rule("PUT", "/robots/{robot}/board/channels/{channel}"),
         "channel.off",
         body={"on": False},
+        in_body=True,
+    ),
+    Step(
+        ("POST", "/ui/robots/{robot}/board/{channel}"),
+        "channel.off",
+        Role.ADMIN,
+        body={"on": "no"},
         in_body=True,
     ),
     Step(
@@ -102,8 +126,16 @@ STEPS = (
         body={},
         in_body=True,
     ),
+    Step(
+        ("POST", "/ui/robots/{robot}/release"),
+        "quarantine.release",
+        body={"component": "jaguar"},
+        in_body=True,
+    ),
     Step(rule("POST", "/stop"), "stop.set", body={}, in_body=True),
     Step(rule("DELETE", "/stop"), "stop.lifted"),
+    Step(("POST", "/ui/stop"), "stop.set", body={}, in_body=True),
+    Step(("POST", "/ui/stop"), "stop.lifted", body={"active": "no"}, in_body=True),
     Step(rule("DELETE", "/robots/{robot}"), "robot.delete", headers=ANY),
     Step(rule("DELETE", "/models/{name}"), "model.delete", headers=ANY),
 )
@@ -147,27 +179,43 @@ class Walk:
             until(lambda: "r1" in ownership.held, "nobody owns r1")
             entry = Quarantine("r1", "jaguar", "three failures", 3, 1, None)
             self._write(lambda tx: attempts.put_quarantine(tx, entry, fence=ownership.held["r1"]))
-        elif step.said == "robot.delete":
+        elif step.said == "robot.delete" or step.rule == ("POST", "/ui/robots/{robot}/repairs"):
             until(self._no_repair_is_open, "a repair is open")
 
     def take(self, step: Step) -> None:
         """Make the request."""
         method, template = step.rule
-        if template.endswith("/session") and method == "POST":
+        if template in {f"{API}/session", "/ui/sign-in"} and method == "POST":
+            if step.form:
+                form = {"key": self.keys[step.role]}
+                answer = self.service.http.post(template, data=form, headers={"Origin": self.service.url})
+                assert answer.status_code == 303
+                self.service.http.cookies.clear()
+                self.cookie = answer.headers["set-cookie"].partition(";")[0]
+                return
             self.cookie = sign_in(self.service, self.keys[step.role]).headers["set-cookie"].partition(";")[0]
             return
         head = {"Authorization": f"Bearer {self.keys[step.role]}", **step.headers}
-        if template.endswith("/session"):
+        if template in {f"{API}/session", "/ui/sign-out"}:
             assert self.cookie is not None
             head = {"Cookie": self.cookie, "Origin": self.service.url}
         params = {"reason": step.reason} if step.reason and not step.in_body else {}
         body = {**step.body, "reason": step.reason} if step.in_body else step.body
         path = template.format(**self.places)
-        answer = self.service.http.request(method, path, headers=head, params=params, json=body)
+        sent: dict[str, Any] = {"data": body} if step.form else {"json": body}
+        if step.rule == ("POST", "/ui/sign-out"):
+            head["Content-Type"] = "application/x-www-form-urlencoded"  # of an empty body
+        answer = self.service.http.request(method, path, headers=head, params=params, **sent)
         if step.said != "channel.off":  # nobody is there to switch it
-            assert answer.is_success, answer.text
+            assert answer.status_code < 400, answer.text
         if step.said == "repair.create":
-            self.places["repair"] = answer.json()["id"]
+            self.places["repair"] = self.newest_repair()
+
+    def newest_repair(self) -> str:
+        """Return the id of the repair that was asked for last."""
+        head = {"Authorization": f"Bearer {self.keys[Role.ADMIN]}"}
+        items = self.service.api("GET", "/robots/r1/repairs", headers=head).json()["items"]
+        return str(items[0]["id"])
 
     def _write(self, change: Callable[[Transaction], object]) -> None:
         self.service.run(self.service.runtime.store.write(change))
