@@ -88,6 +88,11 @@ OTHER_WORDS = {
     ("repairs/left_off.py", "running"),  # the predicate
     ("repairs/remembering.py", "repaired"),  # a key of an attempt: the components that were
     ("repairs/signals.py", "cancelled"),  # the reason of a cancellation that gives none
+    ("web/fleet.py", "waiting"),  # for a person: a filter of the list
+    ("web/words.py", "planning"),  # the states' names for people
+    ("web/words.py", "running"),
+    ("web/words.py", "cancelled"),
+    ("web/words.py", "failed"),
 }
 """The same words where they are no state of these."""
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import os
 import shlex
 import sys
-import time
 from pathlib import Path
 
 import pytest
+from tests.waiting import until
 
 from robomend.errors import OptionRefused
 from robomend_bench.external import prepare_external, read_external
@@ -97,11 +97,7 @@ def test_who_is_late_is_ended_with_all_that_they_started(tmp_path: Path) -> None
         assert timeout_s < 100
         answer = asked(late, timeout_s=timeout_s)
     assert not answer.complete
-    for _ in range(6000):
-        if ended(int(pid.read_text())):
-            return
-        time.sleep(0.01)
-    pytest.fail("what it started still runs")
+    until(lambda: ended(int(pid.read_text())), "what it started ends", 60.0)
 
 
 def ended(pid: int) -> bool:

@@ -62,10 +62,13 @@ def test_robots_with_a_supply_are_planned_in_stages(monkeypatch: pytest.MonkeyPa
     (group,) = suite.groups(wish)
     assert len(group.questions) == 30
     ask = suite.prepare("asp", group, wish)
+    planned = 0
     for question in group.questions:
         staged.clear()
         assert ask(question).complete, question.name
-        assert max(staged) > EXACT_UP_TO, question.name
+        assert all(actions > EXACT_UP_TO for actions in staged), question.name
+        planned += bool(staged)
+    assert planned >= 10  # the others have so little to do that it is planned at once
 
 
 def test_mode_cost_compares_the_cost_of_plans_on_both_groups() -> None:

@@ -7,8 +7,9 @@
 
 Mode `time` asks for two bad components and for all bad at once. Mode `cost` compares the cost of plans, with
 Fast Downward where it is installed, on two groups: small robots, each of whose parts is searched whole, and
-robots with a power supply, whose part is planned in stages (robomend.planning.series). `asp` and Fast
-Downward are held to the cheapest plan that anybody found, `pyperplan` to 1.1 times its cost.
+robots with a power supply, whose part is planned in stages where enough of it is broken
+(robomend.planning.series). `asp` and Fast Downward are held to the cheapest plan that
+anybody found, `pyperplan` to 1.1 times its cost.
 """
 
 from __future__ import annotations
@@ -57,7 +58,7 @@ class Plans:
     summary = "repair planning: power-up and seeded robots of 100 and 1000 components"
     modes: Mapping[str, str] = {
         "time": "from diagnosis to validated plan, two components bad and all bad",
-        "cost": "cost of the plan, on tedusar, 25 small robots and 30 planned in stages",
+        "cost": "cost of the plan, on tedusar, 25 small robots and 30 with a supply",
     }
 
     def contenders(self, mode: str) -> tuple[str, ...]:

@@ -17,6 +17,7 @@ from typing import Any
 from robomend.diagnosis.result import DiagnosisResult
 from robomend.entry import Entry
 from robomend.planning.choice import Choice
+from robomend.repairs.states import StepState
 from robomend_client.literals import Atom
 
 Json = Mapping[str, Any]
@@ -107,7 +108,7 @@ def _lost(rival: Json, done: Json) -> str:
 
 def _step(step: Json) -> str:
     if step.get("sent_ns") is None:
-        return f"{step['text']}: {step.get('state', 'waiting')}{_said(step)}"
+        return f"{step['text']}: {step.get('state', StepState.WAITING)}{_said(step)}"
     ended = f", ended {_clock(step['ended_ns'])}" if step.get("ended_ns") else ""
     seen = f"; seen: {', '.join(step['seen'])}" if step.get("seen") else ""
     missing = f"; not seen: {', '.join(step['missing'])}" if step.get("missing") else ""

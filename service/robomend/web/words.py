@@ -5,21 +5,23 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from robomend.repairs.states import RepairState, StepState
+
 Json = Mapping[str, Any]
 
 MANY = 4
 """Names in one sentence; of more the number is told."""
 
-REPAIR_STATES = {
-    "waiting": "waiting for its turn, or for observers",
-    "planning": "planning",
-    "awaiting-approval": "awaiting approval",
-    "running": "running",
-    "verifying": "looking whether it helped",
-    "repaired": "repaired, and seen to work",
-    "escalated": "a person is needed",
-    "cancelled": "cancelled",
-    "failed": "failed: a part of the service did not work",
+REPAIR_STATES: dict[str, str] = {
+    RepairState.WAITING: "waiting for its turn, or for observers",
+    RepairState.PLANNING: "planning",
+    RepairState.AWAITING_APPROVAL: "awaiting approval",
+    RepairState.RUNNING: "running",
+    RepairState.VERIFYING: "looking whether it helped",
+    RepairState.REPAIRED: "repaired, and seen to work",
+    RepairState.ESCALATED: "a person is needed",
+    RepairState.CANCELLED: "cancelled",
+    RepairState.FAILED: "failed: a part of the service did not work",
 }
 """As people read them; one that is not here is shown as it is called."""
 
@@ -41,7 +43,7 @@ def layers(plan: Sequence[Json]) -> list[list[Json]]:
     return found
 
 
-ENDED = {"cancelled": "was cancelled", "failed": "failed"}
+ENDED: dict[str, str] = {RepairState.CANCELLED: "was cancelled", RepairState.FAILED: "failed"}
 
 
 def listed(names: Sequence[str], most: int = MANY) -> str:
@@ -76,7 +78,7 @@ def waits_for(repair: Json | None, *, unhealthy: bool, policy: str) -> tuple[str
         return "", False
     if policy == "observe":
         return "a person: its policy is to observe only", True
-    if repair is not None and repair["state"] == "escalated":
+    if repair is not None and repair["state"] == RepairState.ESCALATED:
         return f"a person: {repair['reason'] or 'the last repair did not help'}", True
     if repair is not None and repair["state"] in ENDED:
         reason = f": {repair['reason']}" if repair["reason"] else ""
@@ -86,16 +88,16 @@ def waits_for(repair: Json | None, *, unhealthy: bool, policy: str) -> tuple[str
 
 def _of_open(repair: Json) -> tuple[str, bool]:
     state, reason = repair["state"], repair["reason"]
-    if state == "awaiting-approval":
+    if state == RepairState.AWAITING_APPROVAL:
         steps = len(repair["plan"])
         plan = f" of a plan of {steps} {'action' if steps == 1 else 'actions'}" if steps else ""
         return f"approval{plan}", True
-    if state == "waiting" and repair["waiting_for"]:
+    if state == RepairState.WAITING and repair["waiting_for"]:
         atoms = listed(repair["waiting_for"])
         probe = repair["probe"] is not None and repair["waiting_for"] == [repair["probe"]["atom"]]
         return (f"a look: is {atoms}?", True) if probe else (f"observations: {atoms}", False)
-    if state == "running":
-        at_work = [step["text"] for step in repair["plan"] if step["state"] == "running"]
+    if state == RepairState.RUNNING:
+        at_work = [step["text"] for step in repair["plan"] if step["state"] == StepState.RUNNING]
         return f"its repair: {listed(at_work)}" if at_work else "its repair", False
-    told = reason if state == "waiting" and reason else REPAIR_STATES.get(state, state)
+    told = reason if state == RepairState.WAITING and reason else REPAIR_STATES.get(state, state)
     return str(told), False

@@ -15,7 +15,7 @@ from robomend.diagnosis.isolability.comparing import (
     comparison,
     pairs,
 )
-from robomend.diagnosis.isolability.further import Cheapest, Goal, cheapest
+from robomend.diagnosis.isolability.further import Cheapest, Separation, cheapest
 from robomend.diagnosis.oracle import Deadline, OutOfTime
 from robomend.errors import OptionRefused
 from robomend.model.cnf import HealthCnf
@@ -145,7 +145,7 @@ class _Analysis:
         groups = _groups(rows, detectable)
         ambiguities = [self._ambiguity(self.singles, group, rivals) for group, rivals in groups]
         undetectable = [
-            self._split([self.singles[index]], [], [Goal(self.singles[index])])
+            self._split([self.singles[index]], [], [Separation(self.singles[index])])
             for index in range(count)
             if detectable[index] is False
         ]
@@ -212,7 +212,7 @@ class _Analysis:
                 if not rivals:
                     continue
                 if len(found) < MOST_DOUBLE_SPLITS:
-                    goals = [Goal(fault, rival) for rival in rivals[:MOST_SPLIT]]
+                    goals = [Separation(fault, rival) for rival in rivals[:MOST_SPLIT]]
                     found.append(self._split([fault], rivals, goals))
                 else:
                     whole = False
@@ -228,14 +228,16 @@ class _Analysis:
         inside = [faults[index] for index in group]
         outside = [faults[index] for index in rivals]
         goals = [
-            Goal(fault, rival)
+            Separation(fault, rival)
             for fault in inside[:MOST_SPLIT]
             for rival in (*inside[:MOST_SPLIT], *outside[:MOST_SPLIT])
             if rival != fault
         ]
         return self._split(inside, outside, goals)
 
-    def _split(self, faults: Sequence[Fault], rivals: Sequence[Fault], goals: Sequence[Goal]) -> Ambiguity:
+    def _split(
+        self, faults: Sequence[Fault], rivals: Sequence[Fault], goals: Sequence[Separation]
+    ) -> Ambiguity:
         further: Further | None = None
         try:
             further = self._further(cheapest(self.compared, goals, self._cost_s, self.clock))

@@ -29,7 +29,7 @@ COST_SCALE = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class Goal:
+class Separation:
     """A fault that is to be told from a rival, or, without one, from health."""
 
     fault: Fault
@@ -45,12 +45,12 @@ class Cheapest:
     """The cheapest further observables, as variables; none if no goal can be reached."""
 
     variables: tuple[int, ...]
-    reached: tuple[Goal, ...]
-    beyond: tuple[Goal, ...]  # no observable of the model helps
+    reached: tuple[Separation, ...]
+    beyond: tuple[Separation, ...]  # no observable of the model helps
 
 
 def cheapest(
-    now: Comparison, goals: Sequence[Goal], cost_s: Callable[[int], float], clock: Deadline
+    now: Comparison, goals: Sequence[Separation], cost_s: Callable[[int], float], clock: Deadline
 ) -> Cheapest:
     """Return a cheapest set of further observables that reaches every goal that can be reached.
 
@@ -84,7 +84,7 @@ def cheapest(
         tried.close()
 
 
-def _grown(tried: _Tried, goal: Goal, chosen: int, others: Sequence[int]) -> int:
+def _grown(tried: _Tried, goal: Separation, chosen: int, others: Sequence[int]) -> int:
     """Return a maximal superset of `chosen` by `others` that does not reach the goal either: all of them at
     once, or one half and then the other.
     """
@@ -108,7 +108,7 @@ class _Tried:
         self._mask = 0
         self._with: Comparison | None = None
 
-    def reached(self, goal: Goal, mask: int) -> bool:
+    def reached(self, goal: Separation, mask: int) -> bool:
         if self._with is None or mask != self._mask:
             self.close()
             self._mask = mask
