@@ -21,6 +21,7 @@ from urllib.parse import urlsplit
 
 import pytest
 from playwright.sync_api import Browser, BrowserContext, Page, Request, sync_playwright
+from tests import packages
 from tests.waiting import until
 
 FLAGS = (
@@ -45,21 +46,6 @@ PATIENCE_MS = 60_000
 _PR_SET_PDEATHSIG = 1
 
 
-def _program() -> str | None:
-    """Return Chromium's path; install it if it is missing and we may."""
-    for attempt in range(2):
-        found = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-        if found is not None or attempt == 1 or os.geteuid() != 0 or shutil.which("apt-get") is None:
-            return found
-        quiet = {**os.environ, "DEBIAN_FRONTEND": "noninteractive"}
-        for command in (
-            ["apt-get", "update", "-q"],
-            ["apt-get", "install", "-q", "-y", "--no-install-recommends", "chromium", "fonts-dejavu-core"],
-        ):
-            subprocess.run(command, check=False, capture_output=True, timeout=900, env=quiet)
-    return None
-
-
 def _end_with_parent() -> None:
     """Make the kernel stop the browser when the test process is killed."""
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
@@ -68,9 +54,10 @@ def _end_with_parent() -> None:
 @pytest.fixture(scope="session")
 def chromium() -> Iterator[str]:
     """The session's browser, running: its debugging address."""
-    program = _program()
+    why = packages.CHROMIUM.install()
+    program = packages.chromium()
     if program is None:
-        reason = "these tests need Chromium: install it (Debian: apt-get install chromium)"
+        reason = f"these tests need Chromium: {why}"
         if os.environ.get("CI"):
             pytest.fail(reason)
         pytest.skip(reason)

@@ -22,6 +22,7 @@ from typing import Any
 
 import psycopg
 import pytest
+from tests.packages import POSTGRESQL, postgresql
 
 _PR_SET_PDEATHSIG = 1
 
@@ -111,23 +112,10 @@ def _end_with_parent() -> None:
 
 def _binaries() -> Path:
     """Return where the server's programs are; install them if they are missing and we may."""
-    for attempt in range(2):
-        found = sorted(Path("/usr/lib/postgresql").glob("*/bin/initdb"))
-        if found:
-            return found[-1].parent
-        initdb = shutil.which("initdb")
-        if initdb is not None:
-            return Path(initdb).resolve().parent
-        if attempt == 0 and os.geteuid() == 0 and shutil.which("apt-get"):
-            quiet = {**os.environ, "DEBIAN_FRONTEND": "noninteractive"}
-            subprocess.run(
-                ["apt-get", "update", "-q"], check=False, capture_output=True, timeout=300, env=quiet
-            )
-            install = ["apt-get", "install", "-q", "-y", "--no-install-recommends", "postgresql"]
-            subprocess.run(install, check=True, capture_output=True, timeout=600, env=quiet)
-    raise AssertionError(
-        "these tests need a PostgreSQL server: install it (Debian: apt-get install postgresql)"
-    )
+    why = POSTGRESQL.install()
+    found = postgresql()
+    assert found is not None, f"these tests need a PostgreSQL server: {why}"
+    return found
 
 
 def _account() -> str:

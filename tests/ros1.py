@@ -6,14 +6,11 @@ where CI is set. The bridge itself needs none of it: this is its other side.
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 import queue
-import shutil
 import signal
 import subprocess
-import tempfile
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -22,51 +19,23 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-
-PYTHON = "/usr/bin/python3"
-"""The distribution's own: rospy is a package of it."""
+from tests.packages import ROS1, ROS1_PYTHON
 
 NODE = Path(__file__).parent / "ros1_node.py"
-PACKAGES = [
-    *("python3-rospy", "python3-rosmaster", "python3-actionlib", "python3-rosbag", "python3-genpy"),
-    *("python3-std-msgs", "python3-diagnostic-msgs", "python3-geometry-msgs"),
-]
-
-UP = "import rospy, rosmaster.master, actionlib, rosbag, genpy.dynamic, diagnostic_msgs, geometry_msgs"
 WAIT_S = 60.0
 
 
-@lru_cache(maxsize=1)
+_why_not = lru_cache(maxsize=1)(ROS1.install)  # it is tried once
+
+
 def ros1() -> None:
     """Install what is missing, if we may; skip the test, or fail it in CI, where that is impossible."""
-    if _is_there():
+    why = _why_not()
+    if not why:
         return
-    why = "ROS 1 is not to be had here"
-    if os.geteuid() == 0 and shutil.which("apt-get"):
-        with (Path(tempfile.gettempdir()) / "robomend-tests-ros1.lock").open("w") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX)  # one of the workers installs, the others wait
-            if _is_there():
-                return
-            apt = ["apt-get", "-q", "-y", "-o", "DPkg::Lock::Timeout=300"]
-            quiet = {**os.environ, "DEBIAN_FRONTEND": "noninteractive"}
-            subprocess.run([*apt, "update"], check=False, capture_output=True, timeout=300, env=quiet)
-            install = [*apt, "install", "--no-install-recommends", *PACKAGES]
-            done = subprocess.run(
-                install, check=False, capture_output=True, text=True, timeout=600, env=quiet
-            )
-            if _is_there():
-                return
-            why = f"{why}: {done.stderr.strip()[-300:]}"
     if os.environ.get("CI"):
         pytest.fail(why)
     pytest.skip(why)
-
-
-def _is_there() -> bool:
-    try:
-        return subprocess.run([PYTHON, "-c", UP], check=False, capture_output=True).returncode == 0
-    except OSError:
-        return False
 
 
 MASTER = """
@@ -100,7 +69,7 @@ class RosMaster:
 
     def start(self) -> None:
         self._process = subprocess.Popen(
-            [PYTHON, "-c", MASTER, str(self.port)],
+            [ROS1_PYTHON, "-c", MASTER, str(self.port)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
@@ -130,7 +99,7 @@ class RosNode:
         self._answers: queue.Queue[dict[str, Any]] = queue.Queue()
         self.heard: list[dict[str, Any]] = []
         self.process = subprocess.Popen(
-            [PYTHON, str(NODE), name],
+            [ROS1_PYTHON, str(NODE), name],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=(master.folder / f"{name}.log").open("ab"),

@@ -6,7 +6,8 @@ import subprocess
 from typing import Any
 
 import pytest
-from tests.ros1 import PYTHON, ros1
+from tests.packages import ROS1_PYTHON
+from tests.ros1 import ros1
 
 from robomend_client.bridges.ros1 import formats
 
@@ -14,7 +15,7 @@ from robomend_client.bridges.ros1 import formats
 def test_the_md5_sums_are_those_of_the_distributions_packages() -> None:
     ros1()
     code = "from diagnostic_msgs.msg import DiagnosticArray as D; print(D._md5sum)"
-    done = subprocess.run([PYTHON, "-c", code], capture_output=True, text=True, check=True)
+    done = subprocess.run([ROS1_PYTHON, "-c", code], capture_output=True, text=True, check=True)
     assert formats.message_type(formats.DIAGNOSTICS).md5 == done.stdout.strip()
 
 

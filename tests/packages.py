@@ -1,0 +1,101 @@
+"""What tests need of the distribution beyond Python: installed if it is missing, one after another.
+
+`./dev test` runs this before the tests, as two workers must not install at once, and a test's time is
+limited. Tests that are started in another way install what they need themselves, under the same lock.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+ROS1_PYTHON = "/usr/bin/python3"
+"""The distribution's own: rospy is a package of it."""
+
+ROS1_IMPORTS = (
+    "import rospy, rosmaster.master, actionlib, rosbag, genpy.dynamic, diagnostic_msgs, geometry_msgs"
+)
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """Packages of Debian, and what one gets by them."""
+
+    what: str
+    there: Callable[[], object]
+    packages: tuple[str, ...]
+
+    def install(self) -> str:
+        """Install it unless it is there; return why it is not, or nothing."""
+        if self.there():
+            return ""
+        if os.geteuid() != 0 or shutil.which("apt-get") is None:
+            return f"install {self.what} (Debian: apt-get install {' '.join(self.packages)})"
+        with (Path(tempfile.gettempdir()) / "robomend-tests-packages.lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if self.there():
+                return ""
+            apt = ["apt-get", "-q", "-y", "-o", "DPkg::Lock::Timeout=300"]
+            quiet = {**os.environ, "DEBIAN_FRONTEND": "noninteractive"}
+            subprocess.run([*apt, "update"], check=False, capture_output=True, timeout=300, env=quiet)
+            install = [*apt, "install", "--no-install-recommends", *self.packages]
+            done = subprocess.run(
+                install, check=False, capture_output=True, text=True, timeout=900, env=quiet
+            )
+        return "" if self.there() else f"{self.what} cannot be installed: {done.stderr.strip()[-300:]}"
+
+
+def postgresql() -> Path | None:
+    """Return the folder of PostgreSQL's programs."""
+    found = sorted(Path("/usr/lib/postgresql").glob("*/bin/initdb"))
+    if found:
+        return found[-1].parent
+    initdb = shutil.which("initdb")
+    return None if initdb is None else Path(initdb).resolve().parent
+
+
+def chromium() -> str | None:
+    """Return Chromium's path."""
+    return shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+
+
+def ros1() -> bool:
+    """Return whether there is a rospy, a master and actionlib."""
+    try:
+        asked = [ROS1_PYTHON, "-c", ROS1_IMPORTS]
+        return subprocess.run(asked, check=False, capture_output=True).returncode == 0
+    except OSError:
+        return False
+
+
+POSTGRESQL = Wanted("a PostgreSQL server", postgresql, ("postgresql",))
+CHROMIUM = Wanted("Chromium", chromium, ("chromium", "fonts-dejavu-core"))
+ROS1 = Wanted(
+    "ROS 1",
+    ros1,
+    (
+        *("python3-rospy", "python3-rosmaster", "python3-actionlib", "python3-rosbag", "python3-genpy"),
+        *("python3-std-msgs", "python3-diagnostic-msgs", "python3-geometry-msgs"),
+    ),
+)
+
+
+def main() -> None:
+    """Install all of it; what cannot be is said, and the tests that need it say so again."""
+    for wanted in (POSTGRESQL, CHROMIUM, ROS1):
+        if not wanted.there():
+            print(f"tests: installing {wanted.what}", file=sys.stderr)
+        why = wanted.install()
+        if why:
+            print(f"tests: {why}", file=sys.stderr)
+
+
+if __name__ == "__main__":
+    main()
