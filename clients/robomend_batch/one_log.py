@@ -67,7 +67,7 @@ class Diagnoser:
             logs.drop()
             logs.problems.add(error.place or name, error.reason, bad=True)
             return [refused(name, kind, logs.problems)]
-        except BaseException:
+        except BaseException:  # Ctrl-C as well: no half-written part stays; whoever asked says what it was
             logs.drop()
             raise
 

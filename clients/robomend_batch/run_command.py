@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,10 +9,10 @@ import click
 
 from robomend.cli.files import ExistingFile
 from robomend.cli.models import MODEL, load
+from robomend.cli.search_options import search_options
 from robomend_batch.found import find_logs
 
 if TYPE_CHECKING:
-    from robomend.diagnosis.result import Options
     from robomend_batch.run import Summary
 
 BAD_INPUT, BACKEND_FAILED, FAULT = 2, 3, 1
@@ -82,7 +81,14 @@ def command(logs: tuple[str, ...], model: str, out: Path, **given: Any) -> int:
     if observers is not None:
         check_declared(load_observers(observers), system.vocabulary, given["unknown"], observers)
     summary = run(
-        Setup(system, options(given), out, given["unknown"], observers, given["time"] == "header"),
+        Setup(
+            system,
+            search_options(given, conflicts=False),
+            out,
+            given["unknown"],
+            observers,
+            given["time"] == "header",
+        ),
         names,
         overwrite=given["overwrite"],
         ndjson=given["ndjson"],
@@ -95,22 +101,6 @@ def command(logs: tuple[str, ...], model: str, out: Path, **given: Any) -> int:
     if problems or summary.bad:
         return BAD_INPUT
     return FAULT if given["fail_on_fault"] and summary.faulty else 0
-
-
-def options(given: dict[str, Any]) -> Options:
-    """Return the options of each state's diagnosis."""
-    from robomend.diagnosis.result import Options
-
-    timeout = given["timeout"]
-    if math.isnan(timeout) or timeout < 0:
-        raise click.UsageError("--timeout is a number of seconds, 0 or more")
-    return Options(
-        minimal=given["minimal"],
-        max_size=given["max_size"],
-        limit=given["limit"] or None,
-        timeout_s=None if math.isinf(timeout) else timeout,
-        conflicts=False,
-    )
 
 
 def tell(summary: Summary, out: Path) -> None:

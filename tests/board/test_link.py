@@ -6,102 +6,36 @@ Nothing here asserts how long something took; waits only have a generous end.
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import itertools
-import logging
-import socket
-from collections.abc import AsyncIterator, Awaitable, Callable
 
 import pytest
+from tests.board.linking import (
+    END_S,
+    SPECIFICATION,
+    badly_behaved,
+    emulated,
+    fault,
+    link_to,
+    on,
+    until,
+)
 
 from robomend.board.codec import (
     Acknowledge,
-    Broadcast,
-    ChannelLimits,
-    ChannelReading,
     Code,
-    Measurements,
-    Specification,
     encode,
 )
 from robomend.board.link import BoardLink, LinkState, backoff
 from robomend.board.snapshot import Snapshot
 from robomend.errors import BoardRefused, BoardTimeout, BoardUnreachable
-from robomend_board.board import Board
-from robomend_board.faults import parse_fault
-from robomend_board.loads import default_rig
-from robomend_board.server import Emulator
 
 pytestmark = pytest.mark.anyio
-
-END_S = 20.0
 
 
 @pytest.fixture(scope="module", params=[False, True], ids=["asyncio", "uvloop"])
 def anyio_backend(request: pytest.FixtureRequest) -> tuple[str, dict[str, bool]]:
     """Both loops: the service runs on uvloop, tools and the emulator on asyncio's own."""
     return ("asyncio", {"use_uvloop": request.param})
-
-
-async def until(condition: Callable[[], bool]) -> None:
-    """Wait until it is so; the test fails if it never is."""
-    async with asyncio.timeout(END_S):
-        while not condition():
-            await asyncio.sleep(0.005)
-
-
-@contextlib.asynccontextmanager
-async def emulated(channels: int = 10, on: tuple[int, ...] = (2,)) -> AsyncIterator[Emulator]:
-    emulator = Emulator(Board(default_rig(channels), on))
-    await emulator.listen("127.0.0.1", 0)
-    try:
-        yield emulator
-    finally:
-        await emulator.close()
-
-
-async def fault(emulator: Emulator, name: str, **parameters: object) -> None:
-    await emulator.set_fault(parse_fault({"fault": name, **parameters}, len(emulator.board.channels)))
-
-
-def on(snapshot: Snapshot, channel: int) -> bool:
-    assert snapshot.channels is not None
-    return snapshot.channels[channel].on
-
-
-def link_to(port: int, **options: object) -> BoardLink:
-    defaults: dict[str, object] = {"broadcast_hz": 100, "command_timeout_s": END_S, "backoff_s": (0.01, 0.05)}
-    return BoardLink("127.0.0.1", port, **{**defaults, **options})  # type: ignore[arg-type]  # mixed kinds
-
-
-Handler = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
-
-
-@contextlib.asynccontextmanager
-async def badly_behaved(handler: Handler) -> AsyncIterator[int]:
-    """A server that does with each connection what `handler` does."""
-
-    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        with contextlib.suppress(OSError, asyncio.IncompleteReadError):
-            await handler(reader, writer)
-        writer.transport.abort()
-
-    server = await asyncio.start_server(serve, "127.0.0.1", 0)
-    try:
-        yield server.sockets[0].getsockname()[1]
-    finally:
-        server.close()
-        await asyncio.sleep(0.01)  # connections that are being closed end
-
-
-SPECIFICATION = encode(Specification((ChannelLimits(10.0, 24.0),) * 8))
-MEASUREMENTS = encode(Measurements((ChannelReading(False, 0.0, 0.0),) * 8))
-
-
-async def open_politely(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-    writer.write(SPECIFICATION)
-    assert await reader.readexactly(5) == encode(Broadcast(100))
-    writer.write(encode(Acknowledge(Code.OK)) + MEASUREMENTS)
 
 
 # --- what works ----------------------------------------------------------------------------------------
@@ -326,70 +260,6 @@ async def test_garbage_costs_the_connection_and_not_the_link() -> None:
         assert emulator.board.relays()[7]
 
 
-# --- who is not a board --------------------------------------------------------------------------------
-
-
-def a_free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
-
-
-async def test_a_board_that_is_not_there_is_named_with_the_reason() -> None:
-    port = a_free_port()
-    async with link_to(port) as link:
-        with pytest.raises(BoardUnreachable, match=f"127.0.0.1:{port}.*(refused|Connect)"):
-            await link.switch(7, True, timeout_s=0.3)
-        with pytest.raises(BoardUnreachable):
-            await link.wait_connected(0.05)
-        assert link.snapshot.channels is None
-
-
-async def test_a_server_that_says_nothing_is_given_up_in_time() -> None:
-    async def silent(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        await reader.read()
-
-    async with badly_behaved(silent) as port, link_to(port, connect_timeout_s=0.1) as link:
-        await until(lambda: "is it a power board?" in link.reason)
-
-
-@pytest.mark.parametrize(
-    "greeting",
-    [
-        b"HTTP/1.1 400 Bad Request\r\n\r\n",
-        MEASUREMENTS,
-        encode(Acknowledge(0)),
-        encode(Specification(())),
-        SPECIFICATION + SPECIFICATION,
-        SPECIFICATION + encode(Measurements((ChannelReading(False, 0.0, 0.0),) * 10)),
-        bytes.fromhex("02 00 FF FF"),
-        bytes.fromhex("02 63 00 00"),
-    ],
-)
-async def test_whoever_breaks_the_protocol_is_dropped_with_the_reason(greeting: bytes) -> None:
-    async def greet(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        writer.write(greeting)
-        await reader.read()
-
-    async with badly_behaved(greet) as port, link_to(port) as link:
-        await until(lambda: link.state is LinkState.DISCONNECTED)
-        assert link.reason != "not yet connected"
-        with pytest.raises(BoardUnreachable):
-            await link.switch(1, True, timeout_s=0.05)
-
-
-async def test_an_acknowledge_that_nobody_waits_for_breaks_the_protocol() -> None:
-    async def acknowledge_twice(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        await open_politely(reader, writer)
-        writer.write(encode(Acknowledge(Code.OK)))
-        await reader.read()
-
-    async with badly_behaved(acknowledge_twice) as port, link_to(port) as link:
-        await until(lambda: link.state is LinkState.DISCONNECTED)
-        assert "came in state ready" in link.reason
-
-
 def test_the_waits_between_attempts_double_up_to_the_most_and_differ() -> None:
     longest = [0.1, 0.2, 0.4, 0.8, 1.0, 1.0]
     runs = [list(itertools.islice(backoff(0.1, 1.0), 6)) for _ in range(20)]
@@ -458,37 +328,3 @@ async def test_a_callback_that_fails_does_not_end_the_link() -> None:
 def test_options_that_no_board_takes_are_refused_at_once(port: int, hz: int) -> None:
     with pytest.raises(ValueError, match=r"broadcast_hz|port"):
         BoardLink("127.0.0.1", port, broadcast_hz=hz)
-
-
-# --- what the log says ---------------------------------------------------------------------------------
-
-
-async def test_a_board_that_stays_away_is_told_of_once_however_often_it_is_tried(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
-    async def hang_up(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        writer.transport.abort()
-
-    with caplog.at_level(logging.DEBUG, "robomend.board.link"):
-        async with badly_behaved(hang_up) as port, link_to(port):
-
-            def tried_thrice() -> bool:
-                return sum("connecting" in record.getMessage() for record in caplog.records) >= 3
-
-            await until(tried_thrice)
-            told = [record.getMessage() for record in caplog.records if record.levelno == logging.INFO]
-    assert len(told) == len(set(told)), told
-
-
-async def test_a_bug_of_the_link_is_in_the_log_with_its_trace(
-    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    async def broken(link: BoardLink) -> None:
-        raise ZeroDivisionError("a bug")
-
-    monkeypatch.setattr(BoardLink, "_converse", broken)
-    async with link_to(1) as link:
-        await until(lambda: "a bug" in link.reason)
-    record = next(record for record in caplog.records if "the link failed" in record.getMessage())
-    assert record.levelno == logging.ERROR
-    assert record.exc_info is not None

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from tests.api.test_process import served
 from tests.clients.bridges.ros1.test_actions import REJECTED, REPAIR, SUCCEEDED
 from tests.clients.running_agent import agent, config
 from tests.robomend_board.processes import running as emulator
-from tests.ros1 import RosNode, robot
+from tests.ros1 import Robot, RosNode, robot
 from tests.waiting import until
 
 from robomend_client.rest.sync import Client
@@ -45,6 +46,21 @@ BOARD = {
 DIAGNOSTICS = {"type": "diagnostic_msgs/DiagnosticArray"}
 
 
+@contextmanager
+def observed_robot(tmp_path: Path, **board_options: int) -> Iterator[tuple[Robot, str, Client]]:
+    """A robot with ROS 1 and a board, whose service only looks on."""
+    with (
+        robot(tmp_path) as ros,
+        emulator("--on", "3") as board,
+        served(tmp_path) as (_, url),
+        Client(url) as client,
+    ):
+        client.put_model("bot", json.dumps(MODEL))
+        at = {"host": "127.0.0.1", "port": board.port, "protected": [], **board_options}
+        client.put_robot("tedusar", {"model": "bot", "policy": "observe", "board": at})
+        yield ros, url, client
+
+
 def heard(watcher: RosNode, topic: str) -> list[Any]:
     return [line["value"] for line in tuple(watcher.heard) if line["heard"] == topic]
 
@@ -58,15 +74,7 @@ def statuses(watcher: RosNode) -> dict[str, int]:
 def test_a_robot_is_told_its_diagnosis_and_heard_in_the_formats_of_the_published_system(
     tmp_path: Path,
 ) -> None:
-    with (
-        robot(tmp_path) as ros,
-        emulator("--on", "3") as board,
-        served(tmp_path) as (_, url),
-        Client(url) as client,
-    ):
-        client.put_model("bot", json.dumps(MODEL))
-        at = {"host": "127.0.0.1", "port": board.port, "protected": []}
-        client.put_robot("tedusar", {"model": "bot", "policy": "observe", "board": at})
+    with observed_robot(tmp_path) as (ros, url, client):
         laser, watcher = ros.node("laser"), ros.node("watcher")
         laser.do("publish", topic="/scan", type="std_msgs/String", rate=10)
         watcher.do("subscribe", topic="/observations", **OBSERVATIONS)
@@ -128,15 +136,7 @@ def test_a_robot_is_told_its_diagnosis_and_heard_in_the_formats_of_the_published
 def test_a_ros_node_switches_a_device_through_the_service_whose_stop_and_protection_hold(
     tmp_path: Path,
 ) -> None:
-    with (
-        robot(tmp_path) as ros,
-        emulator("--on", "3") as board,
-        served(tmp_path) as (_, url),
-        Client(url) as client,
-    ):
-        client.put_model("bot", json.dumps(MODEL))
-        at = {"host": "127.0.0.1", "port": board.port, "rate_hz": 20, "protected": []}
-        client.put_robot("tedusar", {"model": "bot", "policy": "observe", "board": at})
+    with observed_robot(tmp_path, rate_hz=20) as (ros, url, client):
         asks = ros.node("operator")
 
         def lamp() -> bool | None:

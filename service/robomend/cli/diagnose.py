@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import sys
 import time
 from collections.abc import Iterator
@@ -14,6 +13,7 @@ import click
 
 from robomend.cli.files import near_file
 from robomend.cli.models import MODEL, is_snapshot_file, load
+from robomend.cli.search_options import search_options
 from robomend.diagnosis.engines import DEFAULT, ENGINES
 
 if TYPE_CHECKING:
@@ -164,16 +164,8 @@ def _snapshot_file(model: str, given: dict[str, Any]) -> int:
 
 
 def _options(given: dict[str, Any]) -> Options:
-    from robomend.diagnosis.result import Options
-
-    timeout = given["timeout"]
-    if math.isnan(timeout) or timeout < 0:
-        raise click.UsageError("--timeout is a number of seconds, 0 or more")
-    return Options(
-        minimal=given["minimal"],
-        max_size=given["max_size"],
-        limit=given["limit"] or None,
-        timeout_s=None if math.isinf(timeout) else timeout,
+    return search_options(
+        given,
         order=given["order"],
         conflicts=given["conflicts"],
         factored=given["factored"],

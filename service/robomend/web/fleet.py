@@ -132,7 +132,7 @@ class Fleet:
             self._listed = True  # before reading: what changes meanwhile is read again
             try:
                 await self._list()
-            except BaseException:
+            except BaseException:  # a look that is given up as well: the next one lists them
                 self._listed = False
                 raise
         now = time.monotonic()

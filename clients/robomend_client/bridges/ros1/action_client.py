@@ -26,7 +26,7 @@ from robomend_client.actions import (
     Feedback,
 )
 from robomend_client.bridges.ros1 import formats
-from robomend_client.bridges.ros1.action_topics import TO_CLIENT, TO_SERVER, GoalState, header
+from robomend_client.bridges.ros1.action_topics import TO_CLIENT, TO_SERVER, GoalState, header, read
 from robomend_client.bridges.ros1.node import RosNode
 from robomend_client.bridges.ros1.publication import Publication
 from robomend_client.bridges.ros1.subscription import Publisher
@@ -137,12 +137,4 @@ class RosAction:
 
     def _read(self, publisher: Publisher, part: str, body: bytes) -> Any:
         assert self._node is not None
-        place = f"{self.server}/{part} by {publisher.node}"
-        if publisher.md5 != formats.message_type(TO_CLIENT[part]).md5:
-            self._node.problems.tell(place, f"{publisher.type} is no {TO_CLIENT[part]}; it is not heard")
-            return None
-        try:
-            return formats.decode(TO_CLIENT[part], body)
-        except Exception as error:  # noqa: BLE001  # anybody's bytes
-            self._node.problems.tell(place, f"cannot be read: {error}"[:200])
-            return None
+        return read(self._node, f"{self.server}/{part}", TO_CLIENT[part], publisher, body)

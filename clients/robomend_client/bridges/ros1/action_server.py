@@ -20,7 +20,7 @@ from typing import Any
 from robomend_client.actions import FAILED, OK, REFUSED, UNREACHABLE, Action, ActionResult, Feedback
 from robomend_client.agent.feeds import AgentParts
 from robomend_client.bridges.ros1 import formats
-from robomend_client.bridges.ros1.action_topics import TO_CLIENT, TO_SERVER, GoalState, header
+from robomend_client.bridges.ros1.action_topics import TO_CLIENT, TO_SERVER, GoalState, header, read
 from robomend_client.bridges.ros1.node import RosNode
 from robomend_client.bridges.ros1.subscription import Publisher
 from robomend_client.python310 import end
@@ -109,15 +109,7 @@ class ActionServer:
                 goal.task.cancel()
 
     def _read(self, publisher: Publisher, part: str, body: bytes) -> Any:
-        place = f"{self._name}/{part} by {publisher.node}"
-        if publisher.md5 != formats.message_type(TO_SERVER[part]).md5:
-            self._node.problems.tell(place, f"{publisher.type} is no {TO_SERVER[part]}; it is not heard")
-            return None
-        try:
-            return formats.decode(TO_SERVER[part], body)
-        except Exception as error:  # noqa: BLE001  # anybody's bytes
-            self._node.problems.tell(place, f"cannot be read: {error}"[:200])
-            return None
+        return read(self._node, f"{self._name}/{part}", TO_SERVER[part], publisher, body)
 
     # --- carrying out ----------------------------------------------------------------------------------
 

@@ -1,0 +1,87 @@
+"""A link for tests, to the emulator in the same loop or to a server that behaves worse than it can."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator, Awaitable, Callable
+
+from robomend.board.codec import (
+    Acknowledge,
+    Broadcast,
+    ChannelLimits,
+    ChannelReading,
+    Code,
+    Measurements,
+    Specification,
+    encode,
+)
+from robomend.board.link import BoardLink
+from robomend.board.snapshot import Snapshot
+from robomend_board.board import Board
+from robomend_board.faults import parse_fault
+from robomend_board.loads import default_rig
+from robomend_board.server import Emulator
+
+END_S = 20.0
+
+
+async def until(condition: Callable[[], bool]) -> None:
+    """Wait until it is so; the test fails if it never is."""
+    async with asyncio.timeout(END_S):
+        while not condition():
+            await asyncio.sleep(0.005)
+
+
+@contextlib.asynccontextmanager
+async def emulated(channels: int = 10, on: tuple[int, ...] = (2,)) -> AsyncIterator[Emulator]:
+    emulator = Emulator(Board(default_rig(channels), on))
+    await emulator.listen("127.0.0.1", 0)
+    try:
+        yield emulator
+    finally:
+        await emulator.close()
+
+
+async def fault(emulator: Emulator, name: str, **parameters: object) -> None:
+    await emulator.set_fault(parse_fault({"fault": name, **parameters}, len(emulator.board.channels)))
+
+
+def on(snapshot: Snapshot, channel: int) -> bool:
+    assert snapshot.channels is not None
+    return snapshot.channels[channel].on
+
+
+def link_to(port: int, **options: object) -> BoardLink:
+    defaults: dict[str, object] = {"broadcast_hz": 100, "command_timeout_s": END_S, "backoff_s": (0.01, 0.05)}
+    return BoardLink("127.0.0.1", port, **{**defaults, **options})  # type: ignore[arg-type]  # mixed kinds
+
+
+Handler = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
+
+
+@contextlib.asynccontextmanager
+async def badly_behaved(handler: Handler) -> AsyncIterator[int]:
+    """A server that does with each connection what `handler` does."""
+
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        with contextlib.suppress(OSError, asyncio.IncompleteReadError):
+            await handler(reader, writer)
+        writer.transport.abort()
+
+    server = await asyncio.start_server(serve, "127.0.0.1", 0)
+    try:
+        yield server.sockets[0].getsockname()[1]
+    finally:
+        server.close()
+        await asyncio.sleep(0.01)  # connections that are being closed end
+
+
+SPECIFICATION = encode(Specification((ChannelLimits(10.0, 24.0),) * 8))
+MEASUREMENTS = encode(Measurements((ChannelReading(False, 0.0, 0.0),) * 8))
+
+
+async def open_politely(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    writer.write(SPECIFICATION)
+    assert await reader.readexactly(5) == encode(Broadcast(100))
+    writer.write(encode(Acknowledge(Code.OK)) + MEASUREMENTS)
