@@ -37,7 +37,7 @@ class _OnDemand(Collector):
 
 
 class Metrics:
-    """The service's instruments; the names are part of the interface and listed in docs/http.md."""
+    """The service's instruments; the names are part of the interface and listed in docs/metrics.md."""
 
     def __init__(self) -> None:
         self.registry = CollectorRegistry()

@@ -26,7 +26,7 @@ from robomend.oneshots.oneshots import OneShots
 from robomend.oneshots.solvers import SolverWorkers
 from robomend.planning.planner_pool import PlannerPool
 from robomend.repairs.repairs import Repairs
-from robomend.repairs.states import StepState
+from robomend.repairs.states import RepairState, StepState
 from robomend.robots.diagnoser import Diagnoser
 from robomend.robots.readers import Readers
 from robomend.robots.robots import Robots
@@ -112,6 +112,7 @@ class Runtime:
             await self.repairs.start()
             stack.callback(self.end_waits)
             await self._learn_keys()
+            self._begin_counting()
             log.info("ready", database=self.store.url)
             yield
             log.info("closing")
@@ -121,6 +122,11 @@ class Runtime:
         ring = self.app.state.gate.ring
         await ring.refresh()
         ring.forget()  # the first request reads them again
+
+    def _begin_counting(self) -> None:
+        """Count from 0: of a series that begins with 1, Prometheus sees no increase."""
+        for state in RepairState:
+            self.metrics.repairs.labels(state)
 
     def _count(self, events: Sequence[Event]) -> None:
         for event in events:
