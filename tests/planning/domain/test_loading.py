@@ -121,6 +121,21 @@ REFUSED = {
         2,
         "adds (good ?c) and leaves (bad ?c); add (not (bad ?c))",
     ),
+    "a fact added and its opposite left, after another is deleted": (
+        extension("(:action a :parameters (?h - hardware) :effect (and (not (on ?h)) (off ?h) (good ?h)))"),
+        2,
+        "adds (good ?h) and leaves (bad ?h); add (not (bad ?h))",
+    ),
+    "a cost that is a word": (
+        extension("(:action a :parameters (?h - hardware) :effect (increase (total-cost) cheap))"),
+        2,
+        "from 0 up",
+    ),
+    "a cost that is computed": (
+        extension("(:action a :parameters (?h - hardware) :effect (increase (total-cost) (* 2 3)))"),
+        2,
+        "from 0 up",
+    ),
     "an effect that depends on what changes": (
         extension(
             "\n(:action a :parameters (?h - hardware) :effect (when (on ?h) (and (bad ?h) (not (good ?h)))))"
