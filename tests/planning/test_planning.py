@@ -9,11 +9,11 @@ from tests.planning.robots import ALL_OFF, NODES, POWER_UP, TEDUSAR, texts
 
 from robomend.errors import OptionRefused, UnknownComponent
 from robomend.model.components import ComponentModel, Hardware, Node
-from robomend.planning.domain.loading import shipped
+from robomend.planning.domain.loading import load_domain, shipped
 from robomend.planning.plan import Outcome, Plan
-from robomend.planning.planning import PlanOptions, plan_for
+from robomend.planning.planning import PlanOptions, plan_for, plans_for
 from robomend_bench.plan_robots import broken
-from robomend_client.literals import fails, holds
+from robomend_client.literals import Atom, fails, holds
 
 PAPER = shipped("paper-repair.pddl")
 
@@ -68,6 +68,21 @@ def test_the_papers_own_domain_only_switches_the_device_on(planner: str) -> None
 def test_a_healthy_robot_needs_no_plan(planner: str) -> None:
     plan = plan_for(TEDUSAR, [], [], PlanOptions(planner=planner))
     assert (plan.outcome, plan.steps, plan.cost) == (Outcome.SOLVED, (), 0)
+
+
+def test_a_plan_says_the_state_that_it_starts_from_without_what_never_changes() -> None:
+    plan = plan_for(TEDUSAR, [fails("on", "jaguar")], ["jaguar"])
+    assert {
+        Atom("off", ("jaguar",)),
+        Atom("bad", ("jaguar",)),
+        Atom("running", ("imu_node",)),
+    } <= plan.initial
+    assert not {atom.predicate for atom in plan.initial} & load_domain().static
+
+
+def test_a_planner_that_there_is_not_is_refused_before_there_is_anything_to_plan() -> None:
+    with pytest.raises(OptionRefused, match="nonesuch"):
+        plans_for(TEDUSAR, [], [], PlanOptions(planner="nonesuch"))
 
 
 def test_steps_say_what_they_need_and_do_in_the_models_words() -> None:

@@ -88,3 +88,17 @@ def test_users_actions_respect_protection_too(planner: str) -> None:
     safe = plan_for(robot, seen, ["lidar"], replace(options, protected=("lidar",)))
     assert texts(safe) == ["power_up(lidar2)"]
     assert "refused" in safe.unreachable[0]
+
+
+def test_an_action_is_refused_for_what_it_switches_off_whatever_else_it_changes(planner: str) -> None:
+    text = """(define (domain robot-repair)
+      (:predicates (wired ?h ?g - hardware))
+      (:init (wired base arm))
+      (:action unwire :parameters (?h ?g - hardware) :precondition (and (wired ?h ?g) (bad ?h))
+        :effect (and (not (wired ?h ?g)) (not (on ?g)) (off ?g) (not (bad ?h)) (good ?h)
+          (increase (total-cost) 1))))"""
+    robot = ComponentModel("r", {"base": Hardware("base", None), "arm": Hardware("arm", 2)}, {}, {})
+    options = PlanOptions(planner=planner, domain=text)
+    assert "unwire(base, arm)" in texts(plan_for(robot, [], ["base"], options))
+    safe = plan_for(robot, [], ["base"], replace(options, protected=("arm",)))
+    assert texts(safe) == []

@@ -234,6 +234,10 @@ def test_a_damaged_domain_raises_nothing_but_domain_errors(at: int, length: int)
 def test_a_domain_can_be_written_and_read_again() -> None:
     text = shipped("repair.pddl")
     assert render(read(render(read(text)))) == render(read(text))
-    again = load_domain(load_domain().pddl)
-    assert set(again.schemas) == set(load_domain().schemas)
-    assert again.schemas["power_up"].effects == load_domain().schemas["power_up"].effects
+
+
+def test_a_group_is_written_on_one_line_where_it_fits_with_its_indent() -> None:
+    text = "(define (domain d) (:action go :parameters (?a ?b - hardware) :effect (on ?a)))"
+    flat = "(:action go :parameters (?a ?b - hardware) :effect (on ?a))"
+    assert render(read(text), width=2 + len(flat)).splitlines()[2] == f"  {flat})"
+    assert render(read(text), width=1 + len(flat)).splitlines()[2] == "  (:action go"
