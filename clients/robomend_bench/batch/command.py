@@ -16,6 +16,7 @@ import click
 
 from robomend.errors import BackendError
 from robomend_bench.batch import workload
+from robomend_bench.parts import wanted
 from robomend_bench.service.measure import load_of_others
 from robomend_bench.service.process import processors
 
@@ -197,9 +198,7 @@ def command(only: str, output: str, **wish: Any) -> None:
     """
     results: dict[str, dict[str, Any]] = {}
     rows: list[Row] = []
-    for part in tuple(filter(None, only.split(","))) or tuple(PARTS):
-        if part not in PARTS:
-            raise click.BadParameter(f"{part!r} is none of {', '.join(PARTS)}", param_hint="--only")
+    for part in wanted(only, PARTS):
         click.echo(f"measuring: {part}", err=True)
         with tempfile.TemporaryDirectory(prefix="robomend-bench-") as folder:
             results[part], more = PARTS[part](wish, Path(folder))

@@ -10,6 +10,7 @@ from typing import Any
 
 import click
 
+from robomend_bench.parts import wanted
 from robomend_bench.robots import live, ros1, streams
 from robomend_bench.service.measure import load_of_others
 from robomend_bench.service.process import processors, served
@@ -152,12 +153,10 @@ def command(only: str, output: str, **wish: Any) -> None:
     robomend-bench robots --only speed,alarms --format json
     robomend-bench robots --only live --nodes 50
     """
-    parts = tuple(filter(None, only.split(","))) or tuple(PARTS)
+    parts = wanted(only, PARTS)
     results: dict[str, dict[str, Any]] = {}
     rows: list[Row] = []
     for part in parts:
-        if part not in PARTS:
-            raise click.BadParameter(f"{part!r} is none of {', '.join(PARTS)}", param_hint="--only")
         click.echo(f"measuring: {part}", err=True)
         results[part], more = PARTS[part](wish)
         rows += more

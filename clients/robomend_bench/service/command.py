@@ -18,6 +18,7 @@ from typing import Any
 
 import click
 
+from robomend_bench.parts import wanted
 from robomend_bench.service.attack import make_keys, run_attack
 from robomend_bench.service.durable import run_ndjson, run_posts
 from robomend_bench.service.fleet import FleetResult, prepare, run_fleet, run_single
@@ -85,10 +86,7 @@ def command(only: str, output: str, url: str | None, **wish: Any) -> None:
     robomend-bench service --only stop --moments 40
     robomend-bench service --only stop-under-attack --seconds 60
     """
-    parts = tuple(filter(None, only.split(","))) or PARTS
-    for part in parts:
-        if part not in PARTS:
-            raise click.BadParameter(f"{part!r} is none of {', '.join(PARTS)}", param_hint="--only")
+    parts = wanted(only, PARTS)
     results, rows = run_parts(parts, url, **wish)
     if output == "json":
         click.echo(json.dumps(results, indent=1))
