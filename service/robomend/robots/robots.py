@@ -54,7 +54,7 @@ class Robots:
     ) -> None:
         self.models = Systems(store, settings, readers)
         self.readers = readers
-        self.boards = Boards(store, self._hear_board, self._board_changed)
+        self.boards = Boards(store, self._hear_board, self._board_repeats, self._board_changed)
         self.memory = Memory(
             store, self.models, settings.max_robots, taken_up=self._taken_up, left=self.boards.remove
         )
@@ -183,6 +183,12 @@ class Robots:
             await self._accept(state, update.ready, OURSELVES)
         except RobomendError as error:
             log.warning("board observation not kept", robot=robot, code=error.code, detail=str(error))
+
+    def _board_repeats(self, robot: str, said: frozenset[Literal]) -> None:
+        """Nothing new: but what a board says now, it says of now."""
+        state = self.memory.states.get(robot)
+        if state is not None and state.sight.said_again(said, CLOCK.now_ns()):
+            state.observed.wake()
 
     # --- robots
 
