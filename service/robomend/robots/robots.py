@@ -186,9 +186,8 @@ class Robots:
 
     def _board_repeats(self, robot: str, said: frozenset[Literal]) -> None:
         """Nothing new: but what a board says now, it says of now."""
-        state = self.memory.states.get(robot)
-        if state is not None and state.sight.said_again(said, CLOCK.now_ns()):
-            state.observed.wake()
+        if (state := self.memory.states.get(robot)) is not None:
+            state.sight.said_again(said, CLOCK.now_ns())
 
     # --- robots
 
@@ -218,8 +217,7 @@ class Robots:
             lambda tx: configuring.put(tx, robot, config, expected=expected, by=by, reason=reason),
             robots=(robot,),
         )
-        state = self.memory.states.get(robot)
-        if state is not None:
+        if (state := self.memory.states.get(robot)) is not None:
             state.changed_elsewhere()
         return await self.memory.robot(robot)
 
