@@ -268,6 +268,19 @@ def test_alarms_and_acts_on_a_healthy_robot_count() -> None:
     assert found.points == pytest.approx(0.3)
 
 
+def test_what_was_true_a_moment_ago_is_no_false_alarm() -> None:
+    def alarms(*at_s: float) -> int:
+        record = Record(Trial("small", "boot", 1, 1), "published", end_s=15.0)
+        record.states = [(-1.0, STOPPED), (0.2, HEALTHY)]
+        diagnoses = ((Diagnosed(at, (("mapper",),)), Diagnosed(at + 0.1, ((),))) for at in at_s)
+        record.diagnoses = [Diagnosed(-0.1, ((),)), *(each for both in diagnoses for each in both)]
+        return score(record, SMALL).alarms
+
+    assert alarms(0.1) == 0  # every process was stopped then
+    assert alarms(0.4) == 0  # the observers' delay is 2.5 s
+    assert alarms(0.4, 5.0) == 1
+
+
 def test_the_repair_utility_is_that_of_the_competition() -> None:
     assert repair_utility({"a"}, {"a"}, 10) == 1.0
     assert repair_utility(set(), {"a"}, 10) == pytest.approx(1 - 11 / 20)
