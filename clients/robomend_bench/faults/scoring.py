@@ -127,6 +127,15 @@ class _Scoring:
 
     # --- detection and cause
 
+    def _unheard_s(self) -> list[float]:
+        """Return when it was told that nobody observes any more what would show the fault."""
+        found = []
+        for at_s, atoms in self.record.unknown:
+            shown = abnormal(self.anatomy, self.record.state_at(at_s)) if at_s >= 0 else ()
+            if any(str(literal.atom) in atoms for literal in shown):
+                found.append(at_s)
+        return found
+
     def _detection(self) -> None:
         found, record = self.found, self.record
         found.alarms = _alarms(record, (each for each in record.diagnoses if each.at_s < 0))
@@ -134,6 +143,8 @@ class _Scoring:
         if not record.faults:
             found.alarms += len(at_s[:1])
             return
+        at_s += self._unheard_s()
+        at_s.sort()
         found.detected = bool(at_s)
         found.detection_s = at_s[0] if at_s else None
 

@@ -257,6 +257,19 @@ def test_who_does_nothing_gets_nothing_for_a_fault() -> None:
     assert (found.cause_first, found.extra) == (False, None)
 
 
+def test_a_fault_that_nobody_can_see_is_detected_by_saying_so() -> None:
+    def detected(*unknown: tuple[float, tuple[str, ...]]) -> float | None:
+        record = record_of(HUNG, TRUTH[:1])
+        record.unknown = list(unknown)
+        found = score(record, SMALL)
+        assert found.detected is (found.detection_s is not None)
+        return found.detection_s
+
+    assert detected((0.1, ("ok(map)", "ok(scan)"))) == 0.1
+    assert detected((-1.0, ("ok(map)",)), (0.2, ()), (5.0, ("ok(map)",))) == 5.0
+    assert detected((-1.0, ("ok(map)",)), (0.2, ("ok(scan)",))) is None
+
+
 def test_alarms_and_acts_on_a_healthy_robot_count() -> None:
     record = Record(Trial("small", "jitter", 1, 1), "published", end_s=30.0)
     assert score(record, SMALL).points == 1.0
