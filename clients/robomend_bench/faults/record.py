@@ -89,6 +89,7 @@ class Record:
     repairs: list[RepairSeen] = field(default_factory=list)
     acts: list[Acted] = field(default_factory=list)
     notes: list[tuple[float, str]] = field(default_factory=list)
+    account: list[str] = field(default_factory=list)  # the service's own, of its repairs, if it was asked
     late_s: float = 0.0  # how late the harness was at most
     end_s: float = 0.0
     error: str = ""  # why this is no measurement
@@ -136,7 +137,8 @@ class Record:
         found += ((a.at_s, "ACT", _acted(a)) for a in self.acts)
         found += ((at, "note", text) for at, text in self.notes)
         found.sort(key=lambda line: line[0])
-        return [f"{at:8.3f}  {kind:<10}{text}" for at, kind, text in found]
+        told = [f"{at:8.3f}  {kind:<10}{text}" for at, kind, text in found]
+        return [*told, *(f"{'':10}account   {line}" for line in self.account)]
 
 
 def describe(state: State) -> str:
