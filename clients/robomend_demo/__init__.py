@@ -1,1 +1,3 @@
-"""The paper's two scenarios, played by real processes: service, emulated board, devices, nodes, agent."""
+"""The paper's two scenarios and two more, played by real processes: service, emulated board, devices, nodes,
+agent.
+"""

@@ -12,7 +12,8 @@ import json
 import os
 import socket
 import sys
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from robomend.model.components import ComponentModel
 from robomend.model.loading import load_model
 from robomend.resources import resource
 from robomend_client.rest.sync import Client
+from robomend_demo.devices import DeviceFault
 from robomend_demo.interrupts import Interrupts
 from robomend_demo.robot import agent_config, devices_config, nodes_config
 from robomend_demo.stage import Actor, DemoFailed, Stage, tail
@@ -49,31 +51,60 @@ class Board:
         Raises:
             DemoFailed: the emulator did not do it.
         """
-        request = {"set": {"channel": channel, "on": on}}
-        try:
-            with socket.create_connection(("127.0.0.1", self.control_port), CONTROL_S) as connection:
-                connection.sendall(json.dumps(request).encode() + b"\n")
-                answer = json.loads(connection.makefile().readline() or '{"error": "it hung up"}')
-        except OSError as error:
-            raise DemoFailed(f"the board emulator's control port does not answer: {error}") from error
-        if not answer.get("ok"):
-            raise DemoFailed(f"the board emulator did not switch channel {channel}: {answer.get('error')}")
+        _ask("the board emulator", self.control_port, {"set": {"channel": channel, "on": on}})
+
+
+@dataclass(frozen=True, slots=True)
+class Devices:
+    """Where the simulated devices are."""
+
+    addresses: dict[str, str]  # name -> address
+    fault_port: int
+
+    def plant(self, device: str, fault: DeviceFault) -> None:
+        """Let something be wrong with a device.
+
+        Raises:
+            DemoFailed: the simulation did not do it.
+        """
+        _ask("the simulation of the devices", self.fault_port, {"device": device, "fault": fault})
 
 
 @dataclass(frozen=True, slots=True)
 class Cast:
     """The parts, ready."""
 
-    model: ComponentModel
+    robot: DemoRobot
     url: str
     board: Board
-    devices: dict[str, str]  # name -> address
+    devices: Devices
     actors: dict[str, Actor]
 
 
-def tedusar() -> tuple[ComponentModel, str]:
-    """Return the paper's robot, and the text of its model."""
-    path = resource("examples", "tedusar.yaml")
+@dataclass(frozen=True, slots=True)
+class DemoRobot:
+    """Which robot plays: its model, and what it has beside."""
+
+    model: ComponentModel
+    source: str  # the model's text
+    domain: str | None = None  # PDDL beside or in place of the service's own
+    hold_s: float = 0.0  # how long a diagnosis must hold
+    spares: Mapping[str, str] = field(default_factory=dict)  # device -> who can stand in for it
+
+
+def tedusar() -> DemoRobot:
+    """Return the paper's robot."""
+    return DemoRobot(*_model("tedusar.yaml"))
+
+
+def tedusar_with_spare() -> DemoRobot:
+    """Return the paper's robot with a second laser range finder."""
+    domain = resource("examples/actions", "spare_hokuyo.pddl").read_text(encoding="utf-8")
+    return DemoRobot(*_model("tedusar_spare.yaml"), domain, spares={"hokuyo": "hokuyo_b"})
+
+
+def _model(name: str) -> tuple[ComponentModel, str]:
+    path = resource("examples", name)
     model = load_model(path).parts
     assert model is not None
     return model, path.read_text(encoding="utf-8")
@@ -86,15 +117,14 @@ def observed(model: ComponentModel) -> list[str]:
     return [*switchable, *running, *(f"ok({topic})" for topic in GENERAL_OBSERVERS)]
 
 
-def robot_config(board: Board, *, policy: str, domain: str | None, hold_s: float) -> dict[str, Any]:
+def robot_config(robot: DemoRobot, board: Board, *, policy: str) -> dict[str, Any]:
     """Return the robot as the service is told of it."""
-    model, _ = tedusar()
     return {
-        "model": model.name,
+        "model": robot.model.name,
         "policy": policy,
-        "observed": observed(model),
+        "observed": observed(robot.model),
         "observed_timeout_s": 15.0,
-        "hold_s": hold_s,
+        "hold_s": robot.hold_s,
         "board": {
             "host": "127.0.0.1",
             "port": board.port,
@@ -103,11 +133,13 @@ def robot_config(board: Board, *, policy: str, domain: str | None, hold_s: float
         },
         # Somebody who plays with --hold takes the power away more often than a robot loses it.
         "limits": {"attempts_per_hour": 200},
-        "domain": domain,
+        "domain": robot.domain,
+        # To point a driver at the spare twice is to do it once.
+        "actions": {"switch_to_spare": {"idempotent": True}} if robot.spares else {},
     }
 
 
-def gather(stage: Stage, folder: Path, *, all_on: bool) -> Cast:
+def gather(stage: Stage, folder: Path, robot: DemoRobot, *, all_on: bool) -> Cast:
     """Start all parts; the agent is started by `start_agent`, once the robot is known to the service.
 
     Args:
@@ -116,7 +148,7 @@ def gather(stage: Stage, folder: Path, *, all_on: bool) -> Cast:
     Raises:
         DemoFailed: a part did not become ready, with the end of its log.
     """
-    model, source = tedusar()
+    model = robot.model
     channels = {device.channel for device in model.hardware.values() if device.channel is not None}
     on = sorted({PC_CHANNEL} | (channels if all_on else set()))
     data = folder / "data"
@@ -130,18 +162,27 @@ def gather(stage: Stage, folder: Path, *, all_on: bool) -> Cast:
     control = ["--control", f"127.0.0.1:{at.control_port}", "--end-with-parent"]
     simulate = python("robomend_demo.devices", "--config", str(devices_file), *control)
     devices = stage.start("devices", simulate, announces=True)
-    addresses: dict[str, str] = stage.announced(devices, READY_S)["devices"]
+    there = stage.announced(devices, READY_S)
     url = str(stage.announced(service, READY_S)["url"])
     actors = {"service": service, "board": board, "devices": devices}
     with Client(url, timeout_s=10.0) as client:
-        client.put_model(model.name, source)
-    return Cast(model, url, at, addresses, actors)
+        client.put_model(model.name, robot.source)
+    return Cast(robot, url, at, Devices(there["devices"], there["fault_port"]), actors)
 
 
 def start_agent(stage: Stage, folder: Path, cast: Cast, *, start_nodes: bool) -> None:
     """Start the robot's agent, which starts and watches the nodes."""
-    nodes_file = _write(folder / "nodes.json", nodes_config(cast.model, cast.devices))
-    config = agent_config(cast.model, ROBOT, cast.url, nodes_file, folder / "agent", start_nodes=start_nodes)
+    robot = cast.robot
+    nodes_file = _write(folder / "nodes.json", nodes_config(robot.model, cast.devices.addresses))
+    config = agent_config(
+        robot.model,
+        ROBOT,
+        cast.url,
+        nodes_file,
+        folder / "agent",
+        start_nodes=start_nodes,
+        spares=robot.spares,
+    )
     config["bus"] = {"listen": "tcp:127.0.0.1:0"}  # the folder's path may be too long for a Unix socket
     file = _write(folder / "agent.json", config)
     cast.actors["agent"] = stage.start("agent", python("robomend_client.agent.main", str(file)))
@@ -153,16 +194,32 @@ def wait_for_devices(cast: Cast, interrupts: Interrupts, timeout_s: float) -> No
     Raises:
         DemoFailed: one is not there in time.
     """
-    missing = set(cast.devices)
+    missing = set(cast.devices.addresses)
     look = interrupts.poll(timeout_s)
     while missing and look.left():
-        missing = {name for name in missing if not _accepts(cast.devices[name])}
+        missing = {name for name in missing if not _accepts(cast.devices.addresses[name])}
     if missing:
         log = tail(cast.actors["devices"].log)
         raise DemoFailed(
             f"the simulated {', '.join(sorted(missing))} took no connection within {timeout_s:g} s; "
             f"the devices' log ends:\n{log}"
         )
+
+
+def _ask(whom: str, port: int, request: Mapping[str, Any]) -> None:
+    """Send a line of JSON to a control port of ours, and wait for its answer.
+
+    Raises:
+        DemoFailed: there is none, or it says no.
+    """
+    try:
+        with socket.create_connection(("127.0.0.1", port), CONTROL_S) as connection:
+            connection.sendall(json.dumps(request).encode() + b"\n")
+            answer = json.loads(connection.makefile().readline() or '{"error": "it hung up"}')
+    except OSError as error:
+        raise DemoFailed(f"{whom} does not answer: {error}") from error
+    if not answer.get("ok"):
+        raise DemoFailed(f"{whom} did not do {json.dumps(request)}: {answer.get('error')}")
 
 
 def _accepts(address: str) -> bool:

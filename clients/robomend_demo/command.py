@@ -9,21 +9,26 @@ from typing import TYPE_CHECKING
 
 import click
 
+from robomend_demo.scenarios import OF_THE_PAPER, SCENARIOS, SHUT_DOWN, Scenario
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from robomend_demo.cast import Cast
+    from robomend_demo.cast import Cast, DemoRobot
     from robomend_demo.report import Told
     from robomend_demo.screen import Screen
 
-SCENARIOS = {"power-up": ("power-up",), "shut-down": ("shut-down",), "all": ("power-up", "shut-down")}
+
+ALL = "all"
 
 
 @click.command("demo")
 @click.option(
     "--scenario",
-    type=click.Choice([*SCENARIOS]),
-    help="All is off; or the base loses its power.  [default: all; with --domain paper: shut-down]",
+    "wanted",
+    type=click.Choice([*SCENARIOS, ALL]),
+    multiple=True,
+    help="May be repeated.  [default: power-up and shut-down; with --domain paper: shut-down]",
 )
 @click.option(
     "--domain",
@@ -53,8 +58,11 @@ SCENARIOS = {"power-up": ("power-up",), "shut-down": ("shut-down",), "all": ("po
     show_default=True,
     help="json: demo.json on stdout, and nothing else.",
 )
-def command(scenario: str | None, domain: str, hold: bool, page: bool, report: Path, format_: str) -> int:
-    """Watch a robot being diagnosed and repaired: the paper's two scenarios, with real processes.
+def command(wanted: tuple[str, ...], domain: str, hold: bool, page: bool, report: Path, format_: str) -> int:
+    """Watch a robot being diagnosed and repaired, with real processes.
+
+    The paper's two scenarios: power-up (everything is off) and shut-down (the base loses its power). And two
+    more: hung-device (a power cycle helps) and dead-lidar (nothing does, but the robot has a spare).
 
     Starts the service, an emulated power board, and a robot of nine node processes, all on free ports of this
     computer; everything is gone at the end. Exit codes: 0 repaired and verified, 3 not, 130
@@ -68,10 +76,11 @@ def command(scenario: str | None, domain: str, hold: bool, page: bool, report: P
 
     folder = usable(report)
     hold = hold or page
-    names = SCENARIOS[scenario or ("shut-down" if domain == "paper" else "all")]
+    paper = domain == "paper"
+    asked = Wanted(chosen(wanted, paper=paper), paper, hold, page)
 
     def done(told: Sequence[Told], cast: Cast) -> None:
-        write(folder, told, cast.model.components)
+        write(folder, told, cast.robot.model.components)
         if format_ == "json":
             click.echo(json.dumps(demo_json(told), ensure_ascii=False))
         else:
@@ -81,26 +90,34 @@ def command(scenario: str | None, domain: str, hold: bool, page: bool, report: P
 
     with Interrupts() as interrupts:
         try:
-            with make_screen(format_) as screen:
-                run(Wanted(names, domain == "paper", hold, page), screen, interrupts, done)
+            with make_screen(format_, asked.robot) as screen:
+                run(asked, screen, interrupts, done)
         except Interrupted as interrupted:
             click.echo("interrupted: everything that was started is gone", err=True)
             return 128 + interrupted.number
     return 0
 
 
-def make_screen(format_: str) -> Screen:
+def chosen(names: tuple[str, ...], *, paper: bool) -> tuple[Scenario, ...]:
+    """Return what to play for the options that were given, in the order in which it can be played."""
+    if not names:
+        return (SHUT_DOWN,) if paper else OF_THE_PAPER
+    found = tuple(one for name, one in SCENARIOS.items() if name in names or ALL in names)
+    if paper and (others := [one.name for one in found if one not in OF_THE_PAPER]):
+        raise click.UsageError(f"the paper's domain cannot repair {' and '.join(others)}: leave out --domain")
+    return found
+
+
+def make_screen(format_: str, robot: DemoRobot) -> Screen:
     """Return a live picture where there is a terminal to draw on, else lines."""
     from rich.console import Console
 
-    from robomend_demo.cast import tedusar
     from robomend_demo.screen import Lines, Picture
 
     console = Console()
     if format_ == "json" or not console.is_terminal or console.is_dumb_terminal:
         return Lines()
-    model, _ = tedusar()
-    return Picture(console, model.components)
+    return Picture(console, robot.model.components)
 
 
 def board_command() -> list[str]:

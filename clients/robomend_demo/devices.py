@@ -3,13 +3,19 @@
     board emulator ──control port, "watch"──► power ──► port open, readings to whoever connects
                                               no power ─► port closed, connections cut
 
+    one line, {"fault": "hung", "device": "hokuyo"} ──► fault port ──► on, connected, and silent
+
     python -m robomend_demo.devices --config FILE [--control HOST:PORT] [--end-with-parent]
 
 The file is JSON: {"rate_hz": 10, "boot_s": 0, "devices": {"jaguar": {"channel": 7}, "imu": {}}}. A device
 without a channel (imu, joystick) always has power. When it is ready the process prints one line of JSON,
-{"ready": true, "pid": …, "devices": {"jaguar": "127.0.0.1:40123", …}}; each device keeps its address for as
-long as the process lives. Readings are lines of JSON, {"device": "jaguar", "seq": 7, "value": 0.64}, at
-rate_hz, to every connection.
+{"ready": true, "pid": …, "fault_port": 40122, "devices": {"jaguar": "127.0.0.1:40123", …}}; each device keeps
+its address for as long as the process lives. Readings are lines of JSON, {"device": "jaguar", "seq": 7,
+"value": 0.64}, at rate_hz, to every connection.
+
+A device that is hung takes connections and says nothing until it lost its power once; one that is dead says
+nothing until that fault is lifted ("none"). Each line to the fault port is answered by {"ok": true}, or by
+{"ok": false, "error": …}.
 
 When the control port goes away, the devices stay as they are (its cable is not their power) and look for it
 again.
@@ -28,6 +34,7 @@ import socket
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +47,14 @@ MOST_WAITING = 64 * 1024
 PARENT_CHECK_S = 0.2
 
 
+class DeviceFault(StrEnum):
+    """What can be wrong with a device that has power."""
+
+    NONE = "none"
+    HUNG = "hung"
+    DEAD = "dead"
+
+
 class Device:
     """One device with a fixed address on loopback."""
 
@@ -47,6 +62,7 @@ class Device:
         self.name = name
         self.channel = channel
         self.powered = False
+        self.fault = DeviceFault.NONE
         self.listening = asyncio.Event()
         self._period_s = 1.0 / rate_hz
         self._boot_s = boot_s
@@ -67,6 +83,8 @@ class Device:
             return
         self.powered = on
         log.info("%s: power %s", self.name, "on" if on else "off")
+        if self.fault is DeviceFault.HUNG and not on:
+            self.fault = DeviceFault.NONE
         if on:
             self._on = asyncio.create_task(self._live(), name=self.name)
         elif self._on is not None:
@@ -99,6 +117,8 @@ class Device:
                 connection.transport.abort()
 
     def _send(self, number: int) -> None:
+        if self.fault is not DeviceFault.NONE:
+            return
         value = round(math.sin(number * self._period_s), 6)
         line = json.dumps({"device": self.name, "seq": number, "value": value}).encode() + b"\n"
         for connection in tuple(self._connections):
@@ -159,6 +179,27 @@ class Devices:
             if device.channel == channel:
                 device.power(on)
 
+    async def take_faults(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Serve a connection to the fault port."""
+        try:
+            while line := await reader.readline():
+                writer.write(json.dumps(self._take_fault(line)).encode() + b"\n")
+                await writer.drain()
+        except (OSError, ValueError) as error:  # ValueError: a line without end
+            log.warning("the fault port: %s", error)
+        finally:
+            writer.close()
+
+    def _take_fault(self, line: bytes) -> dict[str, Any]:
+        try:
+            asked = json.loads(line)
+            device, fault = self.devices[asked["device"]], DeviceFault(asked["fault"])
+        except (ValueError, KeyError, TypeError) as error:
+            return {"ok": False, "error": f"{type(error).__name__}: {error}"}
+        device.fault = fault
+        log.info("%s: fault %s", device.name, fault)
+        return {"ok": True}
+
     async def power_rest(self) -> None:
         """Give power to the devices that no channel feeds, and wait until they are there."""
         rest = [device for device in self.devices.values() if device.channel is None]
@@ -205,9 +246,13 @@ async def _run(config: dict[str, Any], control: tuple[str, int] | None, end_with
     if end_with_parent:
         tasks.append(asyncio.create_task(_until_orphan(ended)))
     await devices.power_rest()
+    faults = await asyncio.start_server(devices.take_faults, "127.0.0.1", 0)
+    fault_port = faults.sockets[0].getsockname()[1]
     addresses = {name: device.address for name, device in devices.devices.items()}
-    print(json.dumps({"ready": True, "pid": os.getpid(), "devices": addresses}), flush=True)
+    ready = {"ready": True, "pid": os.getpid(), "fault_port": fault_port, "devices": addresses}
+    print(json.dumps(ready), flush=True)
     await ended.wait()
+    faults.close()
     for task in tasks:
         task.cancel()
     await asyncio.gather(*tasks, return_exceptions=True)

@@ -1,7 +1,9 @@
-"""The two scenarios of the paper (section VI), played against a robot of real processes.
+"""The scenarios, played against a robot of real processes; the first two are the paper's (section VI).
 
     power-up     all off, nothing runs ──► the robot is entrusted to the service ──► all good and verified
     shut-down    all good ──► the tracked base loses its power ──► all good and verified
+    hung-device  all good ──► the laser range finder says nothing until its power is cut ──► the same
+    dead-lidar   all good ──► the laser range finder says nothing any more ──► the same, with its spare
 
 Nothing here repairs anything: the service does. This only brings the robot into its state, and watches.
 """
@@ -14,6 +16,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from robomend_client.events import Kind
 from robomend_client.rest.calls import post
 from robomend_client.rest.errors import ClientError
 from robomend_client.rest.retry import NEVER
@@ -27,15 +30,14 @@ from robomend_demo.cast import (
     start_agent,
     wait_for_devices,
 )
+from robomend_demo.devices import DeviceFault
 from robomend_demo.interrupts import Interrupts
 from robomend_demo.listener import Listener
 from robomend_demo.record import Heard, Record, record
+from robomend_demo.scenarios import DEAD_LIDAR, HUNG_DEVICE, POWER_UP, SHUT_DOWN, Scenario
 from robomend_demo.screen import Screen
 from robomend_demo.stage import DemoFailed, Stage, tail
 from robomend_demo.view import RobotView
-
-POWER_UP, SHUT_DOWN = "power-up", "shut-down"
-VICTIM = "jaguar"
 
 CONNECTED_S = 10.0
 
@@ -60,20 +62,14 @@ class Play:
         cast: Cast,
         interrupts: Interrupts,
         screen: Screen,
-        *,
-        domain: str | None = None,
-        hold_s: float = 0.0,
     ) -> None:
-        """`domain`: PDDL in place of the service's own; `hold_s`: how long a diagnosis must hold."""
         self.cast = cast
         self._stage = stage
         self._interrupts = interrupts
         self._screen = screen
-        self._domain = domain
-        self._hold_s = hold_s
         self._client = Client(cast.url, timeout_s=5.0, retry=NEVER)
         self._listener = Listener(cast.url)
-        self._observed = observed(cast.model)
+        self._observed = observed(cast.robot.model)
         self._view = RobotView(ROBOT, self._observed)
         self._heard: list[Heard] = []
         self._unheard: list[str] = []
@@ -99,20 +95,22 @@ class Play:
             self._until(lambda: self._view.healthy, HEALTHY_S, "the robot to be up and well")
             self._entrust("auto", self._version)
 
-    def power_up(self) -> Record:
-        """Entrust the robot to the service as it is: everything off."""
-        zero_ns = self._begin(POWER_UP)
-        self._entrust("auto", self._version)
-        return self._repaired(POWER_UP, zero_ns)
-
-    def shut_down(self) -> Record:
-        """Take the power from the tracked base."""
-        self._until(lambda: self._view.healthy, HEALTHY_S, "the robot to be well")
-        channel = self.cast.model.hardware[VICTIM].channel
-        assert channel is not None
-        zero_ns = self._begin(SHUT_DOWN)
-        self.cast.board.set_channel(channel, False)
-        return self._repaired(SHUT_DOWN, zero_ns)
+    def play(self, scenario: Scenario) -> Record:
+        """Let it happen, watch how it is repaired, and show the service's account of that."""
+        if scenario is not POWER_UP:
+            self._until(lambda: self._view.healthy, HEALTHY_S, "the robot to be well")
+        zero_ns = self._begin(scenario.name)
+        happens: dict[Scenario, Callable[[str], None]] = {
+            POWER_UP: self._entrust_it,
+            SHUT_DOWN: self._take_power,
+            HUNG_DEVICE: lambda device: self.cast.devices.plant(device, DeviceFault.HUNG),
+            DEAD_LIDAR: lambda device: self.cast.devices.plant(device, DeviceFault.DEAD),
+        }
+        happens[scenario](scenario.victim)
+        self._until(lambda: self._settled(zero_ns), REPAIR_S, f"{scenario.name} to end")
+        account = self._account(zero_ns)
+        self._screen.account(account)
+        return record(scenario.name, zero_ns, self._heard, self._history(zero_ns), self._unheard, account)
 
     def hold(self) -> None:
         """Go on showing what happens, until a signal comes."""
@@ -123,9 +121,17 @@ class Play:
 
     # --- inside ------------------------------------------------------------------------------------
 
+    def _entrust_it(self, _: str) -> None:
+        self._entrust("auto", self._version)
+
+    def _take_power(self, device: str) -> None:
+        channel = self.cast.robot.model.hardware[device].channel
+        assert channel is not None
+        self.cast.board.set_channel(channel, False)
+
     def _warm_up(self) -> None:
         """Let the service plan something once: a planner is slow the first time, and robots come later."""
-        question = {"model": self.cast.model.name, "bad": [VICTIM]}
+        question = {"model": self.cast.robot.model.name, "bad": [POWER_UP.victim]}
 
         def ask() -> None:
             client = Client(self.cast.url, timeout_s=READY_S, retry=NEVER)
@@ -149,13 +155,8 @@ class Play:
 
     def _entrust(self, policy: str, version: str | None) -> str:
         """Tell the service of the robot, and how far it may go."""
-        config = robot_config(self.cast.board, policy=policy, domain=self._domain, hold_s=self._hold_s)
+        config = robot_config(self.cast.robot, self.cast.board, policy=policy)
         return self._client.put_robot(ROBOT, config, version).version
-
-    def _repaired(self, name: str, zero_ns: int) -> Record:
-        """Wait until the robot was repaired and stays well; return everything about it."""
-        self._until(lambda: self._settled(zero_ns), REPAIR_S, f"{name} to end")
-        return record(name, zero_ns, self._heard, self._history(zero_ns), self._unheard)
 
     def _settled(self, zero_ns: int) -> bool:
         repair = self._view.repair
@@ -206,6 +207,15 @@ class Play:
     def _logs(self, *names: str) -> str:
         ends = [f"the log of {name} ends:\n{tail(self.cast.actors[name].log)}" for name in names]
         return "\n".join(ends)
+
+    def _account(self, zero_ns: int) -> list[str]:
+        """Return the service's account of each repair since then, the first one first."""
+        repairs = {
+            heard.event.data["id"]: None
+            for heard in self._heard
+            if heard.event.kind is Kind.REPAIR and heard.event.data["created_ns"] >= zero_ns
+        }
+        return [line for id in repairs for line in self._client.repair(id)["account"]]
 
     def _history(self, zero_ns: int) -> list[dict[str, object]]:
         """Return the accepted batches since then, which tell when each literal was observed."""

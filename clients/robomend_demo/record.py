@@ -80,6 +80,7 @@ class Record:
     repaired_ns: int
     repaired_arrived_ns: int
     unheard: frozenset[str]  # at `zero_ns`: atoms that observers report and had not yet said anything of
+    account: tuple[str, ...] = ()  # the service's own, of its repairs
 
 
 def record(
@@ -88,6 +89,7 @@ def record(
     heard: Sequence[Heard],
     history: Iterable[Mapping[str, Any]],
     unheard: Iterable[str],
+    account: Iterable[str] = (),
 ) -> Record:
     """Return the record of what was heard since `zero_ns`; `history` are lines of GET …/history."""
     since = tuple(one for one in heard if one.event.time_ns >= zero_ns)
@@ -102,6 +104,7 @@ def record(
         repaired_ns=ends[-1].event.time_ns,
         repaired_arrived_ns=ends[-1].arrived_ns,
         unheard=frozenset(unheard),
+        account=tuple(account),
     )
 
 

@@ -16,8 +16,8 @@ from robomend.errors import InputError
 from robomend.web.timeline import svg
 from robomend_demo.cast import ROBOT, Cast
 from robomend_demo.figures import Figures, figures
-from robomend_demo.play import POWER_UP, VICTIM
 from robomend_demo.record import Record
+from robomend_demo.scenarios import POWER_UP, SCENARIOS, SHUT_DOWN
 from robomend_demo.story import scenario_json, timeline
 
 PAPER_POWER_UP_S = 30.2
@@ -34,7 +34,7 @@ class Told:
     @classmethod
     def of(cls, record: Record) -> Told:
         """Measure a scenario."""
-        return cls(record, figures(record, from_plan=record.name == POWER_UP))
+        return cls(record, figures(record, from_plan=record.name == POWER_UP.name))
 
 
 def demo_json(told: Sequence[Told]) -> dict[str, Any]:
@@ -84,11 +84,12 @@ def summary(console: Console, folder: Path, told: Sequence[Told]) -> None:
 def _rows(told: Told) -> Iterable[tuple[str, str, str, str]]:
     own, name = told.figures, told.record.name
     latencies = own.json()["observation_to_diagnosis_ms"]
-    if name == POWER_UP:
+    goal_s = SCENARIOS[name].goal_s
+    if name == POWER_UP.name:
         paper = f"{PAPER_POWER_UP_S} s"
-        yield "power-up: from the plan until all is good and verified", *_s(own.total_s, 8), paper
+        yield "power-up: from the plan until all is good and verified", *_s(own.total_s, goal_s), paper
     else:
-        yield f"{name}: from the fault until all is good and verified", *_s(own.total_s, 3), "–"
+        yield f"{name}: from the fault until all is good and verified", *_s(own.total_s, goal_s), "–"
         yield "  until the fault is diagnosed", *_s(own.detection_s, 1), "–"
     yield "  the service's own share", *_s(own.service_share_s, 1), "–"
     yield "  observation accepted to diagnosis published, median", *_ms(latencies["p50"], 5), "1 s cycle"
@@ -97,8 +98,8 @@ def _rows(told: Told) -> Iterable[tuple[str, str, str, str]]:
     yield "  diagnosis to validated plan", *_ms(own.diagnosis_to_plan_ms, 100), "–"
 
 
-def _s(value: float, goal: float) -> tuple[str, str]:
-    return f"{value:.2f} s", f"< {goal:g} s"
+def _s(value: float, goal: float | None) -> tuple[str, str]:
+    return f"{value:.2f} s", "–" if goal is None else f"< {goal:g} s"
 
 
 def _ms(value: float, goal: float) -> tuple[str, str]:
@@ -109,7 +110,7 @@ def invitation(cast: Cast, board_command: Sequence[str]) -> str:
     """Return what somebody can try while the robot is held up."""
     robot = f"{cast.url}/api/v1/robots/{ROBOT}"
     control = shlex.join([*board_command, "control", "--port", str(cast.board.control_port)])
-    channel = cast.model.hardware[VICTIM].channel
+    channel = cast.robot.model.hardware[SHUT_DOWN.victim].channel
     return f"""
 The robot runs on, and is looked after. In another terminal:
 

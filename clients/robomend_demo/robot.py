@@ -7,6 +7,7 @@ Everything is a value; who runs the demo writes them as JSON files (JSON is YAML
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -47,8 +48,11 @@ def agent_config(
     key_file: Path | None = None,
     agent: str = "onboard",
     start_nodes: bool = False,
+    spares: Mapping[str, str] | None = None,
 ) -> dict[str, Any]:
     """Return the agent's configuration: the model's nodes as processes, its topics to be watched.
+
+    `spares`: device -> the one that can stand in for it; then `switch_to_spare` is an action of the agent's.
 
     The observers are those of the demo: checked every 0.1 s, ok after 5 intervals within tolerance, not ok
     after 0.5 s of silence. The rate is measured over up to 10 intervals, so that one late message does no
@@ -59,6 +63,7 @@ def agent_config(
     service: dict[str, str] = {"url": service_url}
     if key_file is not None:
         service["key_file"] = str(key_file)
+    actions = {"switch_to_spare": _switch(nodes_file, spares)} if spares else {}
     return {
         "robot": robot,
         "agent": agent,
@@ -73,6 +78,7 @@ def agent_config(
             }
             for name, topic in expected.items()
         },
+        "actions": actions,
         "processes": {
             name: {
                 "command": [
@@ -92,3 +98,10 @@ def agent_config(
             for name in model.nodes
         },
     }
+
+
+def _switch(nodes_file: Path, spares: Mapping[str, str]) -> dict[str, Any]:
+    """Return the action that lets drivers find another device where theirs was: spare.py."""
+    command = [sys.executable, "-m", "robomend_demo.spare", str(nodes_file), "{device}", "{spare}"]
+    parameters = {"device": sorted(spares), "spare": sorted(spares.values())}
+    return {"kind": "process", "command": command, "parameters": parameters}

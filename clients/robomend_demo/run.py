@@ -11,15 +11,16 @@ import tempfile
 import webbrowser
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from robomend.resources import resource
 from robomend_client.rest.errors import ClientError
-from robomend_demo.cast import ROBOT, Cast, environment, gather
+from robomend_demo.cast import ROBOT, Cast, DemoRobot, environment, gather, tedusar, tedusar_with_spare
 from robomend_demo.interrupts import Interrupted, Interrupts
-from robomend_demo.play import POWER_UP, SHUT_DOWN, Play
+from robomend_demo.play import Play
 from robomend_demo.report import Told
+from robomend_demo.scenarios import POWER_UP, Scenario
 from robomend_demo.screen import Screen
 from robomend_demo.stage import DemoFailed, Stage
 
@@ -37,10 +38,20 @@ DEATH_SHOWS_S = 0.5
 class Wanted:
     """What to play."""
 
-    scenarios: tuple[str, ...]
+    scenarios: tuple[Scenario, ...]
     paper_domain: bool = False
     hold: bool = False
     page: bool = False
+
+    @property
+    def robot(self) -> DemoRobot:
+        """The robot that can play all of it."""
+        if any(scenario.needs_spare for scenario in self.scenarios):
+            return tedusar_with_spare()
+        if self.paper_domain:
+            domain = resource("pddl", "paper-repair.pddl").read_text(encoding="utf-8")
+            return replace(tedusar(), domain=domain, hold_s=PAPER_HOLD_S)
+        return tedusar()
 
 
 def run(
@@ -58,17 +69,14 @@ def run(
         try:
             with Stage(folder, environment(), interrupts) as stage:
                 screen.say("starting the service, the power board, the devices and the robot's agent …")
-                cast = gather(stage, folder, all_on=all_on)
-                domain = resource("pddl", "paper-repair.pddl").read_text() if wanted.paper_domain else None
-                hold_s = PAPER_HOLD_S if wanted.paper_domain else 0.0
-                play = Play(stage, cast, interrupts, screen, domain=domain, hold_s=hold_s)
+                cast = gather(stage, folder, wanted.robot, all_on=all_on)
+                play = Play(stage, cast, interrupts, screen)
                 with blaming_the_dead(stage):
                     play.prepare(folder, all_on=all_on)
                     if wanted.page:  # not before the robot is there to be seen
                         screen.say(f"the page: {page_of(cast)}")
                         show(page_of(cast))
-                    acts = {POWER_UP: play.power_up, SHUT_DOWN: play.shut_down}
-                    told = [Told.of(acts[name]()) for name in wanted.scenarios]
+                    told = [Told.of(play.play(scenario)) for scenario in wanted.scenarios]
                 screen.rest()
                 done(told, cast)
                 if wanted.hold:

@@ -15,14 +15,15 @@ from rich.text import Text
 
 from robomend_client.events import Event, Kind
 from robomend_demo.record import FINAL
+from robomend_demo.scenarios import SCENARIOS
 from robomend_demo.view import Act, RobotView
 
 FRAME_S = 0.1
 
+HOLD = "hold"
 WHAT_HAPPENS = {
-    "power-up": "everything is off and nothing runs; the robot is entrusted to the service",
-    "shut-down": "the tracked base (jaguar) loses its power",
-    "hold": "the robot runs on, and is looked after",
+    **{name: scenario.happens for name, scenario in SCENARIOS.items()},
+    HOLD: "the robot runs on, and is looked after",
 }
 
 SIGNS = {
@@ -57,6 +58,10 @@ class Screen(Protocol):
 
     def refresh(self, view: RobotView) -> None:
         """Some time has passed."""
+        ...
+
+    def account(self, lines: Sequence[str]) -> None:
+        """The scene is over; this is what the service wrote down of its repairs."""
         ...
 
     def rest(self) -> None:
@@ -96,6 +101,9 @@ class Lines:
 
     def refresh(self, view: RobotView) -> None:
         """Lines stay as they are."""
+
+    def account(self, lines: Sequence[str]) -> None:
+        self.say("\n".join(["  the record:", *(f"    {line}" for line in lines)]))
 
     def rest(self) -> None:
         """Lines stay as they are."""
@@ -156,6 +164,10 @@ class Picture:
             self._live.stop()
             self._console.print()
         self._name = ""
+
+    def account(self, lines: Sequence[str]) -> None:
+        self.rest()
+        self.say("\n".join(["the record:", *(f"  {line}" for line in lines), ""]))
 
     def say(self, text: str) -> None:
         self._console.print(text, style="dim", highlight=False, markup=False)

@@ -9,11 +9,8 @@ from robomend.web.timeline import ActionBar, Mark, Span, Timeline
 from robomend_client.events import Event, Kind
 from robomend_demo.figures import NS, Figures
 from robomend_demo.record import Record
+from robomend_demo.scenarios import POWER_UP, SCENARIOS
 
-TITLES = {
-    "power-up": "Power-up: everything is off, nothing runs",
-    "shut-down": "Shut-down: the tracked base loses its power",
-}
 BadSets = tuple[tuple[str, ...], ...]
 """The bad components of each minimal diagnosis."""
 
@@ -33,8 +30,7 @@ def timeline(record: Record, components: Sequence[str], figures: Figures) -> Tim
         for number, done in enumerate(record.rounds, start=1)
     ]
     marks.append(Mark(at_s(record.repaired_arrived_ns), "all good, verified"))
-    if record.name == "shut-down":
-        marks.append(Mark(figures.detection_s, "diagnosis: {" + ", ".join(record.rounds[0].bad) + "}"))
+    from_fault = record.name != POWER_UP.name
     bars = [
         ActionBar(at_s(run.sent_ns), at_s(run.ended_ns), run.text, run.state != "failed")
         for done in record.rounds
@@ -46,15 +42,19 @@ def timeline(record: Record, components: Sequence[str], figures: Figures) -> Tim
         for one in record.heard
         if one.event.kind is Kind.DIAGNOSIS
     ]
-    began: BadSets | None = ((),) if record.name == "shut-down" else None
+    if from_fault:
+        known = next((found for at, found in diagnoses if found and at == figures.detection_s), None)
+        named = ["{" + ", ".join(bad) + "}" for bad in known or (record.rounds[0].bad,)]
+        marks.append(Mark(figures.detection_s, f"diagnosis: {' or '.join(named)}"))
+    began: BadSets | None = ((),) if from_fault else None
     rows = [(name, tuple(spans(name, diagnoses, end_s, began))) for name in components]
     actions = sum(len(done.plan) for done in record.rounds)
-    since = "plan" if record.name == "power-up" else "fault"
+    since = "fault" if from_fault else "plan"
     subtitle = (
         f"All good and verified {figures.total_s:.2f} s after the {since}, with {actions} actions; the "
         f"service's own share of that is {figures.service_share_s:.2f} s."
     )
-    return Timeline(TITLES.get(record.name, record.name), subtitle, rows, bars, marks, end_s)
+    return Timeline(SCENARIOS[record.name].title, subtitle, rows, bars, marks, end_s)
 
 
 def _planned(number: int, count: int) -> str:
@@ -111,6 +111,7 @@ def scenario_json(record: Record, figures: Figures) -> dict[str, Any]:
             for done in record.rounds
         ]
     value["figures"] = figures.json()
+    value["account"] = list(record.account)
     value["events"] = [
         {"t_s": round((one.event.time_ns - record.zero_ns) / NS, 4), "kind": str(one.event.kind), **told}
         for one in record.heard

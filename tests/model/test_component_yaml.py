@@ -226,6 +226,6 @@ def test_a_damaged_five_key_file_raises_model_errors_only(at: int, cut: int, put
         str(error)
 
 
-@pytest.mark.parametrize("example", ["tedusar.yaml", "mobile_manipulator.yaml"])
+@pytest.mark.parametrize("example", ["tedusar.yaml", "tedusar_spare.yaml", "mobile_manipulator.yaml"])
 def test_the_examples_load_without_a_warning(example: str) -> None:
     assert load_model(resource("examples", example)).warnings == ()

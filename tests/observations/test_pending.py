@@ -30,14 +30,41 @@ def test_a_verdict_is_pending_until_its_observer_had_its_time() -> None:
 def test_silence_of_what_rests_on_something_that_has_just_begun_is_pending() -> None:
     rests_on = {"driver": {"driver", "scan", "map"}, "mapping": {"mapping", "map"}}
     began = {"driver": 10 * S, "mapping": 2 * S}
-    found = starting([SCAN, MAP, ODOM], began, lambda _: 5 * S, rests_on.__getitem__, 12 * S)
+
+    def begun(symptoms: list[Entry], began: dict[str, int], now: int) -> dict[Atom, int]:
+        return starting(symptoms, began, lambda _: 5 * S, rests_on.__getitem__, lambda _: {"scan"}, now)
+
+    scan, map_, odom = (bad(atom, time=12 * S, onset=8 * S) for atom in (SCAN, MAP, ODOM))
+    found = begun([scan, map_, odom], began, 12 * S)
     assert found == {SCAN: 15 * S + SLACK_NS, MAP: 15 * S + SLACK_NS}
     over_first = dict(reversed(began.items()))  # what has had its time hides nobody that comes after it
-    assert starting([SCAN], over_first, lambda _: 5 * S, rests_on.__getitem__, 12 * S) == {
-        SCAN: 15 * S + SLACK_NS
-    }
     end = 15 * S + SLACK_NS
-    assert starting([SCAN], began, lambda _: 5 * S, rests_on.__getitem__, end - 1) == {SCAN: end}
-    assert starting([SCAN], began, lambda _: 5 * S, rests_on.__getitem__, end) == {}
-    running = Atom("running", ("driver",))
-    assert starting([running], began, lambda _: 5 * S, rests_on.__getitem__, 12 * S) == {}
+    assert begun([scan], over_first, 12 * S) == {SCAN: end}
+    assert begun([scan], began, end - 1) == {SCAN: end}
+    assert begun([scan], began, end) == {}
+    assert begun([bad(Atom("running", ("driver",)), time=12 * S)], began, 12 * S) == {}
+
+
+def test_what_was_heard_since_it_began_is_not_silent_because_it_starts() -> None:
+    def begun(scan: Entry, map_: Entry) -> set[Atom]:
+        influences = {"driver", "scan", "map"}
+        return set(
+            starting(
+                [scan, map_],
+                {"driver": 10 * S},
+                lambda _: 5 * S,
+                lambda _: influences,
+                lambda _: {"scan"},
+                13 * S,
+            )
+        )
+
+    fell = {at: (bad(SCAN, time=13 * S, onset=at * S), bad(MAP, time=13 * S, onset=at * S)) for at in (9, 12)}
+    assert begun(*fell[12]) == set()
+    assert begun(*fell[9]) == {SCAN, MAP}
+    # What lived for a moment longer than its input, which is not back yet, waits for it.
+    assert begun(fell[9][0], fell[12][1]) == {SCAN, MAP}
+    # What fell silent before its input did, may have waited for it all the while.
+    assert begun(fell[12][0], fell[9][1]) == {MAP}
+    assert begun(fell[12][0], bad(MAP, time=13 * S)) == {MAP}
+    assert begun(bad(SCAN, time=13 * S), fell[12][1]) == {SCAN, MAP}

@@ -5,11 +5,14 @@ from __future__ import annotations
 import asyncio
 from datetime import UTC, datetime
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 from tests.repairs.robot import CONFIG, SHUT_DOWN, Robot, nothing_begins, robot_on, service, the_repair
 
 from robomend.errors import Refused, StateConflict
+from robomend.repairs.choosing import KEEP_S, Chooser
 
 pytestmark = pytest.mark.anyio
 
@@ -51,6 +54,32 @@ async def test_a_protected_component_is_not_shut_down(tmp_path: Path) -> None:
         repair = await the_repair(runtime)
     assert repair["state"] == "escalated"
     assert robot.done == []
+
+
+@pytest.mark.parametrize("policy", ["auto", "approve", "observe"])
+async def test_a_planner_is_kept_ready_for_a_robot_that_may_be_repaired_at_any_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, policy: str
+) -> None:
+    kept = asyncio.Event()
+    monkeypatch.setattr(Chooser, "keep_ready", lambda chooser: kept.set())
+    async with service(tmp_path) as runtime, robot_on(runtime, policy=policy) as robot:
+        await robot.settled()
+        if policy == "auto":
+            async with asyncio.timeout(60):
+                await kept.wait()
+    assert kept.is_set() is (policy == "auto")
+
+
+def test_the_planners_are_told_so_now_and_then_only() -> None:
+    told: list[str] = []
+    planners = SimpleNamespace(start=lambda: told.append("start"))
+    nobody = cast(Any, None)
+    chooser = Chooser(nobody, cast(Any, planners), nobody, nobody)
+    for number in (1, 2):
+        chooser.keep_ready()
+        chooser.keep_ready()
+        assert told == ["start"] * number
+        chooser._kept_s -= KEEP_S  # so much later
 
 
 async def test_under_observe_nothing_is_ever_done(tmp_path: Path) -> None:

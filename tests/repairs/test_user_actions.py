@@ -153,6 +153,7 @@ async def test_a_scanner_that_a_power_cycle_does_not_bring_back_is_replaced_by_i
         for one in repair["rounds"]
     ]
     assert repair["state"] == "repaired", repair["reason"]
+    assert "unconfirmed" not in repair["reason"]  # the board went on saying that both are on
     assert chosen.read_text() == "lidar_b\n"
     assert robot.read == "lidar_b"
     assert done[-1] == [

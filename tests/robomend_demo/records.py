@@ -92,4 +92,5 @@ def restarted(name: str = "shut-down") -> Record:
     said.step(410, "start_node(n)", "done", sent=120, ended=410, seen=("running(n)", "ok(t)"))
     said.repair(412, "verifying", [{**first, "ending": "done"}])
     said.repair(414, "repaired", [{**first, "ending": "done"}], finished_ns=414 * MS)
-    return record(name, 0, said.heard, said.history, ["running(n)", "ok(t)"])
+    account = ["12:00:00.000 repair x of r begins", "12:00:01.000 repaired"]
+    return record(name, 0, said.heard, said.history, ["running(n)", "ok(t)"], account)

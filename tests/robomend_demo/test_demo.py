@@ -1,4 +1,4 @@
-"""The paper's two scenarios, played by the demo as a user starts it: golden outcomes, nothing left behind."""
+"""The scenarios, played by the demo as a user starts it: golden outcomes, nothing left behind."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import signal
 import socket
 import time
 import xml.etree.ElementTree as ET
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -39,19 +40,36 @@ DRIVERS = {
 }
 RESTART = ["power_up(jaguar)", "stop_node(jaguar_node)", "start_node(jaguar_node)"]
 
+RESTART_LIDAR = ["stop_node(hokuyo_node)", "start_node(hokuyo_node)"]
+CYCLE_LIDAR = ["shutdown(hokuyo)", "power_up(hokuyo)"]
+
 pytestmark = pytest.mark.timeout(240)
 
 
 @pytest.fixture(scope="session")
 def both(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Path]:
-    """Both scenarios, played once for all tests, also where several processes run them."""
+    """Both scenarios of the paper, played once for all tests, also where several processes run them."""
+    return played(tmp_path_factory, "both-scenarios", play_both)
+
+
+@pytest.fixture(scope="session")
+def broken_devices(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Path]:
+    """The scenarios in which a device breaks, likewise."""
+    options = ("--scenario", "dead-lidar", "--scenario", "hung-device")
+    return played(tmp_path_factory, "broken-devices", lambda folder: play(folder, *options))
+
+
+def played(
+    tmp_path_factory: pytest.TempPathFactory, name: str, play_it: Callable[[Path], object]
+) -> tuple[dict[str, Any], Path]:
+    """Return what a demo printed, and its report folder; the first who asks plays it."""
     own = tmp_path_factory.getbasetemp()
     shared = own.parent if "PYTEST_XDIST_WORKER" in os.environ else own
-    folder = shared / "both-scenarios"
-    with (shared / "both-scenarios.lock").open("w") as lock:
+    folder = shared / name
+    with (shared / f"{name}.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not folder.exists():
-            play_both(folder)
+            play_it(folder)
     return json.loads((folder / "out").read_text()), folder / "report"
 
 
@@ -97,6 +115,43 @@ def test_shut_down_is_diagnosed_as_the_base_and_repaired_by_one_plan(
     assert shut_down["repaired"] is True
     assert shut_down["diagnosis"]["bad"] == ["jaguar"]
     assert shut_down["plan"] == RESTART
+
+
+def test_a_hung_device_is_cycled_after_its_drivers_restart_did_not_help(
+    broken_devices: tuple[dict[str, Any], Path],
+) -> None:
+    hung = scenario(broken_devices[0], "hung-device")
+    assert hung["repaired"] is True
+    assert [done["diagnosis"]["bad"] for done in hung["rounds"]] == [["hokuyo_node"], ["hokuyo"]]
+    assert [done["plan"] for done in hung["rounds"]] == [RESTART_LIDAR, [*CYCLE_LIDAR, *RESTART_LIDAR]]
+
+
+def test_a_dead_lidar_is_replaced_by_its_spare_once_nothing_else_is_left(
+    broken_devices: tuple[dict[str, Any], Path],
+) -> None:
+    printed, report = broken_devices
+    dead = scenario(printed, "dead-lidar")
+    assert dead["repaired"] is True
+    # It hung a moment ago, when to restart its driver was no help: that is not tried again.
+    assert [done["diagnosis"]["bad"] for done in dead["rounds"]] == [["hokuyo"], ["hokuyo"]]
+    assert [done["plan"] for done in dead["rounds"]] == [
+        [*CYCLE_LIDAR, *RESTART_LIDAR],
+        ["switch_to_spare(hokuyo, hokuyo_b)", *RESTART_LIDAR],
+    ]
+    text = "".join(ET.parse(report / "dead-lidar.svg").getroot().itertext())
+    assert "switch_to_spare(hokuyo, hokuyo_b)" in text
+    assert "hokuyo_b" in text
+
+
+def test_the_account_of_each_repair_is_told_after_it(broken_devices: tuple[dict[str, Any], Path]) -> None:
+    printed, report = broken_devices
+    said = (report.parent / "said").read_text()
+    for one in printed["scenarios"]:
+        account = one["account"]
+        assert "repair r-" in account[0]
+        assert any("chosen: hokuyo: helps with probability 1" in line for line in account)
+        assert account[-1].endswith("repaired: every observation is what a healthy robot would show")
+        assert all(f"    {line}\n" in said for line in account)
 
 
 def test_demo_json_tells_of_each_event_and_of_every_figure(both: tuple[dict[str, Any], Path]) -> None:

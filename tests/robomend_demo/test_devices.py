@@ -18,6 +18,8 @@ import pytest
 from tests.clients.service_double import eventually
 
 Address = tuple[str, int]
+READY = "ready.json"
+"""What the devices said when they were ready."""
 
 
 class ControlPort:
@@ -73,7 +75,8 @@ def devices(
         process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log)
     assert process.stdout is not None
     try:
-        ready = json.loads(process.stdout.readline())
+        (tmp_path / READY).write_bytes(process.stdout.readline())
+        ready = json.loads((tmp_path / READY).read_bytes())
         found = {name: (host, int(port)) for name, (host, _, port) in _parts(ready["devices"]).items()}
         yield process, found
     finally:
@@ -176,6 +179,71 @@ def test_a_driver_that_does_not_read_is_cut_off_and_others_are_served(tmp_path: 
         assert got[-1]["seq"] - got[0]["seq"] == 11_999
         assert _ended(deaf, most_bytes=500_000)
         deaf.close()
+
+
+def plant(tmp_path: Path, device: str, fault: str) -> dict[str, Any]:
+    """Ask the fault port."""
+    return ask_for_fault(tmp_path, json.dumps({"device": device, "fault": fault}))
+
+
+def ask_for_fault(tmp_path: Path, line: str) -> dict[str, Any]:
+    port = json.loads((tmp_path / READY).read_bytes())["fault_port"]
+    with socket.create_connection(("127.0.0.1", port), timeout=10) as connection:
+        connection.sendall(line.encode() + b"\n")
+        answer: dict[str, Any] = json.loads(connection.makefile().readline())
+    return answer
+
+
+def silent(address: Address) -> bool:
+    """Return whether a device takes a connection and says nothing for ten of its periods."""
+    with socket.create_connection(address, timeout=0.2) as connection:
+        try:
+            return not connection.recv(1)
+        except TimeoutError:
+            return True
+
+
+def test_a_hung_device_is_silent_until_it_lost_its_power_once(tmp_path: Path, control: ControlPort) -> None:
+    with devices(tmp_path, JAGUAR, control.address) as (_, addresses):
+        control.power(7, True)
+        eventually(lambda: reachable(addresses["jaguar"]), "the jaguar, on")
+        with socket.create_connection(addresses["jaguar"]) as before:
+            readings(before, 2)
+            assert plant(tmp_path, "jaguar", "hung") == {"ok": True}
+            assert silent(addresses["jaguar"])
+            with socket.create_connection(addresses["imu"]) as other:
+                readings(other, 2)
+            control.power(7, False)
+            assert _ended(before)
+        control.power(7, True)
+        eventually(lambda: reachable(addresses["jaguar"]), "the jaguar, on again")
+        with socket.create_connection(addresses["jaguar"]) as after:
+            readings(after, 2)
+
+
+def test_a_dead_device_stays_silent_until_its_fault_is_lifted(tmp_path: Path, control: ControlPort) -> None:
+    with devices(tmp_path, JAGUAR, control.address) as (_, addresses):
+        assert plant(tmp_path, "jaguar", "dead") == {"ok": True}
+        for _ in range(2):
+            control.power(7, True)
+            eventually(lambda: reachable(addresses["jaguar"]), "the jaguar, on")
+            assert silent(addresses["jaguar"])
+            control.power(7, False)
+            eventually(lambda: not reachable(addresses["jaguar"]), "the jaguar, off")
+        control.power(7, True)
+        eventually(lambda: reachable(addresses["jaguar"]), "the jaguar, on")
+        assert plant(tmp_path, "jaguar", "none") == {"ok": True}
+        with socket.create_connection(addresses["jaguar"]) as alive:
+            readings(alive, 2)
+
+
+def test_a_fault_that_makes_no_sense_is_refused_in_words(tmp_path: Path) -> None:
+    with devices(tmp_path, JAGUAR):
+        assert plant(tmp_path, "sonar", "hung") == {"ok": False, "error": "KeyError: 'sonar'"}
+        assert "is not a valid DeviceFault" in plant(tmp_path, "imu", "odd")["error"]
+        for line in ("[]", "{", "\xff"):
+            assert ask_for_fault(tmp_path, line)["ok"] is False
+        assert plant(tmp_path, "imu", "none") == {"ok": True}
 
 
 def test_it_can_end_with_whoever_started_it(tmp_path: Path) -> None:

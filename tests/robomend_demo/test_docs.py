@@ -11,6 +11,7 @@ from tests.robomend_demo.records import restarted
 from robomend_demo.cast import GENERAL_OBSERVERS
 from robomend_demo.command import command
 from robomend_demo.figures import figures
+from robomend_demo.scenarios import SCENARIOS
 from robomend_demo.story import scenario_json
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -30,7 +31,7 @@ def test_every_key_of_demo_json_is_described() -> None:
     assert ", ".join(GENERAL_OBSERVERS) in PAGE
 
 
-@pytest.mark.parametrize("name", ["power-up", "shut-down"])
+@pytest.mark.parametrize("name", SCENARIOS)
 def test_the_pictures_are_those_of_the_demo(name: str) -> None:
     assert f"]({name}.svg)" in PAGE
     text = "".join(ET.parse(DOCS / f"{name}.svg").getroot().itertext())

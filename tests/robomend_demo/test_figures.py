@@ -54,6 +54,7 @@ def test_demo_json_has_the_first_rounds_diagnosis_and_plan() -> None:
     assert told["diagnosis"] == {"bad": ["n"], "good": ["h"]}
     assert told["plan"] == ["start_node(n)"]
     assert "rounds" not in told
+    assert told["account"] == ["12:00:00.000 repair x of r begins", "12:00:01.000 repaired"]
     assert [event["kind"] for event in told["events"]][:3] == ["observations", "diagnosis", "repair"]
 
 

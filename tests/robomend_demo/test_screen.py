@@ -69,6 +69,18 @@ def test_lines_tell_each_thing_once(capsys: pytest.CaptureFixture[str]) -> None:
     ]
 
 
+def test_the_account_of_a_scene_is_shown_after_it(capsys: pytest.CaptureFixture[str]) -> None:
+    told = ["12:00:00.000 repair r-1 of r begins", "  chosen: [n]", "12:00:01.000 repaired: as it was"]
+    Lines().account(told)
+    assert capsys.readouterr().err.splitlines() == ["  the record:", *(f"    {line}" for line in told)]
+    console = Console(file=io.StringIO(), width=100)
+    with Picture(console, COMPONENTS) as screen:
+        screen.scene("shut-down", 0, seen(306))
+        screen.account(told)
+    assert isinstance(console.file, io.StringIO)
+    assert "\n".join(["the record:", *(f"  {line}" for line in told)]) in console.file.getvalue()
+
+
 def test_a_long_set_is_shortened() -> None:
     result = {"diagnoses": [{"bad": list("abcdef")}, {"bad": ["g"]}, {"bad": ["h"]}]}
     event = Event(1, 0, Kind.DIAGNOSIS, "r", {"revision": 1, "result": result, "fault": None})

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from tests.clients.service_double import eventually
 
 from robomend.errors import Overloaded, SolverError, WorkerDied, WorkerTimeout
 from robomend.workers.pool import WorkerPool
@@ -183,6 +184,26 @@ def test_idle_workers_end() -> None:
         assert gone(pid)
         assert pool.pids == ()
         assert pool.call(os.getpid) != pid
+
+
+def test_who_says_again_that_it_may_be_needed_keeps_a_worker_ready() -> None:
+    with WorkerPool("kept", spare=0, idle_s=1000.0) as pool:
+        pool.start()
+        pool.start()
+        eventually(lambda: pool.pids != (), "a worker that is ready")
+        (pid,) = pool.pids
+
+        def long_after(*, kept: bool) -> None:
+            (worker,) = pool._idle
+            worker.idle_since -= 2000.0
+            if kept:
+                pool.start()
+            pool._end_idle()
+
+        long_after(kept=True)
+        assert pool.call(os.getpid) == pid
+        long_after(kept=False)
+        assert gone(pid)
 
 
 async def _timed_out_and_cancelled(pool: WorkerPool, spin: Callable[..., object]) -> None:

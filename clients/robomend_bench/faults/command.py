@@ -107,6 +107,9 @@ def _trial(context: click.Context, parameter: click.Parameter, value: str | None
 )
 @click.option("--only-trial", callback=_trial, help="Play one trial and print all that happened in it.")
 @click.option(
+    "--verbose", is_flag=True, help="Print all that happened in each trial, with the service's accounts."
+)
+@click.option(
     "--out",
     type=click.Path(file_okay=False, path_type=Path),
     help="Write faults-OBSERVERS.json and .md here, and the record of each trial that went wrong.",
@@ -123,6 +126,7 @@ def command(
     jobs: int | None,
     agent: str,
     only_trial: Trial | None,
+    verbose: bool,
     out: Path | None,
     output: str,
 ) -> None:
@@ -141,7 +145,7 @@ def command(
     """
     # That the service is away for a moment is what some stretches are about.
     logging.getLogger("robomend_client").setLevel(logging.ERROR)
-    terms = Terms(observers)
+    terms = Terms(observers, accounts=verbose or only_trial is not None)
     wanted = [only_trial] if only_trial else list(choose(trials, stretches, seed, robots, classes))
     if not wanted:
         raise click.UsageError("none of these robots takes part in any of these classes")
@@ -168,6 +172,9 @@ def command(
     judge(records, report)
     if out is not None:
         _write(out, records, report)
+    if verbose and only_trial is None:
+        for record in records:
+            click.echo("\n".join((str(record.trial), *record.lines(), "")), err=True)
     if output == "json":
         click.echo(json.dumps(report.as_json(), indent=1))
     elif only_trial is not None:

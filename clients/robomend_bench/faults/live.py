@@ -259,6 +259,9 @@ class LiveRobot:
             bads = tuple(tuple(d["bad"]) for d in result["diagnoses"]) if result else ()
             why = "" if result else str(fault)
             self.record.diagnoses.append(Diagnosed(at_s - self.zero_s, bads, why))
+        elif event.kind is Kind.ROBOT and data.get("what") == "health":
+            self._happened()
+            self.record.unknown.append((at_s - self.zero_s, tuple(data["unknown"])))
         elif event.kind is Kind.REPAIR:
             self._happened()
             diagnosis = data.get("diagnosis") or {}

@@ -148,6 +148,7 @@ class HostObservers:
         if running != self._running or now_ns >= self._table_ns:
             self._running = running
             self._table_ns = (now_ns // TABLE_NS + 1) * TABLE_NS
+            self._on = None  # the relays are read as often: who is to judge anew must hear of them again
             changes += self.driver.sample(PROCESSES, now_ns, running, now_ns)
         if on != self._on:
             self._on = dict(on)
@@ -199,7 +200,7 @@ class _Relays:
     """Tells the positions of relays."""
 
     period_ns = 0
-    detection_s = settling_s = 0.1
+    detection_s = settling_s = 2 * TABLE_NS / SECOND
     sources = frozenset((RELAYS,))
 
     def __init__(self, devices: Sequence[str]) -> None:

@@ -85,9 +85,11 @@ class Record:
     states: list[tuple[float, State]] = field(default_factory=list)
     said: list[tuple[float, tuple[Literal, ...]]] = field(default_factory=list)  # changes, as posted
     diagnoses: list[Diagnosed] = field(default_factory=list)
+    unknown: list[tuple[float, tuple[str, ...]]] = field(default_factory=list)  # atoms, as it was told
     repairs: list[RepairSeen] = field(default_factory=list)
     acts: list[Acted] = field(default_factory=list)
     notes: list[tuple[float, str]] = field(default_factory=list)
+    account: list[str] = field(default_factory=list)  # the service's own, of its repairs, if it was asked
     late_s: float = 0.0  # how late the harness was at most
     end_s: float = 0.0
     error: str = ""  # why this is no measurement
@@ -97,6 +99,7 @@ class Record:
         self.states = [(at + by_s, state) for at, state in self.states]
         self.said = [(at + by_s, literals) for at, literals in self.said]
         self.notes = [(at + by_s, text) for at, text in self.notes]
+        self.unknown = [(at + by_s, atoms) for at, atoms in self.unknown]
         self.diagnoses = [replace(each, at_s=each.at_s + by_s) for each in self.diagnoses]
         self.repairs = [replace(each, at_s=each.at_s + by_s) for each in self.repairs]
         for acted in self.acts:
@@ -129,11 +132,13 @@ class Record:
         found += ((at, "truth", describe(state)) for at, state in self.states)
         found += ((at, "seen", ", ".join(sorted(map(str, literals)))) for at, literals in self.said)
         found += ((d.at_s, "diagnosis", d.fault or " | ".join(map(_set, d.bads))) for d in self.diagnoses)
+        found += ((at, "unknown", ", ".join(atoms) or "nothing any more") for at, atoms in self.unknown)
         found += ((r.at_s, "repair", _repair(r)) for r in self.repairs)
         found += ((a.at_s, "ACT", _acted(a)) for a in self.acts)
         found += ((at, "note", text) for at, text in self.notes)
         found.sort(key=lambda line: line[0])
-        return [f"{at:8.3f}  {kind:<10}{text}" for at, kind, text in found]
+        told = [f"{at:8.3f}  {kind:<10}{text}" for at, kind, text in found]
+        return [*told, *(f"{'':10}account   {line}" for line in self.account)]
 
 
 def describe(state: State) -> str:

@@ -85,16 +85,20 @@ def _healthy(record: Record) -> Score:
     found = Score(str(record.trial), record.trial.cls, "healthy", record.end_s)
     found.acts = len(record.acts)
     found.wrong = [f"{act.at_s:.2f} s: {act.act}" for act in record.acts]
-    found.alarms = _alarms(record.diagnoses)
+    found.alarms = _alarms(record, record.diagnoses)
     found.points = max(-1.0, 1.0 - 0.5 * found.acts - 0.1 * found.alarms)
     return found
 
 
-def _alarms(diagnoses: Iterable[Diagnosed]) -> int:
-    """Return how often a diagnosis turned from healthy, or nothing, to not."""
-    count, well = 0, True
+def _alarms(record: Record, diagnoses: Iterable[Diagnosed]) -> int:
+    """Return how often a diagnosis turned from healthy, or nothing, to not, and nothing was broken then.
+
+    What an observer may just have seen is no false alarm: at boot, every process is stopped for a moment.
+    """
+    count, well, delay_s = 0, True, PRESETS[record.observers].delay_s
     for each in diagnoses:
-        count += well and not each.healthy and not each.fault
+        if well and not each.healthy and not each.fault:
+            count += not any(state for _, state in record.states_between(each.at_s - delay_s, each.at_s))
         well = each.healthy or bool(each.fault)
     return count
 
@@ -123,13 +127,24 @@ class _Scoring:
 
     # --- detection and cause
 
+    def _unheard_s(self) -> list[float]:
+        """Return when it was told that nobody observes any more what would show the fault."""
+        found = []
+        for at_s, atoms in self.record.unknown:
+            shown = abnormal(self.anatomy, self.record.state_at(at_s)) if at_s >= 0 else ()
+            if any(str(literal.atom) in atoms for literal in shown):
+                found.append(at_s)
+        return found
+
     def _detection(self) -> None:
         found, record = self.found, self.record
-        found.alarms = _alarms(each for each in record.diagnoses if each.at_s < 0)
+        found.alarms = _alarms(record, (each for each in record.diagnoses if each.at_s < 0))
         at_s = [d.at_s for d in record.diagnoses if d.at_s >= 0 and not d.healthy and not d.fault]
         if not record.faults:
             found.alarms += len(at_s[:1])
             return
+        at_s += self._unheard_s()
+        at_s.sort()
         found.detected = bool(at_s)
         found.detection_s = at_s[0] if at_s else None
 

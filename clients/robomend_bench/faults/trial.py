@@ -42,6 +42,7 @@ class Terms:
 
     observers: str = "published"
     most_s: float = 60.0  # of a trial, from its first fault
+    accounts: bool = False  # whether the service is asked for its account of each repair
 
     @property
     def preset(self) -> Preset:
@@ -145,6 +146,8 @@ class _Play:
             else:
                 await self._break()
             live.record.end_s = live.at_s()
+            if self._terms.accounts:
+                await self._account()
             broken = [agent.broken for agent in live.agents if agent.broken]
             if broken:
                 live.record.error = f"the bench's agent has ended: {broken[0]}"
@@ -239,6 +242,11 @@ class _Play:
         if live.scenario.slowness > 1.0 or live.scenario.blind is not None:
             enough_s += 5.0  # what starts slowly, or runs out, takes its time
         return quiet_s > enough_s
+
+    async def _account(self) -> None:
+        """Ask for the service's own account of each repair."""
+        for repair in dict.fromkeys(seen.id for seen in self._live.record.repairs):
+            self._live.record.account += (await self._client.repair(repair))["account"]
 
     async def _forget(self) -> None:
         """Take the robot away from the service, so that it does not care for what is no longer there."""

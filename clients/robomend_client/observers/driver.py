@@ -15,7 +15,8 @@ times. The rules that make it so:
   have put on it, only says when it was made. In a log the two are the same.
 - Time that nobody looked at (`lapse`: the computer slept, the agent was starved, the clock was set) is not
   silence of the robot. Observers that cannot bear it begin anew; what they said last stands until they have
-  judged again, with its old evidence, at most for their settling time.
+  judged again, with its old evidence, at most for their settling time. Where lapses keep them from judging
+  again and again, that time counts on, up to three times as long; then their atoms are unknown.
 - In a log, a jump of time of more than JUMP_NS is believed once the next sample confirms it: a stamp from the
   future alone is left out and counted. Back, it means that the log begins again, or the simulation: all
   observers start anew. Live, stamps that are far from the clock are left out and counted.
@@ -201,7 +202,7 @@ class Driver:
         for state in self._states:
             if state.waiting or lost_ns > state.patience_ns:
                 self._refresh(state)
-                self._reset(state, until_ns, touched)
+                self._reset(state, until_ns, touched, lapsed_ns=self.now_ns)
             elif state.tick_ns <= until_ns:
                 self._ticks.schedule(state, after(until_ns, GRID_NS))
         return self._combined.changes(touched, self.now_ns)
@@ -351,9 +352,15 @@ class Driver:
         if not now_ns < state.tick_ns <= tick_ns:  # one that is planned, and earlier, will do: it looks again
             self._ticks.schedule(state, tick_ns)
 
-    def _reset(self, state: ObserverState, time_ns: int, touched: dict[Atom, None] | None = None) -> None:
+    def _reset(
+        self,
+        state: ObserverState,
+        time_ns: int,
+        touched: dict[Atom, None] | None = None,
+        lapsed_ns: int | None = None,
+    ) -> None:
         """Have an observer judge anew; what it said last stands until then."""
-        state.wait(time_ns)
+        state.wait(time_ns, lapsed_ns)
         try:
             state.observer.reset(time_ns)
         except Exception as error:  # noqa: BLE001  # anybody's observer may raise anything

@@ -10,6 +10,9 @@ GRID_NS = 10_000_000
 
 NEVER = 1 << 62
 
+CHANCES = 3
+"""Settling times in which an observer that is kept from judging by lapses is waited for."""
+
 
 class ObserverState:
     """One observer in its driver."""
@@ -20,6 +23,7 @@ class ObserverState:
         "fed",
         "feed",
         "floor_ns",
+        "left_ns",
         "number",
         "observer",
         "patient_until_ns",
@@ -41,6 +45,7 @@ class ObserverState:
         self.said: tuple[Literal, ...] | None = None  # the newest answer
         self.verdicts: dict[Atom, Verdict] = {}
         self.waiting: frozenset[Atom] = frozenset()  # atoms that were to be judged anew, and are not yet
+        self.left_ns = 0  # of the time that it is waited for while somebody looks
         self.patient_until_ns = NEVER
 
     @property
@@ -53,11 +58,20 @@ class ObserverState:
         except Exception:  # noqa: BLE001  # anybody's observer may raise anything: then it judges anew
             return -1
 
-    def wait(self, time_ns: int) -> None:
-        """It judges anew from `time_ns` on."""
+    def wait(self, time_ns: int, lapsed_ns: int | None = None) -> None:
+        """It judges anew from `time_ns` on.
+
+        After a lapse, which began at `lapsed_ns`, with what is left of its chances: one that never gets to
+        judge does not stand for ever on what it said once.
+        """
+        settling_ns = ns(self.observer.settling_s)
+        if lapsed_ns is None or not self.waiting:
+            self.left_ns = CHANCES * settling_ns
+        else:
+            self.left_ns -= max(0, lapsed_ns - self.floor_ns)
         self.floor_ns = time_ns
         self.waiting = frozenset(self.observer.atoms)
-        self.patient_until_ns = time_ns + ns(self.observer.settling_s) + GRID_NS
+        self.patient_until_ns = time_ns + max(0, min(settling_ns, self.left_ns)) + GRID_NS
         self.said = None
 
     def end_wait(self) -> None:

@@ -47,7 +47,12 @@ async def _read(robot: str, settings: Settings) -> Sequence[str]:
         async with opened_store(settings) as store:
             memory = Memory(store, Systems(store, settings, readers), 1, taken_up=nothing, left=nothing)
             state = await memory.robot(robot)
-            boards = Boards(store, lambda robot, said, time_ns: nothing(robot), lambda robot, link, why: None)
+            boards = Boards(
+                store,
+                lambda robot, said, time_ns: nothing(robot),
+                lambda robot, said: None,
+                lambda robot, link, why: None,
+            )
             around = Surroundings(
                 robot=robot,
                 board=boards.made(robot, state.config, state.system.parts),

@@ -3,7 +3,8 @@
 An observer needs time to notice. When `not ok(scan)` comes, `ok(path)` may still be the verdict of a window
 from before the fault, or another topic may have stopped whose silence nobody has noticed yet. So each verdict
 is pending until its observer had its detection time, from the newest onset of a symptom on. And what has just
-been started is silent until it has begun: its symptoms are pending for as long as starting may take.
+been started is silent until it has begun: its symptoms are pending for as long as starting may take, or until
+it was heard once.
 
 Pure: times are integer nanoseconds by the service's clock.
 """
@@ -13,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable, Mapping
 
 from robomend.entry import Entry
+from robomend.observations.unconfirmed import GUARD_NS
 from robomend_client.literals import Atom
 
 SLACK_NS = 300_000_000
@@ -40,10 +42,11 @@ def pending(
 
 
 def starting(
-    symptoms: Collection[Atom],
+    symptoms: Collection[Entry],
     began_ns: Mapping[str, int],
     start_up_ns: Callable[[str], int],
     influences: Callable[[str], Collection[str]],
+    publishes: Callable[[str], Collection[str]],
     now_ns: int,
 ) -> dict[Atom, int]:
     """Return those of the symptoms that may be due to something that has just been started, with until when.
@@ -51,6 +54,7 @@ def starting(
     Args:
         began_ns: component -> since when it is on, or runs.
         influences: component -> the names of what rests on it.
+        publishes: component -> the topics that are its own, or its drivers'.
     """
     found: dict[Atom, int] = {}
     for component, began in began_ns.items():
@@ -58,7 +62,22 @@ def starting(
         if end <= now_ns:
             continue
         names = frozenset(influences(component))
-        for atom in symptoms:
-            if names.intersection(atom.args) and component not in atom.args:
+        up_ns = _up_until(symptoms, frozenset(publishes(component)), began)
+        for entry in symptoms:
+            atom = entry.atom
+            if not names.intersection(atom.args) or component in atom.args:
+                continue
+            if up_ns is None or entry.onset_ns is None or entry.onset_ns < up_ns - SLACK_NS:
                 found[atom] = max(end, found.get(atom, 0))
     return found
+
+
+def _up_until(symptoms: Collection[Entry], own: frozenset[str], began_ns: int) -> int | None:
+    """Return until when something was up that has been started; None: it may not have been, or may still be.
+
+    It was up once all its own topics that are silent now were good after it began. What falls silent with
+    them or later is no matter of starting; what did so before, as it had lost its input, may be.
+    """
+    fell = [entry.onset_ns for entry in symptoms if own.intersection(entry.atom.args)]
+    onsets = [onset for onset in fell if onset is not None and onset > began_ns + GUARD_NS]
+    return max(onsets) if onsets and len(onsets) == len(fell) else None

@@ -19,21 +19,28 @@ from robomend_client.literals import Atom
 def touched(parts: ComponentModel, acted_on: Iterable[str]) -> frozenset[str]:
     """Return the components acted on, what hangs on them, and the topics and values that rest on them."""
     acted = set(acted_on)
-    hardware = acted & parts.hardware.keys()
-    hardware |= _growing(hardware, {name: device.fed_by for name, device in parts.hardware.items()})
-    publishers = {
-        name for name, node in parts.nodes.items() if name in acted or hardware.intersection(node.drives)
-    }
+    begun = published(parts, acted)
     rests_on: dict[str, set[str]] = {}
-    begun: set[str] = set()
-    for name, node in parts.nodes.items():
+    for node in parts.nodes.values():
         for topic, inputs in node.publishes.items():
             rests_on.setdefault(topic, set()).update(inputs)
-            if name in publishers:
-                begun.add(topic)
     topics = begun | _growing(begun, rests_on)
     values = {name for name, value in parts.values.items() if value.topic in topics}
-    return frozenset(acted | hardware | topics | values)
+    return frozenset(acted | _hung_on(parts, acted) | topics | values)
+
+
+def published(parts: ComponentModel, acted_on: Iterable[str]) -> frozenset[str]:
+    """Return the topics that the components publish, or the drivers of what hangs on them."""
+    acted = set(acted_on)
+    hardware = _hung_on(parts, acted)
+    publishers = (n for name, n in parts.nodes.items() if name in acted or hardware.intersection(n.drives))
+    return frozenset(topic for node in publishers for topic in node.publishes)
+
+
+def _hung_on(parts: ComponentModel, acted: Collection[str]) -> set[str]:
+    """Return the hardware among the components, and what it feeds."""
+    hardware = acted & parts.hardware.keys()
+    return hardware | _growing(hardware, {name: device.fed_by for name, device in parts.hardware.items()})
 
 
 def influenced(

@@ -59,7 +59,7 @@ class PlannerPool:
         )
 
     def start(self) -> None:
-        """Warm the first process now instead of at the first call."""
+        """Warm a process now instead of at the next call; called again and again, it keeps one warm."""
         self._workers.start()
 
     async def plans(

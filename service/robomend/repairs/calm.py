@@ -18,7 +18,7 @@ from collections.abc import Awaitable, Callable, Collection, Iterable
 from robomend.diagnosis.result import DiagnosisResult
 from robomend.observations.pending import newest_onset, pending, starting
 from robomend.planning.choice import Choice
-from robomend.planning.influence import touched
+from robomend.planning.influence import published, touched
 from robomend.planning.prediction import OBSERVED_FACTS
 from robomend.repairs.record import RepairRecord
 from robomend.repairs.signals import Signals
@@ -119,10 +119,11 @@ class Calm:
                 if entry.positive and entry.atom.predicate in OBSERVED_FACTS and entry.onset_ns is not None
             }
             found |= starting(
-                bad,
+                symptoms,
                 {name: since for name, since in began.items() if since + self._start_up_ns > now_ns},
                 lambda _: self._start_up_ns,
                 lambda name: touched(parts, [name]),
+                lambda name: published(parts, [name]),
                 now_ns,
             )
         return found

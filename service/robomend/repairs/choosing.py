@@ -38,6 +38,9 @@ from robomend_client.literals import Literal
 PLAN_TIMEOUT_S = 10.0
 """For the plans of all leading diagnoses together."""
 
+KEEP_S = 30.0
+"""How often a planner is told that it may be needed; idle for some minutes, it would end."""
+
 BUSY_S = 60.0
 """How long a repair waits for a planner when every one is busy."""
 
@@ -57,7 +60,14 @@ class Chooser:
         self._readers = readers
         self._planners = planners
         self._one_shots = one_shots
+        self._kept_s = -KEEP_S
         self.patience = patience or Patience()
+
+    def keep_ready(self) -> None:
+        """A robot may have to be repaired at any time: a planner that starts only then costs seconds."""
+        if time.monotonic() - self._kept_s >= KEEP_S:
+            self._kept_s = time.monotonic()
+            self._planners.start()
 
     def policy(self, state: Robot) -> Policy:
         """Return the robot's policy, with what the model and its board protect."""

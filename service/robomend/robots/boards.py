@@ -1,10 +1,10 @@
 """The power boards of the robots: a link for each robot that has one, and its literals for OBS.
 
     link ──► snapshot ──► hardware observer ──► literals, when they change ──► OBS (source "board")
-                │
+                │                                    └─ when they do not ──► what acts made uncertain is seen
                 └─ silent: its literals are unknown, so they are forgotten
 
-A board speaks at its broadcast rate, mostly to say what it said before; only what changed goes on.
+A board speaks at its broadcast rate, mostly to say what it said before; only what changed goes to the store.
 """
 
 from __future__ import annotations
@@ -35,6 +35,9 @@ CONNECT_S = 2.0
 Report = Callable[[str, frozenset[Literal], int], Awaitable[None]]
 """Robot, everything that its board says now, time in nanoseconds; what is not said is not known any more."""
 
+Repeat = Callable[[str, frozenset[Literal]], None]
+"""Robot, everything that its board says now, as it did before."""
+
 
 class WiredBoard:
     """One robot's board: the link, the observer, and what was last told to OBS."""
@@ -47,6 +50,7 @@ class WiredBoard:
         protected: Protection,
         parts: ComponentModel | None,
         report: Report,
+        repeat: Repeat,
         on_state: Callable[[str, LinkState, str], None],
     ) -> None:
         hardware = parts.hardware if parts is not None else {}
@@ -66,6 +70,7 @@ class WiredBoard:
         )
         self._store = store
         self._report = report
+        self._repeat = repeat
         self._told: frozenset[Literal] | None = None  # None: what OBS holds is from before this link
         self._task: asyncio.Task[None] | None = None
         self.link = BoardLink(
@@ -148,9 +153,11 @@ class WiredBoard:
     async def _tell(self, snapshot: Snapshot) -> None:
         self._observer.feed(BOARD, snapshot.time_ns, snapshot.channels)
         said = frozenset(self._observer.check(snapshot.time_ns))
-        if said != self._told:
-            await self._report(self.robot, said, snapshot.time_ns)
-            self._told = said
+        if said == self._told:
+            self._repeat(self.robot, said)
+            return
+        await self._report(self.robot, said, snapshot.time_ns)
+        self._told = said
 
 
 def board_update(obs: Obs, vocabulary: Vocabulary, said: frozenset[Literal], time_ns: int) -> Update:
@@ -181,9 +188,16 @@ def _wiring(channel: int, config: BoardConfig) -> Wiring:
 class Boards:
     """The boards by robot."""
 
-    def __init__(self, store: Store, report: Report, on_state: Callable[[str, LinkState, str], None]) -> None:
+    def __init__(
+        self,
+        store: Store,
+        report: Report,
+        repeat: Repeat,
+        on_state: Callable[[str, LinkState, str], None],
+    ) -> None:
         self._store = store
         self._report = report
+        self._repeat = repeat
         self._on_state = on_state
         self._boards: dict[str, WiredBoard] = {}
 
@@ -199,7 +213,8 @@ class Boards:
         if config.board is None:
             return None
         protected = protection_of(config, parts)
-        return WiredBoard(self._store, robot, config.board, protected, parts, self._report, self._on_state)
+        tell = (self._report, self._repeat, self._on_state)
+        return WiredBoard(self._store, robot, config.board, protected, parts, *tell)
 
     async def put(self, robot: str, config: RobotConfig, parts: ComponentModel | None) -> None:
         """Make the robot's board what is configured; the link stays if nothing about it changed."""

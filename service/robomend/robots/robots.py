@@ -54,7 +54,7 @@ class Robots:
     ) -> None:
         self.models = Systems(store, settings, readers)
         self.readers = readers
-        self.boards = Boards(store, self._hear_board, self._board_changed)
+        self.boards = Boards(store, self._hear_board, self._board_repeats, self._board_changed)
         self.memory = Memory(
             store, self.models, settings.max_robots, taken_up=self._taken_up, left=self.boards.remove
         )
@@ -184,6 +184,11 @@ class Robots:
         except RobomendError as error:
             log.warning("board observation not kept", robot=robot, code=error.code, detail=str(error))
 
+    def _board_repeats(self, robot: str, said: frozenset[Literal]) -> None:
+        """Nothing new: but what a board says now, it says of now."""
+        if (state := self.memory.states.get(robot)) is not None:
+            state.sight.said_again(said, CLOCK.now_ns())
+
     # --- robots
 
     async def diagnosed(self, robot: str) -> Robot:
@@ -212,8 +217,7 @@ class Robots:
             lambda tx: configuring.put(tx, robot, config, expected=expected, by=by, reason=reason),
             robots=(robot,),
         )
-        state = self.memory.states.get(robot)
-        if state is not None:
+        if (state := self.memory.states.get(robot)) is not None:
             state.changed_elsewhere()
         return await self.memory.robot(robot)
 

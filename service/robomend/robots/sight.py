@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Collection, Iterable
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from robomend.entry import Entry
@@ -151,6 +152,13 @@ class Sight:
         if self.unconfirmed:
             said = (entry for given in reported for entry in consequences(given))
             self.unconfirmed.hear(entry for entry in said if self._robot.obs.get(entry.atom) == entry)
+
+    def said_again(self, literals: Collection[Literal], time_ns: int) -> None:
+        """Take note of literals that a source says anew, at this time, and that OBS holds as they are."""
+        held = (self._robot.obs.get(literal.atom) for literal in literals if literal.atom in self.unconfirmed)
+        same = (entry for entry in held if entry is not None and entry.literal in literals)
+        if self.unconfirmed.hear(replace(entry, since_ns=time_ns) for entry in same):
+            self._robot.observed.wake()
 
     # --- how fast, and since when
 

@@ -81,10 +81,15 @@ class WorkerPool:
     # --- for callers ----------------------------------------------------------------------------
 
     def start(self) -> None:
-        """Begin to start workers now, so that the first call finds one ready. Does not wait."""
+        """Begin to start workers now, so that the next call finds one ready. Does not wait.
+
+        Who calls it again within `idle_s` keeps one ready.
+        """
         with self._condition:
             self._calls = max(self._calls, 1)
-            self._top_up()
+            if self._idle:
+                self._idle[-1].idle_since = time.monotonic()
+            self._top_up(at_least=0 if self._busy else 1)
 
     async def run(self, function: Callable[[*Ts], T], *args: *Ts, timeout_s: float | None = None) -> T:
         """Return function(*args), computed in a worker.

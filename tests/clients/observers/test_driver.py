@@ -23,6 +23,7 @@ from robomend_client.observers import (
     Verdict,
     ns,
 )
+from robomend_client.observers.observer_state import CHANCES
 
 # --- the order of events ----------------------------------------------------------------------------------
 
@@ -280,6 +281,24 @@ def test_however_late_an_agent_is_the_rate_stays_what_it_is(
             over += 1
         changes += driver.sample("scan", ns(heard_s), now_ns=ns(heard_s))
     assert [change.value for change in changes] == [holds("ok", "scan")]
+
+
+def test_what_an_agent_says_that_is_late_again_and_again_becomes_unknown_and_comes_back() -> None:
+    driver = Driver([GeneralObserver("scan", RATE)], 0)
+    (settling_s,) = {driver.delays_s(atom)[1] for atom in driver.atoms}
+    changes: list[Change] = [*beat(driver, "scan", 0, 20)]
+    at_s = 2.0
+    looked_s = 0.3
+    assert looked_s < settling_s
+    while at_s < 30.0:  # late for a second, again and again before it has judged
+        changes += driver.lapse(ns(at_s + 1.0))
+        changes += beat(driver, "scan", at_s + 1.0, 3)
+        at_s += 1.0 + looked_s
+        changes += driver.advance(ns(at_s))
+    assert [change.value for change in changes] == [holds("ok", "scan"), None]
+    lapses = (changes[1].time_ns / ns(1.0) - 2.0) / (1.0 + looked_s)
+    assert lapses * looked_s == pytest.approx(CHANCES * settling_s, abs=2 * looked_s)
+    assert values(beat(driver, "scan", at_s, 30)) == ["ok(scan)"]
 
 
 def test_a_short_lapse_only_puts_ticks_off() -> None:

@@ -65,6 +65,20 @@ def test_asked_to_settle_they_judge_anew() -> None:
     assert (str(settled.value), settled.time_ns) == ("not ok(map)", ns(2.5))
 
 
+def test_asked_to_settle_relays_that_did_not_move_are_told_again() -> None:
+    anatomy = find_robot("humanoid").anatomy
+    on = dict.fromkeys(anatomy.devices, True)
+    running = frozenset(anatomy.nodes)
+    host = HostObservers(anatomy, anatomy.hosts[0], FAST, 0.0)
+    first = host.check(1.0, running, on)
+    relays = [change.atom for change in first if change.atom.predicate == "on"]
+    assert relays
+    host.settle(3, relays)
+    later = [change for at_s in (1.05, 1.1, 1.15, 1.2, 1.3) for change in host.check(at_s, running, on)]
+    assert [(c.atom, c.settled) for c in later if c.value is not None] == [(atom, 3) for atom in relays]
+    assert {v.literal.atom for v in host.standing()} >= set(relays)
+
+
 @pytest.mark.parametrize(
     ("how", "says"), [("says-bad", "not ok(map)"), ("says-good", "ok(map)"), ("dead", None)]
 )

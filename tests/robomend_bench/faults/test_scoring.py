@@ -257,6 +257,19 @@ def test_who_does_nothing_gets_nothing_for_a_fault() -> None:
     assert (found.cause_first, found.extra) == (False, None)
 
 
+def test_a_fault_that_nobody_can_see_is_detected_by_saying_so() -> None:
+    def detected(*unknown: tuple[float, tuple[str, ...]]) -> float | None:
+        record = record_of(HUNG, TRUTH[:1])
+        record.unknown = list(unknown)
+        found = score(record, SMALL)
+        assert found.detected is (found.detection_s is not None)
+        return found.detection_s
+
+    assert detected((0.1, ("ok(map)", "ok(scan)"))) == 0.1
+    assert detected((-1.0, ("ok(map)",)), (0.2, ()), (5.0, ("ok(map)",))) == 5.0
+    assert detected((-1.0, ("ok(map)",)), (0.2, ("ok(scan)",))) is None
+
+
 def test_alarms_and_acts_on_a_healthy_robot_count() -> None:
     record = Record(Trial("small", "jitter", 1, 1), "published", end_s=30.0)
     assert score(record, SMALL).points == 1.0
@@ -266,6 +279,19 @@ def test_alarms_and_acts_on_a_healthy_robot_count() -> None:
     found = score(record, SMALL)
     assert (found.group, found.alarms, found.acts) == ("healthy", 2, 1)
     assert found.points == pytest.approx(0.3)
+
+
+def test_what_was_true_a_moment_ago_is_no_false_alarm() -> None:
+    def alarms(*at_s: float) -> int:
+        record = Record(Trial("small", "boot", 1, 1), "published", end_s=15.0)
+        record.states = [(-1.0, STOPPED), (0.2, HEALTHY)]
+        diagnoses = ((Diagnosed(at, (("mapper",),)), Diagnosed(at + 0.1, ((),))) for at in at_s)
+        record.diagnoses = [Diagnosed(-0.1, ((),)), *(each for both in diagnoses for each in both)]
+        return score(record, SMALL).alarms
+
+    assert alarms(0.1) == 0  # every process was stopped then
+    assert alarms(0.4) == 0  # the observers' delay is 2.5 s
+    assert alarms(0.4, 5.0) == 1
 
 
 def test_the_repair_utility_is_that_of_the_competition() -> None:
