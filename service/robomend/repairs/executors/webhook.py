@@ -30,6 +30,7 @@ from urllib.parse import urlsplit
 import httpx
 
 from robomend.errors import InputError
+from robomend.repairs.execution_values import Confirm, nobodys
 from robomend.repairs.executors.registry import Surroundings
 from robomend.robots.configuration import COVERED, shown_url
 from robomend_client.actions import (
@@ -127,7 +128,7 @@ def _is_inside(host: str) -> bool:
 def make(action: str, options: Mapping[str, Any], around: Surroundings) -> Executor:
     """Return the receiver that the options name (see registry.MakeExecutor)."""
     try:
-        return WebhookExecutor({action: receiver(options, around.webhook_hosts)})
+        return WebhookExecutor({action: receiver(options, around.webhook_hosts)}, around.confirm)
     except InputError as error:
         raise InputError(f"actions.{action}: {error}") from error
 
@@ -141,8 +142,9 @@ def signature(secret: str, timestamp: str, body: bytes) -> str:
 class WebhookExecutor:
     """Carries out actions by calling the receivers configured for their names."""
 
-    def __init__(self, hooks: Mapping[str, Webhook]) -> None:
-        """`hooks`: action name -> receiver."""
+    def __init__(self, hooks: Mapping[str, Webhook], confirm: Confirm = nobodys) -> None:
+        """`hooks`: action name -> receiver; `confirm`: see execution_values."""
+        self._confirm = confirm
         self._hooks = dict(hooks)
 
     async def execute(self, action: Action, feedback: Feedback) -> ActionResult:
@@ -172,6 +174,7 @@ class WebhookExecutor:
                         if address is None:
                             why = "a private address, and the setting webhook_hosts does not name its host"
                             return ActionResult(REFUSED, f"{hook.shown} leads to {why}")
+                        await self._confirm()
                         called = True
                         response = await _post(client, hook, address, action.id, body)
                 except (httpx.ConnectError, httpx.ConnectTimeout) as error:
