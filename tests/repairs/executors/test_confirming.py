@@ -11,16 +11,17 @@ import pytest
 from tests.repairs.executors.test_board import Board
 from tests.store.examples import with_robots
 
+from robomend import webhooks
 from robomend.errors import Fenced
 from robomend.repairs import agent_queue
 from robomend.repairs.agent_queue import AgentQueue
-from robomend.repairs.executors import webhook
 from robomend.repairs.executors.agent import AgentExecutor
 from robomend.repairs.executors.board import BoardExecutor
 from robomend.repairs.executors.process import ProcessExecutor
-from robomend.repairs.executors.webhook import Webhook, WebhookExecutor
+from robomend.repairs.executors.webhook import WebhookExecutor
 from robomend.store import Store, agent_actions, global_stop
 from robomend.store.records import Fence
+from robomend.webhooks import Webhook
 from robomend_client.actions import Action
 
 pytestmark = pytest.mark.anyio
@@ -67,7 +68,7 @@ async def test_no_webhook_is_called(monkeypatch: pytest.MonkeyPatch) -> None:
     async def post(*arguments: object) -> None:
         called.append(arguments)
 
-    monkeypatch.setattr(webhook, "_post", post)
+    monkeypatch.setattr(webhooks, "post", post)
     hooks = {"reset": Webhook("http://127.0.0.1:1/", "a secret", True)}
     with pytest.raises(Fenced):
         await WebhookExecutor(hooks, lost).execute(Action("r-1:0", "reset", (), 30.0), quiet)
