@@ -126,7 +126,10 @@ async def test_whoever_is_named_later_is_not_told_of_what_was(store: Store, post
     await telling.close()
 
 
-async def test_two_instances_tell_it_once(store: Store, post: Post, tmp_path: Path) -> None:
+async def test_two_instances_tell_it_once(
+    store: Store, post: Post, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(notifications, "SAME_NS", 0)  # the log's place alone keeps them apart
     other = Store(f"sqlite:///{tmp_path}/robomend.db")
     await other.start()
     both = [notifier(store, post, DUTY), notifier(other, post, DUTY)]
