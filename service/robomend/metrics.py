@@ -104,6 +104,13 @@ class Metrics:
             "robomend_actions", "actions by name and result code", ("name", "code"), registry=self.registry
         )
 
+        self.notifications = Counter(
+            "robomend_notifications",
+            "notifications by what came of a try to deliver them",
+            ("outcome",),
+            registry=self.registry,
+        )
+
     def request(self, method: str, route: str, status: int, elapsed_s: float | None) -> None:
         """Count a request; `elapsed_s` is None where its time says nothing, as of a long poll."""
         children = self._children.get((method, route, status))

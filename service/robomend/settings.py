@@ -8,11 +8,20 @@ effect. To add a setting: a field here, with its bounds and what it means, and i
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, SecretStr, ValidationError, field_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    SecretStr,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
 
 from robomend import programs
 from robomend.errors import InputError
@@ -21,6 +30,9 @@ ENVIRONMENT_PREFIX = "ROBOMEND_"
 
 LISTS = frozenset({"allowed_hosts", "webhook_hosts"})
 """In the environment, with commas."""
+
+
+_ADDRESS = re.compile(r"[^\s@<>,;\"]{1,64}@[^\s@<>,;\"]{1,253}")
 
 
 class SettingsError(InputError):
@@ -33,6 +45,30 @@ def data_folder() -> Path:
     """Return where data lives unless told: XDG_DATA_HOME/robomend."""
     root = os.environ.get("XDG_DATA_HOME") or Path.home() / ".local" / "share"
     return Path(root) / "robomend"
+
+
+About = Literal["approval", "escalated", "unknown", "stop"]
+
+
+class RecipientSettings(BaseModel):
+    """Somebody who is told when a person is needed, by a signed call or by mail."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._\-]{0,63}$")
+    url: SecretStr | None = None  # such addresses often hold a secret
+    secret: SecretStr | None = Field(None, min_length=1)
+    mail: tuple[str, ...] = Field((), max_length=20)
+    about: tuple[About, ...] = get_args(About)
+    robots: tuple[str, ...] = ("*",)  # patterns of ids
+
+    @field_validator("mail")
+    @classmethod
+    def _addresses(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+        for address in value:
+            if not _ADDRESS.fullmatch(address):
+                raise ValueError(f"{address!r} is no mail address")
+        return value
 
 
 class Settings(BaseModel):
@@ -64,6 +100,22 @@ class Settings(BaseModel):
         (),
         description="hosts (`name` or `name:port`) that webhooks may call at private addresses, too",
     )
+
+    public_url: str | None = Field(
+        None,
+        pattern=r"^https?://[^\s/?#@]+(/[^\s?#]*)?$",
+        description="where people reach this service: links in notifications begin so",
+    )
+    notify: tuple[RecipientSettings, ...] = Field(
+        (), max_length=100, description="who is told that a person is needed; see notifications.md"
+    )
+    mail_server: str | None = Field(None, pattern=r"^\S+:\d{1,5}$", description="`host:port` for mail")
+    mail_tls: Literal["starttls", "tls", "none"] = Field(
+        "starttls", description="how the mail server is spoken to; `none` for one on this computer"
+    )
+    mail_from: str | None = Field(None, description="the sender's address")
+    mail_user: str | None = Field(None, description="with mail_password, where the mail server wants them")
+    mail_password: SecretStr | None = Field(None, description="is shown nowhere")
 
     max_head_bytes: int = Field(64 << 10, ge=1 << 10, description="of a request's line and headers; a 431")
     head_timeout_s: float = Field(30.0, gt=0, description="from a connection to its first whole head; a 408")
@@ -134,12 +186,46 @@ class Settings(BaseModel):
                 raise ValueError(f"program {name!r}: {error}") from error
         return value
 
+    @field_validator("mail_from")
+    @classmethod
+    def _sender(cls, value: str | None) -> str | None:
+        if value is not None and not _ADDRESS.fullmatch(value):
+            raise ValueError(f"{value!r} is no mail address")
+        return value
+
+    @model_validator(mode="after")
+    def _can_be_told(self) -> Settings:
+        names = [one.name for one in self.notify]
+        if len(set(names)) < len(names):
+            raise ValueError("notify: two recipients have one name")
+        for one in self.notify:
+            if (one.url is None) == (not one.mail):
+                raise ValueError(f"notify: {one.name} needs a url with its secret, or mail, and not both")
+            if one.mail and (self.mail_server is None or self.mail_from is None):
+                raise ValueError(f"notify: mail to {one.name} needs the settings mail_server and mail_from")
+            if one.url is not None:
+                _check_webhook(one, self.webhook_hosts)
+        if self.mail_user is not None and self.mail_tls == "none":
+            raise ValueError("mail_tls: a password is not sent without TLS")
+        return self
+
     @property
     def database_url(self) -> str:
         """The URL of the database, password included: as set, or SQLite in the data folder."""
         if self.database is not None:
             return self.database.get_secret_value()
         return f"sqlite:///{self.data.expanduser().resolve() / 'robomend.db'}"
+
+
+def _check_webhook(one: RecipientSettings, hosts: tuple[str, ...]) -> None:
+    from robomend.webhooks import receiver  # brings an HTTP client, which few commands need
+
+    secret = "" if one.secret is None else one.secret.get_secret_value()
+    url = "" if one.url is None else one.url.get_secret_value()
+    try:
+        receiver({"url": url, "secret": secret}, hosts)
+    except InputError as error:
+        raise ValueError(f"notify: {one.name}: {error}") from error
 
 
 def load(
@@ -175,7 +261,8 @@ def load(
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         name = str(first["loc"][0]) if first["loc"] else "settings"
-        raise SettingsError(f"{name} (from {sources.get(name, 'settings')}): {first['msg']}") from error
+        place = ".".join(map(str, first["loc"])) or name
+        raise SettingsError(f"{place} (from {sources.get(name, 'settings')}): {first['msg']}") from error
 
 
 def shown(settings: Settings) -> dict[str, Any]:

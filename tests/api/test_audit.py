@@ -54,7 +54,17 @@ class Step:
 
 
 ANY = {"If-Match": "*"}
-PLACES = {"name": "tedusar", "robot": "r1", "channel": "3", "component": "jaguar", "assertion": "hint"}
+PLACES = {
+    "name": "tedusar",
+    "robot": "r1",
+    "channel": "3",
+    "component": "jaguar",
+    "assertion": "hint",
+    "recipient": "duty",
+}
+
+NOBODY = {"name": "duty", "url": "http://127.0.0.1:1/", "secret": "s3cret"}
+"""Is told, but is not there."""
 
 
 def rule(method: str, path: str) -> tuple[str, str]:
@@ -132,6 +142,13 @@ STEPS = (
         body={"component": "jaguar"},
         in_body=True,
     ),
+    Step(
+        rule("POST", "/notifications/recipients/{recipient}/test"),
+        "notification.test",
+        Role.ADMIN,
+        reason="",
+    ),
+    Step(("POST", "/ui/notifications"), "notification.test", Role.ADMIN, {"recipient": "duty"}, reason=""),
     Step(rule("POST", "/stop"), "stop.set", body={}, in_body=True),
     Step(rule("DELETE", "/stop"), "stop.lifted"),
     Step(("POST", "/ui/stop"), "stop.set", body={}, in_body=True),
@@ -228,8 +245,9 @@ class Walk:
 
 @pytest.fixture(scope="module")
 def walk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Walk]:
-    settings = Settings(port=0, data=tmp_path_factory.mktemp("audit"))
-    with running(settings, repairs=True) as service:
+    values = {"port": 0, "data": tmp_path_factory.mktemp("audit")}
+    told = {"notify": [NOBODY], "webhook_hosts": ["127.0.0.1:1"]}
+    with running(Settings.model_validate({**values, **told}), repairs=True) as service:
         yield Walk(service)
 
 

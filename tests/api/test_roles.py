@@ -22,6 +22,7 @@ PLACES = {
     "assertion": "a",
     "channel": "3",
     "component": "jaguar",
+    "recipient": "duty",
     "file": "start.js",
     "version": "1",
 }

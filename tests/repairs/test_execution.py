@@ -9,6 +9,7 @@ import pytest
 from tests.repairs.lidar_robot import CNF, POWER_LOST, Robot, run, setting, step
 from tests.waiting import for_ever
 
+from robomend.errors import Fenced
 from robomend.planning.plan import Step
 from robomend.planning.prediction import Prediction, Theory
 from robomend.repairs.execution import execute
@@ -52,6 +53,18 @@ async def test_a_stop_that_comes_while_the_intent_is_written_sends_nothing() -> 
     assert robot.sent == []
     assert robot.journal[-1] == f"settle r-1:0 {REFUSED}"  # the intent is not left open: it was not sent
     assert done.steps[0].sent_ns is None
+
+
+async def test_who_has_lost_the_robot_after_the_intent_sends_nothing() -> None:
+    robot = Robot()
+
+    async def lost() -> None:
+        raise Fenced("another instance has it")
+
+    with pytest.raises(Fenced):
+        await execute(POWER_LOST, replace(setting(robot), confirm=lost))
+    assert robot.journal == ["intend r-1:0 power_up(lidar)"]  # left open, for whoever has it now
+    assert robot.sent == []
 
 
 async def test_a_refused_step_is_not_sent() -> None:

@@ -6,8 +6,9 @@ from typing import Any
 
 import pytest
 
+from robomend.covering import shown_url
 from robomend.errors import InputError
-from robomend.robots.configuration import covered, shown_url, uncovered
+from robomend.robots.configuration import covered, uncovered
 
 STARS = "**********"
 

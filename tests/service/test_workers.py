@@ -8,6 +8,7 @@ import subprocess
 from pathlib import Path
 
 import httpx
+import pytest
 from tests.api.conftest import TEDUSAR
 from tests.api.test_process import alive, command, served, workers_of
 from tests.waiting import until
@@ -39,6 +40,24 @@ def test_a_worker_that_dies_is_replaced_and_nothing_acknowledged_is_lost(tmp_pat
         found = httpx.get(f"{url}/api/v1/robots/r1/observations", timeout=20).json()
         assert accepted <= found["revision"] <= 40
         assert process.poll() is None
+
+
+@pytest.mark.timeout(120)
+def test_a_worker_that_hangs_is_killed_and_replaced(tmp_path: Path) -> None:
+    with served(tmp_path, "--workers", "2") as (process, url):
+        first = workers_of(process.pid)
+        with httpx.Client(base_url=f"{url}/api/v1", timeout=60) as http:
+            http.put("/models/tedusar", json={"source": TEDUSAR})
+            assert http.put("/robots/r1", json={"model": "tedusar"}).status_code == 201
+        os.kill(first[0], signal.SIGSTOP)  # whatever it holds: a connection, a robot, the database's lock
+        until(lambda: not alive(first[0]), "the worker that hangs was not killed", 60.0)
+        until(lambda: len(workers_of(process.pid)) == 2, "nobody took its place", 60.0)
+        assert first[1] in workers_of(process.pid)  # the other is as it was
+        said = httpx.post(
+            f"{url}/api/v1/robots/r1/observations", json={"observations": ["not ok(map)"]}, timeout=60
+        )
+        assert said.json()["revision"] == 1
+        assert "worker hangs" in (tmp_path / "log").read_text()
 
 
 def test_a_signal_ends_all_workers_in_order_with_open_streams(tmp_path: Path) -> None:

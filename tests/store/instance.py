@@ -2,17 +2,22 @@
 
 write     sixteen writers observe robots w0 … w7: a line `robot marker` for each acknowledgement
 own       acquires r1, begins a repair and journals an intent: a line `fence repair`, then waits
+act       acquires r1, and acts on it again and again: a line `acts` and the time since boot for each;
+          `fenced` when it may not any more. SIGUSR1 holds its event loop until SIGUSR2.
 """
 
 from __future__ import annotations
 
 import asyncio
 import os
+import signal
 import sys
+import time
 from collections.abc import Callable
 
 from tests.store.examples import entry, with_robots
 
+from robomend.errors import Fenced
 from robomend.store import Store, Transaction, journal, observations, repairs, robots
 from robomend.store.records import IdempotencyKey
 from robomend_client.events import Kind
@@ -78,11 +83,29 @@ async def own(store: Store) -> None:
     await asyncio.sleep(600)  # until it is killed
 
 
+async def act(store: Store) -> None:
+    """Act on r1 as long as it is ours."""
+    loop = asyncio.get_running_loop()
+    loop.add_signal_handler(signal.SIGUSR1, signal.sigwait, {signal.SIGUSR2})
+    fence = await store.ownership.acquire("r1")
+    assert fence is not None
+    while True:
+        try:
+            await store.ownership.confirm(fence)
+        except Fenced:
+            break
+        say(f"acts {time.clock_gettime(time.CLOCK_BOOTTIME)}")
+        await asyncio.sleep(0.005)
+    say("fenced")
+    await asyncio.sleep(600)  # until it is killed
+
+
 async def main(url: str, job: str) -> None:
     """Run the job on the store."""
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGUSR2})  # of all threads: it is waited for
     store = Store(url)
     await store.start()
-    await {"write": write, "own": own}[job](store)
+    await {"write": write, "own": own, "act": act}[job](store)
 
 
 if __name__ == "__main__":

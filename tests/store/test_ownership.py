@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import signal
 import time
 
 import psycopg
@@ -13,6 +14,7 @@ from tests.store.processes import instance, next_line
 
 from robomend.errors import Fenced, NotFound
 from robomend.store import Store, journal, repairs
+from robomend.store.ownership import own
 from robomend.store.records import Fence
 
 pytestmark = pytest.mark.anyio
@@ -83,6 +85,48 @@ async def test_the_robots_of_a_killed_process_are_taken_over_with_its_repairs(st
     assert [intent.id for intent in await store.read(journal.unsettled, "r1")] == [f"{repair}:0"]
     settled = await store.write(lambda tx: journal.settle(tx, f"{repair}:0", 3, "nobody knows", fence=fence))
     assert settled.fence == int(number)
+
+
+@pytest.mark.parametrize(
+    ("hang", "wake"),
+    [(signal.SIGSTOP, signal.SIGCONT), (signal.SIGUSR1, signal.SIGUSR2)],
+    ids=["stopped", "event loop held"],
+)
+async def test_an_owner_that_hangs_is_replaced_and_does_not_act_when_it_wakes(
+    store: Store, url: str, hang: signal.Signals, wake: signal.Signals
+) -> None:
+    await with_robots(store, "r1")
+    with instance(url, "act") as process:
+        assert (await asyncio.to_thread(next_line, process)).startswith("acts")
+        assert "r1" not in await store.ownership.orphans()
+        process.send_signal(hang)
+        async with asyncio.timeout(60):
+            while "r1" not in await store.ownership.orphans():
+                await asyncio.sleep(0.05)
+        fence = await store.ownership.acquire("r1")
+        taken_s = time.clock_gettime(time.CLOCK_BOOTTIME)
+        assert fence == Fence("r1", 2)
+        process.send_signal(wake)
+        while (line := await asyncio.to_thread(next_line, process)) != "fenced":
+            assert float(line.split()[1]) < taken_s, "it acted although the robot was another's"
+        await store.ownership.confirm(fence)  # we may
+
+
+async def test_who_slept_reads_its_fence_before_it_acts(store: Store, second: Store) -> None:
+    await with_robots(store, "r1", "r2")
+    mine, taken = await store.ownership.acquire("r1"), await store.ownership.acquire("r2")
+    assert mine is not None
+    assert taken is not None
+    take = second.write(lambda tx: own(tx, "r2", "another", lambda *_: False), robots=("r2",))
+    assert await take == Fence("r2", 2)
+    lost: asyncio.Queue[Fence] = asyncio.Queue()
+    store.ownership.on_lost(lost.put_nowait)
+    store.ownership._session.naps += 1  # as after a sleep
+    with pytest.raises(Fenced, match=r"taken over|lost"):
+        await store.ownership.confirm(taken)
+    await store.ownership.confirm(mine)  # nobody wanted it
+    assert await asyncio.wait_for(lost.get(), 30) == taken
+    assert store.ownership.held == {"r1": mine}
 
 
 async def test_an_owner_whose_connection_breaks_hears_of_it_and_can_write_no_more(

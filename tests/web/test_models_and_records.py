@@ -129,7 +129,16 @@ def test_audit_and_keys_are_for_admins_and_viewers_change_no_model(
 
 
 @pytest.mark.parametrize(
-    "path", ["/ui/models", "/ui/models/tedusar", "/ui/what-if", "/ui/repairs", "/ui/audit", "/ui/keys"]
+    "path",
+    [
+        "/ui/models",
+        "/ui/models/tedusar",
+        "/ui/what-if",
+        "/ui/repairs",
+        "/ui/audit",
+        "/ui/keys",
+        "/ui/notifications",
+    ],
 )
 def test_nothing_serious_stands_in_the_way_of_anybody(kept: Service, look: Look, path: str) -> None:
     page = live(look(kept, viewport={"width": 390, "height": 800}, color_scheme="dark"), path)

@@ -18,6 +18,7 @@ from robomend.api.store_probe import StoreProbe
 from robomend.api.streams import Hub
 from robomend.errors import PreconditionRequired
 from robomend.metrics import Metrics
+from robomend.notifications.notifier import Notifier
 from robomend.oneshots.oneshots import OneShots
 from robomend.repairs.repairs import Repairs
 from robomend.robots.reporters import Reporter
@@ -42,6 +43,7 @@ class Parts:
     watch: LoopWatch
     probe: StoreProbe
     shedding: LoadShedding
+    notifier: Notifier
 
 
 # Dependencies are coroutines even where they wait for nothing: the framework would hand plain functions to a

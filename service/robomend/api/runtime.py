@@ -22,6 +22,7 @@ from robomend.api.streams import Hub
 from robomend.errors import RobomendError
 from robomend.figures import EVERY_S
 from robomend.metrics import Metrics
+from robomend.notifications.notifier import Notifier
 from robomend.oneshots.oneshots import OneShots
 from robomend.oneshots.solvers import SolverWorkers
 from robomend.planning.planner_pool import PlannerPool
@@ -61,6 +62,7 @@ class Runtime:
         self.one_shots = OneShots(self.solver, self.planners, settings)
         self.hub = Hub(self.store, self.metrics, most=settings.max_streams, ping_s=settings.ping_s)
         self.repairs = make_repairs(self.store, self.robots, self.planners, self.one_shots, settings)
+        self.notifier = Notifier(self.store, settings, self.metrics)
         self.watch = LoopWatch(self.metrics)
         self.probe = StoreProbe(self.store)
         shedding = LoadShedding(
@@ -77,6 +79,7 @@ class Runtime:
             self.watch,
             self.probe,
             shedding,
+            self.notifier,
         )
         self.app: FastAPI = create_app(self.parts, lifespan=self.lifespan)
         self._watch_store()
@@ -110,6 +113,8 @@ class Runtime:
             await self.robots.start()
             stack.push_async_callback(self.repairs.close)
             await self.repairs.start()
+            stack.push_async_callback(self.notifier.close)
+            await self.notifier.start()
             stack.callback(self.end_waits)
             await self._learn_keys()
             self._begin_counting()

@@ -4,7 +4,9 @@
                │                        │ a socket pair each:  child says `ready` ──► parent announces once
                │                        └─ the parent is gone: the kernel kills the child; where it does not,
                │                           the end of file does
-               └─ a child died ──► another in its place      SIGTERM ──► to each child, each ends in order
+               ├─ a child died ──► another in its place      SIGTERM ──► to each child, each ends in order
+               └─ a child's event loop has said nothing for a while (SIGSTOP, a call that does not return):
+                  killed, and so replaced; what it held (SQLite's lock, its robots) is free again
 
 The children are instances like those on several machines: they share the work through the database, and when
 one dies the others take its robots over (docs/storage.md). The parent holds no state, so that nothing is lost
@@ -14,6 +16,7 @@ with it; its death ends the children at once, since nobody would replace them an
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import os
 import signal
 import socket
@@ -27,11 +30,18 @@ import structlog
 from robomend.errors import InputError
 from robomend.figures import shared_file
 from robomend.settings import Settings
+from robomend.starvation import OwnSilence, waited_s
 from robomend.workers.parent import die_with_parent
 
 log = structlog.get_logger("robomend.api.supervising")
 
 READY = b"R"
+BEAT = b"B"
+BEAT_S = 0.3
+"""Between two signs of a child."""
+LOOK_S = 0.5
+HANGS_S = 3.5
+"""Silence of a child, by its own doing (robomend.starvation), after which it is killed."""
 BACK_OFF_S = 1.0
 """Between a child's death and its successor, where it died before it was ready."""
 FAILURES = 5
@@ -110,7 +120,7 @@ class WorkerSupervisor:
                     if first:
                         first = False
                         self._one_more()
-                code = await child.wait()
+                code = await self._wait(child, ours, number)
                 self._children.discard(child)
             if self._ending.is_set():
                 return
@@ -122,6 +132,24 @@ class WorkerSupervisor:
                     self._ending.set()
                     return
                 await asyncio.sleep(BACK_OFF_S)
+
+    async def _wait(self, child: Process, line: socket.socket, number: int) -> int:
+        """Return the exit code of a child; one that hangs is killed."""
+        ending = asyncio.create_task(child.wait())
+        now_s = 0.0  # counted in looks: a supervisor that was asleep itself has heard nothing of anybody
+        silence = OwnSilence(now_s, waited_s(child.pid))
+        while True:
+            await asyncio.wait({ending}, timeout=LOOK_S)
+            if ending.done():
+                return ending.result()
+            now_s += LOOK_S
+            waited = waited_s(child.pid)
+            if _heard(line):
+                silence = OwnSilence(now_s, waited)
+            elif silence.lasts_s(now_s, waited) >= HANGS_S and not self._ending.is_set():
+                log.error("worker hangs, and is killed", number=number, pid=child.pid)
+                child.kill()
+                return await ending
 
     async def _start(self, theirs: socket.socket, number: int) -> Process:
         descriptors = (self._listener.fileno(), theirs.fileno(), self._figures)
@@ -135,6 +163,14 @@ class WorkerSupervisor:
         self._unready -= 1
         if self._unready == 0:
             self._ready()
+
+
+def _heard(line: socket.socket) -> bool:
+    """Return whether something came over this line."""
+    try:
+        return bool(line.recv(4096))
+    except OSError:  # nothing came, or nobody is there any more
+        return False
 
 
 class Parent:
@@ -153,6 +189,13 @@ class Parent:
     def ready(self) -> None:
         """Tell the parent that this child serves."""
         self._line.sendall(READY)
+
+    async def beat(self) -> None:
+        """Tell the parent, for ever, that the event loop turns."""
+        while True:
+            with contextlib.suppress(OSError):  # the parent reads nothing; that is not our fault
+                self._line.send(BEAT, socket.MSG_DONTWAIT)
+            await asyncio.sleep(BEAT_S)
 
     def _wait(self) -> None:
         try:

@@ -130,7 +130,14 @@ async def work(settings: Settings, inherited: Inherited) -> int:
     figures = SharedFigures(inherited.figures_fd, inherited.place, settings.workers)
     with socket.socket(fileno=inherited.listen_fd) as listener:
         os.set_inheritable(inherited.listen_fd, False)
-        return await _run(settings, lambda _: parent.ready(), [listener], figures)
+        beating: asyncio.Task[None] | None = None
+
+        def ready(_: str) -> None:
+            nonlocal beating
+            parent.ready()
+            beating = asyncio.create_task(parent.beat())
+
+        return await _run(settings, ready, [listener], figures)
 
 
 async def supervise(settings: Settings, *, announce: bool) -> int:

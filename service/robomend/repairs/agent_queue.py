@@ -22,8 +22,9 @@ from robomend.repairs.execution_values import MOST_FEEDBACK
 from robomend.repairs.states import QueueState
 from robomend.repairs.throttle import Throttle
 from robomend.robots.reporters import OURSELVES, Reporter
-from robomend.store import Store, Transaction, agent_actions, global_stop
-from robomend.store.records import AgentAction, AuditEntry
+from robomend.store import Store, Transaction, View, agent_actions, global_stop
+from robomend.store.records import AgentAction, AuditEntry, Fence
+from robomend.store.session import SURE_S, boot_s
 from robomend_client.actions import TIMED_OUT, UNREACHABLE, Action, Settle
 from robomend_client.events import Event, Kind
 
@@ -97,10 +98,18 @@ class AgentQueue:
         wanted = sorted({atom for one in due for atom in one.atoms}.intersection(atoms))
         return Settle(due[-1].n, tuple(wanted)) if wanted else None
 
-    async def put(self, robot: str, host: str | None, action: Action) -> AgentAction:
-        """Queue an action for the agent on `host` (None: any of the robot's)."""
+    async def put(
+        self, robot: str, host: str | None, action: Action, fence: Fence | None = None
+    ) -> AgentAction:
+        """Queue an action for the agent on `host` (None: any of the robot's).
+
+        Raises:
+            Fenced: another instance has taken the robot over.
+        """
 
         def queue(tx: Transaction) -> AgentAction:
+            if fence is not None:
+                tx.check_fence(robot, fence)
             queued = agent_actions.queue(
                 tx,
                 action.id,
@@ -141,13 +150,31 @@ class AgentQueue:
             queued = await self._store.read(agent_actions.waiting, robot)
             mine = any(agent_actions.meant_for(a, host, can) for a in queued if not a.answered)
             if mine and interlocked() is None:
+                began_s = boot_s()
                 taken = await self._store.write(take, robots=(robot,))
-                if taken is not None:
+                if taken is not None and await self._still(taken, began_s):
                     return taken
             left = deadline - asyncio.get_running_loop().time()
             if left <= 0 or self._ending or anew() is not None:
                 return None
             await wait_for(change, min(left, 5 * LOOK_AGAIN_S))
+
+    async def _still(self, taken: AgentAction, began_s: float) -> bool:
+        """Whether an action may be handed out that was taken since then.
+
+        Whoever slept meanwhile asks again: it may have been withdrawn, handed out elsewhere, or stopped.
+        """
+
+        def still(view: View) -> bool:
+            now = agent_actions.get(view, taken.id)
+            given = (now.taken_by, now.taken_ns) == (taken.taken_by, taken.taken_ns)
+            return given and now.code is None and not now.answered and not global_stop.get(view).active
+
+        while boot_s() - began_s > SURE_S:
+            began_s = boot_s()
+            if self._stopped() or not await self._store.read(still):
+                return False
+        return True
 
     def _take(
         self,

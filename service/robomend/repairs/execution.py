@@ -210,6 +210,7 @@ class _Run:
             await self._not_sent(step, action, why)
             raise _Stop(Ending.NOT_PERMITTED, f"{step}: {why}")
 
+        await self._setting.confirm()  # whoever slept since may have lost the robot
         feedback = partial(self._reporting.feedback, step)
         try:
             async with asyncio.timeout(timing.action_timeout_s + 1.0):  # executors keep the bound themselves

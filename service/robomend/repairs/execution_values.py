@@ -76,6 +76,14 @@ class Withheld(Exception):  # an answer of the journal, not an error
     """The journal refuses an intent: whoever asked for the end was faster. The argument is the reason."""
 
 
+Confirm = Callable[[], Awaitable[None]]
+"""Awaited right before anything is sent: returns while the robot is ours for certain, else raises Fenced."""
+
+
+async def nobodys() -> None:
+    """Confirm it where nobody owns robots, so that none can be lost."""
+
+
 @dataclass(frozen=True, slots=True)
 class Timing:
     """How long each thing may take, in seconds. Per action name, with a default."""
@@ -173,6 +181,7 @@ class Setting:
     timing: Mapping[str, Timing] = field(default_factory=dict)
     default_timing: Timing = Timing()
     not_idempotent: Collection[str] = ()  # actions that must not be sent twice when their outcome is unknown
+    confirm: Confirm = nobodys
     report: Callable[[StepReport], Awaitable[None]] | None = None  # called at each change of a step
 
     def timing_of(self, step: Step) -> Timing:

@@ -59,6 +59,7 @@ class LiveRepair:
         self._executors = executors
         self._acts = acts
         self._signals = signals
+        self._confirm = partial(store.ownership.confirm, record.fence)
         self._hearing = Hearing(store, robots, state, record, signals, heard_since)
         bounds = timings(state.config.actions, ())
         start_up_s = max([Timing().effect_timeout_s, *(b.effect_timeout_s for b in bounds.values())])
@@ -171,6 +172,7 @@ class LiveRepair:
             observed=self._hearing.observed,
             timing=timings(self._state.config.actions, once),
             not_idempotent=once,
+            confirm=self._confirm,
             report=report,
         )
 

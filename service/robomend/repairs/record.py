@@ -83,7 +83,7 @@ class RepairRecord:
     ) -> None:
         """`components`: what attempts are counted for; a user's action has other parameters as well."""
         self._store = store
-        self._fence = fence
+        self.fence = fence
         self._repair = repair
         self._components = frozenset(components)
         self._data: dict[str, Any] = dict(repair.data)
@@ -120,7 +120,7 @@ class RepairRecord:
 
     def _keep_left_off(self, tx: Transaction) -> None:
         if self.left_off != (self._repair.data.get("left_off") or {}):
-            repairs.update(tx, self.id, state=self.state, data=self._data, open=True, fence=self._fence)
+            repairs.update(tx, self.id, state=self.state, data=self._data, open=True, fence=self.fence)
 
     async def update(
         self,
@@ -154,12 +154,12 @@ class RepairRecord:
 
         def write(tx: Transaction) -> StoredRepair:
             still_open = state not in ENDS
-            updated = repairs.update(tx, self.id, state=state, data=data, open=still_open, fence=self._fence)
+            updated = repairs.update(tx, self.id, state=state, data=data, open=still_open, fence=self.fence)
             tx.emit(Kind.REPAIR, self.robot, repair_json(updated))
             if state != before or reason:
                 tx.note(entry)
             for request in answers:
-                repairs.answer(tx, request, fence=self._fence)
+                repairs.answer(tx, request, fence=self.fence)
             if also is not None:
                 also(tx)
             return updated
@@ -218,7 +218,7 @@ class RepairRecord:
 
         def remember(tx: Transaction) -> None:
             if tried is not None:
-                attempts.remember(tx, tried, fence=self._fence)
+                attempts.remember(tx, tried, fence=self.fence)
             for entry in quarantined:
                 self._set_aside(tx, entry)
 
@@ -233,7 +233,7 @@ class RepairRecord:
         )
 
     def _set_aside(self, tx: Transaction, entry: Quarantine) -> None:
-        attempts.put_quarantine(tx, entry, fence=self._fence)
+        attempts.put_quarantine(tx, entry, fence=self.fence)
         told = {"quarantine": entry.component, "reason": entry.reason, "until_ns": entry.until_ns}
         tx.emit(Kind.ROBOT, self.robot, told)
         tx.note(AuditEntry(LOOP, "component.quarantined", entry.component, self.robot, entry.reason))
@@ -286,10 +286,10 @@ class RepairRecord:
                 name=action.name,
                 parameters=action.parameters,
                 timeout_s=action.timeout_s,
-                fence=self._fence,
+                fence=self.fence,
             )
             for component in self._components.intersection(action.parameters):
-                attempts.count(tx, self.robot, component, self.id, fence=self._fence)
+                attempts.count(tx, self.robot, component, self.id, fence=self.fence)
             tx.note(entry)
             self._put_step(tx, report, number)
             self._keep_left_off(tx)
@@ -313,7 +313,7 @@ class RepairRecord:
         )
 
         def write(tx: Transaction) -> None:
-            journal.settle(tx, action.id, result.code, result.message, fence=self._fence)
+            journal.settle(tx, action.id, result.code, result.message, fence=self.fence)
             tx.note(entry)
             self._put_step(tx, report, step_number(action.id), **({} if anew is None else {"settle": anew}))
             self._keep_left_off(tx)
@@ -327,7 +327,7 @@ class RepairRecord:
 
     def _put_step(self, tx: Transaction, report: StepReport, number: int, **told: Json) -> None:
         data = report_json(report, number)
-        repairs.put_step(tx, self.id, number, state=str(report.state), data=data, fence=self._fence)
+        repairs.put_step(tx, self.id, number, state=str(report.state), data=data, fence=self.fence)
         told_of = {"repair": self.id, "round": self._data.get("round"), **data, **told}
         tx.emit(Kind.ACTION, self.robot, told_of)
 

@@ -256,5 +256,5 @@ class RobotRepairs:
             raise Refused(f"a {state.system.format} model says nothing of what can be repaired")
         board = None if state.config.board is None else await needs.robots.board(state.id)
         hosts = {name: part.host for name, part in parts.parts.items() if name not in parts.hardware}
-        around = needs.around(state.id, board, hosts, self._signals.halt)
+        around = needs.around(state.id, board, hosts, self._signals.halt, self.fence)
         return executors(await needs.chooser.actions(state), state.config.actions, around)

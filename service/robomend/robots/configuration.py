@@ -10,23 +10,17 @@ may be; 3. its row in docs/http.md. tests/robots/test_configuration.py holds the
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any
 
+from robomend.covering import COVERED, SECRET, shown_url
 from robomend.errors import InputError
 from robomend.model.components import ComponentModel
 from robomend.planning.policy import Mode, Policy, Window
 from robomend.planning.protection import marked, protection
 
 POLICIES = ("observe", "approve", "auto")
-
-COVERED = "**********"
-"""What is shown of a webhook's secret. Put back as it is, it leaves the secret as it was."""
-
-SECRET = re.compile(r"secret|token|password|credential|api_?key|(^|_)key$", re.IGNORECASE)
-"""Options of executors with such names are shown to nobody."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,23 +130,6 @@ def uncovered(values: Mapping[str, Any], before: Mapping[str, Any]) -> dict[str,
         )
 
     return _with_options(values, known)
-
-
-def shown_url(url: str) -> str:
-    """Return an address without what may be a credential: its user, query and fragment."""
-    scheme, separator, rest = url.partition("://")
-    if not separator:
-        return url
-    end = min((place for mark in "/?#" if (place := rest.find(mark)) >= 0), default=len(rest))
-    authority, path = rest[:end], rest[end:]
-    if "@" in authority:
-        authority = f"{COVERED}@{authority.rpartition('@')[2]}"
-    for mark in "?#":
-        beginning, found, _ = path.partition(mark)
-        if found:
-            path = f"{beginning}{mark}{COVERED}"
-            break
-    return f"{scheme}://{authority}{path}"
 
 
 def _shown(name: str, value: Any) -> Any:

@@ -28,6 +28,9 @@ from robomend.store import schema
 BUSY_TIMEOUT_S = 10.0
 """How long a SQLite writer waits for a writer in another process."""
 
+HANGS_MS = 4000
+"""PostgreSQL: a writer that hangs in the middle of a transaction keeps its locks for so long."""
+
 TURN_S = 0.001
 """How often it looks whether it is its turn."""
 
@@ -89,7 +92,11 @@ class Database:
     def open_writer(self) -> Connection:
         """Return a connection whose transactions may write; on SQLite they lock out other writers at once."""
         with translated():
-            return self._engine.connect().execution_options(robomend_writes=True)
+            connection = self._engine.connect().execution_options(robomend_writes=True)
+            if self.path is None:
+                connection.exec_driver_sql(f"SET idle_in_transaction_session_timeout = {HANGS_MS}")
+                connection.commit()
+            return connection
 
     def prepare(self) -> None:
         """Create or migrate the schema; quick when it is current.

@@ -6,12 +6,13 @@ transaction with its row locked:
 
     row names nobody, or an instance whose lock is free  ──►  name us, fencing number + 1
     row names us                                         ──►  the fence that we have
-    row names an instance whose lock is held             ──►  None
+    row names an instance whose lock is held             ──►  None (until it has said nothing for GONE_S)
 
 There is one lock per instance, not one per robot: a server's lock table holds thousands, a fleet may have a
 hundred thousand robots. An owner that was taken for dead and is not (its connection broke, it was suspended)
 still believes in its fence; every write compares it with the row's, and refuses the older one (Fenced). So
-two may believe, but one writes.
+two may believe, but one writes. What is not a write (a frame to a board, an answer to an agent) is sent after
+`confirm`: an owner that was heard just now cannot have lost a robot; any other reads its fence first.
 
 Reference: M. Kleppmann. Designing Data-Intensive Applications, chapter 8, fencing tokens. 2017.
 """
@@ -30,7 +31,7 @@ from typing import TYPE_CHECKING
 
 from sqlalchemy import Connection, or_, select
 
-from robomend.errors import RobomendError, StoreError
+from robomend.errors import Fenced, RobomendError, StoreError
 from robomend.store import schema
 from robomend.store.records import Fence, Instance
 from robomend.store.session import InstanceSession
@@ -41,6 +42,11 @@ if TYPE_CHECKING:
     from robomend.store.store import Store
 
 HEARTBEAT_S = 15.0
+TURN_S = 0.2
+"""How often the event loop says that it turns."""
+CONFIRM_S = 5.0
+"""For an owner that is not sure to become so."""
+LOOK_S = 0.02
 FORGOTTEN_NS = 86_400_000_000_000
 MAX_ORPHANS = 1000
 
@@ -52,8 +58,12 @@ class Ownership:
         self._store = store
         self._session = session
         self._held: dict[str, Fence] = {}
+        self._known: dict[
+            str, tuple[str, int]
+        ] = {}  # robot -> our name, and naps, when it was ours for certain
         self._callbacks: list[Callable[[Fence], None]] = []
         self._heart: asyncio.Task[None] | None = None
+        self._turning: asyncio.Task[None] | None = None
         self._started_ns = time.time_ns()
 
     @property
@@ -66,15 +76,40 @@ class Ownership:
         """The robots owned now."""
         return MappingProxyType(self._held)
 
+    def begin_turning(self) -> None:
+        """Let the session know, from now on, that the event loop turns."""
+        self._session.turned()
+        self._turning = asyncio.get_running_loop().create_task(self._turn(), name="the loop turns")
+
+    async def _turn(self) -> None:
+        """Say that the event loop turns; after it did not, let go what others have taken over meanwhile."""
+        naps = self._session.naps
+        while True:
+            self._session.turned()
+            await asyncio.sleep(TURN_S)
+            if self._session.naps != naps:
+                naps = self._session.naps
+                before = dict(self._held)
+                with contextlib.suppress(RobomendError):  # then the next write finds out
+                    self._drop(before, await self._store.read(owned, self._session.instance))
+
+    def _drop(self, before: Mapping[str, Fence], ours: Mapping[str, int]) -> None:
+        """Let go what we held before, and is not among these, robot -> fencing number."""
+        for robot, fence in before.items():
+            if ours.get(robot) != fence.number and self._held.get(robot) == fence:
+                del self._held[robot], self._known[robot]
+                for callback in tuple(self._callbacks):
+                    callback(fence)
+
     def start(self) -> None:
         """Begin to say that we are there."""
         self._heart = asyncio.get_running_loop().create_task(self._beat())
 
     async def close(self) -> None:
         """Let all robots go."""
-        if self._heart is not None:
-            self._heart.cancel()
-            await asyncio.wait({self._heart})
+        for task in filter(None, (self._heart, self._turning)):
+            task.cancel()
+            await asyncio.wait({task})
         instance = self._session.instance
         self._held.clear()
         if instance is not None:
@@ -88,18 +123,46 @@ class Ownership:
         held = self._held.get(robot)
         if held is not None:
             return held
-        instance, lives = self._session.instance, self._session.lives
+        instance, lives, naps = self._session.instance, self._session.lives, self._session.naps
         if instance is None:
             return None
         fence = await self._store.write(lambda tx: own(tx, robot, instance, lives), robots=(robot,))
         if fence is None or self._session.instance != instance:
             return None
-        self._held[robot] = fence
+        self._held[robot], self._known[robot] = fence, (instance, naps)
         return fence
+
+    async def confirm(self, fence: Fence) -> None:
+        """Return when the robot is ours for certain, usually at once and without a pause.
+
+        To be awaited right before something is sent: whoever slept, and was taken for dead, finds out here.
+
+        Raises:
+            Fenced: another instance has taken over, or may have.
+            StoreError: the database does not say.
+        """
+        session, robot = self._session, fence.robot
+        deadline = time.monotonic() + CONFIRM_S
+        while True:
+            if self._held.get(robot) != fence or self._known[robot][0] != session.instance:
+                raise Fenced(f"{robot!r} was lost while this instance slept or hung")
+            naps = session.naps
+            if session.sure:
+                if self._known[robot][1] == naps == session.naps:
+                    return
+                # Who took over has done so by now, or finds that we live: the row is locked to look.
+                await self._store.write(lambda tx: tx.check_fence(robot, fence), robots=(robot,))
+                if self._held.get(robot) == fence:
+                    self._known[robot] = (self._known[robot][0], naps)
+            elif time.monotonic() > deadline:
+                raise StoreError("whether the robot is still ours cannot be said now")
+            else:
+                await asyncio.sleep(LOOK_S)
 
     async def release(self, robot: str) -> None:
         """Let the robot go; nothing happens if it is not ours."""
         fence = self._held.pop(robot, None)
+        self._known.pop(robot, None)
         if fence is not None:
             await self._store.write(lambda tx: disown(tx, fence), robots=(robot,))
 
@@ -129,7 +192,7 @@ class Ownership:
 
     def lost(self) -> None:
         """Our lock is gone, and with it everything we held."""
-        lost, self._held = list(self._held.values()), {}
+        lost, self._held, self._known = list(self._held.values()), {}, {}
         for fence in lost:
             for callback in tuple(self._callbacks):
                 callback(fence)
@@ -195,17 +258,17 @@ def leave(tx: Transaction, instance: str) -> None:
 def beat(tx: Transaction, *, instance: str, host: str, pid: int, started_ns: int) -> None:
     """Note that the instance is there, and forget those that have not been for a day."""
     table = schema.instances
-    tx.replace(
-        table,
-        {
-            "id": instance,
-            "host": host,
-            "pid": pid,
-            "started_ns": started_ns,
-            "heartbeat_ns": tx.now_ns,
-        },
-    )
+    row = {"id": instance, "host": host, "pid": pid, "started_ns": started_ns, "heartbeat_ns": tx.now_ns}
+    if tx.connection.dialect.name == "sqlite":  # on PostgreSQL the session says so, and must not wait for us
+        tx.replace(table, row)
     tx.change(table.delete().where(table.c.heartbeat_ns < tx.now_ns - FORGOTTEN_NS))
+
+
+def owned(view: View, instance: str | None) -> dict[str, int]:
+    """Return the robots that an instance owns, with their fencing numbers."""
+    table = schema.robot_state
+    found = view.rows(select(table.c.robot, table.c.fence).where(table.c.owner == instance))
+    return {row.robot: row.fence for row in found}
 
 
 def instances(view: View, lives: Lives) -> tuple[Instance, ...]:

@@ -38,6 +38,7 @@ async def prune(store: Store, retention: Retention, *, slice: int = 1000) -> Pru
         ("audit", _prefix(schema.audit, "id"), retention.audit_days),
         ("idempotency", _expired_keys, 0.0),
         ("agent_actions", _old_agent_actions, retention.repairs_days),
+        ("notifications", _old_notifications, retention.events_days),
     )
     pruned = Pruned()
     for what, remove, days in work:
@@ -99,6 +100,13 @@ def _old_agent_actions(before: int, slice: int, tx: Transaction) -> int:
     table = schema.agent_actions
     old = select(table.c.number).where(table.c.queued_ns < before).order_by(table.c.number).limit(slice)
     return _remove(tx, table, "number", [row.number for row in tx.rows(old)])
+
+
+def _old_notifications(before: int, slice: int, tx: Transaction) -> int:
+    table = schema.notifications
+    old = select(table.c.number).where(table.c.created_ns < before, table.c.due_ns.is_(None))
+    rows = tx.rows(old.order_by(table.c.number).limit(slice))
+    return _remove(tx, table, "number", [row.number for row in rows])
 
 
 def _expired_keys(before: int, slice: int, tx: Transaction) -> int:

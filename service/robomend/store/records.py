@@ -257,6 +257,20 @@ class AuditEntry:
 
 
 @dataclass(frozen=True, slots=True)
+class StoredNotification:
+    """Something that one recipient is told. `due_ns` is None when it has arrived or was given up."""
+
+    number: int
+    recipient: str  # a name of the settings
+    data: Json
+    created_ns: int
+    tries: int
+    due_ns: int | None
+    state: str  # "waiting", "delivered", "given-up"
+    answer: str  # of the last try
+
+
+@dataclass(frozen=True, slots=True)
 class Newest:
     """The versions of all that a robot's diagnosis rests on."""
 
@@ -356,6 +370,7 @@ class Pruned:
     audit: int = 0
     idempotency: int = 0
     agent_actions: int = 0
+    notifications: int = 0
 
 
 @dataclass(frozen=True, slots=True)

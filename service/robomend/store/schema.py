@@ -29,7 +29,7 @@ from sqlalchemy import (
     text,
 )
 
-HEAD = "0003"
+HEAD = "0004"
 """The schema version that this program reads and writes."""
 
 metadata = MetaData()
@@ -37,6 +37,7 @@ metadata = MetaData()
 _UNSETTLED = text("settled_ns IS NULL")
 _OPEN = text("open")
 _NOT_DONE = text("NOT done")
+_DUE = text("due_ns IS NOT NULL")
 
 _NUMBER = BigInteger().with_variant(Integer(), "sqlite")  # SQLite counts up INTEGER keys only
 
@@ -293,6 +294,20 @@ sign_ins = Table(
 )
 
 settings = Table("settings", metadata, _name("name", primary_key=True), _name("value", nullable=False))
+
+notifications = _numbered(
+    "notifications",
+    _name("recipient", nullable=False),
+    _name("key", nullable=False),  # what it tells: once per recipient, for a while
+    _name("data", nullable=False),
+    _time("created_ns"),
+    Column("tries", Integer, nullable=False),
+    _time("due_ns", nullable=True),  # None: it is done with
+    _name("state", nullable=False),
+    _name("answer", nullable=False),
+    Index("ix_notifications_key", "key", "recipient"),
+    Index("ix_notifications_due", "due_ns", postgresql_where=_DUE, sqlite_where=_DUE),
+)
 
 agent_actions = _numbered(
     "agent_actions",

@@ -5,8 +5,19 @@
     SQLite       a lock file beside the database (flock, freed by the kernel when the process ends), and a
                  look at SQLite's data_version every 50 ms
 
-Who wants to know whether another instance lives tries its lock. A new name is drawn whenever the lock was
-lost, so that nothing written under the old name counts as ours again.
+Who wants to know whether another instance lives tries its lock. One that hangs (SIGSTOP, an event loop that
+is held) keeps its lock, so it also says when its event loop turned last: in its row, by the server's clock,
+or in its lock file, by the clock of the computer. After GONE_S without news others take its robots over.
+
+    event loop ── turned() ──► this thread ── every BEAT_S ──► row or lock file ◄── lives() of the others
+
+A sleeper that wakes may have lost what it owned: `naps` counts, and whoever owns asks the database
+(ownership.py). A new name is drawn whenever the lock was lost, so that nothing written under the old name
+counts as ours again.
+
+Where everybody is starved of the processor, nobody can tell who hangs: who was late itself lately judges
+nobody, and an event loop that does not turn because the processor is elsewhere (robomend.starvation) is said
+to turn.
 """
 
 from __future__ import annotations
@@ -15,8 +26,11 @@ import contextlib
 import fcntl
 import os
 import secrets
+import socket
 import sqlite3
+import struct
 import threading
+import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from pathlib import Path
@@ -25,12 +39,23 @@ from typing import Any
 from sqlalchemy import URL, Connection, text
 
 from robomend.errors import StoreError
+from robomend.starvation import OwnSilence, waited_s
 from robomend.store.transaction import CHANNEL
 
 POLL_S = 0.05
 """SQLite: how late an event of another process may come."""
 PING_S = 0.3
 """PostgreSQL: how often the connection is looked at, when nothing comes."""
+BEAT_S = 0.4
+"""Between two words of ours that we live."""
+SURE_S = 2.0
+"""After our last word nobody has taken over what is ours, for so long at least."""
+GONE_S = 3.0
+"""Without a word for so long, an instance is taken for dead."""
+LATE_S = 1.0
+"""Between two words of ours, or from the event loop's turn to the word of it: we are starved ourselves."""
+CALM_S = 1.0
+"""After we were late, before we judge others."""
 BACK_OFF_S = (0.1, 0.2, 0.5, 1.0, 2.0)
 READY_S = 5.0
 
@@ -40,6 +65,20 @@ _SERVER = (
     "-c tcp_keepalives_idle=1 -c tcp_keepalives_interval=1 -c tcp_keepalives_count=2"
     " -c tcp_user_timeout=4000 -c idle_session_timeout=0"
 )
+
+
+_NOW_NS = "(extract(epoch FROM clock_timestamp()) * 1000000000)::bigint"
+_SAY = f"""
+    INSERT INTO instances (id, host, pid, started_ns, heartbeat_ns) VALUES (%s, %s, %s, %s, {_NOW_NS} - %s)
+    ON CONFLICT (id) DO UPDATE SET heartbeat_ns = excluded.heartbeat_ns
+"""
+_HEARD = text(f"SELECT {_NOW_NS} - heartbeat_ns FROM instances WHERE id = :id")
+_TURNED = struct.Struct("<d")
+
+
+def boot_s() -> float:
+    """Return the time since the computer was booted, its sleep included: the same for all processes."""
+    return time.clock_gettime(time.CLOCK_BOOTTIME)
 
 
 class InstanceSession(ABC):
@@ -52,6 +91,13 @@ class InstanceSession(ABC):
         self._on_sign = on_sign
         self._on_lost = on_lost
         self._instance: str | None = None
+        self._turned_s = self._told_s = boot_s()
+        self._beat_s = self._late_s = -GONE_S
+        self._heard_s = self._turned_s
+        self._silence = OwnSilence(self._turned_s, waited_s())
+        self._waited_s = waited_s()
+        self.naps = 0
+        """Times that nothing was heard of us for so long that others may have taken over."""
         self._ready = threading.Event()
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name="store-session", daemon=True)
@@ -60,6 +106,15 @@ class InstanceSession(ABC):
     def instance(self) -> str | None:
         """Our name; None while we hold no lock."""
         return self._instance
+
+    def turned(self) -> None:
+        """The event loop turns; to be called by it, more often than every BEAT_S."""
+        self._turned_s = boot_s()
+
+    @property
+    def sure(self) -> bool:
+        """Whether what we own is ours for certain: nobody can take us for dead yet."""
+        return self._instance is not None and boot_s() - self._told_s < SURE_S
 
     def start(self) -> None:
         """Start, and wait until the lock is held. Blocking.
@@ -78,9 +133,24 @@ class InstanceSession(ABC):
         if self._thread.is_alive():
             self._thread.join(READY_S)
 
-    @abstractmethod
     def lives(self, instance: str, connection: Connection) -> bool:
-        """Return whether another instance holds its lock; `connection` is in a transaction."""
+        """Return whether another instance holds its lock and was heard lately.
+
+        `connection` is in a transaction.
+        """
+        if not self._holds(instance, connection):
+            return False
+        now = boot_s()
+        judges = self.sure and now - self._beat_s < LATE_S and now - self._late_s > CALM_S
+        return not judges or self._silent_s(instance, connection) <= GONE_S
+
+    @abstractmethod
+    def _holds(self, instance: str, connection: Connection) -> bool:
+        """Return whether an instance holds its lock."""
+
+    @abstractmethod
+    def _silent_s(self, instance: str, connection: Connection) -> float:
+        """Return for how long an instance has said nothing; 0 if it has said nothing so far."""
 
     @abstractmethod
     def _hold(self) -> None:
@@ -89,6 +159,30 @@ class InstanceSession(ABC):
     def _taken(self, instance: str) -> None:
         self._instance = instance
         self._ready.set()
+
+    def _beat(self, say: Callable[[float], object]) -> None:
+        """Say, now and then, when the event loop turned last, or would have if it had had a processor."""
+        now = boot_s()
+        since_s = now - self._beat_s
+        if since_s < BEAT_S:
+            return
+        if since_s > LATE_S or now - self._turned_s > LATE_S:
+            self._late_s = now
+        self._beat_s = now
+        told_s = self._turns_s(now)
+        say(told_s)
+        if boot_s() - self._told_s > SURE_S:
+            self.naps += 1  # before we are sure again: whoever asks `sure` first, and then this, knows
+        self._told_s = told_s
+
+    def _turns_s(self, now: float) -> float:
+        waited, before = waited_s(), self._waited_s
+        self._waited_s = waited
+        turned_s = self._turned_s
+        if turned_s != self._heard_s:  # since the last word, at which it had waited for so long as `before`
+            self._heard_s = turned_s
+            self._silence = OwnSilence(turned_s, before)
+        return turned_s + self._silence.excused_s(now, waited)
 
     def _run(self) -> None:
         failures = 0
@@ -113,10 +207,14 @@ class PostgresSession(InstanceSession):
         self._arguments: dict[str, Any] = {**arguments, **_CLIENT}
         self._arguments["options"] = f"{self._arguments.get('options', '')} {_SERVER}"
 
-    def lives(self, instance: str, connection: Connection) -> bool:
+    def _holds(self, instance: str, connection: Connection) -> bool:
         # Shared, so that several who ask at once do not take each other for the instance.
         asked = text("SELECT pg_try_advisory_xact_lock_shared(:key)")
         return not connection.execute(asked, {"key": _lock_key(instance)}).scalar_one()
+
+    def _silent_s(self, instance: str, connection: Connection) -> float:
+        silent_ns = connection.execute(_HEARD, {"id": instance}).scalar()
+        return 0.0 if silent_ns is None else float(silent_ns) / 1e9
 
     def _hold(self) -> None:
         import psycopg
@@ -125,14 +223,23 @@ class PostgresSession(InstanceSession):
             instance = secrets.token_hex(8)
             connection.execute("SELECT pg_advisory_lock(%s)", (_lock_key(instance),))
             connection.execute(f"LISTEN {CHANNEL}")
+            connection.execute("SET synchronous_commit = off")  # of what is said here the latest counts
+            us = (instance, socket.gethostname(), os.getpid(), time.time_ns())
+
+            def say(turned_s: float) -> None:
+                connection.execute(_SAY, (*us, round((boot_s() - turned_s) * 1e9)))
+
+            self._beat(say)
             row = connection.execute("SELECT value FROM counters WHERE name = 'event'").fetchone()
             self._taken(instance)
             self._on_sign(row[0] if row else 0)
             while not self._closing.is_set():
                 for notification in connection.notifies(timeout=PING_S):
                     self._on_sign(int(notification.payload))
+                    self._beat(say)  # however much there is to hear
                     if self._closing.is_set():
                         return
+                self._beat(say)
                 connection.execute("SELECT 1")
 
 
@@ -144,8 +251,15 @@ class SqliteSession(InstanceSession):
         self._path = path
         self._locks = path.with_name(path.name + ".instances")
 
-    def lives(self, instance: str, connection: Connection) -> bool:
+    def _holds(self, instance: str, connection: Connection) -> bool:
         return not _free(self._locks / f"{instance}.lock")
+
+    def _silent_s(self, instance: str, connection: Connection) -> float:
+        try:
+            said = (self._locks / f"{instance}.lock").read_bytes()
+        except FileNotFoundError:  # just now
+            return 0.0
+        return 0.0 if len(said) < _TURNED.size else boot_s() - float(_TURNED.unpack_from(said)[0])
 
     def _hold(self) -> None:
         self._locks.mkdir(mode=0o700, exist_ok=True)
@@ -157,17 +271,18 @@ class SqliteSession(InstanceSession):
         lock = os.open(path, os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o600)
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            self._watch(instance)
+            self._watch(instance, lambda turned_s: os.pwrite(lock, _TURNED.pack(turned_s), 0))
         finally:
             path.unlink(missing_ok=True)
             os.close(lock)
 
-    def _watch(self, instance: str) -> None:
+    def _watch(self, instance: str, say: Callable[[float], object]) -> None:
         connection = sqlite3.connect(self._path, isolation_level=None, timeout=1.0)
         try:
             seen = None
             self._taken(instance)
             while not self._closing.is_set():
+                self._beat(say)
                 # data_version changes with every commit of another connection; it costs no disk access.
                 version = connection.execute("PRAGMA data_version").fetchone()
                 if version != seen:

@@ -99,6 +99,7 @@ class Store:
         self._loop = asyncio.get_running_loop()
         await self._loop.run_in_executor(self._readers, self._database.prepare)
         self._tail.start((await self.read(log.kept)).newest)
+        self._ownership.begin_turning()
         await self._loop.run_in_executor(self._readers, self._session.start)
         self._writer.start()
         self._ownership.start()

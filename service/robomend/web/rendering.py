@@ -30,6 +30,7 @@ NAVIGATION = (
     ("/ui/what-if", "What if", "all"),
     ("/ui/audit", "Audit", "admin"),
     ("/ui/keys", "Keys", "admin"),
+    ("/ui/notifications", "Notifications", "admin"),
 )
 """Address, name, and whether it is for all or for admins."""
 

@@ -12,7 +12,8 @@ from typing import Any
 
 import pytest
 
-from robomend.repairs.executors.webhook import Webhook, WebhookExecutor, allowed_address, outside
+from robomend.repairs.executors.webhook import WebhookExecutor
+from robomend.webhooks import Webhook, allowed_address, outside
 from robomend_client.actions import FAILED, OK, REFUSED, TIMED_OUT, UNREACHABLE, Action
 
 pytestmark = pytest.mark.anyio

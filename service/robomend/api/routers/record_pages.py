@@ -1,4 +1,6 @@
-"""/ui/repairs, /ui/audit, /ui/keys: what was, who did what and why, and whose keys there are."""
+"""/ui/repairs, /ui/audit, /ui/keys, /ui/notifications: what was, who did what and why, whose keys there are,
+and who is told.
+"""
 
 from __future__ import annotations
 
@@ -8,10 +10,11 @@ from fastapi import APIRouter, Query, Request
 from starlette.responses import Response
 
 from robomend.api.deps import PagingDep, PartsDep, PrincipalDep
-from robomend.api.page_route import PageRoute, page
+from robomend.api.page_route import PageRoute, back, page, read_form
+from robomend.api.routers.notifications import tried
 from robomend.api.schemas.base import NAME
 from robomend.api.shell import shell, wanted_parts
-from robomend.store import api_keys, audit, repairs
+from robomend.store import api_keys, audit, notifications, repairs
 
 router = APIRouter(route_class=PageRoute, include_in_schema=False)
 
@@ -51,3 +54,30 @@ async def keys_page(request: Request, parts: PartsDep, principal: PrincipalDep) 
     found = await parts.store.read(api_keys.every)
     around = shell(request, parts, principal, wanted_parts(request, ("stop",)))
     return page(request, "keys.html", **around, keys=found)
+
+
+@router.get("/ui/notifications")
+async def notifications_page(
+    request: Request, parts: PartsDep, principal: PrincipalDep, paging: PagingDep
+) -> Response:
+    """Show who is told that a person is needed, and what they were told."""
+    found = await parts.store.read(notifications.page, paging)
+    around = shell(request, parts, principal, wanted_parts(request, ("stop",)))
+    recipients = list(parts.notifier.recipients.values())
+    public_url = parts.settings.public_url
+    return page(
+        request,
+        "notifications.html",
+        **around,
+        found=found,
+        recipients=recipients,
+        public_url=public_url,
+    )
+
+
+@router.post("/ui/notifications")
+async def test_notification(request: Request, parts: PartsDep, principal: PrincipalDep) -> Response:
+    """Send a recipient a test, and show what came of it."""
+    form = await read_form(request)
+    await tried(parts, form.get("recipient", ""), principal.name)
+    return back("/ui/notifications")

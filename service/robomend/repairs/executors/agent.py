@@ -13,7 +13,7 @@ from typing import Any
 from robomend.errors import RobomendError, StoreError
 from robomend.repairs.agent_queue import LOOK_AGAIN_S, AgentQueue, wait_for
 from robomend.repairs.executors.registry import Surroundings
-from robomend.store.records import AgentAction
+from robomend.store.records import AgentAction, Fence
 from robomend_client.actions import (
     CANCELLED,
     TIMED_OUT,
@@ -27,7 +27,7 @@ from robomend_client.actions import (
 
 def make(action: str, options: Mapping[str, Any], around: Surroundings) -> Executor:
     """Return the robot's agents, on whichever host a component is (robomend.repairs.executors.registry)."""
-    return AgentExecutor(around.agents, around.robot, around.hosts, around.halt)
+    return AgentExecutor(around.agents, around.robot, around.hosts, around.halt, around.fence)
 
 
 class AgentExecutor:
@@ -39,13 +39,16 @@ class AgentExecutor:
         robot: str,
         hosts: Mapping[str, str | None],
         halt: asyncio.Event | None = None,
+        fence: Fence | None = None,
     ) -> None:
         """
         Args:
             hosts: component -> the host whose agent acts on it; None or absent: any agent of the robot.
             halt: set when an action is cut off because nobody wants it any more; else it may go on, and
                 whoever takes over asks for its result.
+            fence: of the robot's owner: nothing is queued by anybody else.
         """
+        self._fence = fence
         self._queue = queue
         self._robot = robot
         self._hosts = dict(hosts)
@@ -56,7 +59,7 @@ class AgentExecutor:
         loop = asyncio.get_running_loop()
         deadline = loop.time() + action.timeout_s
         change = self._queue.watch(self._robot)
-        state = await self._queue.put(self._robot, host, action)
+        state = await self._queue.put(self._robot, host, action, self._fence)
         told: tuple[int, str] | None = None
         try:
             while state.code is None and (left := deadline - loop.time()) > 0:

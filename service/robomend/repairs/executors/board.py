@@ -7,6 +7,7 @@ from typing import Any, Protocol
 
 from robomend.board.link import LinkState
 from robomend.errors import BoardError, BoardRefused, BoardTimeout, BoardUnreachable
+from robomend.repairs.execution_values import Confirm, nobodys
 from robomend.repairs.executors.registry import Surroundings
 from robomend_client.actions import (
     FAILED,
@@ -43,14 +44,26 @@ def make(action: str, options: Mapping[str, Any], around: Surroundings) -> Execu
     if board is None or action not in SWITCHES:
         return None
     channels = {name: channel for channel, name in board.components.items()}
-    return BoardExecutor(board.link, channels, board.protected)
+    return BoardExecutor(board.link, channels, board.protected, around.confirm)
 
 
 class BoardExecutor:
     """Switches the channels of one robot's board. Protected channels are never switched off, whoever asks."""
 
-    def __init__(self, link: Switch, channels: Mapping[str, int], protected: Mapping[int, str]) -> None:
-        """`channels`: hardware name -> channel, from 0; `protected`: channel -> why it stays on."""
+    def __init__(
+        self,
+        link: Switch,
+        channels: Mapping[str, int],
+        protected: Mapping[int, str],
+        confirm: Confirm = nobodys,
+    ) -> None:
+        """
+        Args:
+            channels: hardware name -> channel, from 0.
+            protected: channel -> why it stays on.
+            confirm: see robomend.repairs.execution_values.
+        """
+        self._confirm = confirm
         self._link = link
         self._channels = dict(channels)
         self._protected = protected
@@ -70,6 +83,7 @@ class BoardExecutor:
             feedback(0, f"the board's link is {self._link.state}; waiting for it")
         try:
             await self._link.wait_connected(min(CONNECT_S, action.timeout_s))
+            await self._confirm()
             await self._link.switch(channel, on, action.timeout_s)
         except BoardRefused as error:  # a faulty channel, a channel that it does not have
             return ActionResult(REFUSED, str(error))

@@ -21,6 +21,7 @@ from typing import Any
 
 from robomend import programs
 from robomend.errors import InputError
+from robomend.repairs.execution_values import Confirm, nobodys
 from robomend.repairs.executors.registry import Surroundings
 from robomend_client.actions import (
     FAILED,
@@ -50,14 +51,19 @@ def make(action: str, options: Mapping[str, Any], around: Surroundings) -> Execu
             f"actions.{action}: the service's settings name no program {name!r} (programs: {known}); "
             "add it there, or let the robot's agent run it"
         )
-    return ProcessExecutor({action: around.programs[name]})
+    return ProcessExecutor({action: around.programs[name]}, around.confirm)
 
 
 class ProcessExecutor:
     """Runs programs on the service's own computer; the exit status is the result."""
 
-    def __init__(self, commands: Mapping[str, Sequence[str]]) -> None:
-        """`commands`: action name -> argument list with {0}, {1}, … for the parameters."""
+    def __init__(self, commands: Mapping[str, Sequence[str]], confirm: Confirm = nobodys) -> None:
+        """
+        Args:
+            commands: action name -> argument list with {0}, {1}, … for the parameters.
+            confirm: see robomend.repairs.execution_values.
+        """
+        self._confirm = confirm
         self._commands = {name: tuple(template) for name, template in commands.items()}
 
     async def execute(self, action: Action, feedback: Feedback) -> ActionResult:
@@ -68,6 +74,7 @@ class ProcessExecutor:
             arguments = programs.arguments(template, action.parameters)
         except programs.Unfit as error:
             return ActionResult(REFUSED, f"the program of {action} {error}")
+        await self._confirm()
         try:
             process = subprocess.Popen(
                 arguments,

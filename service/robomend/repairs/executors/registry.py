@@ -26,8 +26,10 @@ from typing import Any, Protocol
 from robomend.errors import InputError, OptionRefused
 from robomend.planning.policy import POWER_ACTIONS
 from robomend.repairs.agent_queue import AgentQueue
+from robomend.repairs.execution_values import Confirm, nobodys
 from robomend.repairs.executors.once import Once
 from robomend.robots.boards import WiredBoard
+from robomend.store.records import Fence
 from robomend_client.actions import Executor
 from robomend_client.registry import Registry
 
@@ -43,6 +45,8 @@ class Surroundings:
     programs: Mapping[str, Sequence[str]]  # of the service's settings: name -> argument list
     webhook_hosts: Collection[str]  # of the settings too: hosts that may have private addresses
     halt: asyncio.Event  # set when an action is cut off because nobody wants it any more
+    confirm: Confirm = nobodys  # awaited right before anything is sent: whoever lost the robot raises Fenced
+    fence: Fence | None = None  # of the robot's owner; None: nothing is carried out
 
 
 class MakeExecutor(Protocol):

@@ -1,0 +1,146 @@
+"""Which events people are told of, and in which words.
+
+event                                                    about        told again
+repair   a plan, or a question, waits for a yes          approval     for another plan or question
+repair   it ended, and a person is needed                escalated    for another repair
+robot    nothing is known of it                          unknown      after an hour
+stop     the global stop was set, or lifted              stop         each time
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any
+from urllib.parse import quote
+
+from robomend_client.events import Event, Kind
+
+Json = Mapping[str, Any]
+
+KINDS = frozenset({Kind.REPAIR, Kind.ROBOT, Kind.STOP})
+"""Of events that may be told of."""
+
+MOST_TOLD = 20
+"""Steps of a plan, or components, that a message lists."""
+
+TEXT_CHARACTERS = 1000
+"""Of a reason; what robots and people wrote may be long."""
+
+
+@dataclass(frozen=True, slots=True)
+class Notice:
+    """Something that people are told, once for each `key` and recipient."""
+
+    about: str  # approval, escalated, unknown, stop or test
+    key: str
+    robot: str | None
+    repair: str | None
+    time_ns: int
+    title: str  # one line
+    lines: tuple[str, ...]  # what there is to say besides
+
+    @property
+    def data(self) -> Json:
+        """What is kept of it."""
+        return {
+            "about": self.about,
+            "robot": self.robot,
+            "repair": self.repair,
+            "time_ns": self.time_ns,
+            "title": self.title,
+            "lines": list(self.lines),
+        }
+
+
+def notice_of(event: Event) -> Notice | None:
+    """Return what people are told of an event; None: nothing."""
+    if event.kind is Kind.REPAIR:
+        return _of_repair(event)
+    if event.kind is Kind.ROBOT:
+        return _of_robot(event)
+    return _of_stop(event) if event.kind is Kind.STOP else None
+
+
+def trial_notice(recipient: str, by: str, time_ns: int) -> Notice:
+    """Return what is sent to see whether it arrives."""
+    lines = (f"sent to {recipient} on request of {by}; nothing is wrong",)
+    return Notice(
+        "test", f"test:{recipient}:{time_ns}", None, None, time_ns, "a test of notifications", lines
+    )
+
+
+def message(number: int, data: Json, public_url: str | None) -> dict[str, Any]:
+    """Return a kept notice as a receiver gets it."""
+    moment = datetime.fromtimestamp(data["time_ns"] // 1_000_000 / 1000, UTC)
+    return {
+        "id": f"n-{number}",
+        "about": data["about"],
+        "robot": data["robot"],
+        "repair": data["repair"],
+        "time": moment.isoformat(timespec="milliseconds").replace("+00:00", "Z"),
+        "title": data["title"],
+        "text": "\n".join(data["lines"]),
+        "url": _link(data, public_url),
+    }
+
+
+def _link(data: Json, public_url: str | None) -> str | None:
+    if public_url is None:
+        return None
+    root = public_url.rstrip("/")
+    if data["repair"]:
+        return f"{root}/ui/repairs/{quote(data['repair'])}"
+    return f"{root}/ui/robots/{quote(data['robot'])}" if data["robot"] else f"{root}/"
+
+
+def _of_repair(event: Event) -> Notice | None:
+    data, state = event.data, event.data.get("state")
+    if "asked" in data or state not in {"awaiting-approval", "escalated", "failed"}:
+        return None
+    repair, reason = str(data.get("id")), _short(data.get("reason") or "")
+    plan = [str(step.get("text")) for step in data.get("plan") or ()]
+    diagnosis = data.get("diagnosis") or {}
+    lines = []
+    if diagnosis.get("bad"):
+        lines.append(f"diagnosis: {_listed(diagnosis['bad'], ', ')}")
+    if state == "awaiting-approval":
+        about, what = "approval", "a plan waits for a yes" if plan else "a question waits for an answer"
+        lines += [f"plan: {_listed(plan, '; ')}"] if plan else []
+        asked = json.dumps([data.get("round"), plan, diagnosis.get("bad"), reason]).encode()
+        key = f"approval:{repair}:{hashlib.sha256(asked).hexdigest()[:16]}"
+    else:
+        about, key, what = "escalated", f"escalated:{repair}", "a repair ended, and a person is needed"
+    lines += [f"reason: {reason}"] if reason else []
+    return Notice(about, key, event.robot, repair, event.time_ns, f"{event.robot}: {what}", tuple(lines))
+
+
+def _of_robot(event: Event) -> Notice | None:
+    data = event.data
+    if data.get("what") != "health" or data.get("state") != "unknown":
+        return None
+    silent = [str(atom) for atom in data.get("unknown") or ()]
+    lines = (f"not observed: {_listed(silent, ', ')}",) if silent else ()
+    title = f"{event.robot}: nothing is known of it"
+    return Notice("unknown", f"unknown:{event.robot}", event.robot, None, event.time_ns, title, lines)
+
+
+def _of_stop(event: Event) -> Notice:
+    data = event.data
+    active = bool(data.get("active"))
+    title = "the global stop was set" if active else "the global stop was lifted"
+    lines = [f"by: {data.get('by')}"]
+    lines += [f"reason: {_short(data['reason'])}"] if data.get("reason") else []
+    return Notice("stop", f"stop:{event.id}", None, None, event.time_ns, title, tuple(lines))
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= TEXT_CHARACTERS else f"{text[: TEXT_CHARACTERS - 1]}…"
+
+
+def _listed(words: list[str], between: str) -> str:
+    more = len(words) - MOST_TOLD
+    return between.join(words[:MOST_TOLD]) + (f" and {more} more" if more > 0 else "")
