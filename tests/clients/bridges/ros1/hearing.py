@@ -64,7 +64,7 @@ async def hearing(folder: Path, master: str, *sources: str, more: str = "") -> A
     section.finish()
     heard = Heard()
     handler = _Log(heard.log)
-    logger = logging.getLogger("robomend_client.bridges.ros1")
+    logger = logging.getLogger("robomend_client.bridges")
     logger.addHandler(handler)
     logger.setLevel(logging.INFO)
     task = asyncio.create_task(feed.run(heard.deliver))
