@@ -2,6 +2,7 @@
 only when the agent's file has its section.
 
 ros1/          ROS 1: the master's XML-RPC and TCPROS, spoken on asyncio
+ros2/          ROS 2: DDS, through the wheel cyclonedds
 
 What they have in common:
 
