@@ -1,4 +1,4 @@
-"""What tests need of the distribution beyond Python: installed if it is missing, one after another.
+"""What tests need beyond their own Python packages: installed if it is missing, one after another.
 
 `./dev test` runs this before the tests, as two workers must not install at once, and a test's time is
 limited. Tests that are started in another way install what they need themselves, under the same lock.
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import platform
 import shutil
 import subprocess
 import sys
@@ -22,6 +23,9 @@ ROS1_PYTHON = "/usr/bin/python3"
 ROS1_IMPORTS = (
     "import rospy, rosmaster.master, actionlib, rosbag, genpy.dynamic, diagnostic_msgs, geometry_msgs"
 )
+
+ROS2_ENVIRONMENTS = Path(__file__).parents[1] / ".venv-ros2"
+ROS2_IMPORTS = "import rclpy, std_msgs.msg, sensor_msgs.msg, diagnostic_msgs.msg"
 
 
 @dataclass(frozen=True)
@@ -75,6 +79,52 @@ def ros1() -> bool:
         return False
 
 
+@dataclass(frozen=True)
+class WantedRos2:
+    """A real rclpy from wheels, in an environment of its own: they are one person's, for tests only."""
+
+    distribution: str
+    packages: tuple[str, ...]
+    what: str = "ROS 2"
+
+    @property
+    def python(self) -> Path:
+        version = f"{sys.version_info.major}.{sys.version_info.minor}"
+        return ROS2_ENVIRONMENTS / f"{self.distribution}-{version}" / "bin" / "python"
+
+    def there(self) -> bool:
+        """Return whether all of it is installed."""
+        return (self.python.parent.parent / "complete").exists()
+
+    def install(self) -> str:
+        """Install it unless it is there; return why it is not, or nothing."""
+        if self.there():
+            return ""
+        here = (sys.platform, platform.machine())
+        if here != ("linux", "x86_64") or not (3, 10) <= sys.version_info < (3, 14):
+            return "wheels of rclpy are for Linux on x86-64 and Python 3.10 to 3.13 only"
+        folder = self.python.parent.parent
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with (folder.parent / "lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if self.there():
+                return ""
+            shutil.rmtree(folder, ignore_errors=True)
+            uv = shutil.which("uv")
+            if uv:
+                make = [uv, "venv", "--quiet", "--python", sys.executable, str(folder)]
+                install = [uv, "pip", "install", "--quiet", "--python", str(self.python), *self.packages]
+            else:
+                make = [sys.executable, "-m", "venv", str(folder)]
+                install = [str(self.python), "-m", "pip", "install", "--quiet", *self.packages]
+            for command in (make, install, [str(self.python), "-c", ROS2_IMPORTS]):
+                done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=900)
+                if done.returncode:
+                    return f"rclpy ({self.distribution}) cannot be installed: {done.stderr.strip()[-300:]}"
+            (folder / "complete").touch()
+        return ""
+
+
 POSTGRESQL = Wanted("a PostgreSQL server", postgresql, ("postgresql",))
 CHROMIUM = Wanted("Chromium", chromium, ("chromium", "fonts-dejavu-core"))
 ROS1 = Wanted(
@@ -85,11 +135,25 @@ ROS1 = Wanted(
         *("python3-std-msgs", "python3-diagnostic-msgs", "python3-geometry-msgs"),
     ),
 )
+KILTED = WantedRos2(
+    "kilted",
+    (
+        *("ros-rclpy==9.1.2", "ros-rmw-fastrtps-cpp==9.3.3", "ros-std-msgs==5.5.1", "ros-sensor-msgs==5.5.1"),
+        *("ros-diagnostic-msgs==5.5.1", "ros-lifecycle-msgs==2.3.0", "ros-test-msgs==2.3.0"),
+    ),
+)
+JAZZY = WantedRos2(
+    "jazzy",
+    (
+        *("ros-rclpy==7.1.6", "ros-rmw-fastrtps-cpp<=8.4.3", "ros-std-msgs==5.3.6", "ros-sensor-msgs==5.3.6"),
+        "ros-diagnostic-msgs==5.3.6",
+    ),
+)
 
 
 def main() -> None:
     """Install all of it; what cannot be is said, and the tests that need it say so again."""
-    for wanted in (POSTGRESQL, CHROMIUM, ROS1):
+    for wanted in (POSTGRESQL, CHROMIUM, ROS1, KILTED, JAZZY):
         if not wanted.there():
             print(f"tests: installing {wanted.what}", file=sys.stderr)
         why = wanted.install()

@@ -6,23 +6,18 @@ where CI is set. The bridge itself needs none of it: this is its other side.
 
 from __future__ import annotations
 
-import json
 import os
-import queue
-import signal
 import subprocess
-import threading
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import pytest
+from tests.node_process import NodeProcess
 from tests.packages import ROS1, ROS1_PYTHON
 
 NODE = Path(__file__).parent / "ros1_node.py"
-WAIT_S = 60.0
 
 
 _why_not = lru_cache(maxsize=1)(ROS1.install)  # it is tried once
@@ -91,63 +86,11 @@ class RosMaster:
             self._process = None
 
 
-class RosNode:
-    """A rospy node in a process of its own, told by lines of JSON what to do; see ros1_node.py."""
+class RosNode(NodeProcess):
+    """A rospy node; see ros1_node.py."""
 
     def __init__(self, master: RosMaster, name: str, **environment: str) -> None:
-        self.name = name
-        self._answers: queue.Queue[dict[str, Any]] = queue.Queue()
-        self.heard: list[dict[str, Any]] = []
-        self.process = subprocess.Popen(
-            [ROS1_PYTHON, str(NODE), name],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=(master.folder / f"{name}.log").open("ab"),
-            text=True,
-            env={**master.environment, **environment},
-        )
-        self._reader = threading.Thread(target=self._read, daemon=True)
-        self._reader.start()
-
-    @property
-    def pid(self) -> int:
-        return self.process.pid
-
-    def do(self, what: str, **arguments: Any) -> Any:
-        """Tell the node to do something, and wait until it has."""
-        assert self.process.stdin is not None
-        self.process.stdin.write(json.dumps({"do": what, **arguments}) + "\n")
-        self.process.stdin.flush()
-        answer = self._answers.get(timeout=WAIT_S)
-        assert "error" not in answer, answer["error"]
-        return answer.get("answer")
-
-    def kill(self) -> None:
-        """kill -9"""
-        self.process.kill()
-        self.process.wait()
-
-    def signal(self, number: signal.Signals) -> None:
-        self.process.send_signal(number)
-
-    def close(self) -> None:
-        if self.process.poll() is None:
-            self.process.send_signal(signal.SIGCONT)
-            self.kill()
-        self._reader.join()
-        for stream in (self.process.stdin, self.process.stdout):
-            assert stream is not None
-            with suppress(BrokenPipeError):
-                stream.close()
-
-    def _read(self) -> None:
-        assert self.process.stdout is not None
-        for line in self.process.stdout:
-            value = json.loads(line)
-            if "heard" in value:
-                self.heard.append(value)
-            else:
-                self._answers.put(value)
+        super().__init__(name, [ROS1_PYTHON, str(NODE)], {**master.environment, **environment}, master.folder)
 
 
 class Robot:

@@ -12,6 +12,7 @@ PACKAGES = {
     "robomend_client": ROOT / "clients" / "robomend_client",
 }
 
+BRIDGES = "robomend_client.bridges"
 JSON = "robomend_client.rest.types"
 ERRORS = "robomend_client.rest.errors"
 SHARED = {
@@ -27,6 +28,9 @@ SHARED = {
     "Probe": {JSON, "robomend.diagnosis.probes"},
     "RefusedSentence": {JSON, "robomend.api.schemas.observations"},
     "Stop": {JSON, "robomend.store.records"},
+    # each bridge has its own, for the same
+    "Liveness": {f"{BRIDGES}.ros1.liveness", f"{BRIDGES}.ros2.liveness"},
+    "MessageReaders": {f"{BRIDGES}.ros1.messages", f"{BRIDGES}.ros2.messages"},
     # what the client raises is the answer that the service's error became
     "NotFound": {ERRORS, "robomend.errors"},
     "PreconditionFailed": {ERRORS, "robomend.errors"},

@@ -8,6 +8,7 @@ import pytest
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_typestore
 from tests.ros1 import robot
+from tests.ros2 import robot as ros2_robot
 
 from robomend.cli.commands import run
 from robomend.model.loading import load_text
@@ -24,6 +25,22 @@ def test_the_model_of_a_running_robot(tmp_path: Path, capsys: pytest.CaptureFixt
     assert "      map: [scan]    # std_msgs/Float64\n" in told
     assert "      scan: []    # std_msgs/String\n" in told
     assert sorted(load_text(told).cnf.components) == ["hokuyo_node", "mapper"]
+
+
+def test_the_model_of_a_running_robot_with_ros_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with ros2_robot(tmp_path) as ros:
+        monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        ros.node("laser").do("publish", topic="/scan", type="std_msgs/String")
+        mapper = ros.node("mapper")
+        mapper.do("subscribe", topic="/scan", type="std_msgs/String")
+        mapper.do("publish", topic="/map", type="std_msgs/Float64")
+        assert run(["model", "from-ros", "--ros2", str(ros.domain), "--name", "bot"]) == 0
+    told = capsys.readouterr().out
+    assert "      map: [scan]    # std_msgs/Float64\n" in told
+    assert "      scan: []    # std_msgs/String\n" in told
+    assert sorted(load_text(told).cnf.components) == ["laser", "mapper"]
 
 
 def test_the_model_of_a_recording_has_its_rates(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -44,7 +61,8 @@ def test_the_model_of_a_recording_has_its_rates(tmp_path: Path, capsys: pytest.C
 @pytest.mark.parametrize(
     ("arguments", "code", "why"),
     [
-        ([], 2, "give one of --ros1 and --bag"),
+        ([], 2, "give one of --ros1, --ros2 and --bag"),
+        (["--ros2", "233"], 2, "233 is not in the range 0<=x<=232"),
         (["--ros1", "nonsense"], 2, "'nonsense' is no address"),
         (["--ros1", "http://127.0.0.1:1/"], 3, "http://127.0.0.1:1/: nobody listens at 127.0.0.1:1"),
         (["--bag", "BAG"], 2, "cannot be read as a ROS 1 bag"),

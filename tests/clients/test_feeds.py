@@ -99,7 +99,7 @@ def written(tmp_path: Path, observers: str, more: str = "") -> Path:
 def test_a_feed_that_is_installed_apart_ends_with_3_and_the_command(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setitem(NEEDS, "ros1", "no_module_that_anybody_has")
+    monkeypatch.setitem(NEEDS, "ros1", ("no_module_that_anybody_has",))
     file = written(tmp_path, "  scan: {kind: general, from: ros1}")
     with pytest.raises(MissingExtra):
         load(file)
@@ -108,7 +108,7 @@ def test_a_feed_that_is_installed_apart_ends_with_3_and_the_command(
 
 
 def test_the_section_of_a_feed_is_enough_to_want_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(NEEDS, "ros1", "no_module_that_anybody_has")
+    monkeypatch.setitem(NEEDS, "ros1", ("no_module_that_anybody_has",))
     with pytest.raises(MissingExtra):
         load(written(tmp_path, "  scan: {kind: general}", "ros1: {}"))
 

@@ -33,8 +33,8 @@ OWN = ("processes", "host")
 EXTRAS = {name: f"pip install 'robomend-client[{name}]'" for name in ("ros1", "ros2", "zenoh")}
 """Feeds that are installed apart, and how."""
 
-NEEDS = {"ros1": "rosbags"}
-"""The module that comes with it."""
+NEEDS = {"ros1": ("rosbags",), "ros2": ("cyclonedds", "rosbags")}
+"""The modules that come with it."""
 
 Deliver = Callable[[str, object, "int | None"], None]
 """Called with source, value, and when the sample was made (None: now)."""
@@ -98,7 +98,7 @@ class BrokenFeed(Exception):
 FEEDS = Registry[Callable[..., Feed]](
     "origin of samples",
     "robomend.feeds",
-    {"ros1": "robomend_client.bridges.ros1:Ros1"},
+    {"ros1": "robomend_client.bridges.ros1:Ros1", "ros2": "robomend_client.bridges.ros2:Ros2"},
     unknown=UnknownFeed,
     broken=BrokenFeed,
 )
@@ -112,7 +112,7 @@ def load_feed(origin: str) -> Callable[..., Feed]:
         UnknownFeed, BrokenFeed: there is none of this name, or it cannot be imported.
     """
     if origin in EXTRAS and (
-        origin not in FEEDS.names() or (origin in NEEDS and find_spec(NEEDS[origin]) is None)
+        origin not in FEEDS.names() or any(find_spec(module) is None for module in NEEDS.get(origin, ()))
     ):
         raise MissingExtra(f"{origin} needs what is installed with: {EXTRAS[origin]}")
     return FEEDS.load(origin)

@@ -1,5 +1,13 @@
 """Bridges to what robots run already, as parts of the agent: each is a feed (agent/feeds.py) that is loaded
 only when the agent's file has its section.
 
-ros1/   ROS 1: the master's XML-RPC and TCPROS, spoken on asyncio
+ros1/          ROS 1: the master's XML-RPC and TCPROS, spoken on asyncio
+ros2/          ROS 2: DDS, through the wheel cyclonedds
+
+What they have in common:
+
+names.py       the model's names and ROS's       problems.py    what is wrong outside, told once
+fields.py      fields of messages                statuses.py    a diagnosis as diagnostic statuses
+sentences.py   sentences to literals (pure)      listening.py   others' /observations
+telling.py     what the robot is told
 """

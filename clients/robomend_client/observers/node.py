@@ -34,6 +34,7 @@ class Table:
     PRESETS: ClassVar[Mapping[str, Mapping[str, Any]]] = {
         "published": {"rate_hz": 10.0},
         "ros1": {"rate_hz": 0.5, "table": "nodes"},  # the bridge finds frozen nodes within 2 s
+        "ros2": {"rate_hz": 1.0, "table": "nodes"},
     }
 
     def __post_init__(self) -> None:

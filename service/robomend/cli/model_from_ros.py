@@ -1,32 +1,42 @@
-"""`robomend model from-ros`: a first model, from a live ROS 1 graph or from a bag."""
+"""`robomend model from-ros`: a first model, from a live graph of ROS 1 or ROS 2, or from a bag."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from robomend.errors import BackendError, InputError
 
+if TYPE_CHECKING:  # the command's help needs no client
+    from robomend_client.ros_graph import RosGraph
+
 
 @click.command("from-ros")
 @click.option("--ros1", metavar="URI", help="The master of a running robot, e.g. http://localhost:11311.")
 @click.option(
+    "--ros2", metavar="DOMAIN", type=click.IntRange(0, 232), help="The domain of a running robot with ROS 2."
+)
+@click.option(
     "--bag", type=click.Path(path_type=Path, exists=True), help="A recording of ROS 1 (.bag): no inputs."
 )
 @click.option("--name", default="robot", show_default=True, help="The model's name.")
-def command(ros1: str | None, bag: Path | None, name: str) -> None:
+def command(ros1: str | None, ros2: int | None, bag: Path | None, name: str) -> None:
     """Propose a model from a live ROS graph, as commented YAML on standard output.
 
     \b
     robomend model from-ros --ros1 http://localhost:11311 > robot.yaml
+    robomend model from-ros --ros2 0 > robot.yaml
     robomend model from-ros --bag run.bag --name tedusar
     """
     from robomend.model.from_graph import model_from_graph
 
-    if (ros1 is None) == (bag is None):
-        raise click.UsageError("give one of --ros1 and --bag")
-    if ros1 is not None:
+    if [ros1, ros2, bag].count(None) != 2:
+        raise click.UsageError("give one of --ros1, --ros2 and --bag")
+    if ros2 is not None:
+        graph, source = _ros2_graph(ros2), f"domain {ros2} of ROS 2"
+    elif ros1 is not None:
         from robomend_client.bridges.ros1.master import read_graph
         from robomend_client.bridges.ros1.xmlrpc import OutOfReach, PeerError, address_of
 
@@ -50,3 +60,16 @@ def command(ros1: str | None, bag: Path | None, name: str) -> None:
         except UnreadableBag as error:
             raise InputError(str(error)) from error
     click.echo(model_from_graph(graph, name, source), nl=False)
+
+
+def _ros2_graph(domain: int) -> RosGraph:
+    try:
+        from robomend_client.bridges.ros2.dds import NoDds
+        from robomend_client.bridges.ros2.graph import read_graph
+    except ImportError as error:
+        why = "reading ROS 2 needs what is installed with: pip install 'robomend-client[ros2]'"
+        raise BackendError(why) from error
+    try:
+        return read_graph(domain)
+    except NoDds as error:
+        raise BackendError(str(error)) from error

@@ -3,16 +3,13 @@
 It is a ROS node without ROS: it speaks the master's XML-RPC and TCPROS itself, so that it needs no rospy, no
 catkin and no distribution.
 
-    xmlrpc.py         calls between nodes            tcpros.py        bytes of connections (sans-io)
-    master.py         the master's calls
-    node.py           our own node                   problems.py      what is wrong outside, told once
-    subscription.py   a topic that comes in          publication.py   a topic that goes out
-    nodes.py          who runs (pure)                liveness.py      how that is found out
-    messages.py       values out of messages         names.py         the model's names and ROS's
-    sentences.py      sentences to literals (pure)   listening.py      others' /observations
-    formats.py        the messages that go out       telling.py        what the robot is told
-    action_topics.py  the words of actionlib
-    action_server.py  actions that nodes ask for     action_client.py  the robot's own actions
+    xmlrpc.py         calls between nodes            tcpros.py          bytes of connections (sans-io)
+    master.py         the master's calls             node.py            our own node
+    subscription.py   a topic that comes in          publication.py     a topic that goes out
+    nodes.py          who runs (pure)                liveness.py        how that is found out
+    messages.py       messages by their definitions  formats.py         the messages that go out
+    action_topics.py  the words of actionlib         action_server.py   actions that nodes ask for
+    action_client.py  the robot's own actions        bag.py             the graph of a recording
     feed.py           the section `ros1:`, and what observers get
 """
 

@@ -11,22 +11,24 @@ from __future__ import annotations
 import asyncio
 import os
 import re
-from collections.abc import Coroutine, Sequence
+from collections.abc import Callable, Coroutine, Sequence
 from pathlib import Path
 from typing import Any
 
 from robomend_client.agent.feeds import AgentParts, Deliver, split
+from robomend_client.bridges.fields import UnreadableMessage, value_at
+from robomend_client.bridges.listening import Listening
+from robomend_client.bridges.names import Names, resolved
+from robomend_client.bridges.problems import Problems
+from robomend_client.bridges.ros1 import formats
 from robomend_client.bridges.ros1.action_client import RosAction
 from robomend_client.bridges.ros1.action_server import POWER, ActionServer
-from robomend_client.bridges.ros1.listening import Listening
 from robomend_client.bridges.ros1.liveness import Liveness
-from robomend_client.bridges.ros1.messages import MessageReaders, UnreadableMessage, value_at
-from robomend_client.bridges.ros1.names import Names, resolved
+from robomend_client.bridges.ros1.messages import MessageReaders
 from robomend_client.bridges.ros1.node import RosNode
-from robomend_client.bridges.ros1.problems import Problems
 from robomend_client.bridges.ros1.subscription import Publisher
-from robomend_client.bridges.ros1.telling import TYPES, Telling
 from robomend_client.bridges.ros1.xmlrpc import OutOfReach, address_of
+from robomend_client.bridges.telling import Telling, ToldTopic
 from robomend_client.observers import Change
 from robomend_client.python310 import end
 from robomend_client.yaml_reader import Section
@@ -39,6 +41,13 @@ WHOLE = {DIAGNOSTICS: ("diagnostics", "status"), BOARD: ("board_measurments", "c
 
 ALL_DIAGNOSTICS = "/diagnostics"
 """In any namespace: the aggregator knows none."""
+
+TELLS: dict[str, tuple[str, Callable[..., bytes | None]]] = {
+    "observations": (formats.OBSERVATIONS, formats.observations),
+    "diagnosis": (formats.DIAGNOSIS, formats.diagnosis),
+    "diagnostics": (formats.DIAGNOSTICS, formats.diagnostics),
+    "board_measurments": (formats.BOARD, formats.board),
+}
 
 NAME = re.compile(r"/?[A-Za-z][A-Za-z0-9_/]*\Z")
 MASTER_URI = "http://localhost:11311/"
@@ -62,10 +71,10 @@ class Ros1:
         self.ping_s = section.number("ping_s", 0.6, least=0.05, most=60)
         self.ping_timeout_s = section.number("ping_timeout_s", 1.0, least=0.05, most=60)
         given = section.texts("publish")
-        self.publishes = given if "publish" in section else tuple(TYPES)
+        self.publishes = given if "publish" in section else tuple(TELLS)
         for topic in self.publishes:
-            if topic not in TYPES:
-                raise section.error("publish", f"must be of {', '.join(TYPES)}, not {topic!r}")
+            if topic not in TELLS:
+                raise section.error("publish", f"must be of {', '.join(TELLS)}, not {topic!r}")
         self.hears = section.flag("hear_observations", True)
         self.lifetime_s = section.number("observations_s", 10.0, least=0.5, most=86400)
         self.ignored = (*section.texts("ignore"), "/robomend*")
@@ -73,7 +82,7 @@ class Ros1:
         for name in self.serves:
             if not NAME.match(name):
                 raise section.error("serve", f"must be names of actions, not {name!r}")
-        self.problems = Problems()
+        self.problems = Problems("ROS 1")
         self._parts: AgentParts | None = None
         self._telling: Telling | None = None
         self._readers = MessageReaders()
@@ -120,7 +129,7 @@ class Ros1:
         topics = {name: self.names.ros(name) for name in self.publishes}
         if "diagnostics" in topics:
             topics["diagnostics"] = ALL_DIAGNOSTICS
-        self._telling = Telling(node, parts, topics)
+        self._telling = Telling(parts, self.problems, {n: _topic(node, n, t) for n, t in topics.items()})
         work = [self._telling.run()]
         for name in self.serves:
             if name not in POWER and name not in parts.executors.names:
@@ -132,17 +141,36 @@ class Ros1:
             if isinstance(executor, RosAction):
                 executor.attach(node)
         if self.hears:
-            args = (self._readers, self.problems, self.lifetime_s, self.ignored)
+            args = (self.problems, self.lifetime_s, self.ignored, "ros1-observations")
             listening = Listening(parts, self.names, *args)
-            node.subscribe(self.names.ros("observations"), listening.message, keep=True)
+
+            def said(publisher: Publisher, body: bytes) -> None:
+                self._said(listening, publisher, body)
+
+            node.subscribe(self.names.ros("observations"), said, keep=True)
             work.append(listening.run())
         return work
+
+    def _said(self, listening: Listening, publisher: Publisher, body: bytes) -> None:
+        if listening.ignores(publisher.node):
+            return
+        try:
+            sentences = value_at(self._readers.read(publisher, body), "obs")
+        except UnreadableMessage as error:
+            self.problems.tell(f"/observations by {publisher.node}", str(error))
+            return
+        listening.heard(publisher.node, map(str, sentences if isinstance(sentences, list) else ()))
 
     def _liveness(self, node: RosNode, deliver: Deliver) -> Liveness:
         def tell(table: dict[str, bool | None]) -> None:
             deliver(NODES, {self.names.ours(name): runs for name, runs in table.items()}, None)
 
         return Liveness(node, tell, self.ping_s, self.ping_timeout_s)
+
+
+def _topic(node: RosNode, name: str, topic: str) -> ToldTopic:
+    kind, message = TELLS[name]
+    return ToldTopic(node.publish(topic, kind, formats.message_type), message)
 
 
 class _Hearing:

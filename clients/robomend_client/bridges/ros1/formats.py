@@ -13,6 +13,7 @@ from typing import Any
 
 from robomend_client.bridges.ros1.messages import full_name
 from robomend_client.bridges.ros1.publication import MessageType
+from robomend_client.bridges.statuses import statuses
 
 HEADER = "uint32 seq\ntime stamp\nstring frame_id\n"
 GOAL_STATUS = (
@@ -53,9 +54,6 @@ DEFINITIONS = {
     FEEDBACK: f"{ACTION_HEAD}actionlib_msgs/GoalStatus status\n{PACKAGE}/DiagnosisRepairFeedback feedback\n",
     BOARD: f"float32 o_time\n{PACKAGE}/Channel[] channel\n",
 }
-
-OK, WARN, ERROR, STALE = range(4)
-MOST_STATUSES = 1000
 
 
 @lru_cache(maxsize=1)
@@ -119,8 +117,11 @@ def observations(sentences: Sequence[str], time_ns: int) -> bytes:
     return encode(OBSERVATIONS, {"out_time": time_ns / 1e9, "obs": list(sentences)})
 
 
-def diagnosis(diagnoses: Sequence[Mapping[str, Any]], time_ns: int) -> bytes:
-    """Return /diagnosis: all minimal diagnoses, each with good and bad."""
+def diagnosis(result: Mapping[str, Any], time_ns: int) -> bytes | None:
+    """Return /diagnosis: all minimal diagnoses, each with good and bad; nothing when all is well."""
+    diagnoses = result["diagnoses"]
+    if not any(one["bad"] for one in diagnoses):
+        return None
     rows = [{"good": list(d["good"]), "bad": list(d["bad"])} for d in diagnoses]
     return encode(DIAGNOSIS, {"o_time": time_ns / 1e9, "diag": rows})
 
@@ -142,41 +143,6 @@ def board(channels: Sequence[Mapping[str, Any]], time_ns: int) -> bytes:
 
 
 def diagnostics(result: Mapping[str, Any] | None, why_none: str, time_ns: int) -> bytes:
-    """Return /diagnostics: a status for each component, for the aggregator of ROS.
-
-    ERROR: bad in every diagnosis; WARN: in some; OK: in none. Without a result there is one STALE status.
-    """
-    if result is None:
-        statuses = [{"level": STALE, "name": "robomend", "message": why_none}]
-    else:
-        statuses = [_status(name, result) for name in _components(result)][:MOST_STATUSES]
-    return encode(DIAGNOSTICS, {"header": {"stamp": stamp(time_ns)}, "status": statuses})
-
-
-def _components(result: Mapping[str, Any]) -> list[str]:
-    found = {name for one in result["diagnoses"] for name in (*one["bad"], *one["good"])}
-    return sorted(found)
-
-
-def _status(name: str, result: Mapping[str, Any]) -> dict[str, Any]:
-    diagnoses = result["diagnoses"]
-    blaming = [one for one in diagnoses if name in one["bad"]]
-    values = {}
-    if not blaming:
-        level, message = OK, "works"
-    else:
-        certain = len(blaming) == len(diagnoses) and result.get("complete", False)
-        level, message = (ERROR, "broken") if certain else (WARN, "perhaps broken")
-        values["in diagnoses"] = f"{len(blaming)} of {len(diagnoses)}"
-        values |= {
-            f"diagnosis {n}": one.get("text") or ", ".join(one["bad"]) for n, one in enumerate(blaming[:5], 1)
-        }
-        because = [c.get("text", "") for c in result.get("conflicts", ()) if name in c["components"]]
-        values |= {f"because {n}": text for n, text in enumerate(because[:5], 1) if text}
-    return {
-        "level": level,
-        "name": f"robomend: {name}",
-        "message": message,
-        "hardware_id": name,
-        "values": [{"key": key, "value": value} for key, value in values.items()],
-    }
+    """Return /diagnostics: see statuses.py."""
+    found = statuses(result, why_none)
+    return encode(DIAGNOSTICS, {"header": {"stamp": stamp(time_ns)}, "status": found})

@@ -16,8 +16,8 @@ import os
 import socket
 from typing import Any
 
+from robomend_client.bridges.problems import Problems
 from robomend_client.bridges.ros1.master import Master
-from robomend_client.bridges.ros1.problems import Problems
 from robomend_client.bridges.ros1.publication import Describe, Publication, Subscriber
 from robomend_client.bridges.ros1.subscription import OnLink, OnMessage, Subscription
 from robomend_client.bridges.ros1.xmlrpc import PeerError, XmlRpcServer, address_of

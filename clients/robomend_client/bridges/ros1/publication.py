@@ -10,7 +10,7 @@ import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from robomend_client.bridges.ros1.problems import Problems
+from robomend_client.bridges.problems import Problems
 from robomend_client.bridges.ros1.tcpros import ProtocolError, TcprosDecoder, encode_header, frame
 
 MOST_WAITING = 1024 * 1024

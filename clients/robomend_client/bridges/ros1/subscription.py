@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
 
-from robomend_client.bridges.ros1.problems import Problems
+from robomend_client.bridges.problems import Problems
 from robomend_client.bridges.ros1.tcpros import ProtocolError, TcprosDecoder, encode_header
 from robomend_client.bridges.ros1.xmlrpc import (
     CALL_S,

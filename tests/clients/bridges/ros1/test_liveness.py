@@ -6,7 +6,8 @@ import asyncio
 import signal
 from pathlib import Path
 
-from tests.clients.bridges.ros1.hearing import Heard, hearing
+from tests.clients.bridges.hearing import Heard
+from tests.clients.bridges.ros1.listening import hearing
 from tests.ros1 import Robot
 from tests.waiting import eventually
 

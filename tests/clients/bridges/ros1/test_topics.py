@@ -13,7 +13,7 @@ from xmlrpc.client import ServerProxy
 from xmlrpc.server import SimpleXMLRPCRequestHandler, SimpleXMLRPCServer
 
 import pytest
-from tests.clients.bridges.ros1.hearing import hearing
+from tests.clients.bridges.ros1.listening import hearing
 from tests.ros1 import Robot, robot
 from tests.waiting import eventually
 

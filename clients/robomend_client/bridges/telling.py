@@ -1,30 +1,26 @@
 """What the robot is told: /observations, /diagnosis, /diagnostics and /board_measurments.
 
     /observations        what this agent's observers say: changes at once, all of it once a second
-    /diagnosis           the service's diagnoses, while there is something wrong; silent when all is well
+    /diagnosis           the service's diagnoses, at once and then once a second
     /diagnostics         a status for each component, once a second
     /board_measurments   the power board's channels, once a second
 
-The service's part is asked for only while somebody listens.
+How that looks is the bridge's own: ToldTopic. The service's part is asked for only while somebody listens.
 """
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
-import logging
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
 
 from robomend_client.agent.feeds import AgentParts
-from robomend_client.bridges.ros1 import formats
-from robomend_client.bridges.ros1.node import RosNode
-from robomend_client.bridges.ros1.publication import Publication
+from robomend_client.bridges.problems import Problems
 from robomend_client.observers import Change
 from robomend_client.python310 import end, timeout
 from robomend_client.rest.errors import ClientError
-
-log = logging.getLogger(__name__)
 
 PERIOD_S = 1.0
 WAIT_S = 20.0
@@ -32,24 +28,39 @@ WAIT_S = 20.0
 
 LOOK_S = 0.2
 
-TYPES = {
-    "observations": formats.OBSERVATIONS,
-    "diagnosis": formats.DIAGNOSIS,
-    "diagnostics": formats.DIAGNOSTICS,
-    "board_measurments": formats.BOARD,
-}
+
+class Outgoing(Protocol):
+    """A topic of the robot on which we publish."""
+
+    @property
+    def wanted(self) -> bool:
+        """Whether anybody listens."""
+        ...
+
+    def publish(self, message: bytes) -> None:
+        """Send a message to all who listen."""
+
+
+@dataclass(frozen=True)
+class ToldTopic:
+    """Where something is told, and in which words.
+
+    `message` gets for observations the literals, for diagnosis the result, for diagnostics the result or None
+    and why there is none, for board_measurments the channels; and the time. None: there is nothing to tell.
+    """
+
+    publication: Outgoing
+    message: Callable[..., bytes | None]
 
 
 class Telling:
     """Publishes what it is asked to publish."""
 
-    def __init__(self, node: RosNode, parts: AgentParts, topics: Mapping[str, str]) -> None:
-        """`topics` are those of TYPES, each with its full name in ROS."""
-        self._node = node
+    def __init__(self, parts: AgentParts, problems: Problems, topics: Mapping[str, ToldTopic]) -> None:
+        """`topics` by what is told there: observations, diagnosis, diagnostics, board_measurments."""
         self._parts = parts
-        self._out: dict[str, Publication] = {
-            name: node.publish(topic, TYPES[name], formats.message_type) for name, topic in topics.items()
-        }
+        self._problems = problems
+        self._out = topics
         self._result: Mapping[str, Any] | None = None
         self._why_none = "nothing is known yet"
 
@@ -57,7 +68,7 @@ class Telling:
         """Tell what this agent's observers have just found."""
         said = [str(change.value) for change in changes if change.value is not None]
         if said and self._wanted("observations"):
-            self._out["observations"].publish(formats.observations(said, changes[0].time_ns))
+            self._say("observations", said, changes[0].time_ns)
 
     async def run(self) -> None:
         """Tell until cancelled."""
@@ -73,14 +84,20 @@ class Telling:
             await end(tasks)
 
     def _wanted(self, *names: str) -> bool:
-        return any(name in self._out and self._out[name].wanted for name in names)
+        return any(name in self._out and self._out[name].publication.wanted for name in names)
+
+    def _say(self, name: str, *what: Any) -> None:
+        topic = self._out[name]
+        message = topic.message(*what)
+        if message is not None:
+            topic.publication.publish(message)
 
     async def _standing(self) -> None:
         while True:
             if self._wanted("observations"):
                 said = [str(verdict.literal) for verdict in self._parts.standing()]
                 if said:
-                    self._out["observations"].publish(formats.observations(said, self._parts.clock.now_ns()))
+                    self._say("observations", said, self._parts.clock.now_ns())
             await asyncio.sleep(PERIOD_S)
 
     # --- the service's part ----------------------------------------------------------------------------
@@ -100,10 +117,10 @@ class Telling:
             except ClientError as error:
                 revision = None
                 self._result, self._why_none = None, f"the service does not say: {error}"[:200]
-                self._node.problems.tell("the service", self._why_none)
+                self._problems.tell("the service", self._why_none)
                 await asyncio.sleep(PERIOD_S)
                 continue
-            self._node.problems.over("the service")
+            self._problems.over("the service")
             if current["revision"] == revision:
                 await asyncio.sleep(LOOK_S)
                 continue
@@ -122,11 +139,9 @@ class Telling:
         now_ns = self._parts.clock.now_ns()
         result = self._result
         if self._wanted("diagnosis") and result is not None:
-            diagnoses = result["diagnoses"]
-            if any(one["bad"] for one in diagnoses):
-                self._out["diagnosis"].publish(formats.diagnosis(diagnoses, now_ns))
+            self._say("diagnosis", result, now_ns)
         if self._wanted("diagnostics"):
-            self._out["diagnostics"].publish(formats.diagnostics(result, self._why_none, now_ns))
+            self._say("diagnostics", result, self._why_none, now_ns)
 
     async def _board(self) -> None:
         while True:
@@ -138,6 +153,5 @@ class Telling:
                         board = await self._parts.client.board(self._parts.robot)
                     channels = [dict(channel) for channel in board["channels"]]
                     if any(channel["on"] is not None for channel in channels):
-                        message = formats.board(channels, board["time_ns"])
-                        self._out["board_measurments"].publish(message)
+                        self._say("board_measurments", channels, board["time_ns"])
             await asyncio.sleep(PERIOD_S)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ class Heard:
     def __init__(self) -> None:
         self.values: dict[str, list[Any]] = {}
         self.log: list[str] = []
+        self.task: asyncio.Task[None] | None = None
 
     def deliver(self, source: str, value: object, time_ns: int | None) -> None:
         self.values.setdefault(source, []).append(value)
@@ -35,11 +36,18 @@ class Heard:
     async def more(self, source: str, times: int = 3) -> None:
         """Wait for samples that are yet to come."""
         wanted = self.count(source) + times
-        await eventually(lambda: self.count(source) >= wanted, f"{times} more of {source}", 60)
+        await self.until(lambda: self.count(source) >= wanted, f"{times} more of {source}")
 
     async def told(self, part: str) -> None:
         """Wait for a line in the log."""
-        await eventually(lambda: self.lines(part), f"{part!r} in the log: {self.log}", 60)
+        await self.until(lambda: self.lines(part), f"{part!r} in the log: {self.log}")
+
+    async def until(self, true: Callable[[], object], what: str) -> None:
+        """Wait until something holds, while the bridge works."""
+        task = self.task
+        assert task is not None
+        await eventually(lambda: true() or task.done(), what, 60)
+        assert not task.done(), task.exception()
 
     def lines(self, part: str) -> list[str]:
         return [line for line in self.log if part in line]
@@ -55,19 +63,19 @@ class _Log(logging.Handler):
 
 
 @asynccontextmanager
-async def hearing(folder: Path, master: str, *sources: str, more: str = "") -> AsyncIterator[Heard]:
-    """Run a bridge that observers want these sources of."""
-    file = folder / "ros1.yaml"
-    file.write_text(f"master: '{master}'\nname: robomend_test\n{more}\n")
+async def hearing(folder: Path, origin: str, keys: str, *sources: str) -> AsyncIterator[Heard]:
+    """Run a bridge whose section has these keys, and that observers want these sources of."""
+    file = folder / f"{origin}.yaml"
+    file.write_text(keys)
     section = read(file)
-    feed = load_feed("ros1")(section, folder, frozenset(sources))
+    feed = load_feed(origin)(section, folder, frozenset(sources))
     section.finish()
     heard = Heard()
     handler = _Log(heard.log)
-    logger = logging.getLogger("robomend_client.bridges.ros1")
+    logger = logging.getLogger("robomend_client.bridges")
     logger.addHandler(handler)
     logger.setLevel(logging.INFO)
-    task = asyncio.create_task(feed.run(heard.deliver))
+    task = heard.task = asyncio.create_task(feed.run(heard.deliver))
     try:
         yield heard
         assert not task.done(), task.exception()

@@ -13,7 +13,9 @@ MOST_PLACES = 1000
 class Problems:
     """The problems of one bridge."""
 
-    def __init__(self) -> None:
+    def __init__(self, where: str) -> None:
+        """`where` is what the bridge leads to: ROS 1, ROS 2."""
+        self._where = where
         self.counts: Counter[str] = Counter()  # place -> how often something was wrong there
         self._told: dict[str, str] = {}
 
@@ -24,9 +26,9 @@ class Problems:
         self.counts[place] += 1
         if self._told.get(place) != message:
             self._told[place] = message
-            log.warning("ROS 1, %s: %s", place, message)
+            log.warning("%s, %s: %s", self._where, place, message)
 
     def over(self, place: str) -> None:
         """It is well again: what goes wrong next is told again."""
         if self._told.pop(place, None) is not None:
-            log.info("ROS 1, %s: well again", place)
+            log.info("%s, %s: well again", self._where, place)

@@ -1,0 +1,18 @@
+"""The ROS 2 bridge: a part of the agent, loaded when its file has a section `ros2:`.
+
+It speaks DDS through the wheel cyclonedds, and needs no ROS. It listens, and publishes; it never sends a
+request to a service: DDS vendors do not agree on those.
+
+    dds.py         the wheel, and our configuration   cdr.py          the little that we read and write
+    names.py       ROS's names on the wire            entities.py     which nodes a participant has
+    discovered.py  all that is known (pure)           node.py         our own node
+    topics.py      a topic that comes in              stamps.py       when a sample was made
+    messages.py    messages by their definitions      formats.py      the messages that go out
+    processes.py   whose process a participant is     liveness.py     who runs
+    graph.py       the graph, for a first model
+    feed.py        the section `ros2:`, and what observers get
+"""
+
+from robomend_client.bridges.ros2.feed import Ros2
+
+__all__ = ["Ros2"]

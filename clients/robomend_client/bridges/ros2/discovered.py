@@ -1,0 +1,211 @@
+"""What DDS has discovered: participants, their nodes, who publishes and who listens. A value, no sockets.
+
+    participant ──┬── node (ros_discovery_info) ── keys of its readers and writers
+                  └── endpoints (discovery) ────── key, topic, type, quality of service
+
+The keys are the same on both sides, so that a topic has the names of its nodes.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+from robomend_client.bridges.ros2.entities import Entities
+from robomend_client.bridges.ros2.names import ros_service, ros_topic, ros_type
+from robomend_client.ros_graph import RosGraph
+
+MOST_PARTICIPANTS = 2048
+MOST_ENDPOINTS = 65536
+SOMEBODY = "/unknown_node"
+"""Whose endpoint it is that no node claims: DDS without ROS, or a node that has just begun."""
+
+DURABILITY = ("volatile", "transient local", "transient", "persistent")
+
+
+@dataclass(frozen=True)
+class Participant:
+    """One process's part in DDS, or one of its parts."""
+
+    key: bytes
+    address: str = ""  # where it takes messages: host number and port
+    port: int = 0
+    pid: int = 0  # as it says itself; 0: it does not
+    is_ros: bool = True
+
+
+@dataclass(frozen=True)
+class Endpoint:
+    """A reader or a writer."""
+
+    key: bytes
+    participant: bytes
+    topic: str  # as on the wire
+    type: str
+    writes: bool
+    reliable: bool = True
+    durability: int = 0  # an index of DURABILITY
+    deadline_ns: int | None = None
+    handle: int = 0  # what samples name their writer by
+    type_hash: str = ""
+
+
+class Discovered:
+    """All of it; who tells it what, says so in its methods' names."""
+
+    def __init__(self, own: bytes = b"") -> None:
+        """`own` is our own participant's key: what it has is nobody else's."""
+        self.own = own
+        self.participants: dict[bytes, Participant] = {}
+        self.endpoints: dict[bytes, Endpoint] = {}
+        self.entities: dict[bytes, Entities] = {}
+        self.gid_size = 0  # of others' messages; 0: none came yet
+        self._owners: dict[bytes, str] = {}
+        self._by_handle: dict[int, Endpoint] = {}
+
+    def participant(self, found: Participant) -> None:
+        if len(self.participants) < MOST_PARTICIPANTS:
+            self.participants[found.key] = found
+
+    def participant_gone(self, key: bytes) -> None:
+        self.participants.pop(key, None)
+        if self.entities.pop(key, None) is not None:
+            self._claim()
+
+    def endpoint(self, found: Endpoint) -> None:
+        if len(self.endpoints) < MOST_ENDPOINTS:
+            self.endpoints.pop(found.key, None)  # the newest comes last
+            self.endpoints[found.key] = found
+            if found.writes:
+                self._by_handle[found.handle] = found
+
+    def endpoint_gone(self, key: bytes) -> None:
+        found = self.endpoints.pop(key, None)
+        if found is not None:
+            self._by_handle.pop(found.handle, None)
+
+    def told(self, found: Entities) -> None:
+        """A participant has told its nodes."""
+        if len(self.entities) < MOST_PARTICIPANTS or found.participant in self.entities:
+            self.entities[found.participant] = found
+            if found.participant != self.own:
+                self.gid_size = found.gid_size
+            self._claim()
+
+    # --- what follows from it --------------------------------------------------------------------------
+
+    def node_of(self, endpoint: Endpoint) -> str:
+        """Return whose it is."""
+        node = self._owners.get(endpoint.key)
+        if node is None:  # a participant with one node has no doubt
+            found = self.entities.get(endpoint.participant)
+            node = found.nodes[0].name if found is not None and len(found.nodes) == 1 else SOMEBODY
+        return node
+
+    def is_named(self, endpoint: Endpoint) -> bool:
+        """Return whether it is known whose it is, as far as it ever will be: that is told a little later."""
+        participant = self.participants.get(endpoint.participant)
+        nameless = participant is not None and not participant.is_ros
+        return nameless or self.node_of(endpoint) != SOMEBODY
+
+    def writer(self, handle: int) -> Endpoint | None:
+        """Return the writer that a sample is of."""
+        return self._by_handle.get(handle)
+
+    def writers(self, topic: str) -> list[Endpoint]:
+        """Return others' writers of a topic, the newest last."""
+        return [e for e in self._others() if e.writes and e.topic == topic]
+
+    def listened(self, topic: str) -> bool:
+        """Return whether anybody else listens to a topic."""
+        return any(not e.writes and e.topic == topic for e in self._others())
+
+    @property
+    def untold(self) -> bool:
+        """Whether there are participants of ROS that have not told their nodes yet."""
+        return any(p.is_ros and p.key not in self.entities for p in self.participants.values())
+
+    def nodes(self, alive: Mapping[bytes, bool]) -> dict[str, bool]:
+        """Return which nodes run; `alive` has the participants of which something is known that discovery
+        does not know yet.
+        """
+        table: dict[str, bool] = {}
+        for key, found in self.entities.items():
+            runs = key in self.participants and alive.get(key, True)
+            for node in found.nodes:
+                table[node.name] = table.get(node.name, False) or runs
+        return table
+
+    def graph(self) -> RosGraph:
+        """Return it as any ROS graph."""
+        publishers: dict[str, set[str]] = defaultdict(set)
+        subscribers: dict[str, set[str]] = defaultdict(set)
+        services: dict[str, set[str]] = defaultdict(set)
+        types: dict[str, str] = {}
+        for endpoint in self._others():
+            node = self.node_of(endpoint)
+            topic, service = ros_topic(endpoint.topic), ros_service(endpoint.topic)
+            if topic is not None and "/_action/" not in topic:
+                (publishers if endpoint.writes else subscribers)[topic].add(node)
+                types[topic] = ros_type(endpoint.type)
+            elif service is not None and not endpoint.writes:
+                services[service].add(node)
+        return RosGraph(
+            {name: frozenset(found) for name, found in publishers.items()},
+            {name: frozenset(found) for name, found in subscribers.items()},
+            {name: frozenset(found) for name, found in services.items()},
+            types,
+        )
+
+    def mismatches(self) -> dict[str, str]:
+        """Return the topics of which no message goes from a writer to a reader, and why.
+
+        DDS does not say so to anybody: a topic is silent, and all nodes run.
+        """
+        by_topic: dict[str, tuple[list[Endpoint], list[Endpoint]]] = defaultdict(lambda: ([], []))
+        for endpoint in self.endpoints.values():
+            own = endpoint.participant == self.own and not endpoint.writes  # they follow the writers
+            if not own and self.is_named(endpoint):
+                by_topic[endpoint.topic][0 if endpoint.writes else 1].append(endpoint)
+        found = {}
+        for wire, (writers, readers) in by_topic.items():
+            topic = ros_topic(wire)
+            pairs = ((w, r, _why_not(w, r)) for w in writers for r in readers) if topic else ()
+            for writer, reader, why in pairs:
+                if why and topic:
+                    offers, asks = why
+                    found[topic] = (
+                        f"{self.node_of(writer)} publishes {offers}, "
+                        f"{self.node_of(reader)} asks for {asks}: no message goes there"
+                    )
+                    break
+        return found
+
+    # --- inside ----------------------------------------------------------------------------------------
+
+    def _others(self) -> Iterator[Endpoint]:
+        return (e for e in self.endpoints.values() if e.participant != self.own)
+
+    def _claim(self) -> None:
+        self._owners = {
+            key: node.name
+            for found in self.entities.values()
+            for node in found.nodes
+            for key in (*node.readers, *node.writers)
+        }
+
+
+def _why_not(writer: Endpoint, reader: Endpoint) -> tuple[str, str] | None:
+    """Return what is offered and what is asked for, where DDS does not bring the two together."""
+    if writer.type != reader.type:
+        return ros_type(writer.type), ros_type(reader.type)
+    if reader.reliable and not writer.reliable:
+        return "best effort", "reliable"
+    if reader.durability > writer.durability:
+        return DURABILITY[writer.durability], DURABILITY[reader.durability]
+    offered, asked = writer.deadline_ns, reader.deadline_ns
+    if asked is not None and (offered is None or offered > asked):
+        shown = "no deadline" if offered is None else f"a deadline of {offered / 1e9:g} s"
+        return shown, f"one of {asked / 1e9:g} s"
+    return None

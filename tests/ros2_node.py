@@ -1,0 +1,127 @@
+"""An rclpy node that does what lines of JSON on its standard input say; it runs in an environment of its own.
+
+    {"do": "publish", "topic": "/scan", "type": "std_msgs/String", "value": {"data": "x"}, "rate": 10}
+    {"do": "subscribe", "topic": "/diagnosis", "type": …}    what comes is printed: {"heard": topic, …}
+
+`raw` instead of `value`: bytes in hexadecimal, whatever the type.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import sys
+import threading
+from typing import Any
+
+import rclpy
+from rclpy.executors import MultiThreadedExecutor
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+
+def say(**value: Any) -> None:
+    sys.stdout.write(json.dumps(value) + "\n")
+    sys.stdout.flush()
+
+
+def load(name: str) -> Any:
+    package, _, short = name.partition("/")
+    return getattr(importlib.import_module(f"{package}.msg"), short)
+
+
+def quality(line: dict[str, Any]) -> QoSProfile:
+    reliable, latched = line.get("reliable", True), line.get("latched", False)
+    return QoSProfile(
+        depth=10,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )
+
+
+def fill(message: Any, value: dict[str, Any]) -> Any:
+    kinds = message.get_fields_and_field_types()
+    for name, part in value.items():
+        kind = kinds[name]
+        if isinstance(part, dict):
+            fill(getattr(message, name), part)
+        elif isinstance(part, list) and part and isinstance(part[0], dict):
+            inside = load(kind.removeprefix("sequence<").removesuffix(">"))
+            setattr(message, name, [fill(inside(), item) for item in part])
+        else:
+            setattr(message, name, bytes([part]) if kind in ("octet", "byte") else part)
+    return message
+
+
+def plain(value: Any) -> Any:
+    if hasattr(value, "get_fields_and_field_types"):
+        return {name: plain(getattr(value, name)) for name in value.get_fields_and_field_types()}
+    if isinstance(value, bytes):
+        return value[0]
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    return value if isinstance(value, int | float | str | bool) else str(value)
+
+
+class Commands:
+    def __init__(self, name: str, executor: Any) -> None:
+        self.executor = executor
+        self.node = rclpy.create_node(name)
+        executor.add_node(self.node)
+        self.others: dict[str, Any] = {}
+        self.publishers: dict[str, Any] = {}
+        self.timers: dict[str, Any] = {}
+
+    def nothing(self, line: dict[str, Any]) -> None:
+        pass
+
+    def also(self, line: dict[str, Any]) -> None:
+        """Be another node, too."""
+        other = rclpy.create_node(line["name"], namespace=line.get("namespace", "/"))
+        self.others[line["name"]] = other
+        self.executor.add_node(other)
+
+    def no_longer(self, line: dict[str, Any]) -> None:
+        other = self.others.pop(line["name"])
+        self.executor.remove_node(other)
+        other.destroy_node()
+
+    def publish(self, line: dict[str, Any]) -> None:
+        topic, kind = line["topic"], load(line["type"])
+        publisher = self.publishers[topic] = self.node.create_publisher(kind, topic, quality(line))
+        raw = bytes.fromhex(line["raw"]) if "raw" in line else None
+        message = raw if raw is not None else fill(kind(), line.get("value", {}))
+        if "rate" in line:
+            self.timers[topic] = self.node.create_timer(1 / line["rate"], lambda: publisher.publish(message))
+        else:
+            publisher.publish(message)
+
+    def hush(self, line: dict[str, Any]) -> None:
+        self.node.destroy_timer(self.timers.pop(line["topic"]))
+
+    def unpublish(self, line: dict[str, Any]) -> None:
+        if line["topic"] in self.timers:
+            self.hush(line)
+        self.node.destroy_publisher(self.publishers.pop(line["topic"]))
+
+    def subscribe(self, line: dict[str, Any]) -> None:
+        def heard(message: Any) -> None:
+            say(heard=line["topic"], value=plain(message))
+
+        self.node.create_subscription(load(line["type"]), line["topic"], heard, quality(line))
+
+
+def main() -> None:
+    rclpy.init()
+    executor = MultiThreadedExecutor(2)
+    commands = Commands(sys.argv[1], executor)
+    threading.Thread(target=executor.spin, daemon=True).start()
+    for text in sys.stdin:
+        line = json.loads(text)
+        try:
+            say(answer=getattr(commands, line["do"])(line))
+        except Exception as error:  # noqa: BLE001  # told to the test
+            say(error=f"{type(error).__name__}: {error}")
+
+
+if __name__ == "__main__":
+    main()
