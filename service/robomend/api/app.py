@@ -40,6 +40,7 @@ from robomend.api.routers import (
     robot_pages,
     robots,
     session,
+    status,
 )
 from robomend.security import API
 from robomend.version import version_info
@@ -59,6 +60,7 @@ ROUTERS = (
     history,
     oneshots,
     session,
+    status,
     operation,
     docs,
     pages,
