@@ -72,7 +72,7 @@ def test_the_stop_is_set_shown_and_lifted_for_a_reason(say: Say, shared: Shared,
     code, out, _ = say("stop", "--reason", "lunch")
     assert code == 0
     assert out.startswith("STOPPED by local at ")
-    assert out.endswith(" UTC: lunch; no robot acts\n")
+    assert " UTC: lunch; no robot acts" in out  # "not on disk yet" may follow, on a busy machine
     assert answer(say("stop", "show", "--format", "json"))["active"]
     for arguments in (["status"], ["status", robot]):
         assert "STOPPED by local" in say(*arguments)[1]
@@ -80,6 +80,7 @@ def test_the_stop_is_set_shown_and_lifted_for_a_reason(say: Say, shared: Shared,
     assert code == 2
     assert "say why robots may act again" in err
     assert shared.client.stopped()["active"]
-    assert say("stop", "lift", "--reason", "back again") == (0, free, "")
+    assert say("stop", "lift", "--reason", "back again")[0] == 0
+    until(lambda: say("stop", "show")[1] == free, "the stop is lifted on disk")
     reasons = [entry["reason"] for entry in shared.client.audit(limit=5)["items"]]
     assert "back again" in reasons
