@@ -141,6 +141,8 @@ def test_a_version_comes_back_with_the_resource_and_goes_out_with_its_change(
         ("plan", ("r",), "POST", "/robots/r/plans"),
         ("start_repair", ("r",), "POST", "/robots/r/repairs"),
         ("repairs", ("r",), "GET", "/robots/r/repairs"),
+        ("status", ("lidar",), "GET", "/status"),
+        ("all_repairs", (), "GET", "/repairs"),
         ("repair", ("x",), "GET", "/repairs/x"),
         ("approve", ("x",), "POST", "/repairs/x"),
         ("cancel", ("x",), "POST", "/repairs/x"),

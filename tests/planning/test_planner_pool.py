@@ -124,7 +124,7 @@ def test_what_is_wrong_with_the_input_comes_back_as_such(pool: PlannerPool) -> N
 
 def test_when_nothing_works_the_error_is_the_workers() -> None:
     """So little memory that not even the fallback can start."""
-    planners = PlannerPool(size=1, spare=0, memory_bytes=200 << 20)
+    planners = PlannerPool(size=1, spare=0, memory_bytes=40 << 20)
     try:
         with pytest.raises((WorkerDied, SolverError)):
             planners.plans_now(TEDUSAR, [], [["jaguar"]], PlanOptions())

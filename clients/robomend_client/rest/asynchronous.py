@@ -40,6 +40,7 @@ from robomend_client.rest.types import (
     Page,
     Probes,
     Result,
+    Status,
     Stop,
 )
 
@@ -94,6 +95,15 @@ class AsyncClient:
             except ApiError as error:
                 failure = error
             await asyncio.sleep(attempts.after(failure))
+
+    # --- all robots ---------------------------------------------------------------------------------
+
+    async def status(
+        self, search: str = "", *, state: str = "", page: int = 1, rows: int | None = None
+    ) -> Status:
+        """Return how every robot is, what is wrong and what it waits for, the most urgent first."""
+        answer: Status = await self.send(calls.get("status", q=search, state=state, page=page, rows=rows))
+        return answer
 
     # --- models and robots -------------------------------------------------------------------------
 
@@ -230,6 +240,13 @@ class AsyncClient:
         """Return the robot's repairs, newest first."""
         return await self.send(calls.page("robots", robot, "repairs", cursor=cursor, limit=limit))
 
+    async def all_repairs(
+        self, cursor: str | None = None, limit: int | None = None, *, open_only: bool = False
+    ) -> Page[dict[str, Any]]:
+        """Return the repairs of all robots, newest first; `open_only`: those that have not ended."""
+        only = "true" if open_only else None
+        return await self.send(calls.page("repairs", cursor=cursor, limit=limit, open=only))
+
     async def repair(self, repair: str) -> dict[str, Any]:
         """Return a repair with its diagnosis, plan and steps."""
         answer: dict[str, Any] = await self.send(calls.get("repairs", repair))
@@ -268,9 +285,10 @@ class AsyncClient:
         answer: Stop = await self.send(calls.post("stop", json={"reason": reason}, repeatable=True))
         return answer
 
-    async def resume(self) -> None:
+    async def resume(self, reason: str = "") -> Stop:
         """Lift the global stop."""
-        await self.send(calls.delete("stop"))
+        answer: Stop = await self.send(calls.resume(reason))
+        return answer
 
     # --- the board, and the agent's side of actions ------------------------------------------------
 
@@ -323,15 +341,17 @@ class AsyncClient:
         after: int | str | None = None,
         patience_s: float | None = None,
         on_gap: Callable[[Mapping[str, Any]], None] | None = None,
+        on_connection: Callable[[ClientError | None], None] | None = None,
     ) -> AsyncIterator[Event]:
         """Yield the events of one robot, or of the whole service, for ever:
         from now on, or after event `after`.
 
         A lost stream is taken up again with Last-Event-ID, so that nothing is missed that the service still
-        keeps; when it does not, `on_gap` is told. After `patience_s` without a connection (None: never) the
-        reason is raised.
+        keeps; when it does not, `on_gap` is told. `on_connection` is told with None that the stream stands,
+        and with the reason that it is lost. After `patience_s` without a connection (None: never) the reason
+        is raised.
         """
-        stream = StreamState(robot, after, patience_s, on_gap)
+        stream = StreamState(robot, after, patience_s, on_gap, on_connection)
         while True:
             try:
                 async with self._http.stream(**self._connection.stream(stream)) as response:

@@ -251,8 +251,11 @@ def result(action_id: str, outcome: ActionResult) -> Call[FirstResult]:
     return Call("POST", path("actions", action_id, "result"), body, json=value)
 
 
-# --- the board and the brakes
-# ------------------------------------------------------------------------------------------
+# --- the board and the brakes -------------------------------------------------------------------------
+
+
+def resume(reason: str) -> Call[Any]:
+    return Call("DELETE", path("stop"), body, params=given(reason=reason or None))
 
 
 def put_channel(robot: str, channel: int, on: bool, reason: str) -> Call[None]:

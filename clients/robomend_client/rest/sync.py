@@ -42,6 +42,7 @@ from robomend_client.rest.types import (
     Page,
     Probes,
     Result,
+    Status,
     Stop,
 )
 
@@ -96,6 +97,13 @@ class Client:
             except ApiError as error:
                 failure = error
             time.sleep(attempts.after(failure))
+
+    # --- all robots ---------------------------------------------------------------------------------
+
+    def status(self, search: str = "", *, state: str = "", page: int = 1, rows: int | None = None) -> Status:
+        """Return how every robot is, what is wrong and what it waits for, the most urgent first."""
+        answer: Status = self.send(calls.get("status", q=search, state=state, page=page, rows=rows))
+        return answer
 
     # --- models and robots -------------------------------------------------------------------------
 
@@ -232,6 +240,13 @@ class Client:
         """Return the robot's repairs, newest first."""
         return self.send(calls.page("robots", robot, "repairs", cursor=cursor, limit=limit))
 
+    def all_repairs(
+        self, cursor: str | None = None, limit: int | None = None, *, open_only: bool = False
+    ) -> Page[dict[str, Any]]:
+        """Return the repairs of all robots, newest first; `open_only`: those that have not ended."""
+        only = "true" if open_only else None
+        return self.send(calls.page("repairs", cursor=cursor, limit=limit, open=only))
+
     def repair(self, repair: str) -> dict[str, Any]:
         """Return a repair with its diagnosis, plan and steps."""
         answer: dict[str, Any] = self.send(calls.get("repairs", repair))
@@ -270,9 +285,10 @@ class Client:
         answer: Stop = self.send(calls.post("stop", json={"reason": reason}, repeatable=True))
         return answer
 
-    def resume(self) -> None:
+    def resume(self, reason: str = "") -> Stop:
         """Lift the global stop."""
-        self.send(calls.delete("stop"))
+        answer: Stop = self.send(calls.resume(reason))
+        return answer
 
     # --- the board, and the agent's side of actions ------------------------------------------------
 
@@ -325,15 +341,17 @@ class Client:
         after: int | str | None = None,
         patience_s: float | None = None,
         on_gap: Callable[[Mapping[str, Any]], None] | None = None,
+        on_connection: Callable[[ClientError | None], None] | None = None,
     ) -> Iterator[Event]:
         """Yield the events of one robot, or of the whole service, for ever:
         from now on, or after event `after`.
 
         A lost stream is taken up again with Last-Event-ID, so that nothing is missed that the service still
-        keeps; when it does not, `on_gap` is told. After `patience_s` without a connection (None: never) the
-        reason is raised.
+        keeps; when it does not, `on_gap` is told. `on_connection` is told with None that the stream stands,
+        and with the reason that it is lost. After `patience_s` without a connection (None: never) the reason
+        is raised.
         """
-        stream = StreamState(robot, after, patience_s, on_gap)
+        stream = StreamState(robot, after, patience_s, on_gap, on_connection)
         while True:
             try:
                 with self._http.stream(**self._connection.stream(stream)) as response:

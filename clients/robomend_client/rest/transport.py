@@ -81,6 +81,7 @@ class StreamState:
         after: int | str | None,
         patience_s: float | None,
         on_gap: Callable[[Mapping[str, Any]], None] | None = None,
+        on_connection: Callable[[ClientError | None], None] | None = None,
         retry: Retry | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
@@ -88,6 +89,7 @@ class StreamState:
         self._decoder = EventDecoder("" if after is None else str(after))
         self._patience_s = patience_s
         self._on_gap = on_gap
+        self._on_connection = on_connection
         self._retry = retry or Retry()
         self._clock = clock
         self._failures = 0
@@ -106,6 +108,8 @@ class StreamState:
             raise NotTheService(f"{response.request.url} answered {kind or 'no type'}, not an event stream")
         self._decoder.reconnected()
         self._lost_at = None
+        if self._on_connection is not None:
+            self._on_connection(None)
 
     def receive(self, data: bytes) -> Iterator[Event]:
         self._failures = 0  # only what arrives counts: a service that accepts and hangs up is backed off from
@@ -123,6 +127,8 @@ class StreamState:
     def after(self, failure: ClientError) -> float:
         """Return the seconds until the next try; raise `failure` when patience has run out."""
         now = self._clock()
+        if self._lost_at is None and self._on_connection is not None:
+            self._on_connection(failure)
         self._lost_at = now if self._lost_at is None else self._lost_at
         self._failures += 1
         if self._patience_s is not None and now - self._lost_at >= self._patience_s:

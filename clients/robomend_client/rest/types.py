@@ -120,9 +120,10 @@ class Probe(TypedDict):
     """An observation worth making."""
 
     atom: str
-    bits: float
-    cost: float
-    text: str
+    gain_bits: float
+    cost_s: float
+    if_true: list[list[str]]
+    if_false: list[list[str]]
 
 
 class Probes(TypedDict):
@@ -130,6 +131,35 @@ class Probes(TypedDict):
 
     revision: int
     probes: list[Probe]
+    entropy_bits: float
+    complete: bool
+    reason: str | None
+
+
+class StatusLine(TypedDict):
+    """How a robot is, what is wrong with it and what it waits for."""
+
+    robot: str
+    model: str
+    policy: str
+    state: str | None
+    finding: str
+    more: int
+    waits: str
+    waits_for_person: bool
+    since_ns: int | None
+
+
+class Status(TypedDict):
+    """A page of the robots, the most urgent first."""
+
+    robots: list[StatusLine]
+    found: int
+    total: int
+    counts: dict[str, int]
+    page: int
+    pages: int
+    complete: bool
 
 
 class Stop(TypedDict):
@@ -139,6 +169,8 @@ class Stop(TypedDict):
     by: str | None
     reason: str
     since_ns: int | None
+    written: bool
+    detail: str
 
 
 class Channel(TypedDict):

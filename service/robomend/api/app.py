@@ -41,6 +41,7 @@ from robomend.api.routers import (
     robot_pages,
     robots,
     session,
+    status,
 )
 from robomend.security import API
 from robomend.version import version_info
@@ -61,6 +62,7 @@ ROUTERS = (
     notifications,
     oneshots,
     session,
+    status,
     operation,
     docs,
     pages,

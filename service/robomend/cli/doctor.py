@@ -15,9 +15,10 @@ from typing import TYPE_CHECKING
 import click
 
 from robomend.cli import robots
+from robomend.cli.remote.connection import format_option, service_options
+from robomend.cli.remote.names import RobotName
 from robomend.cli.settings_options import read_settings, settings_options
 from robomend.errors import RobomendError
-from robomend_client.rest.errors import ClientError
 
 if TYPE_CHECKING:
     from robomend.settings import Settings
@@ -37,10 +38,9 @@ class Finding:
 
 @click.command("doctor")
 @settings_options
-@click.option("--robot", metavar="ID", help="Look at this robot as well.")
-@click.option("--url", envvar="ROBOMEND_URL", help="Ask the service that runs there, about --robot alone.")
-@click.option("--key", envvar="ROBOMEND_KEY", help="The key for --url; also by ROBOMEND_KEY.")
-@click.option("--format", "format_", type=click.Choice(["table", "json"]), default="table", show_default=True)
+@click.option("--robot", type=RobotName(), metavar="ID", help="Look at this robot as well.")
+@service_options("viewer", default=None)
+@format_option()
 def command(
     config_file: Path | None,
     data: Path | None,
@@ -97,7 +97,7 @@ def _robot(robot: str, look: Callable[[], Sequence[str]]) -> Iterator[Finding]:
     name = f"robot {robot}"
     try:
         said = look()
-    except (RobomendError, ClientError, OSError) as error:
+    except (RobomendError, OSError) as error:
         yield Finding(name, False, str(error))
         return
     for sentence in said:

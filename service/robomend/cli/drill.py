@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from robomend.errors import BackendError, InputError
-from robomend_client.rest.errors import ClientError
+from robomend.cli.remote.connection import asking, format_option, service_options
+from robomend.cli.remote.names import RobotName
+from robomend.errors import InputError
 
 if TYPE_CHECKING:
     from robomend.planning.drill import PlantableFault
@@ -21,11 +22,10 @@ REFUSED = 1
 
 
 @click.command("drill")
-@click.argument("robot", metavar="ROBOT")
+@click.argument("robot", type=RobotName())
 @click.option("--plan", is_flag=True, help="Say what could be planted, and what it would show.")
-@click.option("--url", envvar="ROBOMEND_URL", default="http://127.0.0.1:8600", show_default=True)
-@click.option("--key", envvar="ROBOMEND_KEY", help="Of role viewer; also by ROBOMEND_KEY.")
-@click.option("--format", "format_", type=click.Choice(("table", "json")), default="table", show_default=True)
+@service_options("viewer")
+@format_option()
 def command(robot: str, plan: bool, url: str, key: str | None, format_: str) -> int:
     """Say which faults could be planted on ROBOT, how each is undone, what is protected, and what would be
     diagnosed. 1 where a drill would be refused now: an unhealthy robot, an open repair, a stop.
@@ -34,10 +34,7 @@ def command(robot: str, plan: bool, url: str, key: str | None, format_: str) -> 
     """
     if not plan:
         raise click.UsageError("this version plans drills and carries none out: say --plan")
-    try:
-        obstacles, faults, complete = _asked(robot, url, key)
-    except (ClientError, OSError) as error:
-        raise BackendError(f"{url}: {error}") from error
+    obstacles, faults, complete = _asked(robot, url, key)
     if format_ == "json":
         click.echo(json.dumps(_json(robot, obstacles, faults, complete), ensure_ascii=False))
     else:
@@ -51,10 +48,8 @@ def _asked(robot: str, url: str, key: str | None) -> tuple[list[str], list[Plant
     from robomend.planning.drill import MOST_FAULTS, drill_plan
     from robomend.robots.at_hand import observables_at_hand
     from robomend.robots.configuration import RobotConfig, protection_of
-    from robomend_client.rest import Client
-    from robomend_client.rest.retry import NEVER
 
-    with Client(url, key, timeout_s=10.0, retry=NEVER) as client:
+    with asking(url, key, robot=robot) as client:
         state = client.robot(robot).value
         config = RobotConfig.from_json(robot, state["config"])
         model = client.model(config.model).value

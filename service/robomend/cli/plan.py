@@ -61,7 +61,7 @@ def command(model: str, **given: Any) -> int:
     load_domain(options.domain, options.domain_file)  # refuse it before the planner is started
     for warning in system.warnings:
         click.echo(f"warning: {warning}", err=True)
-    pool = PlannerPool(size=1, spare=0)
+    pool = PlannerPool(size=1, spare=0, planners=(options.planner,))
     try:
         pool.start()  # it warms up while we diagnose
         situation = _situation(system, given)

@@ -7,6 +7,7 @@ import contextlib
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from robomend.cli.remote.connection import asking
 from robomend.errors import RobomendError
 
 if TYPE_CHECKING:
@@ -15,11 +16,8 @@ if TYPE_CHECKING:
 
 
 def asked(robot: str, url: str, key: str | None) -> Sequence[str]:
-    """Return what the service at `url` says of the robot (ClientError)."""
-    from robomend_client.rest import Client
-    from robomend_client.rest.retry import NEVER
-
-    with Client(url, key, timeout_s=10.0, retry=NEVER) as client:
+    """Return what the service at `url` says of the robot."""
+    with asking(url, key, robot=robot) as client:
         found: Sequence[str] = client.robot(robot).value.get("findings", ())
         return found
 

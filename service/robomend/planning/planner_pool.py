@@ -13,6 +13,7 @@ import asyncio
 import time
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 
 from robomend.errors import WorkerDied, WorkerTimeout
 from robomend.model.components import ComponentModel
@@ -32,19 +33,23 @@ GRACE_S = 0.25
 """What a worker gets beyond a planner's own deadline, to hand in what it has."""
 
 MEMORY_BYTES = 4 << 30
-"""Address space, of which a planner touches about 120 MB."""
+"""Address space, of which a planner touches about 60 MB."""
 
 
-def warm() -> None:
-    """Load what every planning call needs."""
+EVERYDAY = (DEFAULT, FALLBACK)
+"""Planners that a service is asked for."""
+
+
+def warm(planners: Sequence[str] = EVERYDAY) -> None:
+    """Load what every call of these planners needs."""
     load_domain()
-    make_planner(FALLBACK)
-    make_planner(DEFAULT)
+    for planner in planners:
+        make_planner(planner)
     # The first plan is slow: regular expressions, clingo's encoding, Unified Planning's lazy imports.
     from robomend.model.components import Hardware, Node
 
     tiny = ComponentModel("warm-up", {"h": Hardware("h", 0)}, {"n": Node("n", ("h",))}, {})
-    for planner in (DEFAULT, FALLBACK):
+    for planner in planners:
         plan_for(tiny, (), ("h",), PlanOptions(planner=planner))
 
 
@@ -52,10 +57,26 @@ class PlannerPool:
     """Plans in warm processes, with deadlines that hold."""
 
     def __init__(
-        self, *, size: int = 1, spare: int = 1, idle_s: float = 300.0, memory_bytes: int | None = MEMORY_BYTES
+        self,
+        *,
+        size: int = 1,
+        spare: int = 1,
+        idle_s: float = 300.0,
+        memory_bytes: int | None = MEMORY_BYTES,
+        planners: Sequence[str] = EVERYDAY,
     ) -> None:
+        """Warm nothing yet.
+
+        Args:
+            planners: what each process loads at its start. Others are loaded when they are asked for.
+        """
         self._workers = WorkerPool(
-            "planner", size=size, spare=spare, warm=warm, idle_s=idle_s, memory_bytes=memory_bytes
+            "planner",
+            size=size,
+            spare=spare,
+            warm=partial(warm, tuple(planners)),
+            idle_s=idle_s,
+            memory_bytes=memory_bytes,
         )
 
     def start(self) -> None:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
-from fastapi import APIRouter, Response
+from fastapi import APIRouter, Query, Response
 
 from robomend.api.deps import PagingDep, PartsDep, PrincipalDep, RepairPath, RobotPath
 from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
 from robomend.api.schemas.base import Items
 from robomend.api.schemas.repair import DecisionBody, RepairBody
+from robomend.repairs.repair_json import repair_json
 from robomend.security import API
+from robomend.store import View, repairs
 
 router = APIRouter(prefix=API, tags=["repair"], route_class=GuardedRoute)
 
@@ -32,6 +34,22 @@ async def list_repairs(robot: RobotPath, parts: PartsDep, paging: PagingDep) -> 
     found = await parts.repairs.repairs(robot, before=paging.cursor, limit=paging.limit)
     more = len(found) == paging.limit
     return Items(items=[dict(repair) for repair in found], next=str(found[-1]["id"]) if more else None)
+
+
+@router.get("/repairs", responses=problems(404))
+async def list_all_repairs(
+    parts: PartsDep,
+    paging: PagingDep,
+    open_only: Annotated[bool, Query(alias="open", description="only those that have not ended")] = False,
+) -> Items[dict[str, Any]]:
+    """List the repairs of all robots, newest first."""
+
+    def look(view: View) -> Items[dict[str, Any]]:
+        found = repairs.page(view, None, paging, open_only=open_only)
+        items = [repair_json(repair, repairs.steps(view, repair.id)) for repair in found.items]
+        return Items(items=items, next=found.next)
+
+    return await parts.store.read(look)
 
 
 @router.get("/repairs/{repair}", responses=problems(404))

@@ -21,6 +21,7 @@ from robomend.errors import OptionRefused, SolverError
 from robomend.planning.decomposition import Part
 from robomend.planning.planners import PartAnswer
 from robomend.planning.planners.strips import answer, up_problem
+from robomend.planning.planners.unified import oneshot_planner
 
 
 class FastDownward:
@@ -34,10 +35,7 @@ class FastDownward:
             raise OptionRefused(
                 "Fast Downward is not installed: pip install 'robomend[fast-downward]'; asp is optimal too"
             )
-        from unified_planning.shortcuts import OneshotPlanner, get_environment
-
-        get_environment().credits_stream = None
-        self._engine: Any = OneshotPlanner(name="fast-downward-opt")
+        self._engine: Any = oneshot_planner("fast-downward-opt")
 
     def solve(self, part: Part, timeout_s: float | None) -> PartAnswer:
         """Return a cheapest plan."""

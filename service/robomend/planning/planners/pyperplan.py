@@ -25,6 +25,7 @@ from robomend.planning.plan import Outcome
 from robomend.planning.planners import PartAnswer
 from robomend.planning.planners.relaxed import plan_cost, reaches, without_redundant
 from robomend.planning.planners.strips import answer, up_problem
+from robomend.planning.planners.unified import oneshot_planner
 
 MAX_RETRIES = 12
 """Calls to improve one part's plan."""
@@ -37,14 +38,12 @@ class Pyperplan:
     max_actions: int | None = 40
 
     def __init__(self) -> None:
+        logging.getLogger().setLevel(max(logging.getLogger().level, logging.WARNING))
+        params = {"search": "gbf", "heuristic": "hff"}
         try:
-            from unified_planning.shortcuts import OneshotPlanner, get_environment
+            self._engine: Any = oneshot_planner("pyperplan", params=params)
         except ImportError as error:
             raise SolverError(f"Unified Planning is not installed: {error}") from error
-        logging.getLogger().setLevel(max(logging.getLogger().level, logging.WARNING))
-        get_environment().credits_stream = None
-        params = {"search": "gbf", "heuristic": "hff"}
-        self._engine: Any = OneshotPlanner(name="pyperplan", params=params)
         self._engine.skip_checks = (
             True  # every part is STRIPS; computing `problem.kind` costs more than planning
         )

@@ -1,0 +1,161 @@
+"""`robomend watch`: what happens on a running service, line by line, as it happens."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from robomend.cli.remote.connection import asking, format_option, service_options
+from robomend.cli.remote.names import RobotName
+from robomend.cli.tables import at, printable
+
+if TYPE_CHECKING:
+    from robomend_client.events import Event
+    from robomend_client.rest import ClientError
+
+NAMED = 3
+"""Diagnoses, or literals, in one line."""
+
+
+@click.command("watch")
+@click.argument("robot", type=RobotName(), required=False)
+@click.option("--after", type=click.IntRange(min=0), metavar="EVENT", help="Begin behind this event's id.")
+@click.option("--count", type=click.IntRange(min=1), help="End after so many lines; by default with Ctrl-C.")
+@service_options("viewer")
+@format_option()
+def command(
+    robot: str | None, after: int | None, count: int | None, url: str, key: str | None, format_: str
+) -> None:
+    """Show what happens, of ROBOT alone or of all: observations, diagnoses, repairs, actions, the stop.
+
+    A lost connection is taken up again, and nothing is missed that the service still keeps. With --format
+    json one event is written per line. Times are UTC.
+    """
+    shown = 0
+    with asking(url, key, robot=robot) as client:
+        if robot is not None:
+            client.robot(robot)
+        else:
+            client.stopped()  # whether a service with this key is there: the stream would wait for one
+        for event in client.events(robot, after=after, on_gap=_gap, on_connection=_Connection(url)):
+            line = _json(event) if format_ == "json" else told(event)
+            if line is None:
+                continue
+            click.echo(line if format_ == "json" else printable(line))
+            shown += 1
+            if shown == count:
+                return
+
+
+class _Connection:
+    """Tells on stderr when the stream is lost and when it stands again."""
+
+    def __init__(self, url: str) -> None:
+        self._url = url
+        self._lost = False
+
+    def __call__(self, failure: ClientError | None) -> None:
+        if failure is not None:
+            self._lost = True
+            click.echo(f"connection lost: waiting for {self._url}", err=True)
+        elif self._lost:
+            click.echo("connected again", err=True)
+        else:
+            click.echo(f"watching {self._url}; Ctrl-C ends", err=True)
+
+
+def _gap(data: Mapping[str, Any]) -> None:
+    click.echo(f"the service does not keep what was before event {data.get('oldest', '…')}", err=True)
+
+
+def _json(event: Event) -> str:
+    value = {
+        "id": event.id,
+        "time_ns": event.time_ns,
+        "kind": str(event.kind),
+        "robot": event.robot,
+        "data": dict(event.data),
+    }
+    return json.dumps(value, ensure_ascii=False)
+
+
+def told(event: Event) -> str | None:
+    """Return an event as a line for people; None where it would tell nothing."""
+    words = WORDS[event.kind](event.data)
+    if words is None:
+        return None
+    where = f"{event.robot} " if event.robot else ""
+    return f"{at(event.time_ns)} {where}{words}"
+
+
+def _observations(data: Mapping[str, Any]) -> str | None:
+    changed, forgotten = data.get("changed", ()), data.get("forgotten", ())
+    if not changed and not forgotten:
+        return None
+    words = [f"observed {_some(changed)}"] if changed else []
+    words += [f"unknown now: {_some(forgotten)}"] if forgotten else []
+    return "; ".join(words)
+
+
+def _diagnosis(data: Mapping[str, Any]) -> str:
+    result = data.get("result")
+    if result is None:
+        return f"no diagnosis: {(data.get('fault') or {}).get('detail', 'not known why')}"
+    found = result["diagnoses"]
+    if any(not one["bad"] for one in found):
+        return "healthy: every observation is what a healthy robot would show"
+    named = [" with ".join(one["bad"]) for one in found]
+    return f"bad: {_some(named, ' or ')}" if named else "no diagnosis within the limits"
+
+
+def _repair(data: Mapping[str, Any]) -> str:
+    words = f"repair {data.get('id')}: {data.get('state')}"
+    if data.get("state") == "awaiting-approval":
+        words += f" of {', '.join(step['text'] for step in data.get('plan', ()))}"
+    return words + (f": {data['reason']}" if data.get("reason") else "")
+
+
+def _action(data: Mapping[str, Any]) -> str:
+    words = f"action {data.get('name')}({', '.join(data.get('parameters', ()))}): {data.get('state')}"
+    return words + (f": {data['message']}" if data.get("message") else "")
+
+
+def _board(data: Mapping[str, Any]) -> str | None:
+    return f"board: {data['state']}" if "state" in data else None  # channels are seen as observations
+
+
+def _robot(data: Mapping[str, Any]) -> str:
+    what = data.get("what", "changed")
+    rest = {name: value for name, value in data.items() if name != "what" and value}
+    return f"robot: {what}" + (f" {json.dumps(rest, ensure_ascii=False)}" if rest else "")
+
+
+def _model(data: Mapping[str, Any]) -> str:
+    return f"model {data.get('name', data.get('model', ''))}: {data.get('what', 'new version')}"
+
+
+def _stop(data: Mapping[str, Any]) -> str:
+    if not data.get("active"):
+        return f"the stop is lifted by {data.get('by')}"
+    return f"STOPPED by {data.get('by')}" + (f": {data['reason']}" if data.get("reason") else "")
+
+
+def _some(names: Any, between: str = ", ") -> str:
+    more = f"{between}{len(names) - NAMED} more" if len(names) > NAMED else ""
+    return between.join(names[:NAMED]) + more
+
+
+WORDS = {
+    "observations": _observations,
+    "diagnosis": _diagnosis,
+    "repair": _repair,
+    "action": _action,
+    "board": _board,
+    "robot": _robot,
+    "model": _model,
+    "stop": _stop,
+}
+"""A line for each kind of event."""

@@ -1,0 +1,52 @@
+"""Tables for people, as wide as their terminal, and 80 columns where there is none."""
+
+from __future__ import annotations
+
+import shutil
+import textwrap
+from collections.abc import Iterable, Sequence
+from datetime import UTC, datetime
+
+import click
+
+
+def show_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+    """Write a table; what does not fit is wrapped, never cut off."""
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
+    for heading in headings:
+        table.add_column(Text(heading), overflow="fold")
+    for row in rows:
+        table.add_row(*(Text(printable(cell)) for cell in row))
+    console = Console(highlight=False)
+    with console.capture() as capture:
+        console.print(table)
+    for line in capture.get().splitlines():
+        click.echo(line.rstrip())
+
+
+def show_paragraph(text: str) -> None:
+    """Write a sentence, wrapped where the terminal ends, what follows indented under its beginning."""
+    text = printable(text)
+    indent = " " * (len(text) - len(text.lstrip()) + 2)
+    width = max(40, shutil.get_terminal_size().columns)
+    click.echo(
+        textwrap.fill(text, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
+    )
+
+
+def printable(text: str) -> str:
+    """Return a text without what a terminal would obey: names come from models, whoever wrote them."""
+    return "".join(one if one.isprintable() else repr(one)[1:-1] for one in text)
+
+
+def at(time_ns: int | None, *, now_ns: int | None = None) -> str:
+    """Return a time in UTC: of today the clock, else the day as well."""
+    if time_ns is None:
+        return ""
+    moment = datetime.fromtimestamp(time_ns / 1e9, UTC)
+    now = datetime.now(UTC) if now_ns is None else datetime.fromtimestamp(now_ns / 1e9, UTC)
+    return f"{moment:%H:%M:%S}" if moment.date() == now.date() else f"{moment:%Y-%m-%d %H:%M}"

@@ -1,0 +1,52 @@
+"""What a shell completes names of robots and repairs to."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+
+import pytest
+from click.shell_completion import ShellComplete
+from tests.api.test_process import command
+from tests.cli.remote.conftest import Shared
+
+from robomend.cli.commands import cli
+
+
+def completed(*words: str) -> list[str]:
+    """Return what the shell offers for the last word."""
+    shell = ShellComplete(cli, {}, "robomend", "_ROBOMEND_COMPLETE")
+    return [item.value for item in shell.get_completions(list(words[:-1]), words[-1])]
+
+
+def test_robots_and_repairs_of_the_service_are_offered(shared: Shared, robot: str) -> None:
+    repair = shared.awaiting_approval(robot)
+    for line in (["status"], ["watch"], ["observe"], ["probes"], ["robot", "get"], ["repairs", "--robot"]):
+        assert robot in completed(*line, robot[:1])
+        assert completed(*line, "zz") == []
+    for name in ("repairs", "approve", "cancel"):
+        assert repair in completed(name, "r-")
+    shared.client.cancel(repair)
+    assert repair not in completed("approve", "r-")
+    assert completed("stop", "") == ["set", "lift", "show"]
+
+
+def test_the_service_that_is_named_is_asked(
+    shared: Shared, robot: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shared.robot(robot)
+    monkeypatch.setenv("ROBOMEND_URL", "http://127.0.0.1:1")
+    assert completed("status", robot) == []
+    assert completed("status", "--url", shared.url, robot) == [robot]
+
+
+def test_a_shell_sees_no_error_where_nobody_answers() -> None:
+    line = {"COMP_WORDS": "robomend status r", "COMP_CWORD": "2", "_ROBOMEND_COMPLETE": "bash_complete"}
+    done = subprocess.run(
+        command(),
+        env={**os.environ, **line, "ROBOMEND_URL": "http://127.0.0.1:1"},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert (done.stdout.strip(), done.stderr) == ("", "")

@@ -1,0 +1,96 @@
+"""`robomend robot`: a configuration goes there and comes back."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from tests.api.conftest import TEDUSAR
+from tests.cli.remote.conftest import Say, Shared, answer, narrow
+
+from robomend.cli.robot_file import read_robot, robot_text
+from robomend.errors import InputError
+
+
+def test_a_robot_is_configured_and_its_configuration_comes_back_as_a_file(
+    say: Say, shared: Shared, robot: str, configuration: Path, tmp_path: Path
+) -> None:
+    code, out, _ = say("robot", "put", robot, str(configuration))
+    assert code == 0
+    assert narrow(out)
+    assert out.startswith(f"robot {robot}: created\n")
+    assert "note: nobody has reported ok(scan)" in out
+    _, text, _ = say("robot", "get", robot)
+    file = tmp_path / "back.yaml"
+    file.write_text(text)
+    config = answer(say("robot", "get", robot, "--format", "json"))
+    assert read_robot(file) == config
+    assert (config["hold_s"], config["expected"]) == (1.5, {"stopped": ["rviz"]})
+    shared.client.observe(robot, ["ok(scan)"])
+    file.write_text(text.replace('policy: "approve"', "policy: observe"))
+    assert answer(say("robot", "put", robot, str(file), "--format", "json"))["config"]["policy"] == "observe"
+    assert shared.client.observations(robot)["revision"] == 1  # what was observed stays
+
+
+def test_the_model_comes_with_the_robot_where_that_is_asked_for(
+    say: Say, shared: Shared, robot: str, tmp_path: Path
+) -> None:
+    (tmp_path / "m.yaml").write_text(TEDUSAR)
+    file = tmp_path / "robot.yaml"
+    file.write_text(f"model: tedusar-{robot}\n")
+    code, _, err = say("robot", "put", robot, str(file))
+    assert code == 2
+    assert f"no model 'tedusar-{robot}'; did you mean 'tedusar'?; --model FILE stores one" in err
+    line = ("robot", "put", robot, str(file), "--model", str(tmp_path / "m.yaml"))
+    _, out, err = say(*line)
+    assert (out.splitlines()[0], err) == (f"robot {robot}: created", f"model tedusar-{robot}: created\n")
+    _, out, err = say(*line)
+    assert (out.splitlines()[0], err) == (f"robot {robot}: as it was", f"model tedusar-{robot}: as it was\n")
+    (tmp_path / "m.yaml").write_text(f"{TEDUSAR}\n# seen again\n")
+    file.write_text(f"{file.read_text()}policy: observe\n")
+    _, out, err = say(*line)
+    assert out.splitlines()[0] == f"robot {robot}: changed"
+    assert err == f"model tedusar-{robot}: a new version\n"
+    assert shared.client.model(f"tedusar-{robot}").value["number"] == 2
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("model: [\n", "robot.yaml:2: "),
+        ("- model\n", "robot.yaml:1: a robot's configuration is a mapping"),
+        ("policy: auto\n", "`model` names the model that the robot follows"),
+        ("model: tedusar\npolcy: auto\n", "body.polcy: Extra inputs are not permitted"),
+        ("model: tedusar\nhold_s: soon\n", "body.hold_s: Input should be a valid number"),
+    ],
+)
+def test_a_file_at_fault_is_refused_with_its_place(
+    text: str, said: str, say: Say, robot: str, tmp_path: Path
+) -> None:
+    (tmp_path / "robot.yaml").write_text(text)
+    code, out, err = say("robot", "put", robot, str(tmp_path / "robot.yaml"))
+    assert (code, out) == (2, "")
+    assert said in err
+
+
+def test_scalars_of_a_file_mean_what_they_look_like(tmp_path: Path) -> None:
+    file = tmp_path / "robot.yaml"
+    file.write_text('a: on\nb: 22:00\nc: 012\nd: true\ne: ~\nf: 1e3\ng: "5"\nh: -.5\ni: [1, {j: no}]\n')
+    config = read_robot(file)
+    assert config == {
+        "a": "on",
+        "b": "22:00",
+        "c": 12,
+        "d": True,
+        "e": None,
+        "f": 1000.0,
+        "g": "5",
+        "h": -0.5,
+        "i": [1, {"j": "no"}],
+    }
+    file.write_text(robot_text(config))
+    assert read_robot(file) == config
+    assert all(":" in line and json.loads(line.partition(": ")[2]) != "" for line in file.open())
+    with pytest.raises(InputError, match="cannot be read"):
+        read_robot(tmp_path / "nothing.yaml")

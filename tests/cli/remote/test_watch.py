@@ -1,0 +1,106 @@
+"""`robomend watch`: events as lines, over lost connections."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from queue import Queue
+
+from tests.api.test_process import command
+from tests.cli.remote.conftest import Say, Shared
+from tests.waiting import until
+from tests.web.cable import cable
+
+from robomend.cli.remote.watch import told
+from robomend_client.events import Event, Kind
+
+END_S = 60.0
+"""A safety net: nothing is judged by it."""
+
+
+@contextmanager
+def watching(*arguments: str) -> Iterator[tuple[Queue[str], list[str]]]:
+    """Run the command as a process; yield its lines, and those of stderr."""
+    process = subprocess.Popen(
+        command("watch", *arguments), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    lines: Queue[str] = Queue()
+    said: list[str] = []
+
+    def read() -> None:
+        assert process.stdout is not None
+        for line in process.stdout:
+            lines.put(line.rstrip("\n"))
+
+    def listen() -> None:
+        assert process.stderr is not None
+        for line in process.stderr:
+            said.append(line.rstrip("\n"))
+
+    threads = [threading.Thread(target=each, daemon=True) for each in (read, listen)]
+    for thread in threads:
+        thread.start()
+    try:
+        yield lines, said
+    finally:
+        process.kill()
+        process.wait(10)
+        for thread in threads:
+            thread.join(10)
+
+
+def test_what_happens_is_told_live_and_over_a_lost_connection(shared: Shared, robot: str) -> None:
+    shared.robot(robot, policy="observe")
+    with cable(shared.url) as line, watching(robot, "--url", line.url) as (lines, said):
+        until(lambda: said, "the stream stands")
+        assert said == [f"watching {line.url}; Ctrl-C ends"]
+        shared.client.observe(robot, ["not ok(scan)", "running(hokuyo_node)"])
+        assert f" {robot} observed not ok(scan), running(hokuyo_node)" in lines.get(timeout=END_S)
+        assert f" {robot} bad: hokuyo or hokuyo_node" in lines.get(timeout=END_S)
+        assert "robot: health" in lines.get(timeout=END_S)
+        line.cut()
+        until(lambda: len(said) == 2, "the loss is told")
+        assert said[1] == f"connection lost: waiting for {line.url}"
+        shared.client.observe(robot, ["ok(scan)"])
+        line.mend()
+        assert f" {robot} observed ok(scan)" in lines.get(timeout=END_S)
+        assert f" {robot} healthy: " in lines.get(timeout=END_S)
+        assert said[2] == "connected again"
+
+
+def test_past_events_are_told_from_where_one_likes(say: Say, shared: Shared, robot: str) -> None:
+    shared.robot(robot, "ok(scan)", policy="observe")
+    code, out, _ = say("watch", robot, "--after", "0", "--count", "3", "--format", "json")
+    assert code == 0
+    events = [json.loads(line) for line in out.splitlines()]
+    assert {event["robot"] for event in events} == {robot}
+    created, *_ = events
+    assert (created["kind"], created["data"]["what"]) == ("robot", "created")
+    [observed] = [event for event in events if event["kind"] == "observations" and event["data"]["changed"]]
+    assert observed["data"]["changed"] == ["ok(scan)"]
+    _, out, _ = say("watch", robot, "--after", str(observed["id"] - 1), "--count", "1")
+    assert out.endswith(f" {robot} observed ok(scan)\n")
+
+
+def line_of(kind: Kind, robot: str | None = "r1", **data: object) -> str | None:
+    line = told(Event(1, 0, kind, robot, data))
+    return None if line is None else line.removeprefix("1970-01-01 00:00 ")
+
+
+def test_each_kind_of_event_has_its_words() -> None:
+    assert line_of(Kind.OBSERVATIONS, changed=["a", "b", "c", "d"]) == "r1 observed a, b, c, 1 more"
+    assert line_of(Kind.OBSERVATIONS, changed=[], forgotten=["ok(scan)"]) == "r1 unknown now: ok(scan)"
+    assert line_of(Kind.OBSERVATIONS, changed=[]) is None
+    assert line_of(Kind.DIAGNOSIS, result=None, fault={"detail": "too late"}) == "r1 no diagnosis: too late"
+    waiting = line_of(Kind.REPAIR, id="r-1", state="awaiting-approval", plan=[{"text": "power_up(a)"}])
+    assert waiting == "r1 repair r-1: awaiting-approval of power_up(a)"
+    action = line_of(Kind.ACTION, name="start_node", parameters=["a"], state="done", message="it runs")
+    assert action == "r1 action start_node(a): done: it runs"
+    assert line_of(Kind.BOARD, state="connected") == "r1 board: connected"
+    assert line_of(Kind.BOARD, channels=[]) is None
+    assert line_of(Kind.STOP, None, active=True, by="ann", reason="lunch") == "STOPPED by ann: lunch"
+    assert line_of(Kind.STOP, None, active=False, by="ann") == "the stop is lifted by ann"
+    assert line_of(Kind.MODEL, None, model="m") == "model m: new version"

@@ -1,0 +1,35 @@
+"""What a worker loads before it can plan: it is most of the time of `robomend plan`."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+HEAVY = ("scipy", "ConfigSpace", "unified_planning", "clingo")
+
+
+def loaded(*planners: str, then: str = "") -> str:
+    """Return which of the heavy packages a process has loaded that is ready for these planners."""
+    code = (
+        f"import sys; from robomend.planning.planner_pool import warm; warm({planners!r}); {then}\n"
+        f"print(*[name for name in {HEAVY!r} if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=100)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
+def test_the_default_planner_loads_unified_planning_without_what_it_has_no_use_for() -> None:
+    assert loaded("pyperplan") == "unified_planning"
+
+
+def test_clingo_needs_no_unified_planning() -> None:
+    assert loaded("asp") == "clingo"
+
+
+def test_whoever_imports_config_space_afterwards_gets_the_real_one() -> None:
+    pytest.importorskip("ConfigSpace", reason="it comes with Unified Planning 1.3")
+    then = "import ConfigSpace; ConfigSpace.ConfigurationSpace({'a': (0, 1)})"
+    assert "scipy" in loaded("pyperplan", then=then)
