@@ -11,6 +11,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from robomend.drills import states as drills
 from robomend.repairs import states
 from robomend.robots import states as held
 from robomend.transitions import diagram
@@ -20,6 +21,11 @@ PAGES = Path(__file__).parent
 DIAGRAMS = {
     "repair": diagram(states.REPAIR, states.INITIAL, together=("any open state", states.OPEN)),
     "step": diagram(states.STEP, states.StepState.WAITING),
+    "drill": diagram(
+        drills.DRILL,
+        drills.INITIAL,
+        together=("what may be planted", drills.MAYBE_PLANTED),
+    ),
     "held": diagram(held.HELD, held.Held.UNREAD),
     "search": diagram(held.SEARCH, held.Search.IDLE),
 }

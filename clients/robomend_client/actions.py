@@ -19,6 +19,7 @@ REFUSED = 2  # by policy, allow-list or protection, or by who should act (a faul
 TIMED_OUT = 3  # no answer in time: whether it acted is unknown
 UNREACHABLE = 4  # nobody there to act: it did not act
 CANCELLED = 5
+UNDONE_BEFORE = 6  # of a drill's undo: nothing of it is there (any more)
 NOT_EXECUTABLE = 126  # as a shell says: the program may not be executed
 NO_PROGRAM = 127  # … there is no such program
 
@@ -28,6 +29,7 @@ FAILURES = {
     TIMED_OUT: "timed out",
     UNREACHABLE: "unreachable",
     CANCELLED: "cancelled",
+    UNDONE_BEFORE: "undone before",
     NOT_EXECUTABLE: "not executable",
     NO_PROGRAM: "no such program",
 }

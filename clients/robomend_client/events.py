@@ -23,6 +23,7 @@ class Kind(StrEnum):
     BOARD = "board"  # data: link state, or channels
     ROBOT = "robot"  # data: what changed (created, updated, deleted, quarantine, owner)
     MODEL = "model"  # data: model name, version
+    DRILL = "drill"  # data: drill id, state, fault, component, undo, reason
     STOP = "stop"  # data: active, by, reason
 
 

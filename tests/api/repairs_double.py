@@ -25,6 +25,7 @@ class RepairsDouble:
 
     def __init__(self, store: Store) -> None:
         self.switch = StopSwitch(store)
+        self.agents = AgentQueue(store)
         self.calls: list[tuple[Any, ...]] = []
         self.queue: dict[str, Json] = {}
         self.owners: dict[str, str] = {}

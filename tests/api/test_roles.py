@@ -18,6 +18,7 @@ PLACES = {
     "name": "tedusar",
     "robot": "r1",
     "repair": "r-1",
+    "drill": "d-1",
     "action": "r-1:0",
     "assertion": "a",
     "channel": "3",

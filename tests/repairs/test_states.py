@@ -85,6 +85,9 @@ def test_nothing_is_sent_without_the_policy_or_a_person() -> None:
 OTHER_WORDS = {
     ("repairs/execution_values.py", "failed"),  # of the sentence on a result
     ("repairs/execution_values.py", "done"),  # how an execution ends
+    ("api/schemas/drill.py", "done"),  # what a person says
+    ("drills/drills.py", "done"),
+    ("drills/one_drill.py", "done"),
     ("repairs/left_off.py", "running"),  # the predicate
     ("repairs/remembering.py", "repaired"),  # a key of an attempt: the components that were
     ("repairs/signals.py", "cancelled"),  # the reason of a cancellation that gives none
@@ -99,13 +102,15 @@ OTHER_WORDS = {
 OTHER_ROOMS = ("model/", "observations/", "diagnosis/", "planning/", "store/")
 """Rooms that know no repair: `running` is a predicate there, `done` a column."""
 
+OTHER_TABLE = "drills/states.py"
+
 
 def test_no_state_is_written_by_hand_outside_the_tables() -> None:
     states: set[str] = {str(state) for kind in (RepairState, StepState, QueueState) for state in kind}
     found = set()
     for path in ROOT.rglob("*.py"):
         place = path.relative_to(ROOT).as_posix()
-        if place == "repairs/states.py" or place.startswith(OTHER_ROOMS):
+        if place in {"repairs/states.py", OTHER_TABLE} or place.startswith(OTHER_ROOMS):
             continue
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Constant) and node.value in states:

@@ -15,7 +15,7 @@ from robomend.store import Store, agent_actions, api_keys, global_stop, journal,
 from robomend.store.database import Database
 from robomend.store.portable import export, load
 
-OLDER = ("0001", "0002")
+OLDER = ("0001", "0002", "0003")
 
 
 def differences(connection: Connection) -> list[object]:
@@ -140,4 +140,10 @@ def test_every_file_of_the_migrations_is_in_the_package() -> None:
     assert migrations.__file__ is not None
     versions = Path(migrations.__file__).parent / "versions"
     found = sorted(path.name for path in versions.glob("[0-9]*.py"))
-    assert found == ["0001_baseline.py", "0002_sign_ins.py", "0003_evidence.py", "0004_notifications.py"]
+    assert found == [
+        "0001_baseline.py",
+        "0002_sign_ins.py",
+        "0003_evidence.py",
+        "0004_notifications.py",
+        "0005_drills.py",
+    ]

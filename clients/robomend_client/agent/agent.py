@@ -14,15 +14,18 @@ import logging
 import time
 from collections.abc import Sequence
 from contextlib import AsyncExitStack
+from functools import partial
 from typing import Any
 
 from robomend_client.agent.actions import Actions
 from robomend_client.agent.broker import Broker, Tap, TopicMessage
 from robomend_client.agent.config import AgentConfig
 from robomend_client.agent.executors.base import Executors
+from robomend_client.agent.executors.drill import drilled
 from robomend_client.agent.executors.supervised import supervised
 from robomend_client.agent.feeds import AgentParts, Bridge, Feed, Samples
 from robomend_client.agent.memory import FirstResults
+from robomend_client.agent.planted import PlantedFaults
 from robomend_client.agent.reporter import VerdictReporter
 from robomend_client.agent.supervisor import Supervisor
 from robomend_client.agent.usage import PERIOD_S, Usage
@@ -101,9 +104,17 @@ class Agent:
             supervisor.open()
             stack.push_async_callback(supervisor.close)
             memory = FirstResults(config.state_dir / "results.jsonl")
+            planted = PlantedFaults(
+                config.state_dir / "planted.json", supervisor.processes, partial(_is_stopped, orders)
+            )
+            stack.push_async_callback(planted.close)
             executors = Executors(
                 config.agent,
-                [*supervised(supervisor.processes), *(spec.make() for spec in config.actions)],
+                [
+                    *supervised(supervisor.processes),
+                    *drilled(tuple(supervisor.processes), planted),
+                    *(spec.make() for spec in config.actions),
+                ],
             )
             actions = Actions(orders, config.robot, config.agent, executors, memory, config.host, watch)
             stack.push_async_callback(actions.close)
@@ -122,11 +133,16 @@ class Agent:
                         buffer_bytes=config.buffer_bytes,
                     )
                 )
-            await self._work(supervisor, watch, reporter, actions)
+            await self._work(supervisor, watch, reporter, actions, planted)
             await reporter.flush()
 
     async def _work(
-        self, supervisor: Supervisor, watch: Watch, reporter: VerdictReporter, actions: Actions
+        self,
+        supervisor: Supervisor,
+        watch: Watch,
+        reporter: VerdictReporter,
+        actions: Actions,
+        planted: PlantedFaults,
     ) -> None:
         work = {
             "observers": watch.run(),
@@ -134,6 +150,7 @@ class Agent:
             "reporter": reporter.run(),
             "actions": actions.pull(),
             "initial processes": supervisor.start_initial(),
+            "planted faults": planted.run(),
         }
         tasks = [asyncio.create_task(work, name=name) for name, work in work.items()]
         tasks += [asyncio.create_task(_fed(feed, watch)) for feed in self.config.feeds]
@@ -185,6 +202,10 @@ class Agent:
         if source not in self._told:
             self._told.add(source)
             log.warning("%s: a message of this topic has %s", source, why)
+
+
+async def _is_stopped(client: AsyncClient) -> bool:
+    return (await client.stopped())["active"]
 
 
 async def _fed(feed: Feed, watch: Watch) -> None:

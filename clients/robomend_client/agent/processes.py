@@ -125,6 +125,24 @@ class SupervisedProcess:
                     return ActionResult(FAILED, f"{self.spec.name} (process {handle.pid}) does not die")
             return ActionResult(OK, f"{self.spec.name} {how}")
 
+    async def kill(self) -> None:
+        """End it without a word, as a crash does, and wait for its end."""
+        async with self._turn:
+            self._kill()
+            if not await self._wait_for_end(KILL_S):
+                log.warning("%s does not die", self.spec.name)
+
+    async def freeze(self) -> None:
+        """Halt it with all that it started; it goes on running, as far as anybody can see."""
+        async with self._turn:
+            if self.handle is not None:
+                self.handle.signal_group(signal.SIGSTOP)
+
+    def thaw(self) -> None:
+        """Let it go on; nothing happens to one that was not halted."""
+        if self.handle is not None:
+            self.handle.signal_group(signal.SIGCONT)
+
     def adopted(self, handle: Handle) -> None:
         """Take over a process that an earlier agent started and that still runs."""
         self._hold(handle)

@@ -266,6 +266,40 @@ class AsyncClient:
         )
         return answer
 
+    async def start_drill(
+        self,
+        robot: str,
+        fault: str,
+        component: str,
+        *,
+        bound_s: float = 60.0,
+        detect_s: float = 15.0,
+        reason: str = "",
+    ) -> dict[str, Any]:
+        """Plant a fault, which the service watches and undoes."""
+        value = {"fault": fault, "component": component, "bound_s": bound_s, "detect_s": detect_s}
+        answer: dict[str, Any] = await self.send(
+            calls.post("robots", robot, "drills", json={**value, "reason": reason})
+        )
+        return answer
+
+    async def drills(
+        self, robot: str, cursor: str | None = None, limit: int | None = None
+    ) -> Page[dict[str, Any]]:
+        """Return the robot's drills, newest first."""
+        return await self.send(calls.page("robots", robot, "drills", cursor=cursor, limit=limit))
+
+    async def drill(self, drill: str) -> dict[str, Any]:
+        """Return a drill: what is planted, how it is undone, and what was seen."""
+        answer: dict[str, Any] = await self.send(calls.get("drills", drill))
+        return answer
+
+    async def decide_drill(self, drill: str, decision: str, reason: str = "") -> dict[str, Any]:
+        """Say `cancel`, `done` (of what it waits for) or `abandon` to an open drill."""
+        value = {"decision": decision, "reason": reason}
+        answer: dict[str, Any] = await self.send(calls.post("drills", drill, json=value))
+        return answer
+
     async def quarantine(self, robot: str) -> dict[str, str]:
         """Return the components that are not tried again, each with the reason."""
         answer: dict[str, str] = await self.send(calls.get("robots", robot, "quarantine"))

@@ -16,6 +16,7 @@ from robomend.api.schemas.base import NAME
 from robomend.api.shedding import LoadShedding
 from robomend.api.store_probe import StoreProbe
 from robomend.api.streams import Hub
+from robomend.drills.drills import Drills
 from robomend.errors import PreconditionRequired
 from robomend.metrics import Metrics
 from robomend.notifications.notifier import Notifier
@@ -37,6 +38,7 @@ class Parts:
     store: Store
     robots: Robots
     repairs: Repairs
+    drills: Drills
     one_shots: OneShots
     hub: Hub
     metrics: Metrics
@@ -87,6 +89,7 @@ StillDep = Annotated[Callable[[], Awaitable[bool]], Depends(_still)]
 RobotPath = Annotated[str, Path(pattern=NAME, description="the robot's id", examples=["tedusar-1"])]
 ModelPath = Annotated[str, Path(pattern=NAME, description="the model's name", examples=["tedusar"])]
 RepairPath = Annotated[str, Path(pattern=r"^[A-Za-z0-9_.\-]{1,64}$", examples=["r-7k2m9x4q"])]
+DrillPath = Annotated[str, Path(pattern=r"^[A-Za-z0-9_.\-]{1,64}$", examples=["d-7k2m9x4q"])]
 ActionPath = Annotated[str, Path(pattern=r"^[A-Za-z0-9_.:\-]{1,128}$", examples=["r-7k2m9x4q:2"])]
 
 

@@ -19,6 +19,8 @@ from robomend.api.loop_watch import LoopWatch
 from robomend.api.shedding import LoadShedding
 from robomend.api.store_probe import StoreProbe
 from robomend.api.streams import Hub
+from robomend.drills.drills import Drills
+from robomend.drills.parts import DrillParts
 from robomend.errors import RobomendError
 from robomend.figures import EVERY_S
 from robomend.metrics import Metrics
@@ -63,6 +65,9 @@ class Runtime:
         self.hub = Hub(self.store, self.metrics, most=settings.max_streams, ping_s=settings.ping_s)
         self.repairs = make_repairs(self.store, self.robots, self.planners, self.one_shots, settings)
         self.notifier = Notifier(self.store, settings, self.metrics)
+        self.drills = Drills(
+            DrillParts(self.store, self.robots, self.repairs.agents, self.repairs.switch, settings)
+        )
         self.watch = LoopWatch(self.metrics)
         self.probe = StoreProbe(self.store)
         shedding = LoadShedding(
@@ -73,6 +78,7 @@ class Runtime:
             self.store,
             self.robots,
             self.repairs,
+            self.drills,
             self.one_shots,
             self.hub,
             self.metrics,
@@ -115,6 +121,8 @@ class Runtime:
             await self.repairs.start()
             stack.push_async_callback(self.notifier.close)
             await self.notifier.start()
+            stack.push_async_callback(self.drills.close)
+            await self.drills.start()
             stack.callback(self.end_waits)
             await self._learn_keys()
             self._begin_counting()
@@ -135,7 +143,7 @@ class Runtime:
 
     def _count(self, events: Sequence[Event]) -> None:
         for event in events:
-            if event.kind is Kind.REPAIR:
+            if event.kind is Kind.REPAIR and event.data.get("drill") is None:
                 self.metrics.repairs.labels(str(event.data.get("state"))).inc()
             elif event.kind is Kind.ACTION and "repair" in event.data and event.data.get("state") in ACTED:
                 self.metrics.actions.labels(str(event.data.get("name")), str(event.data.get("result"))).inc()

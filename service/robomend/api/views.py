@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from starlette.responses import Response
@@ -86,7 +86,7 @@ def robot_line(robot: StoredRobot) -> RobotLine:
     )
 
 
-def robot_out(state: Robot, findings: Sequence[str]) -> RobotOut:
+def robot_out(state: Robot, findings: Sequence[str], drill: Mapping[str, Any] | None = None) -> RobotOut:
     """Return a robot's configuration and how it is."""
     how, unknown = health_of(state)
     return RobotOut(
@@ -101,6 +101,7 @@ def robot_out(state: Robot, findings: Sequence[str]) -> RobotOut:
         state=how.value,
         unknown=[str(atom) for atom in unknown],
         findings=list(findings),
+        drill=None if drill is None else dict(drill),
     )
 
 

@@ -13,7 +13,7 @@ the engine says of just these observations, for a fault that shows itself wherev
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -52,14 +52,20 @@ BY = {
 
 
 @dataclass(frozen=True, slots=True)
-class PlantableFault:
-    """One fault of a drill's plan."""
+class Plantable:
+    """A fault that could be planted, or never is."""
 
     kind: FaultKind
     component: str
     act: str
     undo: str
     refused: str | None  # why it is not planted
+
+
+@dataclass(frozen=True, slots=True)
+class PlantableFault(Plantable):
+    """One fault of a drill's plan."""
+
     shows: tuple[Literal, ...]  # of what is observed, what would no longer hold
     diagnoses: tuple[tuple[str, ...], ...]  # of just that, the first ones; empty: nothing would be noticed
 
@@ -92,18 +98,18 @@ def drill_plan(
     theory = theory_of(cnf)
     healthy = theory.derived(parts.components)
     reported = [literal for literal in sorted(healthy) if literal.atom in observed]
-    channels = protected_channels(parts, protected, board or ())
     engine = make_engine("sat", cnf)
     try:
-        for kind, component, act, undo, refused in _all(parts, protected, channels, board is not None):
-            drivers = _drivers(parts, component)
+        for fault in plantable(parts, protected, board):
+            component = fault.component
+            drivers = drivers_of(parts, component)
             left = theory.derived(n for n in parts.components if n != component and n not in drivers)
-            kept = _kept(kind, component, drivers)
+            kept = _kept(fault.kind, component, drivers)
             lost = tuple(-one for one in reported if one not in left and one.atom not in kept)
             seen = [one for one in reported if -one not in lost]
             found = engine.diagnose([*seen, *lost], Options(conflicts=False, timeout_s=DIAGNOSIS_S))
             blamed = tuple(diagnosis.bad for diagnosis in found.diagnoses)
-            yield PlantableFault(kind, component, act, undo, refused, lost, blamed)
+            yield PlantableFault(fault.kind, component, fault.act, fault.undo, fault.refused, lost, blamed)
     finally:
         engine.close()
 
@@ -118,7 +124,7 @@ def _kept(kind: FaultKind, component: str, drivers: Collection[str]) -> frozense
     return frozenset(kept)
 
 
-def _drivers(parts: ComponentModel, component: str) -> frozenset[str]:
+def drivers_of(parts: ComponentModel, component: str) -> frozenset[str]:
     """Return the nodes that drive a device, or one that it feeds; none of a node."""
     devices = touched(parts, [component]) & parts.hardware.keys()
     return frozenset(name for name, node in parts.nodes.items() if devices.intersection(node.drives))
@@ -126,29 +132,28 @@ def _drivers(parts: ComponentModel, component: str) -> frozenset[str]:
 
 def _driver_kept(parts: ComponentModel, device: str, protected: Protection) -> str | None:
     """Return why a driver that would have to be restarted afterwards may not be."""
-    kept = sorted(name for name in _drivers(parts, device) if name in protected)
+    kept = sorted(name for name in drivers_of(parts, device) if name in protected)
     return f"its driver {kept[0]} would have to be restarted, and is protected" if kept else None
 
 
-Planned = tuple[FaultKind, str, str, str, str | None]
-
-
-def _all(
-    parts: ComponentModel, protected: Protection, channels: Mapping[int, str], has_board: bool
-) -> Iterable[Planned]:
+def plantable(
+    parts: ComponentModel, protected: Protection, board: Collection[int] | None
+) -> Iterator[Plantable]:
+    """Yield every fault of a robot in the order of its model; see `drill_plan`."""
+    channels = protected_channels(parts, protected, board or ())
     for name, device in parts.hardware.items():
         why = protected.get(name) or _driver_kept(parts, name, protected)
         if device.channel is not None:
             off = why or channels.get(device.channel)
-            if off is None and not has_board:
+            if off is None and board is None:
                 off = "the robot has no `board` that could switch it"
             where = f"channel {device.channel}"
-            yield FaultKind.OFF, name, f"switch off {where}", f"switch on {where}", off
-        yield FaultKind.UNPLUGGED, name, f"pull the data cable of {name}", "plug it in", why
+            yield Plantable(FaultKind.OFF, name, f"switch off {where}", f"switch on {where}", off)
+        yield Plantable(FaultKind.UNPLUGGED, name, f"pull the data cable of {name}", "plug it in", why)
     for name, node in parts.nodes.items():
         why = protected.get(name)
         killed = why
         if killed is None and not node.restartable:
             killed = "nothing restarts it, so that there is no undo"
-        yield FaultKind.KILLED, name, f"kill the process of {name}", f"start {name}", killed
-        yield FaultKind.FROZEN, name, f"halt the process of {name}", "let it go on", why
+        yield Plantable(FaultKind.KILLED, name, f"kill the process of {name}", f"start {name}", killed)
+        yield Plantable(FaultKind.FROZEN, name, f"halt the process of {name}", "let it go on", why)

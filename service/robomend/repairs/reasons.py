@@ -38,6 +38,8 @@ class ReasonsToRepair:
         if not page.items or page.items[0].open or reconsidered(view, page.items[0]):
             return
         data = page.items[0].data
+        if data.get("drill") is not None:  # the fault was planted, and is undone
+            return
         if data.get("given_up") is not None:
             self.given_up = frozenset(tuple(bad) for bad in data["given_up"])
             self.retry_ns = data.get("retry_ns")

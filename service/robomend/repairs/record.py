@@ -8,6 +8,7 @@ over, the store refuses (Fenced) and the case ends at once, without sending anyt
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from robomend.diagnosis.result import DiagnosisResult
@@ -18,7 +19,7 @@ from robomend.repairs.execution_values import StepReport, Withheld
 from robomend.repairs.repair_json import repair_json, report_json, step_json, step_number
 from robomend.repairs.signals import NO_REASON
 from robomend.repairs.states import ENDS, INITIAL, REPAIR, RepairState, RepairTrigger
-from robomend.store import Store, Transaction, attempts, global_stop, journal, repairs
+from robomend.store import Store, Transaction, attempts, drills, global_stop, journal, repairs
 from robomend.store.records import (
     AuditEntry,
     Fence,
@@ -67,6 +68,9 @@ def new_repair(
         if last
         else None,  # what it switched off and did not bring back
     }
+    drill = drills.open_of(tx, robot)
+    if drill is not None:  # it answers a planted fault, and never counts as a real one
+        data["drill"] = drill.id
     repair = repairs.create(tx, robot, state=INITIAL, data=data, fence=fence)
     tx.emit(Kind.REPAIR, robot, repair_json(repair))
     why = reason if asked else "the diagnosis is not healthy"
@@ -108,6 +112,11 @@ class RepairRecord:
     def data(self) -> Json:
         """What is written of the repair besides its state."""
         return self._data
+
+    @property
+    def drill(self) -> str | None:
+        """The drill whose fault it answers; None: the fault is a real one."""
+        return self._data.get("drill")
 
     @property
     def left_off(self) -> dict[str, int]:
@@ -218,8 +227,10 @@ class RepairRecord:
 
         def remember(tx: Transaction) -> None:
             if tried is not None:
-                attempts.remember(tx, tried, fence=self.fence)
-            for entry in quarantined:
+                of_drill = {} if self.drill is None else {"drill": self.drill}
+                kept = replace(tried, data={**tried.data, **of_drill})
+                attempts.remember(tx, kept, fence=self.fence)
+            for entry in quarantined if self.drill is None else ():
                 self._set_aside(tx, entry)
 
         # What was approved is done with: a new plan is a new question.
@@ -288,7 +299,8 @@ class RepairRecord:
                 timeout_s=action.timeout_s,
                 fence=self.fence,
             )
-            for component in self._components.intersection(action.parameters):
+            counted = self._components.intersection(action.parameters) if self.drill is None else ()
+            for component in counted:
                 attempts.count(tx, self.robot, component, self.id, fence=self.fence)
             tx.note(entry)
             self._put_step(tx, report, number)

@@ -13,7 +13,7 @@ from robomend.planning.quarantine import quarantined
 from robomend.repairs.execution_values import Execution, StepReport
 from robomend.repairs.states import StepState
 from robomend.robots.robot import Robot
-from robomend.store import View, attempts
+from robomend.store import View, attempts, drills
 from robomend.store.records import Quarantine, StoredAttempt
 from robomend_client.literals import Atom, Literal
 
@@ -33,7 +33,10 @@ class Remembered:
 def remembered(view: View, robot: str, patience: Patience) -> Remembered:
     """Return what was tried lately and what is left alone now."""
     now = time.time_ns()
-    records = attempts.tried(view, robot)
+    drill = drills.open_of(view, robot)
+    now_of = None if drill is None else drill.id
+    # A drill's attempts say nothing of real faults, nor of another drill's.
+    records = [one for one in attempts.tried(view, robot) if one.data.get("drill") in {None, now_of}]
     return Remembered(
         tuple(map(_attempt_of, records)),
         tuple(

@@ -63,6 +63,7 @@ def repair_json(repair: StoredRepair, steps: Sequence[StepRecord] = ()) -> dict[
         "robot": repair.robot,
         "state": repair.state,
         "policy": data.get("policy"),
+        "drill": data.get("drill"),
         "round": data.get("round", 0),
         "diagnosis": data.get("diagnosis"),
         "plan": plan,

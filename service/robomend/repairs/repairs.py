@@ -48,7 +48,17 @@ from robomend.robots.declared import HEARD_S, declaration
 from robomend.robots.reporters import OURSELVES, Reporter
 from robomend.robots.robots import Robots
 from robomend.settings import Settings
-from robomend.store import Store, Transaction, View, agent_actions, attempts, global_stop, repairs, robots
+from robomend.store import (
+    Store,
+    Transaction,
+    View,
+    agent_actions,
+    attempts,
+    drills,
+    global_stop,
+    repairs,
+    robots,
+)
 from robomend.store.records import AuditEntry, Fence, Paging, Stop, StoredRepair
 from robomend_client.events import Event, Kind
 
@@ -64,6 +74,10 @@ CLOSE_S = 3.0
 
 DECIDED_S = 1.5
 """How long `approve` and `cancel` wait for the owner, so that their answer shows the effect."""
+
+
+WAKING = frozenset({Kind.REPAIR, Kind.ROBOT, Kind.DIAGNOSIS, Kind.DRILL})
+"""Kinds of events that a robot's loop must hear of."""
 
 
 def make_repairs(
@@ -83,6 +97,7 @@ class Repairs:
         self._needs = needs
         self._store = needs.store
         self.switch = needs.switch
+        self.agents = needs.agents
         self._loops: dict[str, RobotRepairs] = {}
         self._tasks: dict[str, asyncio.Task[None]] = {}
         self._look = asyncio.Event()
@@ -172,7 +187,7 @@ class Repairs:
         for event in events:
             if event.kind is Kind.STOP:
                 self.switch.heard(_stop_of(event.data))
-            elif event.robot is not None and event.kind in {Kind.REPAIR, Kind.ROBOT, Kind.DIAGNOSIS}:
+            elif event.robot is not None and event.kind in WAKING:
                 if event.kind is Kind.ROBOT and event.data.get("what") == "deleted":
                     task = self._tasks.get(event.robot)
                     if task is not None:
@@ -247,6 +262,9 @@ class Repairs:
                 raise Refused(f"the global stop is active, set by {stop.by}: {stop.reason}")
             if repairs.page(tx, robot, Paging(limit=1), open_only=True).items:
                 raise StateConflict(f"a repair of robot {robot!r} is open already")
+            drill = drills.open_of(tx, robot)
+            if drill is not None and not drill.watched:
+                raise StateConflict(f"drill {drill.id} of robot {robot!r} is {drill.state}; wait for its end")
             policy = state.config.policy
             return new_repair(tx, robot, policy, by=by, reason=reason, asked=True, wanted=bad)
 

@@ -37,7 +37,7 @@ from robomend.repairs.reentry import Reentry
 from robomend.repairs.signals import Declined, Requests, Signals
 from robomend.repairs.states import RepairTrigger
 from robomend.robots.robot import Robot
-from robomend.store import Transaction, repairs, robots
+from robomend.store import Transaction, drills, repairs, robots
 from robomend.store.records import Fence, Paging, StoredRepair
 from robomend_client.actions import Executor
 
@@ -149,13 +149,17 @@ class RobotRepairs:
         if wait_s > 0:
             return None, wait_s
 
-        def begin(tx: Transaction) -> StoredRepair:
+        def begin(tx: Transaction) -> StoredRepair | None:
+            drill = drills.open_of(tx, self._robot)
+            if drill is not None and not drill.watched:
+                return None  # it has its hands at the robot; its next state wakes us
             open_ones = repairs.page(tx, self._robot, Paging(limit=1), open_only=True).items
             if open_ones:
                 return open_ones[0]  # a person was faster
             return new_repair(tx, self._robot, state.config.policy, fence=self.fence)
 
-        return await self._needs.store.write(begin, robots=(self._robot,)), 0.0
+        begun = await self._needs.store.write(begin, robots=(self._robot,))
+        return begun, 0.0 if begun is not None else RETRY_S
 
     # --- carrying out
 
@@ -220,7 +224,7 @@ class RobotRepairs:
         question = None if declined else left.question(reason) or record.data.get("question")
         if left.in_doubt:
             reason += f"; {left.in_doubt} was under way: nothing else is sent before a person has looked"
-        gives_up = end is not RepairTrigger.HEALTHY and not signals.stopped
+        gives_up = end is not RepairTrigger.HEALTHY and not signals.stopped and record.drill is None
         retry_ns = await entry.next_try() if end is RepairTrigger.NEEDS_PERSON else None
         reason += in_words(state, record.left_off)
         interlocked = end is RepairTrigger.NEEDS_PERSON and state.interlocked() is not None

@@ -69,13 +69,13 @@ def meant_for(action: AgentAction, host: str | None, can: Collection[str] | None
 
     Args:
         host: the agent's; an action for a host goes to that host only.
-        can: what the agent can do, `name` or `name:parameter` of an action with one; None: anything.
+        can: what the agent can do, `name`, or `name:parameter` with an action's first one; None: anything.
     """
     if action.host is not None and action.host != host:
         return False
     if can is None or action.name in can:
         return True
-    return len(action.parameters) == 1 and f"{action.name}:{action.parameters[0]}" in can
+    return bool(action.parameters) and f"{action.name}:{action.parameters[0]}" in can
 
 
 def take(

@@ -48,6 +48,7 @@ TABLES: tuple[Table, ...] = (
     schema.repair_requests,
     schema.repair_steps,
     schema.journal,
+    schema.drills,
     schema.tried,
     schema.quarantine,
     schema.attempts,

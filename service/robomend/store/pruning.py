@@ -2,7 +2,8 @@
 
 "Old" is by the clock, the only place where it decides; what goes is always the beginning of a log, as a hole
 in the middle would be a lie. If the clock once jumped ahead, the log is kept longer; if back, nothing younger
-goes. What is current stays: OBS, the latest diagnosis of a robot, open repairs and their journal.
+goes. What is current stays: OBS, the latest diagnosis of a robot, open drills, open repairs and
+their journal.
 """
 
 from __future__ import annotations
@@ -39,6 +40,7 @@ async def prune(store: Store, retention: Retention, *, slice: int = 1000) -> Pru
         ("idempotency", _expired_keys, 0.0),
         ("agent_actions", _old_agent_actions, retention.repairs_days),
         ("notifications", _old_notifications, retention.events_days),
+        ("drills", _old_drills, retention.repairs_days),
     )
     pruned = Pruned()
     for what, remove, days in work:
@@ -106,6 +108,13 @@ def _old_notifications(before: int, slice: int, tx: Transaction) -> int:
     table = schema.notifications
     old = select(table.c.number).where(table.c.created_ns < before, table.c.due_ns.is_(None))
     rows = tx.rows(old.order_by(table.c.number).limit(slice))
+    return _remove(tx, table, "number", [row.number for row in rows])
+
+
+def _old_drills(before: int, slice: int, tx: Transaction) -> int:
+    table = schema.drills
+    ended = select(table.c.number).where(~table.c.open, table.c.updated_ns < before)
+    rows = tx.rows(ended.order_by(table.c.number).limit(slice))
     return _remove(tx, table, "number", [row.number for row in rows])
 
 

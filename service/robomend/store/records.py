@@ -184,6 +184,32 @@ class RepairRequest:
 
 
 @dataclass(frozen=True, slots=True)
+class DrillRequest:
+    """What somebody asks of a drill: "cancel", "done" or "abandon". Its owner carries it out."""
+
+    what: str
+    by: str
+    reason: str
+    time_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class StoredDrill:
+    """A drill: one planted fault, and its undo. The store needs to know which are open."""
+
+    id: str  # e.g. "d-7k2m9x4q"
+    number: int  # order of creation
+    robot: str
+    state: str
+    open: bool  # something of it may still have to be undone: what a restart takes up again
+    watched: bool  # the fault is there, for repairs to answer; else a drill that is open keeps them away
+    asked: DrillRequest | None
+    data: Json  # fault, component, undo, by, reason, what was seen, …
+    created_ns: int
+    updated_ns: int
+
+
+@dataclass(frozen=True, slots=True)
 class StepRecord:
     """How far a step of a repair came; `data` is the execution's report."""
 
@@ -371,6 +397,7 @@ class Pruned:
     idempotency: int = 0
     agent_actions: int = 0
     notifications: int = 0
+    drills: int = 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -89,7 +89,7 @@ def put(tx: Transaction, robot: str, config: Json, *, expected: str | None) -> S
 def delete(tx: Transaction, robot: str, *, expected: str | None = ANY) -> None:
     """Delete a robot with its OBS, quarantine, memory and queued actions.
 
-    StateConflict while a repair is open.
+    StateConflict while a repair or a drill is open: what a drill has planted must be undone first.
     Its history stays as long as the retention says, and its revision and fencing number go on where they
     were if it is created again.
     """
@@ -99,6 +99,10 @@ def delete(tx: Transaction, robot: str, *, expected: str | None = ANY) -> None:
     still_open = tx.first(select(repairs.c.id).where(repairs.c.robot == robot, repairs.c.open))
     if still_open is not None:
         raise StateConflict(f"repair {still_open.id} of {robot!r} is open; cancel it first")
+    drills = schema.drills
+    still_open = tx.first(select(drills.c.id).where(drills.c.robot == robot, drills.c.open))
+    if still_open is not None:
+        raise StateConflict(f"drill {still_open.id} of {robot!r} is open; cancel it first")
     tx.change(_ROBOTS.delete().where(_ROBOTS.c.id == robot))
     for table in _CLEARED:
         tx.change(table.delete().where(table.c.robot == robot))

@@ -29,7 +29,7 @@ from sqlalchemy import (
     text,
 )
 
-HEAD = "0004"
+HEAD = "0005"
 """The schema version that this program reads and writes."""
 
 metadata = MetaData()
@@ -237,6 +237,21 @@ journal = _numbered(
     _name("message", nullable=False),
     _time("settled_ns", nullable=True),
     Index("ix_journal_unsettled", "robot", postgresql_where=_UNSETTLED, sqlite_where=_UNSETTLED),
+)
+
+drills = _numbered(
+    "drills",
+    _name("id", nullable=False, unique=True),
+    _name("robot", nullable=False),
+    _name("state", nullable=False),
+    Column("open", Boolean, nullable=False),
+    Column("watched", Boolean, nullable=False),  # the fault is there, for repairs to answer
+    _name("asked"),
+    _name("data", nullable=False),
+    _time("created_ns"),
+    _time("updated_ns"),
+    Index("ix_drills_robot", "robot", "number"),
+    Index("ix_drills_open", "robot", postgresql_where=_OPEN, sqlite_where=_OPEN),
 )
 
 tried = _numbered(

@@ -16,12 +16,18 @@ import psycopg
 
 HERE = Path(__file__).parent
 
+EVIDENCE = "".join(
+    f"ALTER TABLE obs ADD COLUMN {name} BIGINT;" for name in ("since_ns", "onset_ns", "settled")
+)
+CHANGES = {"0003": f"{EVIDENCE} UPDATE alembic_version SET version_num = '0003';"}
+"""What the migration to a later version wrote into such a database."""
+
 BEFORE_SIGN_INS = "DROP TABLE sign_ins; UPDATE alembic_version SET version_num = '0001';"
 
 
 def lay(url: str, version: str) -> None:
     """Put the database of that schema at the URL, which is an empty one."""
-    change = BEFORE_SIGN_INS if version == "0001" else ""
+    change = BEFORE_SIGN_INS if version == "0001" else CHANGES.get(version, "")
     if url.startswith("sqlite"):
         with closing(sqlite3.connect(url.removeprefix("sqlite:///"))) as lite:
             lite.executescript((HERE / "0002.sqlite.sql").read_text(encoding="utf-8") + change)

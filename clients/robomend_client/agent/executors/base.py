@@ -12,6 +12,9 @@ from typing import Protocol
 
 from robomend_client.actions import REFUSED, Action, ActionResult, Feedback
 
+BY_COMPONENT = frozenset({"plant_fault", "undo_fault"})
+"""Actions that go to the agent which has the component, their first parameter, whatever the others are."""
+
 
 class ActionExecutor(Protocol):
     """Carries out the actions of one name."""
@@ -55,11 +58,13 @@ class Executors:
 
     @property
     def can(self) -> list[str]:
-        """What the poll says: `name:parameter` of actions with one parameter, the name alone of others."""
+        """What the poll says: `name:parameter` of actions with one parameter, and of a drill's, of which the
+        first is the component; the name alone of others.
+        """
         found: dict[str, None] = {}
         for name, executors in self._by_name.items():
             for executor in executors:
-                if len(executor.parameters) == 1:
+                if len(executor.parameters) == 1 or name in BY_COMPONENT:
                     found.update((f"{name}:{value}", None) for value in executor.parameters[0])
                 else:
                     found[name] = None

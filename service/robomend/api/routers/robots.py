@@ -40,7 +40,7 @@ async def get_robot(robot: RobotPath, parts: PartsDep, response: Response) -> Ro
     """Return a robot's configuration, its revision and whether it is healthy."""
     state = await parts.robots.diagnosed(robot)
     response.headers["ETag"] = quoted(state.stored.etag)
-    return robot_out(state, await parts.repairs.findings(robot))
+    return robot_out(state, await parts.repairs.findings(robot), await parts.drills.open_of(robot))
 
 
 @router.put(
@@ -64,7 +64,7 @@ async def put_robot(
     state = await parts.robots.put_robot(robot, config, expected=expected, by=principal.name, reason=reason)
     response.status_code = 201 if expected in (None, ABSENT) else 200
     response.headers["ETag"] = quoted(state.stored.etag)
-    return robot_out(state, await parts.repairs.findings(robot))
+    return robot_out(state, await parts.repairs.findings(robot), await parts.drills.open_of(robot))
 
 
 @router.delete("/{robot}", status_code=204, responses=problems(404, 409, 412, 428))
@@ -75,5 +75,8 @@ async def delete_robot(
     if_match: IfMatch = None,
     reason: ReasonQuery = "",
 ) -> None:
-    """Delete a robot; a conflict while a repair is open. Its history stays as long as the retention says."""
+    """Delete a robot; a conflict while a repair or a drill is open.
+
+    Its history stays as long as the retention says.
+    """
     await parts.robots.delete_robot(robot, expected=needs_etag(if_match), by=principal.name, reason=reason)

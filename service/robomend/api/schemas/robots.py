@@ -151,6 +151,9 @@ class RobotOut(Out):
         default="unknown", description="silence is not health: what should be observed and is not, is unknown"
     )
     unknown: list[str] = Field(default=[], description="what of `observed` is not known now")
+    drill: dict[str, Any] | None = Field(
+        default=None, description="the drill that is open: what is planted, and how it is undone"
+    )
     findings: list[str] = Field(
         default=[], description="what will not work or not be noticed as the robot is configured and observed"
     )

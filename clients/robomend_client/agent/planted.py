@@ -1,0 +1,218 @@
+"""The faults that a drill has planted in the agent's processes, each with the time after which it is undone.
+
+    plant ──► on disk, with its lease ──► the process is killed or halted
+    undo  ──► it runs, or goes on ──► off the disk
+    the lease is over, or the agent was restarted ──► undone by the agent itself
+
+What is on the disk (state_dir/planted.json) was perhaps not planted; what was planted is on the disk. So a
+crash at any moment leaves nothing that nobody knows of: undoing what is not there does no harm.
+
+The global stop forbids acts, and undoing is one. So before the agent undoes something by itself it asks
+whether the stop is active, and waits if it is; where the service cannot be asked, what it said last counts.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import logging
+import os
+import time
+from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from robomend_client.actions import FAILED, OK, REFUSED, UNDONE_BEFORE, ActionResult
+from robomend_client.agent.processes import SupervisedProcess
+from robomend_client.agent.spawn import boot_id
+from robomend_client.python310 import timeout
+from robomend_client.rest.errors import ClientError
+
+log = logging.getLogger(__name__)
+
+KILLED, FROZEN = "node-killed", "node-frozen"
+KINDS = (KILLED, FROZEN)
+
+LEASES_S = (30, 60, 120, 300, 600, 1800, 3600)
+"""What a drill may ask for, in seconds."""
+
+MOST = 16
+"""Planted faults at a time; the service plants one."""
+
+AGAIN_S = 1.0
+"""Between two tries to undo, and between two looks at the stop."""
+
+UNDO_S = 30.0
+"""For one try of the agent's own."""
+
+
+@dataclass(frozen=True)
+class Lease:
+    """One planted fault."""
+
+    component: str
+    kind: str
+    until_ns: int  # by this computer's clock; for people, and after a restart it is over anyway
+    pid: int | None = None  # the process that was halted
+    start_ticks: int = 0
+    boot: str = ""
+    deadline_s: float = field(default=0.0, compare=False)  # monotonic, of this agent
+
+
+class PlantedFaults:
+    """See the module."""
+
+    def __init__(
+        self,
+        file: Path,
+        processes: Mapping[str, SupervisedProcess],
+        stopped: Callable[[], Awaitable[bool]],
+    ) -> None:
+        """`stopped` asks the service for the global stop: ClientError where that does not answer."""
+        self._file = file
+        self._processes = processes
+        self._ask_for_stop = stopped
+        self._stopped = False  # as the service said last
+        self._leases: dict[str, Lease] = {}
+        self._turn = asyncio.Lock()
+        self._changed = asyncio.Event()
+        self._load()
+
+    @property
+    def leases(self) -> tuple[Lease, ...]:
+        """What is planted now, or was being planted when the agent ended."""
+        return tuple(self._leases.values())
+
+    async def plant(self, component: str, kind: str, lease_s: float) -> ActionResult:
+        """Kill a node's process, or halt it; refused where it does not run, or has a fault already."""
+        async with self._turn:
+            process = self._processes[component]
+            handle = process.handle
+            if component in self._leases:
+                return ActionResult(REFUSED, f"{component} has a planted fault already")
+            if len(self._leases) >= MOST:
+                return ActionResult(REFUSED, f"{MOST} faults are planted already")
+            if handle is None or not process.running:
+                return ActionResult(REFUSED, f"{component} does not run, so that there is nothing to plant")
+            lease = Lease(
+                component,
+                kind,
+                time.time_ns() + int(lease_s * 1e9),
+                handle.pid,
+                handle.start_ticks,
+                boot_id(),
+                time.monotonic() + lease_s,
+            )
+            try:
+                self._keep({**self._leases, component: lease})
+            except OSError as error:  # what is not on disk is not planted
+                return ActionResult(REFUSED, f"{self._file}: {error.strerror}: nothing is planted")
+            self._changed.set()
+            await (process.kill() if kind == KILLED else process.freeze())
+            return ActionResult(OK, f"{component}: {kind}, for {lease_s:g} s at most")
+
+    async def undo(self, component: str, kind: str, timeout_s: float) -> ActionResult:
+        """Start what was killed, let go on what was halted; nothing happens where nothing is planted."""
+        async with self._turn:
+            lease = self._leases.get(component)
+            if lease is None or lease.kind != kind:
+                return ActionResult(UNDONE_BEFORE, f"{component}: no {kind} is planted (any more)")
+            return await self._undo(lease, timeout_s)
+
+    async def run(self) -> None:
+        """Undo what an earlier agent left, and later what is over, for ever."""
+        while True:
+            self._changed.clear()
+            now = time.monotonic()
+            due = [lease for lease in self._leases.values() if lease.deadline_s <= now]
+            if due and not await self._is_stopped():
+                for lease in due:
+                    async with self._turn:
+                        if self._leases.get(lease.component) is lease:
+                            log.warning("%s: its %s is undone by the agent", lease.component, lease.kind)
+                            result = await self._undo(lease, UNDO_S)
+                            if not result.ok:
+                                log.error("%s", result.message)
+            waits = [max(AGAIN_S, lease.deadline_s - now) for lease in self._leases.values()]
+            with contextlib.suppress(TimeoutError):
+                async with timeout(min(waits, default=3600.0)):
+                    await self._changed.wait()
+
+    async def close(self) -> None:
+        """Let go on what is halted, so that it can end in order; what was killed is for the next agent."""
+        async with self._turn:
+            for lease in self.leases:
+                if lease.kind == FROZEN:
+                    await self._undo(lease, UNDO_S)
+
+    # --- inside
+
+    async def _undo(self, lease: Lease, timeout_s: float) -> ActionResult:
+        process = self._processes.get(lease.component)
+        result = ActionResult(OK, f"{lease.component}: {lease.kind} is undone")
+        if lease.kind == FROZEN:
+            handle = None if process is None else process.handle
+            if handle is not None and process is not None and lease.pid == handle.pid:
+                process.thaw()
+            # Else that process is gone, and a new one was never halted.
+        elif process is not None:
+            try:
+                result = await process.start(_quiet, timeout_s)
+            except TimeoutError:
+                result = ActionResult(FAILED, f"{lease.component} was not started within {timeout_s:g} s")
+        if result.ok:
+            rest = {name: other for name, other in self._leases.items() if name != lease.component}
+            try:
+                self._keep(rest)
+            except OSError as error:
+                return ActionResult(FAILED, f"{self._file}: {error.strerror}")
+        return result
+
+    async def _is_stopped(self) -> bool:
+        try:
+            async with timeout(UNDO_S):
+                stopped = await self._ask_for_stop()
+        except (ClientError, TimeoutError) as error:
+            log.debug("the global stop could not be asked for: %s", error)
+            return self._stopped
+        if stopped != self._stopped:
+            self._stopped = stopped
+            with contextlib.suppress(OSError):
+                self._keep(self._leases)
+        return stopped
+
+    def _keep(self, leases: dict[str, Lease]) -> None:
+        rows = [{k: v for k, v in asdict(lease).items() if k != "deadline_s"} for lease in leases.values()]
+        temporary = self._file.with_suffix(".new")
+        with temporary.open("w") as file:
+            json.dump({"stopped": self._stopped, "faults": rows}, file)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(self._file)
+        folder = os.open(self._file.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
+        self._leases = leases
+
+    def _load(self) -> None:
+        """Take over what an earlier agent planted: it is due at once."""
+        try:
+            found: dict[str, Any] = json.loads(self._file.read_text())
+            self._stopped = bool(found["stopped"])
+            leases = [Lease(**row) for row in found["faults"]]
+        except FileNotFoundError:
+            return
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            log.error("%s cannot be read (%s): what was planted is not known", self._file, error)
+            return
+        # A process number of another boot means nothing; nor does what is halted then.
+        here = boot_id()
+        self._leases = {one.component: one for one in leases if one.kind == KILLED or one.boot == here}
+
+
+def _quiet(number: int, message: str) -> None:
+    log.debug("%s", message)

@@ -1,0 +1,133 @@
+"""Who plants a fault and undoes it: the agent that has the node, the power board, or a person.
+
+An undo may be asked for again and again, also of what was never planted: it then finds nothing to do.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import Awaitable, Callable
+from typing import Protocol
+
+from robomend.errors import BoardTimeout, BoardUnreachable, NotFound, Refused, RobomendError
+from robomend.planning.drill import FaultKind
+from robomend.repairs.agent_queue import AgentQueue
+from robomend.repairs.executors.agent import AgentExecutor
+from robomend.repairs.stop_switch import StopSwitch
+from robomend.robots.boards import WiredBoard
+from robomend.robots.robot import Robot
+from robomend_client.actions import FAILED, OK, REFUSED, TIMED_OUT, UNREACHABLE, Action, ActionResult
+from robomend_client.agent.planted import LEASES_S
+
+ACT_S = 10.0
+"""For planting: an agent asks for work all the time."""
+
+UNDO_S = 30.0
+"""For one try to undo; a node may take its time to start."""
+
+BEYOND_S = 30.0
+"""An agent's lease is longer than the drill's bound by this, so that the service undoes first."""
+
+
+class Hand(Protocol):
+    """See the module."""
+
+    async def plant(self, action: str) -> ActionResult:
+        """Plant the fault; REFUSED and UNREACHABLE say that nothing was planted."""
+        ...
+
+    async def undo(self, action: str) -> ActionResult:
+        """Undo it. UNDONE_BEFORE: it was not there (any more)."""
+        ...
+
+
+class AgentsHand:
+    """The agent that supervises a node."""
+
+    def __init__(
+        self,
+        agents: AgentQueue,
+        state: Robot,
+        kind: FaultKind,
+        component: str,
+        bound_s: float,
+        halt: asyncio.Event,
+    ) -> None:
+        parts = state.system.parts
+        host = None if parts is None else parts.nodes[component].host
+        self._agents = agents
+        self._executor = AgentExecutor(agents, state.id, {component: host}, halt)
+        self._component, self._kind = component, str(kind)
+        self._lease_s = next((s for s in LEASES_S if s >= bound_s + BEYOND_S), LEASES_S[-1])
+
+    async def plant(self, action: str) -> ActionResult:
+        what = (self._component, self._kind, str(self._lease_s))
+        return await self._executor.execute(Action(action, "plant_fault", what, ACT_S), _unheard)
+
+    async def undo(self, action: str) -> ActionResult:
+        # One that waits since before a crash must not be taken after the undo.
+        with contextlib.suppress(NotFound):
+            await self._agents.withdraw(f"{action.partition(':')[0]}:plant", "it is to be undone")
+        what = (self._component, self._kind)
+        return await self._executor.execute(Action(action, "undo_fault", what, UNDO_S), _unheard)
+
+
+class BoardsHand:
+    """The power board: off and on."""
+
+    def __init__(
+        self,
+        board: WiredBoard,
+        channel: int,
+        switch: StopSwitch,
+        interlocked: Callable[[], str | None],
+        drill: str,
+    ) -> None:
+        self._board, self._channel, self._switch, self._drill = board, channel, switch, drill
+        self._interlocked = interlocked
+
+    async def plant(self, action: str) -> ActionResult:
+        return await self._set(False)
+
+    async def undo(self, action: str) -> ActionResult:
+        return await self._set(True)
+
+    async def _set(self, on: bool) -> ActionResult:
+        try:
+            await self._board.switch(
+                self._channel,
+                on,
+                stop=lambda: self._switch.stop,
+                interlocked=self._interlocked,
+                by="robomend",
+                reason=f"drill {self._drill}",
+            )
+        except Refused as error:
+            return ActionResult(REFUSED, str(error))
+        except BoardUnreachable as error:
+            return ActionResult(UNREACHABLE, str(error))
+        except BoardTimeout as error:
+            return ActionResult(TIMED_OUT, str(error))
+        except RobomendError as error:
+            return ActionResult(FAILED, f"{error.code}: {error}")
+        return ActionResult(OK, f"channel {self._channel} is {'on' if on else 'off'}")
+
+
+class PersonsHand:
+    """A person, who says `done`; how long that takes is up to them, within the drill's bound at first."""
+
+    def __init__(self, wait: Callable[[str], Awaitable[bool]], act: str, undo: str) -> None:
+        self._wait, self._act, self._undo = wait, act, undo
+
+    async def plant(self, action: str) -> ActionResult:
+        done = await self._wait(self._act)
+        return ActionResult(OK if done else TIMED_OUT, "" if done else f"nobody said `done`: {self._act}")
+
+    async def undo(self, action: str) -> ActionResult:
+        done = await self._wait(self._undo)
+        return ActionResult(OK if done else TIMED_OUT, "" if done else f"nobody said `done`: {self._undo}")
+
+
+def _unheard(number: int, message: str) -> None:
+    """What an agent says on the way is in its action's events."""

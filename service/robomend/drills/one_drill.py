@@ -1,0 +1,341 @@
+"""One drill: from its beginning, or from where a crash left it, to its end.
+
+    waiting ─► planting ─► planted ─► undoing ─► recovering ─► done
+               │ the undo is on disk before the act; whatever goes wrong from here on leads to `undoing`
+               └ after a crash: nobody knows what was planted, so that it is undone
+
+The global stop forbids acts, and an undo is one: it starts a process, gives a device its power, lets a
+driver go on that was halted with its last command. So a stop leaves the fault as it is, `stopped`, and the
+undo is the first thing after it is lifted.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+
+import structlog
+
+from robomend.drills.hands import AgentsHand, BoardsHand, Hand, PersonsHand
+from robomend.drills.parts import DrillParts
+from robomend.drills.permission import check, fault_of
+from robomend.drills.record import DrillRecord
+from robomend.drills.states import DrillState, DrillTrigger
+from robomend.drills.watching import Gone, Watching, healthy_for, repair_of
+from robomend.errors import InputError, NotFound, RobomendError, StateConflict, StoreError
+from robomend.planning.drill import FaultKind, drivers_of
+from robomend.repairs.agent_queue import wait_for
+from robomend.repairs.executors.registry import Surroundings, executors
+from robomend.repairs.signals import Halted, Signals
+from robomend.robots.robot import Robot
+from robomend.store import Transaction, repairs
+from robomend.store.records import DrillRequest, Fence, StoredDrill
+from robomend_client.actions import REFUSED, UNDONE_BEFORE, UNREACHABLE, Action
+
+log = structlog.get_logger("robomend.drills.one_drill")
+
+TAKEN_UP_NS = 30_000_000_000
+"""A drill that nobody took up for so long is not begun: whoever asked for it may be gone."""
+
+LOOK_S = 1.0
+"""An event tells of a request; this is for one that was lost."""
+
+REPAIR_ENDS_S = 15.0
+"""For the drill's repair to end when it is cancelled; then it is undone all the same."""
+
+LONGEST_PAUSE_S = 5.0
+"""Between two tries to undo."""
+
+RECOVERED_S = 30.0
+"""For the robot to be seen to be healthy after the undo."""
+
+HELD_S = (1.0, 10.0)
+"""It must be so for as long as its slowest observer needs, within these."""
+
+NODE_S = 30.0
+"""For the restart of a driver."""
+
+
+class OneDrill:
+    """See the module. One task; everything else only wakes it."""
+
+    def __init__(self, needs: DrillParts, drill: StoredDrill, fence: Fence) -> None:
+        self.news = asyncio.Event()  # something may have changed: a diagnosis, a request, the stop
+        self._needs = needs
+        self._record = DrillRecord(needs.store, drill, fence)
+        self._fence = fence
+        self._signals = Signals(lambda: needs.switch.active)
+        self._arrived = asyncio.Event()  # there may be a request
+        self._done = asyncio.Event()  # a person said so
+        self._heard_ns = 0  # the newest request that was heard
+        self._request: DrillRequest | None = None  # a cancellation, or a person's word, not answered yet
+        self._why = "the service was restarted in the middle of it, or another instance took it over"
+
+    def asked(self) -> None:
+        """Somebody may have written a request."""
+        self._arrived.set()
+        self.news.set()
+
+    def stopped(self) -> None:
+        """The global stop changed."""
+        stop = self._needs.switch.stop
+        if stop.active:
+            self._signals.end(by=stop.by or "robomend", reason=f"global stop: {stop.reason}", stop=True)
+        self.news.set()
+
+    async def run(self) -> None:
+        """Go on until it has ended."""
+        listener = asyncio.create_task(self._listen(), name=f"requests of {self._record.id}")
+        try:
+            while self._record.open:
+                self._signals = Signals(lambda: self._needs.switch.active)
+                self.stopped()
+                if self._request is not None:
+                    self._hear(self._request)
+                try:
+                    await self._go_on()
+                except Halted:
+                    await self._halted()
+                except StoreError as error:  # it may come back; what is on disk counts then
+                    log.warning("drill", drill=self._record.id, code=error.code, detail=str(error))
+                    self._why = f"the store failed in the middle of it: {error}"
+                    await asyncio.sleep(LOOK_S)
+        finally:
+            listener.cancel()
+            await asyncio.wait({listener})
+
+    async def _go_on(self) -> None:
+        match self._record.state:
+            case DrillState.WAITING:
+                await self._begin()
+            case DrillState.PLANTING | DrillState.PLANTED:
+                await self._record.update(DrillTrigger.CUT_SHORT, reason=self._why, cut_short=self._why)
+            case DrillState.UNDOING:
+                await self._undo()
+            case DrillState.RECOVERING:
+                await self._recover()
+            case DrillState.STOPPED:
+                await self._until_lifted()
+            case _:
+                raise AssertionError(self._record.state)  # run() ends with these
+
+    # --- what is asked of it
+
+    async def _listen(self) -> None:
+        """Hand requests from the store to what is under way, for ever."""
+        while True:
+            self._arrived.clear()
+            try:
+                asked = await self._record.asked()
+                if asked is not None and asked.time_ns > self._heard_ns:
+                    self._heard_ns = asked.time_ns
+                    self._hear(asked)
+            except RobomendError as error:
+                log.warning("requests", drill=self._record.id, code=error.code, detail=str(error))
+            await wait_for(self._arrived, LOOK_S)
+
+    def _hear(self, asked: DrillRequest) -> None:
+        if asked.what == "done":
+            self._done.set()
+        else:
+            self._request = asked
+            self._signals.end(by=asked.by, reason=asked.reason or asked.what)
+        self.news.set()
+
+    async def _halted(self) -> None:
+        """Write what a cancellation, a person's word or the stop makes of it."""
+        record, state, asked = self._record, self._record.state, self._request
+        stop = self._needs.switch.stop
+        by = asked.by if asked is not None else stop.by or "robomend"
+        reason = f"{asked.what}: {asked.reason}".rstrip(": ") if asked is not None else ""
+        if (
+            asked is not None
+            and asked.what == "abandon"
+            and state in {DrillState.UNDOING, DrillState.STOPPED}
+        ):
+            left = f"{reason}; not undone by robomend: {record.data['undo']}"
+            await record.update(DrillTrigger.ABANDONED, reason=left, by=by, answered=True)
+        elif state is DrillState.WAITING:
+            why = reason or f"global stop: {stop.reason}"
+            await record.update(DrillTrigger.WITHDRAWN, reason=why, by=by, answered=True, undone=True)
+        elif stop.active and state is not DrillState.STOPPED:
+            why = f"global stop: {stop.reason}; when it is lifted: {record.data['undo']}"
+            cut_short = record.data.get("cut_short") or f"global stop: {stop.reason}"
+            await record.update(DrillTrigger.STOPPED, reason=why, by=by, cut_short=cut_short)
+        elif asked is not None and state in {DrillState.PLANTING, DrillState.PLANTED}:
+            await record.update(DrillTrigger.CUT_SHORT, reason=reason, by=by, answered=True, cut_short=reason)
+        elif asked is not None:  # too late: it is being undone
+            await record.note(answered=True)
+        if self._request is asked:
+            self._request = None
+
+    # --- planting, watching
+
+    async def _begin(self) -> None:
+        record = self._record
+        try:
+            if time.time_ns() - record.created_ns > TAKEN_UP_NS:
+                raise StateConflict("nobody took it up in time")
+            state = await self._state()
+            check(state, fault_of(state, record.kind, record.component))
+            hand = await self._hand(state)
+            watching = self._watching(state)
+            self._why = "it was cut short in the middle"
+            if self._signals.halt.is_set():
+                raise Halted
+            await record.begin()
+        except (InputError, NotFound) as error:
+            await record.update(DrillTrigger.NOT_POSSIBLE, reason=str(error), undone=True)
+            return
+        watching.planted()
+        result = await self._signals.unless_halted(hand.plant(f"{record.id}:plant"))
+        if result.code in {REFUSED, UNREACHABLE} and record.kind is not FaultKind.UNPLUGGED:
+            await record.update(DrillTrigger.NOT_ACTED, reason=result.message, undone=True)
+            return
+        if not result.ok:
+            await record.update(
+                DrillTrigger.CUT_SHORT, reason=result.message, cut_short=f"the act failed: {result.message}"
+            )
+            return
+        watching.planted()
+        await record.update(DrillTrigger.ACTED, reason=result.message, planted_ns=time.time_ns())
+        try:
+            await self._signals.unless_halted(watching.watch())
+        except Gone as gone:
+            await record.update(
+                DrillTrigger.CUT_SHORT, reason=str(gone), cut_short=str(gone), seen=await watching.seen()
+            )
+            return
+        await record.update(DrillTrigger.WATCHED, seen=await watching.seen())
+
+    def _watching(self, state: Robot) -> Watching:
+        hold_s = state.config.hold_s
+        return Watching(self._needs.store, state, self._record, hold_s=hold_s, news=self.news)
+
+    async def _state(self) -> Robot:
+        return await self._needs.robots.diagnosed(self._record.robot)
+
+    async def _hand(self, state: Robot) -> Hand:
+        """Return who plants and undoes this fault."""
+        record, needs = self._record, self._needs
+        parts = state.system.parts
+        if parts is None or record.component not in parts.components:
+            raise NotFound(f"the model of {state.id!r} has no {record.component!r} (any more)")
+        match record.kind:
+            case FaultKind.OFF:
+                channel = parts.hardware[record.component].channel
+                assert channel is not None
+                board = await needs.robots.board(state.id)
+                return BoardsHand(board, channel, needs.switch, state.interlocked, record.id)
+            case FaultKind.UNPLUGGED:
+                return PersonsHand(self._until_done, record.data["act"], record.data["undo"])
+            case _:
+                bound_s, halt = record.data["bound_s"], self._signals.halt
+                return AgentsHand(needs.agents, state, record.kind, record.component, bound_s, halt)
+
+    async def _until_done(self, what: str) -> bool:
+        """Ask a person to do something; return whether they said `done` within the drill's bound."""
+        self._done.clear()
+        await self._record.note(answered=True, waiting_for=what)
+        await wait_for(self._done, self._record.data["bound_s"])
+        return self._done.is_set()
+
+    # --- undoing
+
+    async def _undo(self) -> None:
+        record, signals = self._record, self._signals
+        await signals.unless_halted(self._end_repairs())
+        tries = record.data.get("tries", 0) + 1
+        await record.note(tries=tries)
+        try:
+            hand = await self._hand(await self._state())
+            result = await signals.unless_halted(hand.undo(f"{record.id}:undo.{tries}"))
+            done, message = result.ok or result.code == UNDONE_BEFORE, result.message
+            by_itself = result.code == UNDONE_BEFORE and tries == 1
+        except StoreError:
+            raise
+        except RobomendError as error:
+            done, message, by_itself = False, f"{error.code}: {error}", False
+        if done:
+            cut_short = record.data.get("cut_short") or (
+                "the agent undid it by itself: it was restarted, or its lease was over" if by_itself else None
+            )
+            await record.update(DrillTrigger.UNDONE, reason=message, undone=True, cut_short=cut_short)
+            return
+        await record.update(DrillTrigger.TRIED_IN_VAIN, reason=f"not undone yet: {message}")
+        pause_s = min(0.25 * 2 ** min(tries, 10), LONGEST_PAUSE_S)
+        await signals.unless_halted(asyncio.sleep(pause_s))
+
+    async def _end_repairs(self) -> None:
+        """Cancel the repair that answers the drill: two hands at one robot are one too many."""
+        record, store = self._record, self._needs.store
+
+        def cancel(tx: Transaction) -> bool:
+            repair = repair_of(tx, record)
+            if repair is None or not repair.open:
+                return False
+            if not any(r.repair == repair.id for r in repairs.requests(tx, record.robot)):
+                why = f"the drill {record.id} is over"
+                repairs.ask(tx, repair.id, "cancel", by="robomend", reason=why)
+                self._needs.tell_cancelled(tx, repair, why)
+            return True
+
+        deadline = time.monotonic() + REPAIR_ENDS_S
+        while await store.write(cancel, robots=(record.robot,)) and time.monotonic() < deadline:
+            self.news.clear()
+            await wait_for(self.news, LOOK_S)
+
+    async def _recover(self) -> None:
+        """Wait for the robot to be healthy; restart the drivers of a device that had no power, if need be."""
+        state = await self._state()
+        delays = [state.sight.delays(atom).detection_ns / 1e9 for atom in state.sight.observed]
+        hold_s = min(max([*delays, HELD_S[0]]), HELD_S[1])
+        wait = self._signals.unless_halted
+        well = await wait(healthy_for(state, hold_s, 2 * hold_s + 2.0, self.news))
+        if not well:
+            await wait(self._restart_drivers(state))
+            well = await wait(healthy_for(state, hold_s, RECOVERED_S, self.news))
+        if not well:
+            bad = state.current.bad_sets if state.current is not None else None
+            named = " or ".join(" with ".join(one) for one in (bad or ())[:5]) or "what is not observed"
+            await self._record.update(
+                DrillTrigger.NOT_WELL, reason=f"it is undone, and the robot is not healthy: {named}"
+            )
+        elif cut_short := self._record.data.get("cut_short"):
+            await self._record.update(DrillTrigger.WELL_CUT_SHORT, reason=cut_short)
+        else:
+            await self._record.update(DrillTrigger.WELL, reason="undone, and the robot is healthy")
+
+    async def _restart_drivers(self, state: Robot) -> None:
+        """Restart the drivers of a device: with its power they lost their connection."""
+        parts, needs, record = state.system.parts, self._needs, self._record
+        if parts is None or record.component not in parts.hardware:
+            return
+        hosts = {name: node.host for name, node in parts.nodes.items()}
+        around = Surroundings(
+            robot=state.id,
+            board=None,
+            agents=needs.agents,
+            hosts=hosts,
+            programs=needs.settings.programs,
+            webhook_hosts=needs.settings.webhook_hosts,
+            halt=self._signals.halt,
+        )
+        by = executors(("stop_node", "start_node"), state.config.actions, around)
+        tries = record.data.get("tries", 0) + 1
+        await record.note(tries=tries)
+        for node in sorted(drivers_of(parts, record.component)):
+            for name in ("stop_node", "start_node"):
+                action = Action(f"{record.id}:{name}.{node}.{tries}"[:120], name, (node,), NODE_S)
+                result = await by[name].execute(action, lambda number, message: None)
+                if not result.ok:
+                    log.warning("drill", drill=record.id, action=str(action), detail=result.message)
+
+    async def _until_lifted(self) -> None:
+        """Wait for the end of the global stop, or for a person's word that nothing is left to be undone."""
+        while self._needs.switch.active:
+            if self._request is not None:
+                raise Halted
+            self.news.clear()
+            await wait_for(self.news, LOOK_S)
+        await self._record.update(DrillTrigger.LIFTED, reason="the global stop is lifted")

@@ -1,0 +1,80 @@
+"""Whether a fault may be planted on a robot now; the reasons are sentences for people."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+
+from robomend.errors import InputError, NotFound, Refused, StateConflict
+from robomend.planning.drill import BY, FaultKind, Plantable, plantable
+from robomend.planning.policy import Mode
+from robomend.robots.at_hand import observables_at_hand
+from robomend.robots.configuration import policy_of, protection_of
+from robomend.robots.health import HealthState, health_of
+from robomend.robots.robot import Robot
+
+AGENTS_FAULTS = frozenset(kind for kind, by in BY.items() if by == "agent")
+
+
+def fault_of(state: Robot, kind: FaultKind, component: str) -> Plantable:
+    """Return a fault of a robot.
+
+    Raises:
+        InputError: its model does not say what could be planted.
+        NotFound: the model has no such fault.
+    """
+    parts = state.system.parts
+    if parts is None:
+        raise InputError(f"the model of {state.id!r} is no component model: it does not say what to plant")
+    board = None if state.config.board is None else state.config.board.protected
+    for fault in plantable(parts, protection_of(state.config, parts), board):
+        if fault.kind is kind and fault.component == component:
+            return fault
+    raise NotFound(f"the model of {state.id!r} has no fault {kind}:{component}")
+
+
+def check(state: Robot, fault: Plantable) -> None:
+    """Refuse a fault that is not to be planted on the robot as it is now.
+
+    Raises:
+        Refused: never on this robot as it is configured.
+        StateConflict: not now.
+    """
+    for why in _never(state, fault):
+        raise Refused(why)
+    for why in _not_now(state, fault):
+        raise StateConflict(why)
+
+
+def _never(state: Robot, fault: Plantable) -> Iterator[str]:
+    config = state.config
+    policy = policy_of(config, state.system.parts)
+    if config.policy == "observe":
+        yield f"the policy of robot {state.id!r} is 'observe': nothing is ever done to it"
+    if fault.refused is not None:
+        yield f"{fault.kind}:{fault.component} is never planted: {fault.refused}"
+    undo = {FaultKind.OFF: "power_up", FaultKind.KILLED: "start_node"}.get(fault.kind)
+    if undo is not None and (
+        policy.actions.get(undo) is Mode.OBSERVE
+        or (policy.allowed is not None and undo not in policy.allowed)
+    ):
+        yield f"there would be no undo: {undo} is not permitted on this robot"
+    if not observables_at_hand(config, state.system, state.sight.declared.agents()):
+        yield "nothing is said to be observed: name it in `observed` of the robot's configuration"
+
+
+def _not_now(state: Robot, fault: Plantable) -> Iterator[str]:
+    how, unknown = health_of(state)
+    if how is not HealthState.HEALTHY:
+        missing = f" ({', '.join(map(str, unknown[:5]))} not known)" if unknown else ""
+        yield f"the robot is {how}{missing}, so that a fault would not be seen for itself"
+    windows = policy_of(state.config, state.system.parts).windows
+    if windows and not any(window.holds(time.time_ns()) for window in windows):
+        yield "no maintenance window is open"
+    if (why := state.interlocked()) is not None:
+        yield why
+    if fault.kind in AGENTS_FAULTS:
+        wanted = {"plant_fault", f"plant_fault:{fault.component}"}
+        agents = state.sight.declared.agents()
+        if not any(agent.can is not None and wanted & agent.can for agent in agents):
+            yield f"no agent that is heard supervises {fault.component}, so that nobody could plant the fault"

@@ -1,0 +1,213 @@
+"""What is written of a drill: its state, its undo before the act, what was seen.
+
+Each write is one transaction, with its event and its audit entry, under the fence of the robot's owner.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from robomend.drills.states import DRILL, ENDS, DrillState, DrillTrigger
+from robomend.errors import StateConflict
+from robomend.planning.drill import BY, FaultKind, Plantable
+from robomend.store import Store, Transaction, drills, global_stop, repairs
+from robomend.store.records import AuditEntry, DrillRequest, Fence, Json, Paging, StoredDrill
+from robomend.transitions import after
+from robomend_client.events import Kind
+
+LOOP = "robomend"
+
+
+def drill_json(drill: StoredDrill) -> dict[str, Any]:
+    """Return a drill as HTTP and events show it."""
+    data = drill.data
+    return {
+        "id": drill.id,
+        "robot": drill.robot,
+        "state": drill.state,
+        "fault": data["fault"],
+        "component": data["component"],
+        "planted_by": data["planted_by"],
+        "act": data["act"],
+        "undo": data["undo"],
+        "undone": bool(data.get("undone")),
+        "bound_s": data["bound_s"],
+        "detect_s": data["detect_s"],
+        "waiting_for": data.get("waiting_for"),
+        "cut_short": data.get("cut_short"),
+        "seen": data.get("seen"),
+        "reason": data.get("reason", ""),
+        "by": data["by"],
+        "planted_ns": data.get("planted_ns"),
+        "created_ns": drill.created_ns,
+        "updated_ns": drill.updated_ns,
+        "finished_ns": None if drill.open else drill.updated_ns,
+    }
+
+
+def new_drill(
+    tx: Transaction, robot: str, fault: Plantable, *, bound_s: float, detect_s: float, by: str, reason: str
+) -> StoredDrill:
+    """Write a new drill; StateConflict while a repair or another drill is open."""
+    open_repair(tx, robot)
+    data = {
+        "fault": str(fault.kind),
+        "component": fault.component,
+        "planted_by": BY[fault.kind],
+        "act": fault.act,
+        "undo": fault.undo,
+        "bound_s": bound_s,
+        "detect_s": detect_s,
+        "by": by,
+        "asked_for": reason,
+        "reason": reason,
+    }
+    drill = drills.create(tx, robot, state=DrillState.WAITING, data=data)
+    tx.emit(Kind.DRILL, robot, drill_json(drill))
+    tx.note(AuditEntry(by, "drill.create", drill.id, robot, reason, after={"fault": _named(data)}))
+    return drill
+
+
+def open_repair(tx: Transaction, robot: str) -> None:
+    """Refuse (StateConflict) while a repair of the robot is open."""
+    found = repairs.page(tx, robot, Paging(limit=1), open_only=True).items
+    if found:
+        raise StateConflict(f"the robot is in use: repair {found[0].id} is {found[0].state}")
+
+
+class DrillRecord:
+    """The records of one open drill."""
+
+    def __init__(self, store: Store, drill: StoredDrill, fence: Fence) -> None:
+        self._store = store
+        self._fence = fence
+        self._drill = drill
+
+    @property
+    def id(self) -> str:
+        """The drill's id."""
+        return self._drill.id
+
+    @property
+    def robot(self) -> str:
+        """The robot."""
+        return self._drill.robot
+
+    @property
+    def state(self) -> DrillState:
+        """What the drill is in."""
+        return DrillState(self._drill.state)
+
+    @property
+    def open(self) -> bool:
+        """Whether something is still to be done."""
+        return self._drill.open
+
+    @property
+    def data(self) -> Json:
+        """What is written of it besides its state."""
+        return self._drill.data
+
+    @property
+    def kind(self) -> FaultKind:
+        """The fault."""
+        return FaultKind(self.data["fault"])
+
+    @property
+    def component(self) -> str:
+        """What is made faulty."""
+        return str(self.data["component"])
+
+    @property
+    def created_ns(self) -> int:
+        """When somebody asked for it."""
+        return self._drill.created_ns
+
+    async def asked(self) -> DrillRequest | None:
+        """Return what is asked of it now."""
+        return (await self._store.read(drills.get, self.id)).asked
+
+    async def begin(self) -> None:
+        """Write the undo down, before the act; refuse (StateConflict) in a robot that is in use by now."""
+
+        def check(tx: Transaction) -> None:
+            stop = global_stop.hold(tx)
+            if stop.active:
+                raise StateConflict(f"the global stop is active, set by {stop.by}: {stop.reason}")
+            open_repair(tx, self.robot)
+
+        await self.update(DrillTrigger.BEGUN, also=check, undone=False)
+
+    async def update(
+        self,
+        what: DrillTrigger,
+        *,
+        reason: str = "",
+        by: str = LOOP,
+        answered: bool = False,
+        also: Callable[[Transaction], None] | None = None,
+        **changes: Any,
+    ) -> None:
+        """Note what happened and the state after it.
+
+        Args:
+            answered: what was asked of the drill is done with.
+            also: what the same transaction does first; where it raises, nothing is written.
+        """
+        before = self.state
+        state = after(DRILL, before, what)
+        data = {**self.data, "waiting_for": None, **changes, "reason": reason}
+        entry = AuditEntry(
+            actor=by,
+            action=f"drill.{state}",
+            subject=self.id,
+            robot=self.robot,
+            reason=reason or str(what),
+            before={"state": str(before)},
+            after={"state": str(state), "fault": _named(data), "undo": data["undo"]},
+        )
+
+        def write(tx: Transaction) -> StoredDrill:
+            if also is not None:
+                also(tx)
+            updated = drills.update(
+                tx,
+                self.id,
+                state=state,
+                data=data,
+                open=state not in ENDS,
+                watched=state is DrillState.PLANTED,
+                fence=self._fence,
+                answered=answered,
+            )
+            tx.emit(Kind.DRILL, self.robot, drill_json(updated))
+            tx.note(entry)
+            return updated
+
+        self._drill = await self._store.write(write, robots=(self.robot,))
+
+    async def note(self, *, answered: bool = False, **changes: Any) -> None:
+        """Write something down that changes no state."""
+        data = {**self.data, **changes}
+
+        def write(tx: Transaction) -> StoredDrill:
+            drill = self._drill
+            updated = drills.update(
+                tx,
+                self.id,
+                state=drill.state,
+                data=data,
+                open=drill.open,
+                watched=drill.watched,
+                fence=self._fence,
+                answered=answered,
+            )
+            tx.emit(Kind.DRILL, self.robot, drill_json(updated))
+            return updated
+
+        self._drill = await self._store.write(write, robots=(self.robot,))
+
+
+def _named(data: Json) -> str:
+    return f"{data['fault']}:{data['component']}"

@@ -1,0 +1,170 @@
+"""What becomes of a planted fault: what showed, what was diagnosed, and what repaired it.
+
+planted ── a diagnosis that is not healthy: seen ── a repair begins, of the drill ── it ends
+   │                                        └────── healthy again without one: it went by itself
+   ├── nothing is seen in `detect_s`
+   └── `bound_s` is over                        … each ends the watching, and the fault is undone
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Collection, Iterable, Mapping
+from typing import Any
+
+from robomend.drills.record import DrillRecord
+from robomend.model.components import ComponentModel
+from robomend.planning.drill import drivers_of
+from robomend.repairs.agent_queue import wait_for
+from robomend.repairs.states import RepairState
+from robomend.robots.health import HealthState, health_of
+from robomend.robots.robot import Robot
+from robomend.store import Store, View, repairs
+from robomend.store.records import Paging, StepRecord, StoredRepair
+
+LOOK_S = 0.2
+"""How often it is looked at the clock as well: events wake us before."""
+
+GONE_S = 3.0
+"""What was known before the fault and is unknown for so long: whoever reports it is gone."""
+
+CALM_S = 2.0
+"""A robot that is healthy again for so long without a repair is well."""
+
+MOST_DIAGNOSES = 20
+"""Kept of the last one before the first act."""
+
+
+class Gone(Exception):  # what happened, not what went wrong
+    """Nobody reports any more what was reported before: the fault cannot be watched."""
+
+
+class Watching:
+    """Of one drill; made before the fault is planted."""
+
+    def __init__(
+        self, store: Store, state: Robot, record: DrillRecord, *, hold_s: float, news: asyncio.Event
+    ) -> None:
+        """`news` is set when something may have changed."""
+        self._store = store
+        self._state = state
+        self._record = record
+        self._calm_s = hold_s + CALM_S
+        self._news = news
+        self._before = frozenset(state.literals())
+        self._known = frozenset(atom for atom in state.sight.observed if state.sight.reported(atom))
+        self._planted_s = 0.0
+        self._planted_ns = 0
+        self._seen_s: float | None = None
+        self._showed: dict[str, float] = {}
+        self._diagnosed: list[tuple[int, tuple[tuple[str, ...], ...]]] = []
+
+    def planted(self) -> None:
+        """The act was done, or is being done: from here on what is seen counts."""
+        self._planted_s, self._planted_ns = time.monotonic(), time.time_ns()
+
+    async def watch(self) -> None:
+        """Return when there is nothing more to be seen; Gone when it cannot be seen."""
+        well_since: float | None = None
+        gone_since: float | None = None
+        while True:
+            self._news.clear()
+            now = time.monotonic()
+            after_s = now - self._planted_s
+            await self._state.refreshed()
+            self._look(after_s)
+            repair = await self._store.read(lambda view: repair_of(view, self._record))
+            how, unknown = health_of(self._state)
+            if repair is not None and not repair.open:
+                return
+            if after_s >= self._record.data["bound_s"]:
+                return
+            if self._seen_s is None and after_s >= self._record.data["detect_s"]:
+                return
+            well = self._seen_s is not None and repair is None and how is HealthState.HEALTHY
+            well_since = (well_since or now) if well else None
+            if well_since is not None and now - well_since >= self._calm_s:
+                return
+            missing = self._known.intersection(unknown)
+            gone_since = (gone_since or now) if missing else None
+            if gone_since is not None and now - gone_since >= GONE_S:
+                raise Gone(f"nobody reports {', '.join(map(str, sorted(missing)[:5]))} any more")
+            await wait_for(self._news, LOOK_S)
+
+    def _look(self, after_s: float) -> None:
+        current = self._state.current
+        for literal in self._state.literals():
+            if -literal in self._before:
+                self._showed.setdefault(str(literal), round(after_s, 3))
+        if current is None or current.healthy or not current.bad_sets:
+            return
+        if self._seen_s is None:
+            self._seen_s = max(0.0, (current.time_ns - self._planted_ns) / 1e9)
+        if not self._diagnosed or self._diagnosed[-1][1] != current.bad_sets:
+            self._diagnosed.append((current.time_ns, current.bad_sets))
+            del self._diagnosed[: -10 * MOST_DIAGNOSES]
+
+    async def seen(self) -> dict[str, Any]:
+        """Return what was seen, as JSON."""
+        parts = self._state.system.parts
+        assert parts is not None
+
+        def look(view: View) -> tuple[StoredRepair | None, tuple[StepRecord, ...]]:
+            repair = repair_of(view, self._record)
+            return repair, () if repair is None else repairs.steps(view, repair.id)
+
+        repair, steps = await self._store.read(look)
+        sent = [step.data for step in steps if step.data.get("sent_ns")]
+        first_ns = min((one["sent_ns"] for one in sent), default=None)
+        first_s = float("inf") if first_ns is None else (first_ns - self._planted_ns) / 1e9
+        until = [bad for at_ns, bad in self._diagnosed if first_ns is None or at_ns <= first_ns]
+        repaired = repair is not None and repair.state == RepairState.REPAIRED
+        ends_ns = None if repair is None or repair.open else repair.updated_ns
+        meant = meant_by(parts, self._record.component)
+        return {
+            "detected_s": None if self._seen_s is None else round(self._seen_s, 3),
+            "diagnoses": [list(bad) for bad in (until[-1] if until else ())[:MOST_DIAGNOSES]],
+            "showed": {text: at_s for text, at_s in self._showed.items() if at_s <= first_s},
+            "repair": None if repair is None else repair.id,
+            "repair_state": None if repair is None else repair.state,
+            "repair_reason": None if repair is None else repair.data.get("reason", ""),
+            "repaired_s": round((ends_ns - self._planted_ns) / 1e9, 3) if repaired and ends_ns else None,
+            "acts": [one["text"] for one in sent],
+            "needless": [one["text"] for one in sent if not is_meant(one, meant, parts.components)],
+        }
+
+
+def repair_of(view: View, record: DrillRecord) -> StoredRepair | None:
+    """Return the newest repair that answers a drill."""
+    found = repairs.page(view, record.robot, Paging(limit=1)).items
+    return found[0] if found and found[0].data.get("drill") == record.id else None
+
+
+def meant_by(parts: ComponentModel, component: str) -> frozenset[str]:
+    """Return what a repair of a component acts on: it, its drivers, and what is tied to these."""
+    meant = {component, *drivers_of(parts, component)}
+    while new := {name for name, node in parts.nodes.items() if meant.intersection(node.tied_to)} - meant:
+        meant |= new
+    return frozenset(meant)
+
+
+def is_meant(step: Mapping[str, Any], meant: Collection[str], components: Iterable[str]) -> bool:
+    """Return whether an act was on what was faulty, and on nothing else of the robot."""
+    return set(step["parameters"]).intersection(components) <= set(meant)
+
+
+async def healthy_for(state: Robot, hold_s: float, within_s: float, news: asyncio.Event) -> bool:
+    """Wait for a robot to be healthy without a break; return whether it was, in time."""
+    deadline = time.monotonic() + within_s
+    since: float | None = None
+    while True:
+        news.clear()
+        await state.refreshed()
+        now = time.monotonic()
+        since = (since or now) if health_of(state)[0] is HealthState.HEALTHY else None
+        if since is not None and now - since >= hold_s:
+            return True
+        if now >= deadline + hold_s or (since is None and now >= deadline):
+            return False
+        await wait_for(news, LOOK_S)

@@ -1,0 +1,59 @@
+"""kill -9 in the middle of drills: whatever was killed, whenever, nothing that was planted is left."""
+
+from __future__ import annotations
+
+import contextlib
+import random
+import time
+from pathlib import Path
+
+import pytest
+from tests.drills.drilled_robot import DrilledRobot, drilled_robot
+from tests.waiting import until
+
+from robomend_client.rest import ClientError
+
+FAULTS = (
+    ("node-killed", "lidar_node"),
+    ("node-frozen", "lidar_node"),
+    ("node-killed", "mapping"),
+    ("node-frozen", "mapping"),
+    ("device-off", "lidar"),
+    ("device-off", "base"),
+)
+
+
+def one_round(robot: DrilledRobot, rng: random.Random, victim: str) -> tuple[str, str]:
+    """Drill, kill the victim at a random moment, start it again; return at which state, and the end."""
+    kind, component = rng.choice(FAULTS)
+    drill = robot.start_drill(kind, component, bound_s=8.0, detect_s=4.0)
+    time.sleep(rng.uniform(0.0, 2.0))  # a random moment
+    at = "?"
+    with contextlib.suppress(ClientError), robot.client as client:
+        at = client.drill(drill["id"])["state"]
+    if victim != "command":
+        robot.kill(victim)
+        time.sleep(rng.uniform(0.0, 0.5))  # likewise
+        robot.start_agent() if victim == "agent" else robot.start_service()
+    ended = robot.ended(drill["id"])
+    assert ended["undone"], ended
+    # The agent's own undo, and a repair of what its kill broke, may still be under way.
+    until(lambda: not robot.leftovers(), f"nothing is left of {ended}: {robot.leftovers()}", 60.0)
+    robot.until_healthy()
+    return at, ended["state"]
+
+
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("keep", [False, True], ids=["nodes end with the agent", "nodes outlive the agent"])
+def test_killed_at_random_moments_nothing_is_left(tmp_path: Path, long: bool, keep: bool) -> None:
+    seed = random.randrange(1 << 30)
+    rng = random.Random(seed)
+    found: list[tuple[str, str, str]] = []
+    with drilled_robot(tmp_path, keep=keep) as robot:
+        for number in range(50 if long else 2):
+            victim = ("service", "agent", "command")[number % 3] if long else ("agent", "service")[number]
+            try:
+                found.append((victim, *one_round(robot, rng, victim)))
+            except AssertionError as error:
+                raise AssertionError(f"seed {seed}, drill {number}, {victim}: {error}") from error
+    print(sorted(found))

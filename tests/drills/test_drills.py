@@ -1,0 +1,194 @@
+"""Drills on a robot of processes: planted, watched, undone; what stands in the way; what is remembered."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from tests.drills.drilled_robot import DrilledRobot, drilled_robot
+from tests.waiting import until
+
+from robomend_client.rest import ApiError
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DrilledRobot]:
+    with drilled_robot(tmp_path_factory.mktemp("drilled")) as robot:
+        yield robot
+
+
+@pytest.fixture(autouse=True)
+def _nothing_is_left(robot: DrilledRobot) -> Iterator[None]:
+    """After each test, whatever it planted."""
+    robot.until_healthy()
+    yield
+    with robot.client as client:
+        client.resume()
+    until(lambda: not robot.leftovers(), "everything is undone", 60.0)
+
+
+def configured(robot: DrilledRobot, **changes: Any) -> None:
+    with robot.client as client:
+        found = client.robot("r1")
+        client.put_robot("r1", {**found.value["config"], **changes}, found.version)
+
+
+def refused(robot: DrilledRobot, fault: str, component: str) -> tuple[int, str]:
+    with robot.client as client, pytest.raises(ApiError) as error:
+        client.start_drill("r1", fault, component)
+    return error.value.status, error.value.detail
+
+
+@pytest.mark.parametrize(
+    ("fault", "component", "act"),
+    [
+        ("node-killed", "mapping", "start_node(mapping)"),
+        ("node-frozen", "mapping", "start_node(mapping)"),
+        ("device-off", "base", "power_up(base)"),
+    ],
+)
+def test_a_fault_is_planted_seen_repaired_and_undone(
+    robot: DrilledRobot, fault: str, component: str, act: str
+) -> None:
+    with robot.client as client:
+        drill = client.start_drill("r1", fault, component)
+        ended = robot.ended(drill["id"])
+        assert (ended["state"], ended["undone"], ended["cut_short"]) == ("done", True, None), ended
+        seen = ended["seen"]
+        assert [component] in seen["diagnoses"]
+        assert (seen["repair_state"], seen["needless"]) == ("repaired", [])
+        assert act in seen["acts"]
+        assert 0 <= seen["detected_s"] <= seen["repaired_s"]
+        repair = client.repair(seen["repair"])
+        assert repair["drill"] == drill["id"]
+        assert client.drills("r1")["items"][0] == ended
+
+
+def test_a_drill_leaves_no_trace_in_what_is_remembered_of_real_faults(robot: DrilledRobot) -> None:
+    """Also of repairs that fail again and again, which would put the component into quarantine."""
+    configured(robot, limits={"attempts_per_hour": 1, "rounds": 5})
+    try:
+        with robot.client as client:
+            for _ in range(2):  # one attempt an hour, and two drills
+                ended = robot.ended(client.start_drill("r1", "node-killed", "mapping")["id"])
+                assert ended["seen"]["repair_state"] == "repaired", ended
+            assert client.quarantine("r1") == {}
+    finally:
+        configured(robot, limits={"attempts_per_hour": 12, "rounds": 5})
+
+
+def test_while_a_fault_is_planted_the_robot_says_so_and_takes_no_other(robot: DrilledRobot) -> None:
+    configured(robot, policy="approve")  # so that nobody repairs it at once
+    try:
+        with robot.client as client:
+            drill = client.start_drill("r1", "node-frozen", "mapping")
+            robot.in_state(drill["id"], "planted")
+            assert robot.halted() == ["mapping"]
+            named = robot.state()["drill"]
+            assert (named["id"], named["undo"]) == (drill["id"], "let it go on")
+            assert refused(robot, "node-killed", "lidar_node")[0] == 409
+            found = client.robot("r1")
+            with pytest.raises(ApiError, match="open; cancel it first"):
+                client.delete_robot("r1", found.version)
+            client.decide_drill(drill["id"], "cancel", "enough")
+            ended = robot.ended(drill["id"])
+            assert (ended["state"], ended["undone"]) == ("cancelled", True)
+            assert "enough" in ended["cut_short"]
+            assert robot.state()["drill"] is None
+            assert robot.halted() == []
+            with pytest.raises(ApiError, match="nothing to cancel"):
+                client.decide_drill(drill["id"], "cancel")
+    finally:
+        configured(robot, policy="auto")
+
+
+def test_a_fault_that_nothing_repairs_is_undone_when_its_time_is_over(robot: DrilledRobot) -> None:
+    configured(robot, policy="approve")
+    try:
+        with robot.client as client:
+            drill = client.start_drill("r1", "node-killed", "mapping", bound_s=2.0)
+            ended = robot.ended(drill["id"])
+            assert (ended["state"], ended["undone"]) == ("done", True)
+            assert ended["seen"]["diagnoses"] == [["mapping"]]
+            assert ended["seen"]["repaired_s"] is None
+            [repair] = client.repairs("r1", limit=1)["items"]
+            assert (repair["drill"], repair["state"]) == (drill["id"], "cancelled")
+    finally:
+        configured(robot, policy="auto")
+
+
+def test_the_stop_forbids_the_undo_too_which_is_done_as_soon_as_it_is_lifted(robot: DrilledRobot) -> None:
+    configured(robot, policy="approve")
+    try:
+        with robot.client as client:
+            drill = client.start_drill("r1", "node-frozen", "mapping", bound_s=1.0)
+            robot.in_state(drill["id"], "planted")
+            client.stop("somebody is at the robot")
+            stopped = robot.in_state(drill["id"], "stopped")
+            assert "somebody is at the robot" in stopped["reason"]
+            assert "let it go on" in stopped["reason"]
+            time.sleep(1.5)  # longer than its bound: time itself is what is tested
+            assert robot.halted() == ["mapping"]
+            assert robot.state()["drill"]["state"] == "stopped"
+            assert refused(robot, "node-killed", "lidar_node")[0] == 409
+            client.resume()
+            ended = robot.ended(drill["id"])
+            assert (ended["state"], ended["undone"]) == ("cancelled", True)
+            assert robot.halted() == []
+    finally:
+        configured(robot, policy="auto")
+
+
+def test_a_person_plants_and_undoes_with_their_hands_and_says_done(robot: DrilledRobot) -> None:
+    with robot.client as client:
+        drill = client.start_drill("r1", "device-unplugged", "lidar", detect_s=1.0)
+        asked = robot.drill(drill["id"], lambda one: one["waiting_for"] is not None)
+        assert asked["waiting_for"] == "pull the data cable of lidar"
+        client.decide_drill(drill["id"], "done")
+        # The simulated cable is where it was: nothing is seen, and then it is to be plugged in.
+        asked = robot.drill(drill["id"], lambda one: one["state"] == "undoing" and one["waiting_for"])
+        assert asked["waiting_for"] == "plug it in"
+        client.decide_drill(drill["id"], "done")
+        ended = robot.ended(drill["id"])
+        assert (ended["state"], ended["seen"]["detected_s"]) == ("done", None)
+        with pytest.raises(ApiError, match="nothing to done"):
+            client.decide_drill(drill["id"], "done")
+
+
+def test_what_is_never_planted_is_refused_with_the_reason(robot: DrilledRobot) -> None:
+    assert refused(robot, "node-killed", "logger") == (
+        403,
+        "node-killed:logger is never planted: logger is protected",
+    )
+    assert refused(robot, "node-killed", "lidar")[0] == 404
+    assert refused(robot, "node-bored", "lidar_node")[0] == 422
+    for changes, words in (
+        ({"policy": "observe"}, "'observe'"),
+        ({"allow": ["stop_node"]}, "no undo: start_node"),
+        ({"actions": {"start_node": {"policy": "observe"}}}, "no undo: start_node"),
+    ):
+        configured(robot, **changes)
+        try:
+            status, why = refused(robot, "node-killed", "mapping")
+        finally:
+            configured(robot, policy="auto", allow=None, actions={})
+        assert (status, words in why) == (403, True), why
+
+
+def test_on_a_robot_in_use_or_not_well_nothing_is_planted(robot: DrilledRobot) -> None:
+    never = [{"weekdays": [(time.gmtime().tm_wday + 3) % 7], "start": "00:00", "end": "00:01"}]
+    configured(robot, windows=never)
+    try:
+        assert refused(robot, "node-killed", "mapping") == (409, "no maintenance window is open")
+    finally:
+        configured(robot, windows=[])
+    with robot.client as client:
+        client.stop("lunch")
+        assert "lunch" in refused(robot, "node-killed", "mapping")[1]
+        client.observe("r1", ["not ok(odom)"], source="a person", lifetime_s=30.0)
+        client.diagnosis("r1")
+        assert "unhealthy" in refused(robot, "node-killed", "mapping")[1]
+        client.observe("r1", ["ok(odom)"], source="a person", lifetime_s=0.5)
+        client.resume()
