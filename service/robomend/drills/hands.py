@@ -13,10 +13,12 @@ from typing import Protocol
 from robomend.errors import BoardTimeout, BoardUnreachable, NotFound, Refused, RobomendError
 from robomend.planning.drill import FaultKind
 from robomend.repairs.agent_queue import AgentQueue
+from robomend.repairs.execution_values import Confirm
 from robomend.repairs.executors.agent import AgentExecutor
 from robomend.repairs.stop_switch import StopSwitch
 from robomend.robots.boards import WiredBoard
 from robomend.robots.robot import Robot
+from robomend.store.records import Fence
 from robomend_client.actions import FAILED, OK, REFUSED, TIMED_OUT, UNREACHABLE, Action, ActionResult
 from robomend_client.agent.planted import LEASES_S
 
@@ -53,11 +55,12 @@ class AgentsHand:
         component: str,
         bound_s: float,
         halt: asyncio.Event,
+        fence: Fence,
     ) -> None:
         parts = state.system.parts
         host = None if parts is None else parts.nodes[component].host
         self._agents = agents
-        self._executor = AgentExecutor(agents, state.id, {component: host}, halt)
+        self._executor = AgentExecutor(agents, state.id, {component: host}, halt, fence)
         self._component, self._kind = component, str(kind)
         self._lease_s = next((s for s in LEASES_S if s >= bound_s + BEYOND_S), LEASES_S[-1])
 
@@ -83,7 +86,9 @@ class BoardsHand:
         switch: StopSwitch,
         interlocked: Callable[[], str | None],
         drill: str,
+        confirm: Confirm,
     ) -> None:
+        self._confirm = confirm
         self._board, self._channel, self._switch, self._drill = board, channel, switch, drill
         self._interlocked = interlocked
 
@@ -102,6 +107,7 @@ class BoardsHand:
                 interlocked=self._interlocked,
                 by="robomend",
                 reason=f"drill {self._drill}",
+                confirm=self._confirm,
             )
         except Refused as error:
             return ActionResult(REFUSED, str(error))

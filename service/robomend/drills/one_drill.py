@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import asyncio
 import time
+from functools import partial
 
 import structlog
 
@@ -64,6 +65,7 @@ class OneDrill:
         self._needs = needs
         self._record = DrillRecord(needs.store, drill, fence)
         self._fence = fence
+        self._confirm = partial(needs.store.ownership.confirm, fence)
         self._signals = Signals(lambda: needs.switch.active)
         self._arrived = asyncio.Event()  # there may be a request
         self._done = asyncio.Event()  # a person said so
@@ -226,12 +228,14 @@ class OneDrill:
                 channel = parts.hardware[record.component].channel
                 assert channel is not None
                 board = await needs.robots.board(state.id)
-                return BoardsHand(board, channel, needs.switch, state.interlocked, record.id)
+                return BoardsHand(board, channel, needs.switch, state.interlocked, record.id, self._confirm)
             case FaultKind.UNPLUGGED:
                 return PersonsHand(self._until_done, record.data["act"], record.data["undo"])
             case _:
                 bound_s, halt = record.data["bound_s"], self._signals.halt
-                return AgentsHand(needs.agents, state, record.kind, record.component, bound_s, halt)
+                return AgentsHand(
+                    needs.agents, state, record.kind, record.component, bound_s, halt, self._fence
+                )
 
     async def _until_done(self, what: str) -> bool:
         """Ask a person to do something; return whether they said `done` within the drill's bound."""
@@ -320,6 +324,8 @@ class OneDrill:
             programs=needs.settings.programs,
             webhook_hosts=needs.settings.webhook_hosts,
             halt=self._signals.halt,
+            confirm=self._confirm,
+            fence=self._fence,
         )
         by = executors(("stop_node", "start_node"), state.config.actions, around)
         tries = record.data.get("tries", 0) + 1

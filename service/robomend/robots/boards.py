@@ -109,8 +109,11 @@ class WiredBoard:
         interlocked: Callable[[], str | None],
         by: str,
         reason: str,
+        confirm: Callable[[], Awaitable[None]] | None = None,
     ) -> None:
         """Switch a channel, with an entry in the audit log before it is sent, and one if it did not work.
+
+        `confirm` is awaited right before it is sent, and raises where that is nobody's business any more.
 
         Refused for switching off a protected one, while the robot is interlocked, and during the global
         stop; BoardError as the link has it.
@@ -137,6 +140,8 @@ class WiredBoard:
             await self.link.wait_connected(CONNECT_S)
             if (why := interlocked()) is not None:
                 raise Refused(why)
+            if confirm is not None:
+                await confirm()
             _check_stop(stop())  # it may have come while the link came up
             await self.link.switch(channel, on)
         except RobomendError as error:
