@@ -63,9 +63,12 @@ class Chooser:
         self._kept_s = -KEEP_S
         self.patience = patience or Patience()
 
-    def keep_ready(self) -> None:
-        """A robot may have to be repaired at any time: a planner that starts only then costs seconds."""
-        if time.monotonic() - self._kept_s >= KEEP_S:
+    def keep_ready(self, state: Robot) -> None:
+        """A robot may have to be repaired at any time: a planner that starts only then costs seconds.
+
+        Under other policies than `auto` a person is waited for anyway.
+        """
+        if state.config.policy == "auto" and time.monotonic() - self._kept_s >= KEEP_S:
             self._kept_s = time.monotonic()
             self._planners.start()
 

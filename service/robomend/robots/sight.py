@@ -36,12 +36,13 @@ SLACK_NS = round(SLACK_S * 1e9)
 class Sight:
     """Of one robot in memory (robomend.repairs.execution_values.FreshObs)."""
 
-    __slots__ = ("_clocks", "_listed", "_robot", "_settle", "declared", "unconfirmed")
+    __slots__ = ("_clocks", "_listed", "_robot", "_rose", "_settle", "declared", "unconfirmed")
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
         self._clocks = SourceClocks(robot.id)
         self._settle = 0  # the latest settle number; by the clock, so that none comes twice after a crash
+        self._rose: dict[Atom, int] = {}  # what holds, and was seen to begin to -> since when
         self._listed: tuple[tuple[str, ...], Vocabulary, frozenset[Atom]] | None = None
         self.declared = DeclaredAgents()
         self.unconfirmed = Unconfirmed()
@@ -147,8 +148,18 @@ class Sight:
         self.unconfirmed.touch((atom for atom in rest if atom not in held), Act(self._settle, answer_ns))
         return self._settle
 
-    def hear(self, reported: Iterable[Entry]) -> None:
-        """Take note of what was reported, as far as OBS has taken it in."""
+    def good_ns(self, entry: Entry) -> tuple[int, ...]:
+        """Return times since when something that holds is known to: from when it was news, and from now."""
+        times = (self._rose.get(entry.atom), entry.since_ns)
+        return tuple(time_ns for time_ns in times if time_ns is not None)
+
+    def hear(self, reported: Iterable[Entry], changed: Iterable[Entry] = ()) -> None:
+        """Take note of what was reported, as far as OBS has taken it in; `changed` is what was news."""
+        for entry in changed:
+            if entry.positive and entry.since_ns is not None:
+                self._rose[entry.atom] = entry.since_ns
+            else:
+                self._rose.pop(entry.atom, None)
         if self.unconfirmed:
             said = (entry for given in reported for entry in consequences(given))
             self.unconfirmed.hear(entry for entry in said if self._robot.obs.get(entry.atom) == entry)
