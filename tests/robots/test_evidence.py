@@ -84,5 +84,8 @@ def test_what_holds_is_known_to_since_it_was_news_and_since_its_present_evidence
         return Entry(OK, "general", time * S, None, since * S)
 
     assert said(ok(10, 9)) == (9 * S, 9 * S)
-    assert said(ok(20, 19)) == (9 * S, 19 * S)
-    assert said(Entry(BAD, "general", 30 * S, None, 29 * S), ok(40, 39), ok(50, 49)) == (49 * S, 49 * S)
+    assert said(ok(11, 9)) == (9 * S, 9 * S)
+    assert said(ok(20, 19)) == (9 * S, 19 * S, 19 * S)  # where the first is in doubt, this one is not
+    assert said(ok(30, 29)) == (9 * S, 19 * S, 29 * S)
+    assert said(Entry(BAD, "general", 40 * S, None, 39 * S)) == (39 * S,)
+    assert said(ok(50, 49)) == (49 * S, 49 * S)
