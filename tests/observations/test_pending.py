@@ -27,16 +27,27 @@ def test_a_verdict_is_pending_until_its_observer_had_its_time() -> None:
     assert pending([MAP, ODOM], 10 * S, delays.__getitem__, 11 * S + SLACK_NS) == {MAP: 12 * S + SLACK_NS}
 
 
-def test_silence_of_what_rests_on_something_that_has_just_begun_is_pending() -> None:
+def begun(
+    known: list[Entry], began: dict[str, int], now: int, good: dict[Atom, tuple[int, ...]] | None = None
+) -> dict[Atom, int]:
+    """Ask of a driver of the scan, and the mapping that makes a map of it; starting takes 5 s."""
     rests_on = {"driver": {"driver", "scan", "map"}, "mapping": {"mapping", "map"}}
+    own = {"driver": {"scan"}, "mapping": {"map"}}
+    return starting(
+        known,
+        began,
+        lambda _: 5 * S,
+        rests_on.__getitem__,
+        own.__getitem__,
+        lambda entry: (good or {}).get(entry.atom, ()),
+        now,
+    )
+
+
+def test_silence_of_what_rests_on_something_that_has_just_begun_is_pending() -> None:
     began = {"driver": 10 * S, "mapping": 2 * S}
-
-    def begun(symptoms: list[Entry], began: dict[str, int], now: int) -> dict[Atom, int]:
-        return starting(symptoms, began, lambda _: 5 * S, rests_on.__getitem__, lambda _: {"scan"}, now)
-
     scan, map_, odom = (bad(atom, time=12 * S, onset=8 * S) for atom in (SCAN, MAP, ODOM))
-    found = begun([scan, map_, odom], began, 12 * S)
-    assert found == {SCAN: 15 * S + SLACK_NS, MAP: 15 * S + SLACK_NS}
+    assert begun([scan, map_, odom], began, 12 * S) == {SCAN: 15 * S + SLACK_NS, MAP: 15 * S + SLACK_NS}
     over_first = dict(reversed(began.items()))  # what has had its time hides nobody that comes after it
     end = 15 * S + SLACK_NS
     assert begun([scan], over_first, 12 * S) == {SCAN: end}
@@ -46,25 +57,34 @@ def test_silence_of_what_rests_on_something_that_has_just_begun_is_pending() -> 
 
 
 def test_what_was_heard_since_it_began_is_not_silent_because_it_starts() -> None:
-    def begun(scan: Entry, map_: Entry) -> set[Atom]:
-        influences = {"driver", "scan", "map"}
-        return set(
-            starting(
-                [scan, map_],
-                {"driver": 10 * S},
-                lambda _: 5 * S,
-                lambda _: influences,
-                lambda _: {"scan"},
-                13 * S,
-            )
-        )
+    def silent(scan: Entry, map_: Entry) -> set[Atom]:
+        return set(begun([scan, map_], {"driver": 10 * S}, 13 * S))
 
     fell = {at: (bad(SCAN, time=13 * S, onset=at * S), bad(MAP, time=13 * S, onset=at * S)) for at in (9, 12)}
-    assert begun(*fell[12]) == set()
-    assert begun(*fell[9]) == {SCAN, MAP}
+    assert silent(*fell[12]) == set()
+    assert silent(*fell[9]) == {SCAN, MAP}
     # What lived for a moment longer than its input, which is not back yet, waits for it.
-    assert begun(fell[9][0], fell[12][1]) == {SCAN, MAP}
+    assert silent(fell[9][0], fell[12][1]) == {SCAN, MAP}
     # What fell silent before its input did, may have waited for it all the while.
-    assert begun(fell[12][0], fell[9][1]) == {MAP}
-    assert begun(fell[12][0], bad(MAP, time=13 * S)) == {MAP}
-    assert begun(bad(SCAN, time=13 * S), fell[12][1]) == {SCAN, MAP}
+    assert silent(fell[12][0], fell[9][1]) == {MAP}
+    assert silent(fell[12][0], bad(MAP, time=13 * S)) == {MAP}
+    assert silent(bad(SCAN, time=13 * S), fell[12][1]) == {SCAN, MAP}
+
+
+def test_what_was_good_after_its_input_was_is_not_silent_because_that_started() -> None:
+    scan = Entry(Literal(SCAN), "general", 13 * S)
+
+    def silent(good: tuple[int, ...], fell: int, **began: int) -> bool:
+        map_ = bad(MAP, time=13 * S, onset=fell)
+        return MAP in begun([scan, map_], began or {"driver": 10 * S}, 13 * S, {SCAN: good})
+
+    assert not silent((11 * S,), 12 * S)
+    # It fell silent for want of its input, which is back: so it may be, too, in a moment.
+    assert silent((12 * S,), 11 * S)
+    # The scan's evidence is from before: its driver may have said nothing yet.
+    assert silent((9 * S,), 12 * S)
+    assert not silent((9 * S, 11 * S), 12 * S)
+    assert silent((), 12 * S)
+    # The input is up, and what makes the map of it has only begun.
+    assert silent((11 * S,), 12 * S, driver=10 * S, mapping=12 * S)
+    assert not silent((11 * S,), 12 * S, driver=10 * S, mapping=10 * S)

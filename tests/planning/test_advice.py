@@ -13,9 +13,10 @@ from robomend.diagnosis.result import Diagnosis, DiagnosisResult
 from robomend.model.loading import load_model, load_text
 from robomend.model.system import System
 from robomend.planning.advice import Situation, looks, parts_of
-from robomend.planning.choice import Attempt, Candidate, Choice, power_cuts
+from robomend.planning.choice import Candidate, Choice, power_cuts
 from robomend.planning.domain.loading import shipped
 from robomend.planning.planning import PlanOptions, plan_for, plans_for
+from robomend.planning.tried import Attempt
 from robomend_client.literals import Atom, Literal, fails, holds
 
 MUTE: tuple[Literal, ...] = (holds("on", "jaguar"), holds("running", "jaguar_node"), fails("ok", "odom"))

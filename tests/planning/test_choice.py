@@ -7,46 +7,13 @@ from itertools import permutations
 
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.planning.candidates import SECOND, candidate, plan, tried
 
 from robomend.diagnosis.result import Diagnosis
-from robomend.planning.choice import (
-    Attempt,
-    Candidate,
-    Look,
-    Patience,
-    attempt,
-    choose,
-    common_part,
-    leading,
-    repaired_by,
-    weights,
-)
-from robomend.planning.plan import Outcome, Plan, Step
+from robomend.planning.choice import Candidate, Look, choose, common_part
 from robomend.planning.quarantine import quarantined
-from robomend_client.literals import Atom, fails, holds
-
-SECOND = 1_000_000_000
-
-
-def plan(cost: float, *repairs: str, unreachable: tuple[str, ...] = ()) -> Plan:
-    steps = tuple(
-        Step(i, "mend", (name,), cost / len(repairs), (), (), (holds("good", name), fails("bad", name)))
-        for i, name in enumerate(repairs)
-    )
-    outcome = Outcome.UNSOLVABLE if unreachable else Outcome.SOLVED
-    return Plan(outcome, steps, cost if steps else 0.0, "test", frozenset(), (), unreachable, (), 0.0)
-
-
-def candidate(
-    bad: str, cost: float, probability: float | None = None, repairs: str | None = None
-) -> Candidate:
-    names = tuple(bad.split())
-    made = plan(cost, *(repairs.split() if repairs is not None else names))
-    return Candidate(Diagnosis(names, probability), made)
-
-
-def tried(bad: str, *, seen: bool = True, helped: bool = False, at_s: int = 0, repaired: str = "") -> Attempt:
-    return Attempt(frozenset(bad.split()), frozenset((repaired or bad).split()), at_s * SECOND, seen, helped)
+from robomend.planning.tried import Attempt, Patience, attempt, weights
+from robomend_client.literals import Atom
 
 
 def test_the_cheaper_of_two_equally_probable_repairs_comes_first() -> None:
@@ -109,50 +76,6 @@ def test_what_was_done_in_vain_is_not_repeated_when_it_hardly_helps_any_more() -
         "no known repair: driver was repaired before, and it did not help; "
         "imu left alone for a while, as its repairs keep failing"
     )
-
-
-def test_a_restart_that_came_with_the_power_cycle_counts_against_the_driver_too() -> None:
-    found = weights(
-        [Diagnosis(("jaguar",)), Diagnosis(("jaguar_node",)), Diagnosis(("imu_node",))],
-        [tried("jaguar", repaired="jaguar jaguar_node")],
-    )
-    assert found[0] == found[1] < found[2]
-
-
-def test_an_attempt_counts_against_all_that_it_repaired_and_only_if_it_did_not_help() -> None:
-    """A repair of a that restarted b made both good: {a, b} is refuted by it, {a, c} is not."""
-    diagnoses = [Diagnosis(("a", "b")), Diagnosis(("a", "c"))]
-    found = weights(diagnoses, [tried("a", repaired="a b")])
-    assert found[0] / found[1] == Patience().seen_factor
-    found = weights(diagnoses, [tried("a", repaired="a b", seen=False)])
-    assert found[0] / found[1] == Patience().unseen_factor
-    assert weights(diagnoses, [tried("a", repaired="a b", helped=True)]) == [0.5, 0.5]
-
-
-def test_an_attempt_counts_as_long_as_it_is_remembered() -> None:
-    diagnoses = [Diagnosis(("a",)), Diagnosis(("b",))]
-    patience = Patience(memory_s=100)
-    at_the_end = weights(diagnoses, [tried("a")], now_ns=100 * SECOND, patience=patience)
-    assert at_the_end[0] < 0.5
-    assert weights(diagnoses, [tried("a")], now_ns=100 * SECOND + 1, patience=patience) == [0.5, 0.5]
-    for now_ns, failures in ((100 * SECOND, 1), (100 * SECOND + 1, 0)):
-        choice = choose([candidate("a", 4)], [tried("a")], now_ns=now_ns, patience=patience)
-        assert choice.alternatives[0].failures == failures
-
-
-def test_each_further_component_makes_a_diagnosis_less_probable_by_one_factor() -> None:
-    found = weights(
-        [Diagnosis(("a",)), Diagnosis(("b", "c")), Diagnosis(("d", "e", "f"))],
-        patience=Patience(component_odds=0.1),
-    )
-    assert [round(one / found[0], 9) for one in found] == [1, 0.1, 0.01]
-    mixed = weights([Diagnosis(("a",), 0.9), Diagnosis(("b",))])  # a prior that only one has is none
-    assert mixed == [0.5, 0.5]
-
-
-def test_what_was_tried_long_ago_is_forgotten() -> None:
-    late = int(Patience().memory_s + 10) * SECOND
-    assert weights([Diagnosis(("a",)), Diagnosis(("b",))], [tried("a")], now_ns=late) == [0.5, 0.5]
 
 
 def test_one_plan_may_help_against_several_diagnoses() -> None:
@@ -274,19 +197,6 @@ def test_the_reason_counts_the_repairs_that_did_not_help() -> None:
     assert twice.reason.endswith("; repaired 2 times before without help, effect seen 1 of 2")
 
 
-def test_small_diagnoses_lead_and_the_healthy_one_is_none() -> None:
-    diagnoses = [Diagnosis(("a", "b")), Diagnosis(("c",)), Diagnosis(())]
-    assert [one.bad for one in leading(diagnoses)] == [("c",), ("a", "b")]
-
-
-def test_a_hundred_bad_components_do_not_underflow() -> None:
-    many = tuple(f"c{i}" for i in range(400))
-    assert weights([Diagnosis(many), Diagnosis((*many[1:], "x"))]) == [0.5, 0.5]
-    assert weights([Diagnosis(("x",)), Diagnosis(many)]) == [1.0, 0.0]
-    one_more = weights([Diagnosis(many), Diagnosis((*many, "x"))])
-    assert abs(one_more[1] / one_more[0] - Patience().component_odds) < 1e-9
-
-
 def test_what_soon_breaks_again_however_often_it_is_mended_is_quarantined() -> None:
     patience = Patience(relapses=3, relapse_s=60, backoff_s=100)
     loop = [tried("a", helped=True, at_s=at) for at in (0, 30, 60, 90)]
@@ -315,14 +225,6 @@ def test_success_and_release_end_a_series_of_failures() -> None:
     failures = [tried("a", at_s=t) for t in (0, 10, 20)]
     assert quarantined([*failures, tried("a", helped=True, at_s=30)], now_ns=31 * SECOND) == {}
     assert quarantined(failures, now_ns=21 * SECOND, released={"a": 15 * SECOND}) == {}
-
-
-def test_an_attempt_remembers_only_what_was_carried_out() -> None:
-    made = plan(10, "a", "b")
-    memory = attempt(Diagnosis(("a", "b")), made, done=[0], time_ns=5, effect_seen=True, helped=False)
-    assert memory.repaired == {"a"}
-    assert memory.actions == ("mend(a)",)
-    assert repaired_by(made) == {"a", "b"}
 
 
 def expected_cost(order: tuple[int, ...], chances: list[float], costs: list[float]) -> float:

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
+from tests.repairs import robot as robots_of_tests
 from tests.repairs.robot import CONFIG, SHUT_DOWN, Robot, nothing_begins, robot_on, service, the_repair
 
 from robomend.errors import Refused, StateConflict
@@ -56,28 +57,33 @@ async def test_a_protected_component_is_not_shut_down(tmp_path: Path) -> None:
     assert robot.done == []
 
 
-@pytest.mark.parametrize("policy", ["auto", "approve", "observe"])
 async def test_a_planner_is_kept_ready_for_a_robot_that_may_be_repaired_at_any_time(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, policy: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    kept = asyncio.Event()
-    monkeypatch.setattr(Chooser, "keep_ready", lambda chooser: kept.set())
-    async with service(tmp_path) as runtime, robot_on(runtime, policy=policy) as robot:
+    started = asyncio.Event()
+    assert robots_of_tests.planners is not None
+    monkeypatch.setattr(robots_of_tests.planners, "start", started.set)
+    async with service(tmp_path) as runtime, robot_on(runtime, policy="auto") as robot:
         await robot.settled()
-        if policy == "auto":
-            async with asyncio.timeout(60):
-                await kept.wait()
-    assert kept.is_set() is (policy == "auto")
+        async with asyncio.timeout(60):
+            await started.wait()
 
 
-def test_the_planners_are_told_so_now_and_then_only() -> None:
+def test_the_planners_are_told_so_now_and_then_and_not_where_a_person_is_asked() -> None:
     told: list[str] = []
     planners = SimpleNamespace(start=lambda: told.append("start"))
     nobody = cast(Any, None)
     chooser = Chooser(nobody, cast(Any, planners), nobody, nobody)
+
+    def keep_ready(policy: str) -> None:
+        chooser.keep_ready(cast(Any, SimpleNamespace(config=SimpleNamespace(policy=policy))))
+
+    keep_ready("approve")
+    keep_ready("observe")
+    assert told == []
     for number in (1, 2):
-        chooser.keep_ready()
-        chooser.keep_ready()
+        keep_ready("auto")
+        keep_ready("auto")
         assert told == ["start"] * number
         chooser._kept_s -= KEEP_S  # so much later
 

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any, cast
+
 import pytest
 
 from robomend.entry import Entry
 from robomend.errors import InputError
 from robomend.observations.obs import Obs
 from robomend.robots.evidence import Dating, RestsOn
+from robomend.robots.sight import Sight
 from robomend.robots.source_clocks import ENOUGH, SourceClocks
 from robomend_client.literals import Atom, Literal
 
@@ -66,3 +70,22 @@ def test_a_batch_that_waited_on_a_disk_stays_old() -> None:
     fresh = SourceClocks()
     for number in range(3):  # the first that is heard of a source is a backlog
         assert fresh.offset_ns("agent", NOW - 60 * S + number * S, NOW) == 0
+
+
+def test_what_holds_is_known_to_since_it_was_news_and_since_its_present_evidence() -> None:
+    held = Obs()
+    sight = Sight(cast(Any, SimpleNamespace(id="r1", obs=held)))
+
+    def said(*entries: Entry) -> tuple[int, ...]:
+        sight.hear(entries, held.update(entries))
+        return sight.good_ns(entries[-1])
+
+    def ok(time: int, since: int) -> Entry:
+        return Entry(OK, "general", time * S, None, since * S)
+
+    assert said(ok(10, 9)) == (9 * S, 9 * S)
+    assert said(ok(11, 9)) == (9 * S, 9 * S)
+    assert said(ok(20, 19)) == (9 * S, 19 * S, 19 * S)  # where the first is in doubt, this one is not
+    assert said(ok(30, 29)) == (9 * S, 19 * S, 29 * S)
+    assert said(Entry(BAD, "general", 40 * S, None, 39 * S)) == (39 * S,)
+    assert said(ok(50, 49)) == (49 * S, 49 * S)

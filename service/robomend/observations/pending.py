@@ -42,42 +42,56 @@ def pending(
 
 
 def starting(
-    symptoms: Collection[Entry],
+    known: Collection[Entry],
     began_ns: Mapping[str, int],
     start_up_ns: Callable[[str], int],
     influences: Callable[[str], Collection[str]],
     publishes: Callable[[str], Collection[str]],
+    good_ns: Callable[[Entry], Collection[int]],
     now_ns: int,
 ) -> dict[Atom, int]:
     """Return those of the symptoms that may be due to something that has just been started, with until when.
 
     Args:
+        known: what is observed; what does not hold of it are the symptoms.
         began_ns: component -> since when it is on, or runs.
         influences: component -> the names of what rests on it.
         publishes: component -> the topics that are its own, or its drivers'.
+        good_ns: what holds -> times since when it is known to have held all along.
     """
+    symptoms = [entry for entry in known if not entry.positive]
     found: dict[Atom, int] = {}
     for component, began in began_ns.items():
         end = began + start_up_ns(component) + SLACK_NS
         if end <= now_ns:
             continue
-        names = frozenset(influences(component))
-        up_ns = _up_until(symptoms, frozenset(publishes(component)), began)
+        names, own = frozenset(influences(component)), frozenset(publishes(component))
+        up_ns = _up_ns([entry for entry in known if own.intersection(entry.atom.args)], began, good_ns)
         for entry in symptoms:
             atom = entry.atom
             if not names.intersection(atom.args) or component in atom.args:
                 continue
-            if up_ns is None or entry.onset_ns is None or entry.onset_ns < up_ns - SLACK_NS:
+            if up_ns is None or entry.onset_ns is None or entry.onset_ns < up_ns:
                 found[atom] = max(end, found.get(atom, 0))
     return found
 
 
-def _up_until(symptoms: Collection[Entry], own: frozenset[str], began_ns: int) -> int | None:
-    """Return until when something was up that has been started; None: it may not have been, or may still be.
+def _up_ns(own: Collection[Entry], began_ns: int, good_ns: Callable[[Entry], Collection[int]]) -> int | None:
+    """Return from when on something that has been started was surely up; None: it may not have been.
 
-    It was up once all its own topics that are silent now were good after it began. What falls silent with
-    them or later is no matter of starting; what did so before, as it had lost its input, may be.
+    It was up once all that is observed of its own topics had been good since it began. What rests on them
+    and was good after that is not silent because it starts. What fell silent before, as it had lost its
+    input, may be; so a topic that is good again counts from when it was, and one that fell silent anew until
+    it did.
     """
-    fell = [entry.onset_ns for entry in symptoms if own.intersection(entry.atom.args)]
-    onsets = [onset for onset in fell if onset is not None and onset > began_ns + GUARD_NS]
-    return max(onsets) if onsets and len(onsets) == len(fell) else None
+    up_ns: int | None = None
+    for entry in own:
+        if entry.positive:
+            times = [time_ns + GUARD_NS for time_ns in good_ns(entry) if time_ns > began_ns + GUARD_NS]
+        else:
+            onset_ns = entry.onset_ns or 0
+            times = [onset_ns - SLACK_NS] if onset_ns > began_ns + GUARD_NS else []
+        if not times:
+            return None
+        up_ns = max(min(times), up_ns or 0)
+    return up_ns

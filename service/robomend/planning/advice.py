@@ -19,20 +19,10 @@ from robomend.model.cnf import HealthCnf
 from robomend.model.components import ComponentModel
 from robomend.model.loops import Loop
 from robomend.model.system import System
-from robomend.planning.choice import (
-    Attempt,
-    Candidate,
-    Choice,
-    Look,
-    Patience,
-    choose,
-    common_part,
-    leading,
-)
+from robomend.planning.choice import Candidate, Choice, Look, choose, common_part
 from robomend.planning.plan import Plan
+from robomend.planning.tried import DEFAULT_PATIENCE, Attempt, Patience, leading
 from robomend_client.literals import Atom, Literal
-
-DEFAULT_PATIENCE = Patience()
 
 
 @dataclass(frozen=True)

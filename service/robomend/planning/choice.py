@@ -4,10 +4,7 @@ The paper repairs the first diagnosis. Here each leading diagnosis is planned fo
 decision-theoretic troubleshooting: repair, look, repair the next. With probability p(i) that repair i helps
 and cost c(i), the expected cost Σ c(i) · P(none before i helped) is least in order of p(i) / c(i).
 
-    weight of a diagnosis   its posterior, or without priors one factor a component (small sets first) and
-                            how well what works fits it (robomend.diagnosis.likelihood); lowered by each
-                            repair of it that did not help: much when its effect was seen (the power is back
-                            and still nothing: it was not that), little when it was not
+    weight of a diagnosis   how probable it is, what was tried taken into account: tried.py
     p(plan)                 weight of all diagnoses whose components the plan repairs: a power cycle that
                             restarts the driver helps against a bad device and against a bad driver; lowered
                             for a plan that was carried out before, with its effects seen, and did not help
@@ -28,26 +25,13 @@ Source: D. Heckerman, J. Breese, K. Rommelse. Decision-theoretic troubleshooting
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 from robomend.diagnosis.result import Diagnosis
 from robomend.planning.plan import Outcome, Plan
+from robomend.planning.tried import DEFAULT_PATIENCE, S_TO_NS, Attempt, Patience, repaired_by, weights
 from robomend_client.literals import Atom
-
-S_TO_NS = 1_000_000_000
-
-
-@dataclass(frozen=True, slots=True)
-class Attempt:
-    """The memory of one repair attempt."""
-
-    bad: frozenset[str]  # the diagnosis that was repaired
-    repaired: frozenset[str]  # every component that the steps done were to make good
-    time_ns: int
-    effect_seen: bool  # each action's effect was seen
-    helped: bool  # the next diagnosis no longer blamed `bad`
-    actions: tuple[str, ...] = ()  # as text, for people
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,25 +41,6 @@ class Look:
     atom: Atom
     cost: float  # in the unit of action costs, about seconds
     predicted: tuple[bool | None, ...]  # what each candidate's diagnosis predicts, in order; None: nothing
-
-
-@dataclass(frozen=True, slots=True)
-class Patience:
-    """How choosing weighs what happened. The defaults suit a robot that is watched from afar."""
-
-    component_odds: float = 0.01  # P(AB) / P(¬AB) where nobody gave priors
-    seen_factor: float = 0.1  # a repair whose effect was seen and that did not help
-    unseen_factor: float = 0.5  # one whose effect was not seen
-    memory_s: float = 3600.0  # how long an attempt lowers its diagnosis
-    look_cost: float = 2.0  # of one more round of repair and diagnosis
-    person_cost: float = 300.0  # when every repair failed and somebody must come
-    least_help: float = 0.001  # what was done in vain is not repeated below this probability of helping
-    attempts: int = 3  # failures in a row until quarantine
-    relapses: int = 6  # the same for repairs that helped, and not for long
-    relapse_s: float = 60.0  # what needs a repair again so soon was not mended by the last one
-    backoff_s: float = 300.0  # the first quarantine; doubled by each further failure …
-    max_backoff_s: float = 86_400.0  # … up to this
-    leading: int = 6  # how many diagnoses are planned for
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,56 +76,6 @@ class Choice:
     reason: str
 
 
-def weights(
-    diagnoses: Sequence[Diagnosis],
-    tried: Iterable[Attempt] = (),
-    *,
-    fits: Sequence[float] | None = None,
-    now_ns: int = 0,
-    patience: Patience = Patience(),
-) -> list[float]:
-    """Return P(diagnosis) for each, attempts taken into account; they sum to 1.
-
-    `fits`: how well OBS fits each, as far as the probabilities do not have it in them.
-    """
-    if diagnoses and all(diagnosis.probability is not None for diagnosis in diagnoses):
-        raw = [diagnosis.probability or 0.0 for diagnosis in diagnoses]
-    else:
-        # Relative to the smallest, so that a hundred bad components do not underflow.
-        least = min((len(diagnosis.bad) for diagnosis in diagnoses), default=0)
-        raw = [patience.component_odds ** (len(diagnosis.bad) - least) for diagnosis in diagnoses]
-    if fits is not None:
-        raw = [odds * fit for odds, fit in zip(raw, fits, strict=True)]
-    oldest = now_ns - int(patience.memory_s * S_TO_NS)
-    failed = [one for one in tried if not one.helped and one.time_ns >= oldest]
-    for position, diagnosis in enumerate(diagnoses):
-        bad = frozenset(diagnosis.bad)
-        for one in failed:
-            if bad == one.bad or (bad and bad <= one.repaired):
-                raw[position] *= patience.seen_factor if one.effect_seen else patience.unseen_factor
-    total = sum(raw)
-    return [value / total if total > 0 else 1 / len(raw) for value in raw]
-
-
-def leading(
-    diagnoses: Sequence[Diagnosis],
-    tried: Iterable[Attempt] = (),
-    *,
-    fits: Sequence[float] | None = None,
-    switchable: Collection[str] = (),
-    now_ns: int = 0,
-    patience: Patience = Patience(),
-) -> list[Diagnosis]:
-    """Return the diagnoses worth planning for, the most probable first.
-
-    Of equally probable ones those come first that blame fewer of `switchable`, whose repair cuts power.
-    """
-    found = weights(diagnoses, tried, fits=fits, now_ns=now_ns, patience=patience)
-    cuts = [sum(name in switchable for name in diagnosis.bad) for diagnosis in diagnoses]
-    order = sorted(range(len(diagnoses)), key=lambda index: (-round(found[index], 12), cuts[index]))
-    return [diagnoses[index] for index in order[: patience.leading] if diagnoses[index].bad]
-
-
 def common_part(diagnoses: Sequence[Diagnosis]) -> tuple[str, ...]:
     """Return the components that every diagnosis blames, if each blames more; else nothing."""
     if len(diagnoses) < 2:
@@ -171,16 +86,6 @@ def common_part(diagnoses: Sequence[Diagnosis]) -> tuple[str, ...]:
     return tuple(name for name in diagnoses[0].bad if name in shared)
 
 
-def repaired_by(plan: Plan) -> frozenset[str]:
-    """Return the components that the plan makes good (again) and leaves good."""
-    state: dict[str, bool] = {}
-    for step in plan.steps:
-        for effect in step.effects:
-            if effect.atom.predicate == "good" and len(effect.atom.args) == 1:
-                state[effect.atom.args[0]] = effect.positive
-    return frozenset(name for name, good in state.items() if good)
-
-
 def choose(
     candidates: Sequence[Candidate],
     tried: Sequence[Attempt] = (),
@@ -189,7 +94,7 @@ def choose(
     common: Candidate | None = None,
     fits: Sequence[float] | None = None,
     now_ns: int = 0,
-    patience: Patience = Patience(),
+    patience: Patience = DEFAULT_PATIENCE,
 ) -> Choice:
     """Return what to do next.
 
@@ -225,27 +130,6 @@ def choose(
             reason = f"every leading diagnosis blames {names}: repaired first, then looked at again"
             return Choice(common.diagnosis, common.plan, None, tuple(ranked), cost - saving, reason)
     return Choice(best.diagnosis, best.plan, None, tuple(ranked), cost, best.reason)
-
-
-def attempt(
-    diagnosis: Diagnosis,
-    plan: Plan,
-    *,
-    done: Collection[int] | None,
-    time_ns: int,
-    effect_seen: bool,
-    helped: bool,
-) -> Attempt:
-    """Return the memory of a repair; `done` are the indices of the steps that were carried out, None: all."""
-    steps = tuple(step for step in plan.steps if done is None or step.index in done)
-    return Attempt(
-        frozenset(diagnosis.bad),
-        repaired_by(replace(plan, steps=steps)),
-        time_ns,
-        effect_seen,
-        helped,
-        tuple(map(str, steps)),
-    )
 
 
 def power_cuts(plan: Plan) -> frozenset[str]:

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from robomend.planning.choice import S_TO_NS, Attempt, Patience
-
-DEFAULTS = Patience()
+from robomend.planning.tried import DEFAULT_PATIENCE, S_TO_NS, Attempt, Patience
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +66,7 @@ def quarantined(
     *,
     now_ns: int,
     released: Mapping[str, int] | None = None,
-    patience: Patience = DEFAULTS,
+    patience: Patience = DEFAULT_PATIENCE,
 ) -> dict[str, Quarantined]:
     """Return the components to leave alone now, with doubling back-off.
 

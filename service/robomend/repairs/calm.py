@@ -119,11 +119,12 @@ class Calm:
                 if entry.positive and entry.atom.predicate in OBSERVED_FACTS and entry.onset_ns is not None
             }
             found |= starting(
-                symptoms,
+                [entry for entry in said if entry.positive or entry.atom in bad],
                 {name: since for name, since in began.items() if since + self._start_up_ns > now_ns},
                 lambda _: self._start_up_ns,
                 lambda name: touched(parts, [name]),
                 lambda name: published(parts, [name]),
+                state.sight.good_ns,
                 now_ns,
             )
         return found

@@ -22,11 +22,12 @@ from robomend.oneshots.oneshots import OneShots
 from robomend.oneshots.plan_json import choice_json
 from robomend.oneshots.question import given_diagnosis
 from robomend.planning.advice import Situation
-from robomend.planning.choice import Choice, Patience
+from robomend.planning.choice import Choice
 from robomend.planning.plan import Plan
 from robomend.planning.planner_pool import PlannerPool
 from robomend.planning.planning import PlanOptions
 from robomend.planning.policy import HOUR_NS, NODE_ACTIONS, POWER_ACTIONS, Policy
+from robomend.planning.tried import Patience
 from robomend.repairs.left_off import NOTHING, LeftOff, unknown
 from robomend.repairs.remembering import Remembered, remembered
 from robomend.robots.configuration import policy_of, protected_of
@@ -63,9 +64,12 @@ class Chooser:
         self._kept_s = -KEEP_S
         self.patience = patience or Patience()
 
-    def keep_ready(self) -> None:
-        """A robot may have to be repaired at any time: a planner that starts only then costs seconds."""
-        if time.monotonic() - self._kept_s >= KEEP_S:
+    def keep_ready(self, state: Robot) -> None:
+        """A robot may have to be repaired at any time: a planner that starts only then costs seconds.
+
+        Under other policies than `auto` a person is waited for anyway.
+        """
+        if state.config.policy == "auto" and time.monotonic() - self._kept_s >= KEEP_S:
             self._kept_s = time.monotonic()
             self._planners.start()
 

@@ -184,9 +184,9 @@ class LiveRepair:
         if execution.ending is Ending.EFFECT_MISSING:
             await self._hear_the_missing(execution)
         done = execution.ending is Ending.DONE
-        timing = Timing()
         await self._confirming.seen()
-        deadline = time.monotonic() + (timing.effect_timeout_s if done else timing.hold_s)
+        waits = {Ending.DONE: Timing().effect_timeout_s, Ending.EFFECT_MISSING: 0.0}  # it had its time
+        deadline = time.monotonic() + waits.get(execution.ending, Timing().hold_s)
         while True:
             revision = self._state.revision
             result = await self._newest()

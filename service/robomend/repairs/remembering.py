@@ -7,9 +7,10 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from robomend.planning.choice import Attempt, Choice, Patience, attempt
+from robomend.planning.choice import Choice
 from robomend.planning.policy import HOUR_NS
 from robomend.planning.quarantine import quarantined
+from robomend.planning.tried import Attempt, Patience, attempt
 from robomend.repairs.execution_values import Execution, StepReport
 from robomend.repairs.states import StepState
 from robomend.robots.robot import Robot

@@ -143,8 +143,7 @@ class RobotRepairs:
     async def _begin(self) -> tuple[StoredRepair | None, float]:
         """Return a new repair if there is a reason for one, and how long to wait if there is none yet."""
         state = await self._needs.robots.memory.robot(self._robot)
-        if state.config.policy == "auto":  # elsewhere a person is waited for anyway
-            self._needs.chooser.keep_ready()
+        self._needs.chooser.keep_ready(state)
         wait_s = self._reasons.wait_s(state, self._needs.chooser.policy(state), self._needs.switch.stop)
         if wait_s > 0:
             return None, wait_s

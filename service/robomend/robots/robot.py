@@ -211,7 +211,7 @@ class Robot:
             self.obs.forget(update.forgotten)
         if self.system.loops:
             self._circles.hear(update.entries)
-        self.sight.hear(update.entries)
+        self.sight.hear(update.entries, changed)
         return changed, tuple(kept.values())
 
     # --- what happens to what is held

@@ -185,9 +185,8 @@ class Robots:
             log.warning("board observation not kept", robot=robot, code=error.code, detail=str(error))
 
     def _board_repeats(self, robot: str, said: frozenset[Literal]) -> None:
-        """Nothing new: but what a board says now, it says of now."""
         if (state := self.memory.states.get(robot)) is not None:
-            state.sight.said_again(said, CLOCK.now_ns())
+            state.sight.said_again(said, CLOCK.now_ns())  # no news, but evidence of now
 
     # --- robots
 

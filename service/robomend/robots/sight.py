@@ -16,7 +16,7 @@ from robomend.errors import ObservationError
 from robomend.model.vocabulary import Vocabulary
 from robomend.observations.language import parse
 from robomend.observations.obs import consequences
-from robomend.observations.unconfirmed import Act, Confirmed, Unconfirmed
+from robomend.observations.unconfirmed import GUARD_NS, Act, Confirmed, Unconfirmed
 from robomend.planning.prediction import OBSERVED_FACTS
 from robomend.robots.clock import CLOCK
 from robomend.robots.declared import DeclaredAgents, Delays
@@ -32,16 +32,23 @@ SLACK_S = 0.3
 
 SLACK_NS = round(SLACK_S * 1e9)
 
+LATER_NS = 2 * GUARD_NS
+"""Evidence so much later than the first one is not in doubt for the sake of clocks."""
+
 
 class Sight:
     """Of one robot in memory (robomend.repairs.execution_values.FreshObs)."""
 
-    __slots__ = ("_clocks", "_listed", "_robot", "_settle", "declared", "unconfirmed")
+    __slots__ = ("_clocks", "_listed", "_risen", "_robot", "_rose", "_settle", "declared", "unconfirmed")
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
         self._clocks = SourceClocks(robot.id)
         self._settle = 0  # the latest settle number; by the clock, so that none comes twice after a crash
+        self._rose: dict[
+            Atom, tuple[int, ...]
+        ] = {}  # what holds -> since when, as it began to, and a bit later
+        self._risen: set[Atom] = set()  # those of them of which the latter is not known yet
         self._listed: tuple[tuple[str, ...], Vocabulary, frozenset[Atom]] | None = None
         self.declared = DeclaredAgents()
         self.unconfirmed = Unconfirmed()
@@ -147,8 +154,27 @@ class Sight:
         self.unconfirmed.touch((atom for atom in rest if atom not in held), Act(self._settle, answer_ns))
         return self._settle
 
-    def hear(self, reported: Iterable[Entry]) -> None:
-        """Take note of what was reported, as far as OBS has taken it in."""
+    def good_ns(self, entry: Entry) -> tuple[int, ...]:
+        """Return times since when something that holds is known to: from when it was news, and from now."""
+        now_ns = () if entry.since_ns is None else (entry.since_ns,)
+        return self._rose.get(entry.atom, ()) + now_ns
+
+    def hear(self, reported: Iterable[Entry], changed: Iterable[Entry] = ()) -> None:
+        """Take note of what was reported, as far as OBS has taken it in; `changed` is what was news."""
+        if self._risen:
+            for entry in reported:
+                if entry.atom in self._risen and entry.since_ns is not None:
+                    (first_ns,) = self._rose[entry.atom]
+                    if entry.since_ns > first_ns + LATER_NS:
+                        self._rose[entry.atom] = (first_ns, entry.since_ns)
+                        self._risen.discard(entry.atom)
+        for entry in changed:
+            if entry.positive and entry.since_ns is not None:
+                self._rose[entry.atom] = (entry.since_ns,)
+                self._risen.add(entry.atom)
+            else:
+                self._rose.pop(entry.atom, None)
+                self._risen.discard(entry.atom)
         if self.unconfirmed:
             said = (entry for given in reported for entry in consequences(given))
             self.unconfirmed.hear(entry for entry in said if self._robot.obs.get(entry.atom) == entry)

@@ -1,0 +1,74 @@
+"""What was tried, and how probable each diagnosis is after it."""
+
+from __future__ import annotations
+
+from tests.planning.candidates import SECOND, candidate, plan, tried
+
+from robomend.diagnosis.result import Diagnosis
+from robomend.planning.choice import choose
+from robomend.planning.tried import Patience, attempt, leading, repaired_by, weights
+
+
+def test_a_restart_that_came_with_the_power_cycle_counts_against_the_driver_too() -> None:
+    found = weights(
+        [Diagnosis(("jaguar",)), Diagnosis(("jaguar_node",)), Diagnosis(("imu_node",))],
+        [tried("jaguar", repaired="jaguar jaguar_node")],
+    )
+    assert found[0] == found[1] < found[2]
+
+
+def test_an_attempt_counts_against_all_that_it_repaired_and_only_if_it_did_not_help() -> None:
+    """A repair of a that restarted b made both good: {a, b} is refuted by it, {a, c} is not."""
+    diagnoses = [Diagnosis(("a", "b")), Diagnosis(("a", "c"))]
+    found = weights(diagnoses, [tried("a", repaired="a b")])
+    assert found[0] / found[1] == Patience().seen_factor
+    found = weights(diagnoses, [tried("a", repaired="a b", seen=False)])
+    assert found[0] / found[1] == Patience().unseen_factor
+    assert weights(diagnoses, [tried("a", repaired="a b", helped=True)]) == [0.5, 0.5]
+
+
+def test_an_attempt_counts_as_long_as_it_is_remembered() -> None:
+    diagnoses = [Diagnosis(("a",)), Diagnosis(("b",))]
+    patience = Patience(memory_s=100)
+    at_the_end = weights(diagnoses, [tried("a")], now_ns=100 * SECOND, patience=patience)
+    assert at_the_end[0] < 0.5
+    assert weights(diagnoses, [tried("a")], now_ns=100 * SECOND + 1, patience=patience) == [0.5, 0.5]
+    for now_ns, failures in ((100 * SECOND, 1), (100 * SECOND + 1, 0)):
+        choice = choose([candidate("a", 4)], [tried("a")], now_ns=now_ns, patience=patience)
+        assert choice.alternatives[0].failures == failures
+
+
+def test_each_further_component_makes_a_diagnosis_less_probable_by_one_factor() -> None:
+    found = weights(
+        [Diagnosis(("a",)), Diagnosis(("b", "c")), Diagnosis(("d", "e", "f"))],
+        patience=Patience(component_odds=0.1),
+    )
+    assert [round(one / found[0], 9) for one in found] == [1, 0.1, 0.01]
+    mixed = weights([Diagnosis(("a",), 0.9), Diagnosis(("b",))])  # a prior that only one has is none
+    assert mixed == [0.5, 0.5]
+
+
+def test_what_was_tried_long_ago_is_forgotten() -> None:
+    late = int(Patience().memory_s + 10) * SECOND
+    assert weights([Diagnosis(("a",)), Diagnosis(("b",))], [tried("a")], now_ns=late) == [0.5, 0.5]
+
+
+def test_small_diagnoses_lead_and_the_healthy_one_is_none() -> None:
+    diagnoses = [Diagnosis(("a", "b")), Diagnosis(("c",)), Diagnosis(())]
+    assert [one.bad for one in leading(diagnoses)] == [("c",), ("a", "b")]
+
+
+def test_a_hundred_bad_components_do_not_underflow() -> None:
+    many = tuple(f"c{i}" for i in range(400))
+    assert weights([Diagnosis(many), Diagnosis((*many[1:], "x"))]) == [0.5, 0.5]
+    assert weights([Diagnosis(("x",)), Diagnosis(many)]) == [1.0, 0.0]
+    one_more = weights([Diagnosis(many), Diagnosis((*many, "x"))])
+    assert abs(one_more[1] / one_more[0] - Patience().component_odds) < 1e-9
+
+
+def test_an_attempt_remembers_only_what_was_carried_out() -> None:
+    made = plan(10, "a", "b")
+    memory = attempt(Diagnosis(("a", "b")), made, done=[0], time_ns=5, effect_seen=True, helped=False)
+    assert memory.repaired == {"a"}
+    assert memory.actions == ("mend(a)",)
+    assert repaired_by(made) == {"a", "b"}
