@@ -40,6 +40,7 @@ from robomend.api.routers import (
     repairs,
     robot_pages,
     robots,
+    root,
     session,
 )
 from robomend.security import API
@@ -62,6 +63,7 @@ ROUTERS = (
     oneshots,
     session,
     operation,
+    root,
     docs,
     pages,
     robot_pages,
