@@ -77,6 +77,7 @@ EVERYONE: frozenset[Role] | None = None  # no key needed; the sign-in brings its
 API = "/api/v1"
 
 RULES: dict[tuple[str, str], frozenset[Role] | None] = {
+    ("GET", API): READ | OWN,
     ("GET", f"{API}/models"): READ,
     ("GET", f"{API}/models/{{name}}"): READ,
     ("PUT", f"{API}/models/{{name}}"): ACT,

@@ -50,7 +50,9 @@ class RepairsDouble:
         self, robot: str, *, bad: Sequence[str] | None, planner: str | None, timeout_s: float, pddl: bool
     ) -> Json:
         self.calls.append(("plan", robot, bad, planner, timeout_s, pddl))
-        return {"choice": {"bad": bad or []}, "plan": {"steps": []}, "alternatives": [], "probe": None}
+        chosen = {"bad": list(bad or []), "good": [], "probability": None, "weight": None}
+        answer: Json = {"choice": chosen, "plan": None, "alternatives": [], "probe": None}
+        return {**answer, "expected_cost": 0.0, "reason": "nothing is to be done"}
 
     async def findings(self, robot: str) -> Sequence[str]:
         return [f"nobody looks at {robot}"]

@@ -49,6 +49,17 @@ def test_a_bad_sentence_refuses_the_batch_or_only_itself(service: Service) -> No
     assert [one["sentence"] for one in kept["refused"]] == ["ok(scna)"]
 
 
+def test_a_batch_that_contradicts_itself_is_refused_and_changes_nothing(service: Service) -> None:
+    service.with_robot("torn")
+    service.observe("ok(map)", robot="torn")
+    answer = service.observe("not ok(map)", "ok(scan)", "ok(map)", robot="torn")
+    assert answer.status_code == 422
+    assert "both ok(map) and not ok(map)" in answer.json()["detail"]
+    kept = service.observe("not ok(map)", "ok(map)", "ok(map)", together=False, robot="torn").json()
+    assert [one["sentence"] for one in kept["refused"]] == ["ok(map)", "ok(map)"]
+    assert kept["changed"] == ["not ok(map)"]
+
+
 def test_names_that_nobody_declared_are_kept_where_the_robot_says_so(service: Service) -> None:
     service.with_robot("keeper", unknown="keep")
     service.observe("ok(never_heard_of)", robot="keeper")

@@ -41,6 +41,7 @@ from robomend.api.routers import (
     repairs,
     robot_pages,
     robots,
+    root,
     session,
     status,
 )
@@ -66,6 +67,7 @@ ROUTERS = (
     session,
     status,
     operation,
+    root,
     docs,
     pages,
     robot_pages,

@@ -18,12 +18,15 @@ import structlog
 from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from robomend.api.conditional import Conditional, head_as_get
 from robomend.api.express import PATH, RULE, Express
 from robomend.api.loop_watch import timed
 from robomend.api.origin import foreign
 from robomend.api.problems import Problem, unforeseen
+from robomend.api.rates import Bucket
 from robomend.api.shedding import LoadShedding
 from robomend.metrics import Metrics
+from robomend.security import API
 
 log = structlog.get_logger("robomend.http")
 
@@ -63,17 +66,23 @@ class Edge:
                 return
         status = 0
 
-        async def answer(message: Message) -> None:
+        async def with_headers(message: Message) -> None:
             nonlocal status
             if message["type"] == "http.response.start":
                 status = message["status"]
                 own = list(message.get("headers", ()))
                 names = {name.lower() for name, _ in own}
                 more = ((name, value) for name, value in SECURITY_HEADERS if name not in names)
-                message["headers"] = [*own, (b"x-request-id", request_id.encode()), *more]
+                bucket: Bucket | None = scope.get("robomend.rate")
+                rate = () if bucket is None else bucket.headers()
+                message["headers"] = [*own, (b"x-request-id", request_id.encode()), *more, *rate]
             await send(message)
 
         structlog.contextvars.bind_contextvars(request=request_id)
+        answer: Send = with_headers
+        asked, scope = scope, head_as_get(scope)
+        if scope["method"] == "GET" and scope["path"].startswith(API):
+            answer = Conditional(scope, headers.get(b"if-none-match"), answer)
         try:
             problem = refusal(scope)
             if problem is not None:
@@ -84,27 +93,37 @@ class Edge:
                 await timed(_coroutine(self._app, scope, receive, answer), self._metrics.held)
         except ClientDisconnect:
             status = status or 499  # nobody is left to answer; the log line and the metrics say so
-        except Exception:  # a bug of ours: the client gets its 500, the log the traceback
-            log.exception("unforeseen", method=scope["method"], path=scope["path"])
-            if status == 0:
-                await unforeseen(request_id)(scope, receive, answer)
+        except Exception as error:
+            if out_of_memory(error) and status == 0:
+                log.error("out of memory", method=scope["method"], path=scope["path"], detail=str(error))
+                why = "this process may have no more memory (`ulimit -v`, a cgroup); try again later"
+                await Problem(503, why, code="overloaded").response(request_id)(scope, receive, answer)
+            else:  # a bug of ours: the client gets its 500, the log the traceback
+                log.exception("unforeseen", method=scope["method"], path=scope["path"])
+                if status == 0:
+                    await unforeseen(request_id)(scope, receive, answer)
         finally:
-            self._note(scope, status, time.perf_counter() - began)
+            self._note(scope, asked["method"], status, time.perf_counter() - began)
             structlog.contextvars.clear_contextvars()
 
-    def _note(self, scope: Scope, status: int, elapsed_s: float) -> None:
+    def _note(self, scope: Scope, method: str, status: int, elapsed_s: float) -> None:
         route = getattr(scope.get("route"), "path_format", "none")
         waited = scope.get("robomend.waits")
-        self._metrics.request(scope["method"], route, status, None if waited else elapsed_s)
+        self._metrics.request(method, route, status, None if waited else elapsed_s)
         level = log.info if status >= 400 else log.debug
         level(
             "request",
-            method=scope["method"],
+            method=method,
             path=scope["path"],
             status=status,
             ms=round(elapsed_s * 1000, 2),
             principal=scope.get("robomend.principal_name"),
         )
+
+
+def out_of_memory(error: BaseException) -> bool:
+    """Whether it says that there is no room for what is asked: memory, or the stack of another thread."""
+    return isinstance(error, MemoryError) or str(error) == "can't start new thread"
 
 
 async def _coroutine(app: ASGIApp, scope: Scope, receive: Receive, send: Send) -> None:

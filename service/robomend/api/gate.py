@@ -122,7 +122,7 @@ class Admission:
         request.scope["robomend.principal_name"] = principal.name
         structlog.contextvars.bind_contextvars(principal=principal.name)
         _check_role(principal, request, rule)
-        self._not_too_often(principal)
+        request.scope["robomend.rate"] = self._not_too_often(principal)
         return principal
 
     def known(self, request: Request, rule: tuple[str, str]) -> Principal | None:
@@ -225,7 +225,7 @@ class Admission:
             )
         return LOCAL
 
-    def _not_too_often(self, principal: Principal) -> None:
+    def _not_too_often(self, principal: Principal) -> Bucket:
         bucket = self._rates.get(principal.name)
         if bucket is None:
             bucket = self._rates[principal.name] = Bucket(self.settings.requests_per_s, self.settings.burst)
@@ -237,6 +237,7 @@ class Admission:
                 f"more than {self.settings.requests_per_s:g} requests per second with one key",
                 headers={"Retry-After": str(math.ceil(wait_s))},
             )
+        return bucket
 
 
 def _check_role(principal: Principal, request: Request, rule: tuple[str, str]) -> None:

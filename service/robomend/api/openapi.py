@@ -56,7 +56,10 @@ def complete(document: dict[str, Any]) -> dict[str, Any]:
             operation["operationId"] = operation["operationId"].removesuffix(f"{place}_{method}")
             if RULES.get((method.upper(), path)) is not EVERYONE:
                 operation["security"] = [{"key": []}, {"cookie": []}, {}]
-            for status, response in operation.get("responses", {}).items():
+            answers = operation.get("responses", {})
+            if method == "get" and "application/json" in answers.get("200", {}).get("content", {}):
+                answers["304"] = {"description": "If-None-Match names this version: the client has it"}
+            for status, response in answers.items():
                 if status[0] in "45":
                     _as_problem(response)
     return document

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 
 
@@ -15,6 +16,15 @@ class Bucket:
         self.rate, self.burst = rate, burst
         self.tokens = float(burst)
         self.filled_at = time.monotonic()
+
+    def headers(self) -> tuple[tuple[bytes, bytes], ...]:
+        """Return what a client is told of it (draft-ietf-httpapi-ratelimit-headers)."""
+        full_s = math.ceil(self.burst / self.rate)
+        back_s = math.ceil((self.burst - self.tokens) / self.rate)
+        return (
+            (b"ratelimit-policy", b'"key";q=%d;w=%d' % (self.burst, full_s)),
+            (b"ratelimit", b'"key";r=%d;t=%d' % (self.tokens, back_s)),
+        )
 
     def take(self) -> float:
         """Take one token; return 0, or the seconds until there is one."""

@@ -8,6 +8,7 @@ they are refused here with their place.
 from __future__ import annotations
 
 import json
+from collections import Counter
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from robomend.errors import InputError, MalformedJson, TooDeep
@@ -42,8 +43,20 @@ def _read_float(text: str) -> float:
     return value
 
 
+def _read_object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    value = dict(pairs)
+    if len(value) < len(pairs):  # which of the two was meant?
+        [(twice, _)] = Counter(name for name, _ in pairs).most_common(1)
+        raise MalformedJson(f"the body has the key {twice[:100]!r} twice in one object")
+    return value
+
+
 _decoder = json.JSONDecoder(
-    parse_constant=_refuse_constant, parse_int=_read_integer, parse_float=_read_float, strict=True
+    parse_constant=_refuse_constant,
+    parse_int=_read_integer,
+    parse_float=_read_float,
+    object_pairs_hook=_read_object,
+    strict=True,
 )
 
 
@@ -51,7 +64,7 @@ def loads(body: bytes, max_nesting: int) -> Any:
     """Return the value of a JSON text.
 
     Raises:
-        MalformedJson: it is not JSON in UTF-8.
+        MalformedJson: it is not JSON in UTF-8, or an object has a key twice.
         TooDeep: it is nested deeper than `max_nesting`.
         InputError: it holds what nothing here could store, or more values than any request needs.
     """

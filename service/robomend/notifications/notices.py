@@ -13,10 +13,10 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from typing import Any
 from urllib.parse import quote
 
+from robomend.moments import rfc3339
 from robomend_client.events import Event, Kind
 
 Json = Mapping[str, Any]
@@ -75,13 +75,12 @@ def trial_notice(recipient: str, by: str, time_ns: int) -> Notice:
 
 def message(number: int, data: Json, public_url: str | None) -> dict[str, Any]:
     """Return a kept notice as a receiver gets it."""
-    moment = datetime.fromtimestamp(data["time_ns"] // 1_000_000 / 1000, UTC)
     return {
         "id": f"n-{number}",
         "about": data["about"],
         "robot": data["robot"],
         "repair": data["repair"],
-        "time": moment.isoformat(timespec="milliseconds").replace("+00:00", "Z"),
+        "time": rfc3339(data["time_ns"]),
         "title": data["title"],
         "text": "\n".join(data["lines"]),
         "url": _link(data, public_url),

@@ -30,6 +30,7 @@ class ReasonsToRepair:
         self.given_up: BadSets | None = None  # the diagnoses that the last repair could not mend
         self.retry_ns: int | None = None  # when they may be tried again
         self.interlocked = False  # it ended while nothing might be sent: worth a try when something may
+        self.held_by_stop = False  # by nothing else, when it was asked last
         self._unhealthy: tuple[BadSets, float] | None = None  # and since when, monotonic
 
     def recall(self, view: View, robot: str) -> None:
@@ -55,6 +56,7 @@ class ReasonsToRepair:
 
     def wait_s(self, state: Robot, policy: Policy, stop: Stop) -> float:
         """Return 0 if there is a reason to begin a repair now, else after how long to look again."""
+        self.held_by_stop = False
         situation = situation_of(state)
         if situation is None:
             self._unhealthy = None
@@ -70,7 +72,10 @@ class ReasonsToRepair:
         if self.interlocked and state.interlocked() is None:
             self.given_up, self.interlocked = None, False
         acts = state.config.policy != "observe" and state.system.parts is not None
-        if not acts or stop.active or situation == self.given_up:
+        if not acts or situation == self.given_up:
+            return IDLE_S
+        if stop.active:
+            self.held_by_stop = True
             return IDLE_S
         if held_s < policy.hold_s:
             return policy.hold_s - held_s + 0.001

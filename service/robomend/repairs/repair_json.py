@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
+from robomend.moments import rfc3339
 from robomend.planning.plan import Step
 from robomend.repairs.execution_values import StepReport
 from robomend.repairs.states import StepState
@@ -55,7 +56,7 @@ def repair_json(repair: StoredRepair, steps: Sequence[StepRecord] = ()) -> dict[
     waiting = {"state": StepState.WAITING, "result": None, "message": "", "feedback": None}
     plan = [{**waiting, **step, **reports.get(step["index"], {})} for step in data.get("plan", ())]
     rounds = [
-        {**one, "plan": [{**step, **reports.get(step["index"], {})} for step in one["plan"]]}
+        {**one, "plan": [{**waiting, **step, **reports.get(step["index"], {})} for step in one["plan"]]}
         for one in data.get("rounds", ())
     ]
     return {
@@ -79,4 +80,7 @@ def repair_json(repair: StoredRepair, steps: Sequence[StepRecord] = ()) -> dict[
         "created_ns": repair.created_ns,
         "updated_ns": repair.updated_ns,
         "finished_ns": None if repair.open else repair.updated_ns,
+        "created": rfc3339(repair.created_ns),
+        "updated": rfc3339(repair.updated_ns),
+        "finished": None if repair.open else rfc3339(repair.updated_ns),
     }

@@ -10,7 +10,7 @@ Every mapping that comes back holds JSON values only and is served as it is, in 
 
     repair      {"id", "robot", "state", "policy", "round", "diagnosis": {"bad", "good"} | null,
                  "plan": [step…], "cost", "assumed": [literal…], "waiting_for": [literal…], "reason", "by",
-                 "created_ns", "updated_ns", "finished_ns" | null}
+                 "created_ns", "updated_ns", "finished_ns" | null, and the same in RFC 3339}
     step        {"index", "name", "parameters", "after", "cost", "state", "result" | null, "message",
                  "feedback": {"code", "message", "time_ns"} | null}
     action      {"id", "name", "parameters", "timeout_s", "host" | null}

@@ -82,7 +82,8 @@ class RobotRepairs:
         stop = self._needs.switch.stop
         if stop.active:
             self._signals.end(by=stop.by or LOOP, reason=f"global stop: {stop.reason}", stop=True)
-        self._news.set()
+        elif self._reasons.held_by_stop:  # nobody else: a fleet of healthy robots sleeps on
+            self._news.set()
 
     async def run(self) -> None:
         """Look after the robot until it is lost, deleted, or the service ends."""

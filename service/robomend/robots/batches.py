@@ -163,9 +163,13 @@ async def read_batches(
             except ObservationError as error:
                 _refuse(batch, refused, error)
             await turns.rest()
+        said: dict[Atom, bool] = {}  # in this batch, which is of one moment
         for position, sentence in enumerate(batch.observations):
             try:
                 for literal in parse(sentence, vocabulary, unknown=unknown):
+                    if said.setdefault(literal.atom, literal.positive) != literal.positive:
+                        why = f"the batch says both {literal.atom} and not {literal.atom}, of one moment"
+                        raise ObservationError(why, sentence, 0)
                     since_ns, onset_ns = rests_on(literal, position)
                     entry = Entry(literal, source, at_ns, expires_ns, since_ns, onset_ns, batch.settled)
                     entries.append(entry)
@@ -177,8 +181,8 @@ async def read_batches(
         for name, sentence in batch.assertions.items():
             record = StoredAssertion(name, sentence, source, at_ns, expires_ns)
             try:
-                said = await readers.assertion(words.version, vocabulary, name, sentence, unknown=unknown)
-                asserted.append((said, record))
+                read = await readers.assertion(words.version, vocabulary, name, sentence, unknown=unknown)
+                asserted.append((read, record))
             except ObservationError as error:
                 _refuse(batch, refused, error)
             await turns.rest()

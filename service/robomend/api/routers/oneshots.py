@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from fastapi import APIRouter, Response
+from starlette.responses import JSONResponse
 
 from robomend.api.deps import PartsDep
 from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
 from robomend.api.schemas.diagnosis import AskBody, ResultOut
+from robomend.api.schemas.plans import ChoiceOut
 from robomend.api.schemas.repair import OneShotPlanBody
 from robomend.api.views import engine_options, result_response
 from robomend.oneshots.plan_json import choice_json
@@ -27,8 +27,8 @@ async def diagnose(body: AskBody, parts: PartsDep) -> Response:
     return result_response(await parts.one_shots.diagnose(subject, asked, body.options.engine, options))
 
 
-@router.post("/plans", responses=problems(404, body=True))
-async def plan(body: OneShotPlanBody, parts: PartsDep) -> dict[str, Any]:
+@router.post("/plans", response_model=ChoiceOut, responses=problems(404, body=True))
+async def plan(body: OneShotPlanBody, parts: PartsDep) -> JSONResponse:
     """Choose and plan a repair over a model and observations, or plan for the components `bad`."""
     subject = await parts.robots.models.subject(body.model, body.source)
     asked = await parts.robots.models.question(subject, body.observations)
@@ -41,4 +41,4 @@ async def plan(body: OneShotPlanBody, parts: PartsDep) -> dict[str, Any]:
         timeout_s=body.timeout_s,
         pddl=body.pddl,
     )
-    return choice_json(choice, subject.system.cnf.components)
+    return JSONResponse(choice_json(choice, subject.system.cnf.components))

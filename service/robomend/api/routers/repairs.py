@@ -1,16 +1,21 @@
-"""/repairs: what was found, planned and done, and a person's yes or no to it."""
+"""/repairs: what was found, planned and done, and a person's yes or no to it.
+
+Repairs are JSON already when they come from the loop: RepairOut only describes them.
+"""
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated
 
-from fastapi import APIRouter, Query, Response
+from fastapi import APIRouter, Query
+from starlette.responses import JSONResponse
 
 from robomend.api.deps import PagingDep, PartsDep, PrincipalDep, RepairPath, RobotPath
 from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
 from robomend.api.schemas.base import Items
 from robomend.api.schemas.repair import DecisionBody, RepairBody
+from robomend.api.schemas.repair_record import RepairOut
 from robomend.repairs.repair_json import repair_json
 from robomend.security import API
 from robomend.store import View, repairs
@@ -18,50 +23,55 @@ from robomend.store import View, repairs
 router = APIRouter(prefix=API, tags=["repair"], route_class=GuardedRoute)
 
 
-@router.post("/robots/{robot}/repairs", status_code=202, responses=problems(404, 409, body=True))
+@router.post(
+    "/robots/{robot}/repairs",
+    status_code=202,
+    response_model=RepairOut,
+    responses=problems(404, 409, body=True),
+)
 async def create_repair(
-    robot: RobotPath, body: RepairBody, parts: PartsDep, principal: PrincipalDep, response: Response
-) -> dict[str, Any]:
+    robot: RobotPath, body: RepairBody, parts: PartsDep, principal: PrincipalDep
+) -> JSONResponse:
     """Ask for a repair of the diagnosis `bad`, or of the best choice; a conflict while one is open."""
     repair = await parts.repairs.create(robot, bad=body.bad, by=principal.name, reason=body.reason)
-    response.headers["Location"] = f"{API}/repairs/{repair['id']}"
-    return dict(repair)
+    return JSONResponse(dict(repair), 202, {"Location": f"{API}/repairs/{repair['id']}"})
 
 
-@router.get("/robots/{robot}/repairs", responses=problems(404))
-async def list_repairs(robot: RobotPath, parts: PartsDep, paging: PagingDep) -> Items[dict[str, Any]]:
+@router.get("/robots/{robot}/repairs", response_model=Items[RepairOut], responses=problems(404))
+async def list_repairs(robot: RobotPath, parts: PartsDep, paging: PagingDep) -> JSONResponse:
     """List the robot's repairs, newest first."""
     found = await parts.repairs.repairs(robot, before=paging.cursor, limit=paging.limit)
     more = len(found) == paging.limit
-    return Items(items=[dict(repair) for repair in found], next=str(found[-1]["id"]) if more else None)
+    items = [dict(repair) for repair in found]
+    return JSONResponse({"items": items, "next": items[-1]["id"] if more else None})
 
 
-@router.get("/repairs", responses=problems(404))
+@router.get("/repairs", response_model=Items[RepairOut], responses=problems(404))
 async def list_all_repairs(
     parts: PartsDep,
     paging: PagingDep,
     open_only: Annotated[bool, Query(alias="open", description="only those that have not ended")] = False,
-) -> Items[dict[str, Any]]:
+) -> JSONResponse:
     """List the repairs of all robots, newest first."""
 
-    def look(view: View) -> Items[dict[str, Any]]:
+    def look(view: View) -> dict[str, object]:
         found = repairs.page(view, None, paging, open_only=open_only)
         items = [repair_json(repair, repairs.steps(view, repair.id)) for repair in found.items]
-        return Items(items=items, next=found.next)
+        return {"items": items, "next": found.next}
 
-    return await parts.store.read(look)
+    return JSONResponse(await parts.store.read(look))
 
 
-@router.get("/repairs/{repair}", responses=problems(404))
-async def get_repair(repair: RepairPath, parts: PartsDep) -> dict[str, Any]:
+@router.get("/repairs/{repair}", response_model=RepairOut, responses=problems(404))
+async def get_repair(repair: RepairPath, parts: PartsDep) -> JSONResponse:
     """Return a repair with its diagnosis, plan and steps."""
-    return dict(await parts.repairs.repair(repair))
+    return JSONResponse(dict(await parts.repairs.repair(repair)))
 
 
-@router.post("/repairs/{repair}", responses=problems(404, 409, body=True))
+@router.post("/repairs/{repair}", response_model=RepairOut, responses=problems(404, 409, body=True))
 async def decide(
     repair: RepairPath, body: DecisionBody, parts: PartsDep, principal: PrincipalDep
-) -> dict[str, Any]:
+) -> JSONResponse:
     """Approve a repair that awaits it, or cancel one that has not ended."""
     ask = parts.repairs.approve if body.decision == "approve" else parts.repairs.cancel
-    return dict(await ask(repair, by=principal.name, reason=body.reason))
+    return JSONResponse(dict(await ask(repair, by=principal.name, reason=body.reason)))

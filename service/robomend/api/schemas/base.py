@@ -20,6 +20,14 @@ ModelName = Annotated[str, Field(pattern=NAME, examples=["tedusar"])]
 Component = Annotated[str, Field(min_length=1, max_length=200, examples=["jaguar"])]
 Sentence = Annotated[str, Field(min_length=1, max_length=4000, examples=["not ok(scan)"])]
 Nanoseconds = Annotated[int, Field(ge=0, le=MAX_INT, examples=[1764000000000000000])]
+Moment = Annotated[
+    str,
+    Field(
+        json_schema_extra={"format": "date-time"},
+        description="RFC 3339, in UTC, beside the nanoseconds, which JavaScript cannot hold",
+        examples=["2025-11-24T16:00:00.123Z"],
+    ),
+]
 Reason = Annotated[str, Field(max_length=1000, examples=["the laser was cleaned"])]
 
 

@@ -1,0 +1,127 @@
+"""A repair as it is kept: its rounds, their steps, and how far each came."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from robomend.api.schemas.base import Moment, Nanoseconds, Out
+
+State = Literal[
+    "waiting",
+    "planning",
+    "awaiting-approval",
+    "running",
+    "verifying",
+    "repaired",
+    "escalated",
+    "cancelled",
+    "failed",
+]
+
+
+class BadAndGood(Out):
+    """A diagnosis: these are bad, those good."""
+
+    bad: list[str] = Field(examples=[["jaguar"]])
+    good: list[str] = Field(examples=[["hokuyo", "imu"]])
+
+
+class StepFeedback(Out):
+    """How far an action said that it was."""
+
+    code: int = Field(examples=[1])
+    message: str = Field(examples=["half way"])
+    time_ns: int
+
+
+class RepairStep(Out):
+    """A step of a repair, numbered over all its rounds, with the journal's entry of its action."""
+
+    index: int = Field(examples=[0])
+    name: str = Field(examples=["start_node"])
+    parameters: list[str] = Field(examples=[["jaguar_node"]])
+    after: list[int] = Field(description="steps that must be done before it")
+    cost: float
+    text: str = Field(examples=["start_node(jaguar_node)"])
+    state: Literal["waiting", "running", "done", "already-there", "failed"]
+    result: int | None = Field(description="the action's result code; 0 is success")
+    message: str
+    feedback: StepFeedback | None
+    id: str | None = Field(default=None, description="of the action", examples=["r-7k2m9x4q:0"])
+    seen: list[str] = Field(default=[], description="effects that were observed")
+    missing: list[str] = Field(default=[], description="effects that were not")
+    sent_ns: int | None = None
+    ended_ns: int | None = None
+
+
+class SeenSymptom(Out):
+    """A literal that was seen, and since when."""
+
+    literal: str = Field(examples=["not ok(scan)"])
+    since_ns: int | None
+    onset_ns: int | None
+
+
+class Rival(Out):
+    """A diagnosis that was weighed and not chosen."""
+
+    bad: list[str]
+    weight: float
+    helps: float
+    cost: float | None
+    why: str
+
+
+class RepairRound(Out):
+    """One round of a repair: what it rested on, what was done, how it ended."""
+
+    diagnosis: BadAndGood
+    plan: list[RepairStep]
+    why: str = Field(description="the choice in words")
+    ending: str | None = Field(description="null: it has not ended", examples=["done"])
+    reason: str = ""
+    helped: bool | None = None
+    symptoms: list[SeenSymptom] = Field(default=[])
+    symptoms_left_out: int = 0
+    conflicts: list[str] = Field(default=[])
+    weight: float | None = None
+    rivals: list[Rival] = Field(default=[])
+    after: list[SeenSymptom] = Field(default=[], description="of the symptoms, at its end")
+
+
+class WantedProbe(Out):
+    """An atom that is looked at before anything is done."""
+
+    atom: str = Field(examples=["on(jaguar)"])
+
+
+class RepairOut(Out):
+    """A repair: its state, its present plan, and its rounds."""
+
+    id: str = Field(examples=["r-7k2m9x4q"])
+    robot: str = Field(examples=["tedusar-1"])
+    state: State
+    policy: Literal["observe", "approve", "auto"] | None
+    round: int = Field(examples=[1])
+    diagnosis: BadAndGood | None
+    plan: list[RepairStep]
+    rounds: list[RepairRound]
+    cost: float | None
+    assumed: list[str]
+    unreachable: list[str]
+    left_off: list[str] = Field(description="components that it switched off and did not bring back")
+    waiting_for: list[str] = Field(description="literals that nobody has reported yet")
+    probe: WantedProbe | None
+    reason: str
+    by: str | None = Field(examples=["robomend"])
+    created_ns: Nanoseconds
+    created: Moment
+    updated_ns: Nanoseconds
+    updated: Moment
+    finished_ns: Nanoseconds | None
+    finished: Moment | None
+    account: list[str] | None = Field(
+        default=None, description="the repair in words, of GET /repairs/{repair} alone"
+    )

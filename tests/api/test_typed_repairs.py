@@ -1,0 +1,98 @@
+"""Repairs and plans are what the OpenAPI document says: every field that comes is described, and comes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from pydantic import BaseModel
+from tests.api.conftest import TEDUSAR, Service, running
+from tests.waiting import until
+
+from robomend.api.schemas.plans import ChoiceOut
+from robomend.api.schemas.repair_record import RepairOut
+from robomend.settings import Settings
+
+WRONG = ["not ok(scan)", "not running(hokuyo_node)", "on(hokuyo)", "on(jaguar)"]
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
+    settings = Settings(port=0, data=tmp_path_factory.mktemp("typed"))
+    with running(settings, repairs=True) as service:
+        service.with_robot("r1", policy="approve", actions={"start_node": {"retries": 0}})
+        service.observe(*WRONG, robot="r1")
+        yield service
+
+
+def described(kind: type[BaseModel], answer: dict[str, Any]) -> None:
+    """See that nothing comes that is not described, and that what is described fits."""
+    read = kind.model_validate(answer, strict=True).model_dump(exclude_unset=True)
+    assert read == answer
+
+
+def repair_of(service: Service, *states: str) -> dict[str, Any]:
+    def newest() -> dict[str, Any] | None:
+        items = service.api("GET", "/robots/r1/repairs").json()["items"]
+        return next((one for one in items if one["state"] in states), None)
+
+    until(newest, f"no repair is {states}", 60)
+    found = newest()
+    assert found is not None
+    return found
+
+
+def test_a_repair_is_as_described_from_beginning_to_end(service: Service) -> None:
+    waiting = repair_of(service, "awaiting-approval")
+    described(RepairOut, waiting)
+    assert waiting["plan"][0]["state"] == "waiting"
+    approved = service.api("POST", f"/repairs/{waiting['id']}", json={"decision": "approve"})
+    described(RepairOut, approved.json())
+    poll = {"agent": "a", "wait_s": 10.0}
+    order = service.api("POST", "/robots/r1/actions/next", json=poll).json()
+    service.api("POST", f"/actions/{order['id']}/feedback", json={"code": 1, "message": "half way"})
+    service.api("POST", f"/actions/{order['id']}/result", json={"code": 5, "message": "it is stuck"})
+    until(lambda: find(service, waiting["id"])["rounds"][0]["ending"], "the round did not end", 60)
+    done = find(service, waiting["id"])
+    described(RepairOut, done)
+    [step] = [one for one in done["rounds"][0]["plan"] if one["result"] is not None]
+    assert step["result"] == 5
+    assert "it is stuck" in step["message"]
+    assert step["feedback"]["message"] == "half way"
+    assert done["account"]
+    service.api("POST", f"/repairs/{waiting['id']}", json={"decision": "cancel"})
+    until(lambda: find(service, waiting["id"])["finished"], "it did not end", 60)
+    ended = find(service, waiting["id"])
+    described(RepairOut, ended)
+    assert ended["created"].endswith("Z")
+    assert ended["created"] <= ended["finished"]
+
+
+def find(service: Service, repair: str) -> dict[str, Any]:
+    found: dict[str, Any] = service.api("GET", f"/repairs/{repair}").json()
+    return found
+
+
+@pytest.mark.parametrize("pddl", [True, False])
+def test_a_plan_for_a_robot_is_as_described(service: Service, pddl: bool) -> None:
+    answer = service.api("POST", "/robots/r1/plans", json={"pddl": pddl}).json()
+    described(ChoiceOut, answer)
+    assert answer["plan"]["steps"]
+    assert (answer["plan"]["pddl"] is not None) == pddl
+
+
+@pytest.mark.parametrize("observed", [WRONG, ["not ok(scan)"], []])
+def test_a_one_shot_plan_is_as_described(service: Service, observed: list[str]) -> None:
+    answer = service.api("POST", "/plans", json={"source": TEDUSAR, "observations": observed}).json()
+    described(ChoiceOut, answer)
+
+
+def test_no_answer_is_an_untyped_object(service: Service) -> None:
+    document = service.http.get("/openapi.json").json()
+    for path, operations in document["paths"].items():
+        for method, operation in operations.items():
+            for status, response in operation["responses"].items():
+                schema = response.get("content", {}).get("application/json", {}).get("schema", {})
+                bare = schema.get("type") == "object" and schema.get("additionalProperties") in (None, True)
+                assert not bare or (path == "/version-info"), f"{method} {path} {status}"
