@@ -55,7 +55,7 @@ def test_a_real_ros_2_robot_gives_its_figures(long: bool, monkeypatch: pytest.Mo
         pytest.skip("a service, a robot and two agents that wait for their own time-outs: --long runs it")
     ros2()
     monkeypatch.setattr(bench_ros2, "CANDIDATES", (str(KILTED.python),))
-    small = ["--only", "ros2", "--nodes", "1", "--seconds", "0.5", "--format", "json"]
+    small = ["--only", "ros2", "--nodes", "1", "--seconds", "3", "--format", "json"]
     found = json.loads(CliRunner().invoke(command, small, catch_exceptions=False).stdout)["ros2"]
     assert found["killed"]["count"] == found["frozen"]["count"] == found["silent"]["count"] == 1
     assert 10 < found["raw_mb"] < found["fields_mb"]  # rosbags is loaded when a field is read
