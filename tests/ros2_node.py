@@ -70,9 +70,14 @@ class Commands:
         self.others: dict[str, Any] = {}
         self.publishers: dict[str, Any] = {}
         self.timers: dict[str, Any] = {}
+        self.goals = 0
 
     def nothing(self, line: dict[str, Any]) -> None:
         pass
+
+    def asked(self, line: dict[str, Any]) -> int:
+        """Return how many goals its action servers have got."""
+        return self.goals
 
     def also(self, line: dict[str, Any]) -> None:
         """Be another node, too."""
@@ -102,6 +107,50 @@ class Commands:
         if line["topic"] in self.timers:
             self.hush(line)
         self.node.destroy_publisher(self.publishers.pop(line["topic"]))
+
+    def lifecycle(self, line: dict[str, Any]) -> None:
+        """Be a node with a lifecycle, too."""
+        from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
+
+        class Managed(LifecycleNode):  # type: ignore[misc]  # rclpy is not where types are checked
+            def on_configure(self, state: Any) -> Any:
+                refused = line.get("refuses", False)
+                return TransitionCallbackReturn.FAILURE if refused else TransitionCallbackReturn.SUCCESS
+
+            def on_activate(self, state: Any) -> Any:
+                say(heard=line["name"], value="active")
+                return super().on_activate(state)
+
+        self.others[line["name"]] = Managed(line["name"])
+        self.executor.add_node(self.others[line["name"]])
+
+    def serve(self, line: dict[str, Any]) -> None:
+        """An action server that counts as far as it is asked to, or waits until it is cancelled."""
+        import time
+
+        from rclpy.action import ActionServer, CancelResponse
+        from rclpy.callback_groups import ReentrantCallbackGroup
+        from test_msgs.action import Fibonacci
+
+        def execute(goal: Any) -> Any:
+            self.goals += 1
+            while line.get("waits") and not goal.is_cancel_requested:
+                time.sleep(0.01)
+            if goal.is_cancel_requested:
+                say(heard=line["name"], value="cancelled")
+                goal.canceled()
+                return Fibonacci.Result()
+            goal.succeed()
+            return Fibonacci.Result(sequence=list(range(goal.request.order)))
+
+        self.others[line["name"]] = ActionServer(
+            self.node,
+            Fibonacci,
+            line["name"],
+            execute,
+            callback_group=ReentrantCallbackGroup(),
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+        )
 
     def subscribe(self, line: dict[str, Any]) -> None:
         def heard(message: Any) -> None:

@@ -8,10 +8,13 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from tests.packages import KILTED
 from tests.ros1 import ros1
+from tests.ros2 import ros2
 
 from robomend_bench.robots import live, streams
 from robomend_bench.robots import ros1 as bench_ros1
+from robomend_bench.robots import ros2 as bench_ros2
 from robomend_bench.robots.command import PARTS, command
 from robomend_client.observers import GeneralObserver, Rate
 
@@ -19,7 +22,7 @@ SMALL = ("--samples", "1000", "--repeats", "1", "--messages", "1000", "--nodes",
 
 
 def test_every_part_gives_its_figures() -> None:
-    ours = [part for part in PARTS if part != "ros1"]
+    ours = [part for part in PARTS if part not in ("ros1", "ros2")]
     small = [*SMALL, "--only", ",".join(ours), "--format", "json"]
     done = CliRunner().invoke(command, small, catch_exceptions=False)
     found = json.loads(done.stdout)
@@ -44,6 +47,25 @@ def test_a_real_ros_1_robot_gives_its_figures(long: bool) -> None:
     assert found["frozen"]["median_s"] > 1.0  # the time-out of a question
     assert 10 < found["raw_mb"] < found["fields_mb"]  # rosbags is loaded when a field is read
     assert found["raw_core"] > 0
+
+
+@pytest.mark.timeout(300)
+def test_a_real_ros_2_robot_gives_its_figures(long: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    if not long:
+        pytest.skip("a service, a robot and two agents that wait for their own time-outs: --long runs it")
+    ros2()
+    monkeypatch.setattr(bench_ros2, "CANDIDATES", (str(KILTED.python),))
+    small = ["--only", "ros2", "--nodes", "1", "--seconds", "3", "--format", "json"]
+    found = json.loads(CliRunner().invoke(command, small, catch_exceptions=False).stdout)["ros2"]
+    assert found["killed"]["count"] == found["frozen"]["count"] == found["silent"]["count"] == 1
+    assert 10 < found["raw_mb"] < found["fields_mb"]  # rosbags is loaded when a field is read
+    assert found["raw_core"] > 0
+
+
+def test_without_ros_2_nothing_is_measured_and_that_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bench_ros2, "CANDIDATES", ("/bin/false",))
+    done = CliRunner().invoke(command, ["--only", "ros2"], catch_exceptions=False)
+    assert "| ROS 2 | not measured: no rclpy" in done.stdout
 
 
 def test_without_ros_1_nothing_is_measured_and_that_is_said(monkeypatch: pytest.MonkeyPatch) -> None:

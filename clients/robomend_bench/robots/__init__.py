@@ -2,6 +2,6 @@
 
 streams.py  observers over streams in memory: samples a second, silence, false alarms; log time, no clock
 live.py     a real agent and service: from a SIGKILL or the last message to the service; memory
-ros1.py     the same on a real ROS 1 robot, where there is one
+ros.py      the same on a real robot with ROS: ros1.py, ros2.py, where there is one
 command.py  the command
 """

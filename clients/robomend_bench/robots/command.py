@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import json
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import click
 
 from robomend_bench.parts import wanted
-from robomend_bench.robots import live, ros1, streams
+from robomend_bench.robots import live, ros, ros1, ros2, streams
 from robomend_bench.service.measure import load_of_others
 from robomend_bench.service.process import processors, served
 
@@ -72,20 +72,41 @@ def _live(wish: dict[str, Any]) -> Measured:
 
 
 def _ros1(wish: dict[str, Any]) -> Measured:
+    return _ros(
+        "ROS 1",
+        ros1.check,
+        ros1.Ros1Rig,
+        {"killed": "0.3 s; 0.1 s", "frozen": "2 s; 1 s", "core": "4 %; 2.5 %", "mb": "55 MB; 48 MB"},
+        wish,
+    )
+
+
+def _ros2(wish: dict[str, Any]) -> Measured:
+    return _ros("ROS 2", ros2.python, ros2.Ros2Rig, {"core": "6 %; 3 %", "mb": "65 MB; 56 MB"}, wish)
+
+
+def _ros(
+    name: str,
+    check: Callable[[], object],
+    make: Callable[..., ros.RosRig],
+    goals: Mapping[str, str],
+    wish: dict[str, Any],
+) -> Measured:
+    """Measure an agent on a real robot with this ROS."""
     try:
-        ros1.check()
-    except ros1.NoRos1 as error:
-        return {"missing": str(error)}, [("ROS 1", f"not measured: {error}", "")]
+        check()
+    except ros.NoRos as error:
+        return {"missing": str(error)}, [(name, f"not measured: {error}", "")]
     found: dict[str, Any] = {}
-    field = {"x": {"kind": "qualitative", "from": "ros1", "source": "node0_topic0:data"}}
     with served() as service, tempfile.TemporaryDirectory(prefix="robomend-bench-") as folder:
-        rig = ros1.Ros1Rig(service.url, Path(folder), min(5, wish["nodes"]), 10)
-        with rig.robot() as uri:
-            for name, observers in (("fields", field), ("raw", {})):
-                with rig.watched(uri, observers) as agent:
-                    found[f"{name}_mb"] = round(live.settled_mb(agent.pid), 1)
-                    found[f"{name}_core"] = round(ros1.share_of_a_core(agent.pid, wish["seconds"]), 4)
-                    if name == "raw":
+        rig = make(service.url, Path(folder), min(5, wish["nodes"]), 10)
+        field = {"x": {"kind": "qualitative", "from": rig.origin, "source": "node0_topic0:data"}}
+        with rig.robot() as section:
+            for what, observers in (("fields", field), ("raw", {})):
+                with rig.watched(section, observers) as agent:
+                    found[f"{what}_mb"] = round(live.settled_mb(agent.pid), 1)
+                    found[f"{what}_core"] = round(ros.share_of_a_core(agent.pid, wish["seconds"]), 4)
+                    if what == "raw":
                         found["frozen"] = live.row(rig.frozen_s(wish["seed"]))
                         found["silent"] = live.row(rig.hushed_s(wish["seed"]))
                         found["killed"] = live.row(rig.ended_s(wish["seed"]))
@@ -93,26 +114,30 @@ def _ros1(wish: dict[str, Any]) -> Measured:
     seconds = "median {median_s:.2f} s, max {max_s:.2f} s".format
     return found, [
         (
-            f"ROS 1 node SIGKILLed, to service, {killed['count']} times",
+            f"{name} node SIGKILLed, to service, {killed['count']} times",
             f"median {killed['median_s'] * 1e3:.0f} ms, max {killed['max_s'] * 1e3:.0f} ms",
-            "0.3 s; 0.1 s",
+            goals.get("killed", ""),
         ),
-        (f"ROS 1 node frozen (SIGSTOP), to service, {frozen['count']} times", seconds(**frozen), "2 s; 1 s"),
         (
-            f"10 Hz topic of ROS 1 silent, to service, {silent['count']} times",
+            f"{name} node frozen (SIGSTOP), to service, {frozen['count']} times",
+            seconds(**frozen),
+            goals.get("frozen", ""),
+        ),
+        (
+            f"10 Hz topic of {name} silent, to service, {silent['count']} times",
             seconds(**silent),
             "0.5 s; 0.35 s",
         ),
         (
-            f"agent, {10 * killed['count']} topics of ROS 1 at 10 Hz",
+            f"agent, {10 * killed['count']} topics of {name} at 10 Hz",
             f"{found['raw_core']:.1%} of a core",
-            "4 %; 2.5 %",
+            goals["core"],
         ),
         ("the same, with a field read", f"{found['fields_core']:.1%} of a core", ""),
         (
             "agent's memory, the same",
             f"{found['raw_mb']:.1f} MB; {found['fields_mb']:.1f} MB",
-            "55 MB; 48 MB",
+            goals["mb"],
         ),
     ]
 
@@ -123,6 +148,7 @@ PARTS: dict[str, Callable[[dict[str, Any]], Measured]] = {
     "alarms": _alarms,
     "live": _live,
     "ros1": _ros1,
+    "ros2": _ros2,
 }
 
 
@@ -140,9 +166,11 @@ PARTS: dict[str, Callable[[dict[str, Any]], Measured]] = {
     type=click.IntRange(1, 100),
     default=20,
     show_default=True,
-    help="In parts live, and ros1 (at most 5).",
+    help="In parts live, and ros1 and ros2 (at most 5).",
 )
-@click.option("--seconds", type=click.FloatRange(0.1), default=20.0, show_default=True, help="In part ros1.")
+@click.option(
+    "--seconds", type=click.FloatRange(0.1), default=20.0, show_default=True, help="In ros1 and ros2."
+)
 @click.option("--seed", type=int, default=1, show_default=True)
 @click.option("--format", "output", type=click.Choice(["markdown", "json"]), default="markdown")
 def command(only: str, output: str, **wish: Any) -> None:

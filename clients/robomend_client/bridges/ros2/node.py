@@ -7,7 +7,7 @@ every POLL_S   what has come in? ──► whoever wants the topic
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from robomend_client.bridges.problems import Problems
@@ -19,7 +19,7 @@ from robomend_client.bridges.ros2.entities import Entities, NodeEntities
 from robomend_client.bridges.ros2.names import wire_topic, wire_type
 from robomend_client.bridges.ros2.topics import ListenedTopic, OnSample
 
-POLL_S = 0.02
+POLL_S = 0.04
 LOOK_S = 0.1
 
 
@@ -67,8 +67,8 @@ class DdsNode:
         self._told.append(told)
         return told
 
-    async def run(self, dds: Dds, looked: Callable[[], None] = lambda: None) -> None:
-        """Be a node until cancelled; `looked` is called after each look at the network."""
+    async def run(self, dds: Dds) -> None:
+        """Be a node until cancelled."""
         self.found.own = dds.key
         graph_in = dds.reader(entities.TOPIC, entities.TYPE, 100, latched=True)
         graph_out = dds.writer(entities.TOPIC, entities.TYPE, latched=True)
@@ -80,7 +80,6 @@ class DdsNode:
             while True:
                 if count % polls == 0:
                     self._look(dds, graph_in, graph_out)
-                    looked()
                 for topic in self._topics.values():
                     topic.take(self.found)
                 count += 1

@@ -1,0 +1,134 @@
+"""The package for robots that have ROS 2 themselves: its programs, run by a real rclpy."""
+
+from __future__ import annotations
+
+import ast
+import asyncio
+import signal
+import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import pytest
+from tests.packages import KILTED
+from tests.ros2 import Ros2Robot, robot
+from tests.waiting import eventually, until
+
+from robomend_client.actions import FAILED, OK, Action
+from robomend_client.agent.broker import Broker, TopicMessage
+from robomend_client.agent.executors.program import Program
+
+PACKAGE = Path(__file__).parents[3] / "clients" / "robomend_ros"
+FIBONACCI = "test_msgs/action/Fibonacci"
+
+
+@pytest.fixture
+def ros(tmp_path: Path) -> Iterator[Ros2Robot]:
+    with robot(tmp_path) as found:
+        yield found
+
+
+def environment(ros: Ros2Robot) -> dict[str, str]:
+    return {**ros.environment, "PYTHONPATH": str(PACKAGE)}
+
+
+def command(program: str, *arguments: str) -> list[str]:
+    return [str(KILTED.python), "-m", f"robomend_ros.{program}", *arguments]
+
+
+@contextmanager
+def feeder(ros: Ros2Robot, bus: str, sources: str) -> Iterator[subprocess.Popen[bytes]]:
+    given = ("--ros-args", "-p", f"bus:={bus}", "-p", f"sources:={sources}")
+    with (ros.folder / "feeder.log").open("ab") as log:
+        process = subprocess.Popen(command("feeder", *given), env=environment(ros), stderr=log)
+    try:
+        yield process
+    finally:
+        process.terminate()
+        process.wait(30)
+
+
+def test_the_feeder_hands_ticks_fields_and_nodes_to_the_agents_bus(ros: Ros2Robot) -> None:
+    node = ros.node("laser")
+    node.do("publish", topic="/scan", type="std_msgs/String", value={"data": "x"}, rate=20, reliable=False)
+    node.do("publish", topic="/odom", type="sensor_msgs/LaserScan", value={"ranges": [1.0, 2.5]}, rate=20)
+
+    async def test() -> None:
+        told: dict[str, TopicMessage] = {}
+
+        def on_message(message: TopicMessage) -> None:
+            told[message.topic] = message
+
+        broker = Broker("tcp:127.0.0.1:0", on_message)
+        await broker.open()
+        try:
+            with feeder(ros, broker.address, "scan,odom:ranges.1,odom:nothing"):
+                await eventually(lambda: {"scan", "odom", "nodes"} <= told.keys(), "all three", 60)
+                assert (told["scan"].data, told["scan"].fields) == (None, None)
+                assert told["scan"].time_ns is not None
+                assert told["odom"].fields == {"ranges.1": 2.5}
+                await eventually(lambda: "laser" in nodes(told["nodes"]), "the node", 60)
+                node.kill()
+                log = ros.folder / "feeder.log"
+                assert log.read_text().count("odom:nothing: there is no such field") == 1
+        finally:
+            await broker.close()
+
+    def nodes(message: TopicMessage) -> Any:
+        return message.data
+
+    asyncio.run(test())
+
+
+def run(ros: Ros2Robot, *arguments: str) -> tuple[int, str]:
+    """Run a program as the agent does, to its end."""
+    program = Program("act", command(*arguments), ros.folder, environment=environment(ros))
+    result = asyncio.run(program.execute(Action("a1", "act", (), 60.0), lambda *_: None))
+    return result.code, result.message
+
+
+def test_lifecycles_are_changed_for_the_agent(ros: Ros2Robot) -> None:
+    node = ros.node("host")
+    node.do("lifecycle", name="camera")
+    node.do("lifecycle", name="stubborn", refuses=True)
+    assert run(ros, "lifecycle", "/camera", "configure")[0] == OK
+    assert run(ros, "lifecycle", "/camera", "activate")[0] == OK
+    assert [line["value"] for line in node.heard] == ["active"]
+    code, said = run(ros, "lifecycle", "stubborn", "configure")
+    assert code == FAILED
+    assert "stubborn refuses to configure" in said
+    assert run(ros, "lifecycle", "camera", "explode")[0] == FAILED
+
+
+def test_goals_are_sent_to_action_servers_for_the_agent_and_cancelled(ros: Ros2Robot) -> None:
+    node = ros.node("host")
+    node.do("serve", name="/count")
+    node.do("serve", name="/endless", waits=True)
+    code, said = run(ros, "action", "/count", FIBONACCI, "order=3")
+    assert code == OK
+    assert "[0, 1, 2]" in said
+    assert run(ros, "action", "/count", "test_msgs/action/Nothing")[0] == FAILED
+    code, said = run(ros, "action", "/count", FIBONACCI, "ordre=3")
+    assert code == FAILED
+    assert "ordre" in said
+    process = subprocess.Popen(command("action", "/endless", FIBONACCI), env=environment(ros))
+    until(lambda: node.do("asked") == 2, "the goal", 60)
+    process.send_signal(signal.SIGTERM)
+    assert process.wait(60) == FAILED
+    until(lambda: node.heard, "the cancellation", 60)
+    assert node.heard[-1]["value"] == "cancelled"
+
+
+def test_it_is_written_for_python_3_8_and_packed_for_colcon() -> None:
+    for file in PACKAGE.rglob("*.py"):
+        ast.parse(file.read_text(), str(file), feature_version=(3, 8))
+    assert ElementTree.parse(PACKAGE / "package.xml").findtext("name") == "robomend_ros"
+    setup = (PACKAGE / "setup.py").read_text()
+    for program in ("feeder", "lifecycle", "action"):
+        assert f'"{program} = robomend_ros.{program}:main"' in setup
+        assert "def main(" in (PACKAGE / "robomend_ros" / f"{program}.py").read_text()
+    assert (PACKAGE / "resource" / "robomend_ros").is_file()
+    assert (PACKAGE / "launch" / "feeder.launch.py").is_file()
