@@ -5,11 +5,13 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 from types import TracebackType
 from typing import Protocol
 
-from rich.console import Console, Group, RenderableType
+from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
 from rich.live import Live
+from rich.measure import Measurement
 from rich.table import Table
 from rich.text import Text
 
@@ -207,11 +209,43 @@ def picture(
         overflow="ellipsis",
         no_wrap=True,
     )
-    both = Table.grid(padding=(0, 4))
-    both.add_column()
-    both.add_column()
-    both.add_row(_components(components, view), _actions(view, zero_ns, now_ns))
+    both = _SideBySide(components, view, zero_ns, now_ns)
     return Group(head, Text(""), both, Text(""))
+
+
+GAP = 2
+NARROW = "███ bad   ▄▄▄ suspect   ─── good"
+
+
+@dataclass(frozen=True)
+class _SideBySide:
+    """Components beside actions; in a narrow terminal without words for each state, and when it began."""
+
+    components: Sequence[str]
+    view: RobotView
+    zero_ns: int
+    now_ns: int
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        wide = self._tables(words=True)
+        room = options.update(max_width=1000)
+        if sum(Measurement.get(console, room, one).maximum for one in wide) + GAP <= options.max_width:
+            yield _beside(wide)
+            return
+        yield _beside(self._tables(words=False))
+        yield Text(NARROW, "dim")
+
+    def _tables(self, *, words: bool) -> tuple[Table, Table]:
+        return (
+            _components(self.components, self.view, words=words),
+            _actions(self.view, self.zero_ns, self.now_ns, began=words),
+        )
+
+
+def _beside(tables: tuple[Table, Table]) -> Table:
+    both = Table.grid(padding=(0, GAP))
+    both.add_row(*tables)
+    return both
 
 
 def _headline(view: RobotView) -> str:
@@ -234,7 +268,7 @@ def _headline(view: RobotView) -> str:
     return "all good, and verified" if view.healthy else "nothing known to be wrong"
 
 
-def _components(components: Sequence[str], view: RobotView) -> Table:
+def _components(components: Sequence[str], view: RobotView, *, words: bool) -> Table:
     table = Table(box=None, padding=(0, 1), pad_edge=False, header_style="dim")
     table.add_column("component")
     table.add_column("")
@@ -243,26 +277,28 @@ def _components(components: Sequence[str], view: RobotView) -> Table:
         if suspects is None:
             table.add_row(name, Text("?", "dim"))
         elif name in view.blamed:
-            table.add_row(Text(name, "red"), Text("███ bad", "red"))
+            table.add_row(Text(name, "red"), Text("███ bad" if words else "███", "red"))
         elif name in suspects:
-            table.add_row(Text(name, "yellow"), Text("▄▄▄ suspect", "yellow"))
+            table.add_row(Text(name, "yellow"), Text("▄▄▄ suspect" if words else "▄▄▄", "yellow"))
         else:
-            table.add_row(name, Text("─── good", "green"))
+            table.add_row(name, Text("─── good" if words else "───", "green"))
     return table
 
 
-def _actions(view: RobotView, zero_ns: int, now_ns: int) -> Table:
+def _actions(view: RobotView, zero_ns: int, now_ns: int, *, began: bool) -> Table:
     table = Table(box=None, padding=(0, 1), pad_edge=False, header_style="dim")
     table.add_column("")
     table.add_column("action", no_wrap=True)
-    table.add_column("at", justify="right")
+    if began:
+        table.add_column("at", justify="right")
     table.add_column("took", justify="right")
     for act in _planned(view, zero_ns):
         sign, style = SIGNS.get(act.state, ("·", "dim"))
         at = "" if act.sent_ns is None else f"{(act.sent_ns - zero_ns) / 1e9:.2f} s"
         ended = act.ended_ns or now_ns
         took = "" if act.sent_ns is None else f"{(ended - act.sent_ns) / 1e9:.2f} s"
-        table.add_row(Text(sign, style), Text(act.text, style if act.state != "done" else ""), at, took)
+        text = Text(act.text, style if act.state != "done" else "")
+        table.add_row(Text(sign, style), text, *([at] if began else []), took)
     return table
 
 

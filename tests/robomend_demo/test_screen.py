@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
 
 import pytest
 from rich.console import Console
 from tests.robomend_demo.records import restarted
 
+from robomend.model.loading import load_model
+from robomend.resources import resource
 from robomend_client.events import Event, Kind
 from robomend_demo.screen import Lines, Picture, picture, tell
 from robomend_demo.view import RobotView
@@ -25,9 +28,9 @@ def seen(until_ms: int) -> RobotView:
     return view
 
 
-def drawn(view: RobotView, now_ms: int) -> str:
-    console = Console(file=io.StringIO(), width=100)
-    console.print(picture("shut-down", COMPONENTS, view, 0, now_ms * MS))
+def drawn(view: RobotView, now_ms: int, components: Sequence[str] = COMPONENTS, width: int = 100) -> str:
+    console = Console(file=io.StringIO(), width=width)
+    console.print(picture("shut-down", components, view, 0, now_ms * MS))
     assert isinstance(console.file, io.StringIO)
     return console.file.getvalue()
 
@@ -43,6 +46,23 @@ def test_the_picture_says_who_is_bad_and_what_is_being_done() -> None:
 def test_a_component_that_only_some_diagnoses_blame_is_a_suspect() -> None:
     assert drawn(seen(306), 306).count("suspect") == 2
     assert "not diagnosed yet" in drawn(seen(0), 0)
+
+
+def test_the_longest_names_of_the_robot_fit_80_columns() -> None:
+    components = load_model(resource("examples", "tedusar.yaml")).cnf.components
+    view = seen(130)
+    assert view.repair is not None
+    longest = f"start_node({max(components, key=len)})"
+    for done in view.repair["rounds"]:
+        for step in done["plan"]:
+            step["text"] = longest
+    view.acts.clear()
+    lines = drawn(view, 150, components, 80).splitlines()
+    assert all(len(line) <= 80 for line in lines)
+    assert any(f"·  {longest}" in line for line in lines)
+    for name in components:
+        assert sum(line.startswith((f"{name} ", f" {name} ")) for line in lines) == 1  # in one line, whole
+    assert lines[-2].strip() == "███ bad   ▄▄▄ suspect   ─── good"
 
 
 def test_the_end_says_that_all_is_good_and_verified() -> None:

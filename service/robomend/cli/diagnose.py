@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from robomend.cli.completion import ComponentName, PartName
 from robomend.cli.files import near_file
 from robomend.cli.models import MODEL, is_snapshot_file, load
 from robomend.cli.search_options import search_options
@@ -38,7 +39,11 @@ PROBES_S = 0.5
 )
 @click.option("--together", is_flag=True, help="One answer for all lines: the faults are the same.")
 @click.option(
-    "--engine", default=DEFAULT, show_default=True, help=f"{', '.join(ENGINES.built_in)}, or one installed."
+    "--engine",
+    type=PartName("engine", ENGINES.names),
+    default=DEFAULT,
+    show_default=True,
+    help=f"{', '.join(ENGINES.built_in)}, or one installed.",
 )
 @click.option("--minimal", type=click.Choice(("cardinality", "subset")), default="subset", show_default=True)
 @click.option("--max-size", type=click.IntRange(min=0), help="No diagnosis larger than this.")
@@ -49,9 +54,27 @@ PROBES_S = 0.5
 @click.option(
     "--conflicts/--no-conflicts", default=True, show_default=True, help="Say what clashes with what."
 )
-@click.option("--assume-healthy", multiple=True, metavar="COMPONENT", help="What if it is healthy?")
-@click.option("--assume-abnormal", multiple=True, metavar="COMPONENT", help="What if it is abnormal?")
-@click.option("--expect-stopped", multiple=True, metavar="COMPONENT", help="This is meant to be off.")
+@click.option(
+    "--assume-healthy",
+    type=ComponentName(),
+    multiple=True,
+    metavar="COMPONENT",
+    help="What if it is healthy?",
+)
+@click.option(
+    "--assume-abnormal",
+    type=ComponentName(),
+    multiple=True,
+    metavar="COMPONENT",
+    help="What if it is abnormal?",
+)
+@click.option(
+    "--expect-stopped",
+    type=ComponentName(),
+    multiple=True,
+    metavar="COMPONENT",
+    help="This is meant to be off.",
+)
 @click.option("--unknown", type=click.Choice(("refuse", "keep")), default="refuse", help="Undeclared names.")
 @click.option("--fail-on-fault", is_flag=True, help="Exit with 1 unless everything is healthy.")
 @click.option(

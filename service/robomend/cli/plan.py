@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from robomend.cli.completion import ComponentName, PartName
 from robomend.cli.files import ExistingFile
 from robomend.cli.models import MODEL, load
+from robomend.diagnosis.engines import ENGINES
 from robomend.planning.planners import DEFAULT, PLANNERS
 
 if TYPE_CHECKING:
@@ -28,10 +30,15 @@ if TYPE_CHECKING:
 @click.argument("model", type=MODEL)
 @click.option("--observe", "-o", multiple=True, metavar="SENTENCE", help='E.g. "not ok(scan)"; repeatable.')
 @click.option(
-    "--bad", multiple=True, metavar="COMPONENT", help="Repair this instead of diagnosing; repeatable."
+    "--bad",
+    type=ComponentName(),
+    multiple=True,
+    metavar="COMPONENT",
+    help="Repair this instead of diagnosing; repeatable.",
 )
 @click.option(
     "--planner",
+    type=PartName("planner", PLANNERS.names),
     default=DEFAULT,
     show_default=True,
     help=f"{', '.join(PLANNERS.built_in)}, or one installed.",
@@ -41,10 +48,24 @@ if TYPE_CHECKING:
     type=ExistingFile(),
     help="Your PDDL actions, or domain.",
 )
-@click.option("--engine", default="sat", show_default=True, help="Of the diagnosis.")
+@click.option(
+    "--engine",
+    type=PartName("engine", ENGINES.names),
+    default="sat",
+    show_default=True,
+    help="Of the diagnosis.",
+)
 @click.option("--timeout", type=float, default=5.0, show_default=True, help="Seconds to plan; inf: none.")
-@click.option("--expect-stopped", multiple=True, metavar="COMPONENT", help="This is meant to be off.")
-@click.option("--protect", multiple=True, metavar="COMPONENT", help="Never shut this down.")
+@click.option(
+    "--expect-stopped",
+    type=ComponentName(),
+    multiple=True,
+    metavar="COMPONENT",
+    help="This is meant to be off.",
+)
+@click.option(
+    "--protect", type=ComponentName(), multiple=True, metavar="COMPONENT", help="Never shut this down."
+)
 @click.option("--unknown", type=click.Choice(("refuse", "keep")), default="refuse", help="Undeclared names.")
 @click.option("--pddl", is_flag=True, help="Show the planning problem too.")
 @click.option("--format", "format_", type=click.Choice(("table", "json")), default="table", show_default=True)
