@@ -11,6 +11,7 @@ import shlex
 import sys
 from importlib import import_module
 from pathlib import Path
+from typing import Literal as OneOf
 
 import click
 from rich.console import Console
@@ -51,6 +52,12 @@ def _range(context: click.Context, parameter: click.Parameter, value: str | None
     return low, high
 
 
+def _sizes(
+    context: click.Context, parameter: click.Parameter, value: str | None
+) -> tuple[int, int] | OneOf["any"] | None:
+    return "any" if value == "any" else _range(context, parameter, value)
+
+
 def _names(context: click.Context, parameter: click.Parameter, value: str) -> tuple[str, ...]:
     return tuple(dict.fromkeys(name.strip() for name in value.split(",") if name.strip()))
 
@@ -86,10 +93,10 @@ def _names(context: click.Context, parameter: click.Parameter, value: str) -> tu
 @click.option(
     "--size",
     "sizes",
-    callback=_range,
-    metavar="K or K-L",
-    help="iscas85: only questions of these minimum cardinalities, equally many of each.  "
-    "[default: 1-20 in modes first, once and cold]",
+    callback=_sizes,
+    metavar="K, K-L or any",
+    help="Circuits: only questions of these minimum cardinalities, equally many of each; any: of all, as "
+    "they come.  [default: 1-20 in modes first, once and cold, 1-10 for itc99]",
 )
 @click.option("--max-size", type=click.IntRange(0, 100), default=2, show_default=True, help="In mode subset.")
 @click.option(
@@ -105,7 +112,7 @@ def _names(context: click.Context, parameter: click.Parameter, value: str) -> tu
     type=click.Path(exists=True, file_okay=False, path_type=Path),
     default=DATA,
     show_default="built in",
-    help="Folder with iscas85/ and multi_observation/.",
+    help="Folder with iscas85/, itc99/ and multi_observation/.",
 )
 @click.option(
     "--out",
@@ -134,7 +141,7 @@ def command(
     repeats: int,
     seed: int,
     faults: tuple[int, int] | None,
-    sizes: tuple[int, int] | None,
+    sizes: tuple[int, int] | OneOf["any"] | None,
     max_size: int,
     timeout: float,
     clock: Clock,

@@ -62,7 +62,7 @@ class Wish:
         None  # how many are injected, at least and at most; None: the suite's own
     )
     # Only questions of these minimum cardinalities, equally many of each, where a suite can tell.
-    sizes: tuple[int, int] | None = None
+    sizes: tuple[int, int] | OneOf["any"] | None = None
     max_size: int = 2  # in mode "subset"
     timeout_s: float = 10.0  # a question
     clock: Clock = "wall"  # or "cpu": the time of the process, for machines that others use too

@@ -43,6 +43,15 @@ def test_json_goes_to_stdout(monkeypatch: pytest.MonkeyPatch, capsys: pytest.Cap
     assert (tree["suite"], tree["mode"], tree["seed"]) == ("robots-v1", "explained", 1)
 
 
+def test_questions_of_any_minimum_cardinality_can_be_asked_for(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    few = ("--only", "c17", "--engines", "sat", "--instances", "2", "--repeats", "1", "--format", "json")
+    assert run(monkeypatch, "iscas85", *few, "--size", "any", "--faults", "2") == 0
+    asked = [sample["question"] for sample in json.loads(capsys.readouterr().out)["samples"]]
+    assert asked == ["000-2f", "001-2f"]
+
+
 def test_what_is_there_is_listed(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(monkeypatch, "--list") == 0
     listed = capsys.readouterr().out

@@ -7,6 +7,7 @@ import os
 import random
 import time
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from shutil import copyfile
 
@@ -82,6 +83,14 @@ def test_equally_many_questions_of_each_minimum_cardinality_are_asked() -> None:
     assert [question.name for question in group.questions] == ["01-0", "01-1", "02-0", "02-1"]
     run = run_suite(find_suite("iscas85"), wish, ("sat", "rc2-exhaust"), repeats=1)
     assert {(sample.question[:2], sample.result) for sample in run.samples} == {("01", (1,)), ("02", (2,))}
+
+
+def test_questions_of_any_minimum_cardinality_come_as_they_are_drawn() -> None:
+    wish = Wish(mode="first", only=("c432",), instances=4, faults=(1, 3), sizes="any")
+    (group,) = find_suite("iscas85").groups(wish)
+    assert [question.name for question in group.questions] == ["000-1f", "001-2f", "002-3f", "003-1f"]
+    (all_of_them,) = find_suite("iscas85").groups(replace(wish, mode="all", sizes=None))
+    assert group.questions == all_of_them.questions
 
 
 def test_of_a_cardinality_that_a_circuit_does_not_allow_there_is_no_question() -> None:

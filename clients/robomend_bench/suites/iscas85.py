@@ -65,7 +65,8 @@ class Circuits:
             text = path.read_text()
             cnf = _compiled(text, name)
             sizes = wish.sizes or (self._sizes if wish.mode in ONE else None)
-            questions = questions_about(text, cnf, f"{wish.seed} {name}", sizes, wish)
+            wanted = None if sizes == "any" else sizes
+            questions = questions_about(text, cnf, f"{wish.seed} {name}", wanted, wish)
             yield Group(name, len(cnf.components), text if wish.mode == "cold" else cnf, questions)
 
     def prepare(self, contender: str, group: Group, wish: Wish) -> Ask:

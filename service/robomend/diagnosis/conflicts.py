@@ -20,6 +20,7 @@ Sources:
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from functools import cached_property
@@ -215,12 +216,16 @@ class Conflicts:
 
     @cached_property
     def _clauses_by_component(self) -> dict[int, list[Clause]]:
-        """Component -> the clauses of which it is the first component; 0: those of none."""
-        n = len(self._cnf.components)
-        found: dict[int, list[Clause]] = {}
+        """Component -> the clauses that name it before any other component; 0: those that name none."""
+        last = -len(self._cnf.components)
+        found: dict[int, list[Clause]] = defaultdict(list)
         for clause in self._cnf.clauses:
-            first = max([literal for literal in clause if -n <= literal < 0], default=0)
-            found.setdefault(-first, []).append(clause)
+            for literal in clause:  # mostly it is the first one
+                if last <= literal < 0:
+                    found[-literal].append(clause)
+                    break
+            else:
+                found[0].append(clause)
         return found
 
     def in_words(self, known: Known, observed: SignedObs) -> Conflict:

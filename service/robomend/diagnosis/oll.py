@@ -73,6 +73,7 @@ class CoreGuided:
         at_least: int = 0,
         at_most: int | None = None,
         fixed: frozenset[int] = frozenset(),
+        incumbent: list[int] | None = None,
     ) -> Generator[list[int], None, None]:
         """Yield the minimum-cardinality diagnoses as lists of abnormal candidates, one after the other.
 
@@ -83,6 +84,8 @@ class CoreGuided:
             at_least: a lower bound that is known already.
             at_most: give up when the minimum is known to be larger.
             fixed: candidates whose health the assumptions fix already; they are neither supposed nor counted.
+            incumbent: a diagnosis that is known already. It is yielded, alone, as soon as so much is paid
+                that there can be nothing smaller.
 
         Raises:
             MinimumTooLarge: the minimum is larger than `at_most`.
@@ -90,7 +93,7 @@ class CoreGuided:
         """
         search = _CoreSearch(self._fresh_or_warm(), self, assumptions, (at_least, at_most), fixed)
         try:
-            yield from search.run()
+            yield from search.run(incumbent)
         finally:
             self._leftover += search.retire()
 
@@ -137,8 +140,8 @@ class _CoreSearch:
         self._added = 0
         self._guard = 0
 
-    def run(self) -> Iterator[list[int]]:
-        """Yield the minimum, then the others of its size."""
+    def run(self, incumbent: list[int] | None) -> Iterator[list[int]]:
+        """Yield the minimum, then, if it is not the incumbent, the others of its size."""
         pending: list[list[int]] = []
         found: list[int] = []
         while True:
@@ -148,10 +151,15 @@ class _CoreSearch:
                     return
                 if self._at_most is not None and self._paid > self._at_most:
                     raise MinimumTooLarge
+                if incumbent is not None and self._paid >= len(incumbent):
+                    yield incumbent
+                    return
                 pending.append(core)
             found = self._abnormal()
             if len(found) <= max(self._paid, self._at_least):
                 break  # the model costs no more than must be paid
+            if incumbent is not None and len(found) < len(incumbent):
+                incumbent = found
             self._relax(pending)
             pending = []
         if self._at_most is not None and len(found) > self._at_most:

@@ -19,15 +19,17 @@ Source: J. A. Waicukauskauski et al. Fault simulation for structured VLSI. VLSI 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from functools import reduce
 from itertools import count
+from operator import or_
 from typing import Any
 
 from robomend.diagnosis.circuits.netlist import Gate, Netlist
 from robomend.diagnosis.masks import bits
 
-Pass = Callable[[list[int], list[int], list[int], int], int]
-"""(inputs, flips, expected, ones) -> the lanes in which some observed net is wrong."""
+Pass = Callable[[list[int], list[int], list[int], int], list[int]]
+"""(inputs, flips, expected, ones) -> of each observed net the lanes in which it is wrong."""
 
 Values = Callable[[dict[int, int], list[int], int], list[int]]
 """(inputs by net, flips, ones) -> the value on each net, by its number; 0 where there is no simulated net."""
@@ -55,13 +57,28 @@ class Flips:
         self.inputs = tuple(sorted(used & netlist.sources))
         self._simulated = tuple(simulated)
         self._position = {gate: position for position, gate in enumerate(self.flippable)}
+        self.lanes = (2 << len(self.flippable)) - 1  # of a pass over single gates
         self._one_by_one = [2 << position for position in range(len(self.flippable))]
         self._pass = self._generate()
 
+    def one_by_one(
+        self, inputs: Sequence[bool], expected: Sequence[bool], flipped: Collection[int] = ()
+    ) -> list[int]:
+        """Return of each observed net the lanes in which it is wrong.
+
+        Lane 0 has these gates (indices into flippable) flipped, each other lane one gate more, or, if it is
+        one of them, one less.
+        """
+        flips = self._one_by_one
+        if flipped:
+            flips = flips.copy()
+            for gate in flipped:
+                flips[gate] ^= self.lanes
+        return self._wrong(inputs, flips, expected, self.lanes)
+
     def singles(self, inputs: Sequence[bool], expected: Sequence[bool]) -> tuple[bool, list[int]]:
         """Return whether nothing need be flipped, and (indices into flippable) who explains all alone."""
-        ones = (2 << len(self.flippable)) - 1
-        good = self._good(inputs, self._one_by_one, expected, ones)
+        good = self.lanes & ~reduce(or_, self.one_by_one(inputs, expected), 0)
         return bool(good & 1), bits(good >> 1)
 
     def explaining_alone(
@@ -142,7 +159,12 @@ class Flips:
         return self._good(inputs, [0] * len(self.flippable), expected, 1) == 1
 
     def _good(self, inputs: Sequence[bool], flips: list[int], expected: Sequence[bool], ones: int) -> int:
-        return ones & ~self._pass(
+        return ones & ~reduce(or_, self._wrong(inputs, flips, expected, ones), 0)
+
+    def _wrong(
+        self, inputs: Sequence[bool], flips: list[int], expected: Sequence[bool], ones: int
+    ) -> list[int]:
+        return self._pass(
             [ones if value else 0 for value in inputs],
             flips,
             [ones if value else 0 for value in expected],
@@ -165,7 +187,7 @@ class Flips:
         turned = dict.fromkeys(self.inputs, False)  # holder -> whether its register has the complement
         free: list[str] = []
         fresh = (f"r{number}" for number in count())
-        lines = ["def sweep(I, F, E, M):", " bad = 0"]
+        lines = ["def sweep(I, F, E, M):"]
         lines += [f" i{position} = I[{position}]" for position in range(len(self.inputs))]
         for step, index in enumerate(self._simulated):
             gate = gates[index]
@@ -182,10 +204,11 @@ class Flips:
                 lines.append(f" {register[net]} = {value}")
                 dead = set() if net in last else {net}
             if gate.output in check_of:
-                wrong = f"{register[net]}^E[{check_of[gate.output]}]"
-                lines.append(f" bad |= M^{wrong}" if turned[net] != inverted else f" bad |= {wrong}")
+                check = check_of[gate.output]
+                wrong = f"{register[net]}^E[{check}]"
+                lines.append(f" c{check} = M^{wrong}" if turned[net] != inverted else f" c{check} = {wrong}")
             free += [register.pop(one) for one in dead]
-        lines.append(" return bad")
+        lines.append(f" return [{','.join(f'c{check}' for check in range(len(self.checks)))}]")
         sweep: Pass = compiled("\n".join(lines), "sweep")
         return sweep
 

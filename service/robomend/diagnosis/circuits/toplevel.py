@@ -19,11 +19,14 @@ the products, and the count is exact.
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator, Sequence
+from functools import reduce
+from operator import or_
 
 from pysat.process import Processor
 
 from robomend.diagnosis.circuits.cones import find_cones
 from robomend.diagnosis.circuits.flips import Flips, Values, compiled, values_of
+from robomend.diagnosis.circuits.incumbent import find_incumbent
 from robomend.diagnosis.circuits.netlist import Netlist
 from robomend.diagnosis.masks import bits
 from robomend.diagnosis.oll import CoreGuided, MinimumTooLarge
@@ -43,8 +46,6 @@ COMPILED_S = 100e-6
 """A gate, to write and compile a pass: it cannot be interrupted, so half of the time left must be enough."""
 
 SUPPORTS_TRIED = 3
-SMALL_TOP = 600
-"""With more top-level gates, one pair is found faster by the solver than by simulation."""
 
 BATCH = 1_024
 """Top-level diagnoses whose cones are expanded in one go."""
@@ -81,33 +82,43 @@ class TopLevel:
     ) -> Generator[Top, None, None]:
         """Yield the minimum-cardinality diagnoses among the top-level gates.
 
+        Args:
+            first_only: one is wanted, whether or not others follow.
+
         Raises:
             MinimumTooLarge: they have more than `at_most` members.
             OutOfTime: what was yielded before stays true.
         """
         self.uses += 1
         at_least = 0
+        incumbent = None
         if self._simulates():
-            inputs, expected = self._inputs(values)
+            top = self.cones.top
             flips = self._passes(flat=False)
+            inputs, expected = self._inputs(values)
             if not first_only:
                 self._prepare_cones()
-            top = self.cones.top
-            healthy, singles = flips.singles(inputs, expected)
-            if healthy:
+            wrong = flips.one_by_one(inputs, expected)
+            good = flips.lanes & ~reduce(or_, wrong, 0)
+            if good & 1:
                 yield ()
                 return
             if at_most == 0:
                 raise MinimumTooLarge
-            if singles:
-                yield from ((top[position],) for position in singles)
+            if good:
+                yield from ((top[lane - 1],) for lane in bits(good))
                 return
+            if at_most == 1:
+                raise MinimumTooLarge
             at_least = 2
-            if not first_only or len(top) <= SMALL_TOP:
+            if first_only:
+                incumbent = find_incumbent(flips, inputs, expected, wrong, self._clock.check)
+                if incumbent is not None and len(incumbent) == at_least:
+                    yield tuple([top[position] for position in incumbent])
+                    return
+            else:
                 self._clock.check()
                 pairs = flips.pairs(inputs, expected, self._supports(values, flat=False), self._clock.check)
-                if pairs and at_most == 1:
-                    raise MinimumTooLarge
                 if pairs:
                     yield from ((top[one], top[other]) for one, other in pairs)
                     return
@@ -117,7 +128,8 @@ class TopLevel:
         assumptions = [
             number[net] if value else -number[net] for net, value in values.items() if net in number
         ]
-        for found in guided.minimum(assumptions, at_least, at_most):
+        known = None if incumbent is None else [position + 1 for position in incumbent]
+        for found in guided.minimum(assumptions, at_least, at_most, incumbent=known):
             yield tuple(self.cones.top[candidate - 1] for candidate in found)
 
     def small_subset_minimal(self, values: dict[int, bool], size: int, smaller: set[int]) -> Iterator[Top]:

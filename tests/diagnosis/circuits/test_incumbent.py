@@ -1,0 +1,118 @@
+"""An incumbent explains what is seen, and a search that knows one still finds the minimum."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import assume, given, settings
+from tests.diagnosis.netlists import Circuit, circuit, fresh_solver_diagnoses, observed_circuits
+
+from robomend.diagnosis.circuits import incumbent as module
+from robomend.diagnosis.circuits import toplevel
+from robomend.diagnosis.circuits.flips import Flips
+from robomend.diagnosis.circuits.incumbent import find_incumbent
+from robomend.diagnosis.circuits.netlist import recover
+from robomend.diagnosis.engines import make_engine
+from robomend.diagnosis.oracle import OutOfTime
+from robomend.diagnosis.result import Engine, Options
+from robomend_client.literals import Literal
+
+FIRST = Options(minimal="cardinality", limit=1, timeout_s=None, conflicts=False)
+MANY_FAULTS = [("c17", 3, 0), ("c432", 5, 5), ("c499", 9, 2), ("c880", 12, 3), ("c1355", 8, 4)]
+
+
+def warm(made: Circuit) -> Engine:
+    """Return an engine that knows the circuit's structure: its first question is behind it."""
+    engine = make_engine("sat", made.cnf)
+    engine.diagnose([], FIRST)
+    return engine
+
+
+def incumbent_of(made: Circuit, observations: frozenset[Literal]) -> set[str] | None:
+    """Return the names of the gates of the incumbent."""
+    netlist = recover(made.cnf)
+    assert netlist is not None
+    seen = {literal.atom.args[0]: literal.positive for literal in observations}
+    nets = {number: name for name, number in zip(seen, made.numbers(list(seen)), strict=True)}
+    driven = {gate.output for gate in netlist.gates}
+    checks = sorted(net for net in nets if net in driven)
+    every = range(len(netlist.gates))
+    flips = Flips(netlist, every, every, checks)
+    inputs = [seen[nets[net]] for net in flips.inputs]
+    expected = [seen[nets[net]] for net in checks]
+    found = find_incumbent(flips, inputs, expected, flips.one_by_one(inputs, expected))
+    if found is None:
+        return None
+    return {made.cnf.components[netlist.gates[position].component - 1] for position in found}
+
+
+@pytest.mark.parametrize(("name", "faults", "seed"), MANY_FAULTS)
+def test_an_incumbent_explains_what_is_seen_and_each_of_its_gates_is_needed(
+    name: str, faults: int, seed: int
+) -> None:
+    made = circuit(name)
+    observations = made.observe(faults, seed)
+    gates = incumbent_of(made, observations)
+    assert gates
+    seen = {literal.atom.args[0]: literal.positive for literal in observations}
+    inputs = {net: seen[net] for net in made.inputs}
+
+    def explains(flipped: set[str]) -> bool:
+        values = made.simulate(inputs, frozenset(flipped))
+        return all(values[net] == value for net, value in seen.items())
+
+    assert explains(gates)
+    assert not any(explains(gates - {gate}) for gate in gates)
+
+
+def test_what_nobody_looks_for_longer_is_not_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "PASSES", 0)
+    made = circuit("c499")
+    assert incumbent_of(made, made.observe(9, 2)) is None
+
+
+@pytest.mark.parametrize(("name", "faults", "seed"), MANY_FAULTS)
+def test_the_first_diagnosis_is_as_small_as_that_of_another_engine(name: str, faults: int, seed: int) -> None:
+    made = circuit(name)
+    observations = made.observe(faults, seed)
+    (ours,) = warm(made).diagnose(observations, FIRST).diagnoses
+    (other,) = make_engine("maxsat", made.cnf).diagnose(observations, FIRST).diagnoses
+    assert len(ours.bad) == len(other.bad)
+
+
+@settings(max_examples=100, deadline=None)
+@given(observed_circuits())
+def test_the_first_diagnosis_is_one_of_the_smallest_of_the_definition(
+    system: tuple[Circuit, frozenset[Literal]],
+) -> None:
+    made, observations = system
+    expected = fresh_solver_diagnoses(made.cnf, observations)
+    assume(expected)
+    least = min(map(len, expected))
+    (found,) = warm(made).diagnose(observations, FIRST).diagnoses
+    assert len(found.bad) == least
+    assert found.bad in expected
+
+
+def test_without_an_incumbent_the_minimum_is_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    sizes = []
+    for _ in range(2):
+        engine = warm(circuit("c880"))
+        answers = [engine.diagnose(circuit("c880").observe(faults, faults), FIRST) for faults in range(1, 13)]
+        sizes.append([len(answer.diagnoses[0].bad) for answer in answers])
+        monkeypatch.setattr(toplevel, "find_incumbent", lambda *_: None)
+    assert sizes[0] == sizes[1]
+    assert max(sizes[0]) > 3
+
+
+def test_the_clock_is_looked_at_between_passes() -> None:
+    netlist = recover(circuit("c17").cnf)
+    assert netlist is not None
+    every = range(len(netlist.gates))
+    flips = Flips(netlist, every, every, [gate.output for gate in netlist.gates])
+    inputs, expected = [False] * len(flips.inputs), [True] * len(flips.checks)
+
+    def stop() -> None:
+        raise OutOfTime
+
+    with pytest.raises(OutOfTime):
+        find_incumbent(flips, inputs, expected, flips.one_by_one(inputs, expected), stop)

@@ -1,0 +1,64 @@
+"""The core-guided search: smallest hitting sets of made-up conflicts, with and without an incumbent."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robomend.diagnosis.oll import CoreGuided, MinimumTooLarge
+from robomend.diagnosis.oracle import Deadline
+
+CANDIDATES = 8
+conflicts = st.lists(
+    st.sets(st.integers(1, CANDIDATES), min_size=1, max_size=4).map(frozenset), min_size=1, max_size=10
+)
+
+
+def searched(family: list[frozenset[int]]) -> CoreGuided:
+    clauses = [[-candidate for candidate in sorted(conflict)] for conflict in family]
+    return CoreGuided(clauses, CANDIDATES, CANDIDATES, Deadline(), "minisat22")
+
+
+def smallest(family: list[frozenset[int]]) -> set[frozenset[int]]:
+    for size in range(CANDIDATES + 1):
+        sets = map(frozenset, combinations(range(1, CANDIDATES + 1), size))
+        found = {chosen for chosen in sets if all(chosen & conflict for conflict in family)}
+        if found:
+            return found
+    raise AssertionError("every family of conflicts has a hitting set")
+
+
+@settings(max_examples=100, deadline=None)
+@given(conflicts)
+def test_all_of_the_least_size_are_found(family: list[frozenset[int]]) -> None:
+    found = list(map(frozenset, searched(family).minimum([])))
+    assert len(found) == len(set(found))
+    assert set(found) == smallest(family)
+
+
+@settings(max_examples=100, deadline=None)
+@given(conflicts, st.data())
+def test_whatever_the_incumbent_the_first_is_a_smallest_one(
+    family: list[frozenset[int]], data: st.DataObject
+) -> None:
+    least = smallest(family)
+    core = data.draw(st.sampled_from(sorted(least, key=sorted)))
+    more = data.draw(st.sets(st.integers(1, CANDIDATES)))
+    search = searched(family)
+    for incumbent in (sorted(core | more), list(range(1, CANDIDATES + 1)), None):
+        first = next(search.minimum([], incumbent=incumbent))
+        assert frozenset(first) in least
+
+
+def test_an_incumbent_of_the_least_size_is_the_answer() -> None:
+    family = [frozenset({1, 2, 3}), frozenset({3, 4}), frozenset({5, 6})]
+    assert list(searched(family).minimum([], incumbent=[3, 6])) == [[3, 6]]
+
+
+def test_an_incumbent_that_is_too_large_for_what_is_asked_is_not_told() -> None:
+    family = [frozenset({1}), frozenset({2}), frozenset({3})]
+    with pytest.raises(MinimumTooLarge):
+        next(searched(family).minimum([], at_most=2, incumbent=[1, 2, 3]))
