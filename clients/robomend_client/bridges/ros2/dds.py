@@ -242,7 +242,7 @@ def _endpoint(sample: Any, writes: bool) -> Endpoint:
         sample.type_name,
         writes,
         qos[Policy.Reliability] != Policy.Reliability.BestEffort,
-        DURABILITIES.index(qos[Policy.Durability]),
+        DURABILITIES.index(qos[Policy.Durability] or Policy.Durability.Volatile),
         None if deadline is None or deadline.deadline == FOREVER_NS else deadline.deadline,
         sample.sample_info.instance_handle,
         hashes[0] if hashes else "",

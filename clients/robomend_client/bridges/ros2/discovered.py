@@ -9,7 +9,7 @@ The keys are the same on both sides, so that a topic has the names of its nodes.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from robomend_client.bridges.ros2.entities import Entities
@@ -63,6 +63,7 @@ class Discovered:
         self.gid_size = 0  # of others' messages; 0: none came yet
         self._owners: dict[bytes, str] = {}
         self._by_handle: dict[int, Endpoint] = {}
+        self._by_topic: dict[str, dict[bytes, Endpoint]] = defaultdict(dict)
 
     def participant(self, found: Participant) -> None:
         if len(self.participants) < MOST_PARTICIPANTS:
@@ -75,8 +76,8 @@ class Discovered:
 
     def endpoint(self, found: Endpoint) -> None:
         if len(self.endpoints) < MOST_ENDPOINTS:
-            self.endpoints.pop(found.key, None)  # the newest comes last
-            self.endpoints[found.key] = found
+            self.endpoint_gone(found.key)  # the newest comes last
+            self.endpoints[found.key] = self._by_topic[found.topic][found.key] = found
             if found.writes:
                 self._by_handle[found.handle] = found
 
@@ -84,6 +85,9 @@ class Discovered:
         found = self.endpoints.pop(key, None)
         if found is not None:
             self._by_handle.pop(found.handle, None)
+            del self._by_topic[found.topic][key]
+            if not self._by_topic[found.topic]:
+                del self._by_topic[found.topic]
 
     def told(self, found: Entities) -> None:
         """A participant has told its nodes."""
@@ -115,11 +119,11 @@ class Discovered:
 
     def writers(self, topic: str) -> list[Endpoint]:
         """Return others' writers of a topic, the newest last."""
-        return [e for e in self._others() if e.writes and e.topic == topic]
+        return [e for e in self._of(topic) if e.writes and e.participant != self.own]
 
     def listened(self, topic: str) -> bool:
         """Return whether anybody else listens to a topic."""
-        return any(not e.writes and e.topic == topic for e in self._others())
+        return any(not e.writes and e.participant != self.own for e in self._of(topic))
 
     @property
     def untold(self) -> bool:
@@ -163,26 +167,33 @@ class Discovered:
 
         DDS does not say so to anybody: a topic is silent, and all nodes run.
         """
-        by_topic: dict[str, tuple[list[Endpoint], list[Endpoint]]] = defaultdict(lambda: ([], []))
-        for endpoint in self.endpoints.values():
-            own = endpoint.participant == self.own and not endpoint.writes  # they follow the writers
-            if not own and self.is_named(endpoint):
-                by_topic[endpoint.topic][0 if endpoint.writes else 1].append(endpoint)
         found = {}
-        for wire, (writers, readers) in by_topic.items():
-            topic = ros_topic(wire)
-            pairs = ((w, r, _why_not(w, r)) for w in writers for r in readers) if topic else ()
-            for writer, reader, why in pairs:
-                if why and topic:
-                    offers, asks = why
-                    found[topic] = (
-                        f"{self.node_of(writer)} publishes {offers}, "
-                        f"{self.node_of(reader)} asks for {asks}: no message goes there"
-                    )
-                    break
+        for wire in self._by_topic:
+            topic, why = ros_topic(wire), self._mismatch(wire)
+            if topic and why:
+                found[topic] = why
         return found
 
     # --- inside ----------------------------------------------------------------------------------------
+
+    def _mismatch(self, topic: str) -> str:
+        """Return who does not meet whom on a topic; of those that are alike, one stands for all."""
+        sides: tuple[dict[object, Endpoint], dict[object, Endpoint]] = ({}, {})
+        for one in self._of(topic):
+            ours = one.participant == self.own and not one.writes  # our readers follow the writers
+            if not ours and self.is_named(one):
+                alike = (one.type, one.reliable, one.durability, one.deadline_ns)
+                sides[0 if one.writes else 1].setdefault(alike, one)
+        for writer in sides[0].values():
+            for reader in sides[1].values():
+                why = _why_not(writer, reader)
+                if why:
+                    offers, asks = f"{self.node_of(writer)} publishes {why[0]}", f"asks for {why[1]}"
+                    return f"{offers}, {self.node_of(reader)} {asks}: no message goes there"
+        return ""
+
+    def _of(self, topic: str) -> Iterable[Endpoint]:
+        return self._by_topic[topic].values() if topic in self._by_topic else ()
 
     def _others(self) -> Iterator[Endpoint]:
         return (e for e in self.endpoints.values() if e.participant != self.own)

@@ -7,6 +7,7 @@ latched. A topic whose writer changes its type is heard on, by the new one, and 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 from robomend_client.bridges.problems import Problems
 from robomend_client.bridges.ros2.dds import Dds, NoDds, RawReader, Sample
@@ -68,10 +69,14 @@ class ListenedTopic:
         if self._reader is None:
             return
         for sample in self._reader.take():
-            writer = found.writer(sample.writer) or self._writer
-            assert writer is not None  # there was one when the reader was made
+            writer = found.writer(sample.writer) or self._somebody()
             for on_sample in self._on_sample:
                 on_sample(writer, sample)
+
+    def _somebody(self) -> Endpoint:
+        """Return a writer that has gone, or has just begun and is not discovered yet: it has no name."""
+        assert self._writer is not None  # there was one when the reader was made
+        return replace(self._writer, key=b"", participant=b"")
 
     def close(self) -> None:
         if self._reader is not None:

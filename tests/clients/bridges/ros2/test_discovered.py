@@ -72,6 +72,7 @@ def test_a_sample_leads_to_its_writer_until_that_has_gone() -> None:
     assert found.node_of(OUT) == "/laser"
     found.endpoint_gone(OUT.key)
     assert found.writer(7) is None
+    assert not found.is_named(replace(OUT, key=b"", participant=b""))  # told of nobody
 
 
 @pytest.mark.parametrize(
