@@ -8,12 +8,12 @@ from __future__ import annotations
 from fastapi import APIRouter
 from starlette.responses import JSONResponse
 
-from robomend.api.deps import PagingDep, PartsDep, PrincipalDep, RepairPath, RobotPath
+from robomend.api.deps import PartsDep, PrincipalDep, RepairPath, RobotPath, SpanDep
 from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
 from robomend.api.schemas.base import Items
 from robomend.api.schemas.repair import DecisionBody, RepairBody
-from robomend.api.schemas.repair_record import RepairOut
+from robomend.api.schemas.repair_record import RepairOut, State
 from robomend.security import API
 
 router = APIRouter(prefix=API, tags=["repair"], route_class=GuardedRoute)
@@ -34,9 +34,18 @@ async def create_repair(
 
 
 @router.get("/robots/{robot}/repairs", response_model=Items[RepairOut], responses=problems(404))
-async def list_repairs(robot: RobotPath, parts: PartsDep, paging: PagingDep) -> JSONResponse:
-    """List the robot's repairs, newest first."""
-    found = await parts.repairs.repairs(robot, before=paging.cursor, limit=paging.limit)
+async def list_repairs(
+    robot: RobotPath, parts: PartsDep, paging: SpanDep, state: State | None = None
+) -> JSONResponse:
+    """List the robot's repairs, newest first; of one state, or begun in a span of time."""
+    found = await parts.repairs.repairs(
+        robot,
+        before=paging.cursor,
+        limit=paging.limit,
+        state=state,
+        since_ns=paging.since_ns,
+        until_ns=paging.until_ns,
+    )
     more = len(found) == paging.limit
     items = [dict(repair) for repair in found]
     return JSONResponse({"items": items, "next": items[-1]["id"] if more else None})
