@@ -38,12 +38,13 @@ def repair_of(service: Service, *states: str) -> dict[str, Any]:
         items = service.api("GET", "/robots/r1/repairs").json()["items"]
         return next((one for one in items if one["state"] in states), None)
 
-    until(newest, f"no repair is {states}", 60)
+    until(newest, f"no repair is {states}", 150)
     found = newest()
     assert found is not None
     return found
 
 
+@pytest.mark.timeout(300)
 def test_a_repair_is_as_described_from_beginning_to_end(service: Service) -> None:
     waiting = repair_of(service, "awaiting-approval")
     described(RepairOut, waiting)
