@@ -63,7 +63,9 @@ class RepairsDouble:
             raise StateConflict(f"a repair of {robot!r} is open")
         return REPAIR
 
-    async def repairs(self, robot: str, *, before: str | None, limit: int) -> Sequence[Json]:
+    async def repairs(
+        self, robot: str, *, before: str | None, limit: int, **_: str | int | None
+    ) -> Sequence[Json]:
         self.calls.append(("repairs", robot, before, limit))
         return [REPAIR]
 

@@ -15,6 +15,7 @@ import pytest
 from tests.api.conftest import Service, StartService
 
 from robomend.api import ndjson, streams
+from robomend.store import Transaction, api_keys
 
 
 @contextmanager
@@ -185,6 +186,24 @@ def test_an_idle_stream_is_kept_alive(start: StartService) -> None:
     with httpx.stream("GET", f"{service.url}/api/v1/events", timeout=10) as answer:
         lines = answer.iter_lines()
         assert [line for line in (next(lines) for _ in range(9)) if line == ": ping"]
+
+
+def test_a_stream_ends_when_its_key_is_revoked(start: StartService) -> None:
+    service, other = start(ping_s=0.1), start()
+    service.key("admin")
+    head = {"Authorization": f"Bearer {service.key('viewer')}"}
+
+    def revoke(tx: Transaction) -> None:
+        [viewer] = [key for key in api_keys.every(tx) if key.role == "viewer"]
+        api_keys.revoke(tx, viewer.id)
+
+    with httpx.stream("GET", f"{service.url}/api/v1/events", headers=head, timeout=60) as answer:
+        lines = answer.iter_lines()
+        assert next(lines) is not None
+        other.run(other.runtime.store.write(revoke))  # whichever instance it is said to
+        for _ in lines:  # it ends; else this reads for ever
+            pass
+    assert service.http.get("/api/v1/events", headers=head).status_code == 401
 
 
 def test_open_streams_and_long_polls_do_not_hold_up_the_end(tmp_path: Any) -> None:

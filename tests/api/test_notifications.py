@@ -45,10 +45,11 @@ def of(hook: Hook, about: str) -> list[dict[str, Any]]:
     return [one for one in hook.told if one["about"] == about]
 
 
+@pytest.mark.timeout(240)
 def test_a_plan_that_waits_for_a_yes_is_told_with_a_link(service: Service, hook: Hook) -> None:
     service.with_robot("r1", policy="approve")
     service.observe("not ok(scan)", "not on(hokuyo)", robot="r1")
-    until(lambda: of(hook, "approval"), "nobody was told of the plan", 60)
+    until(lambda: of(hook, "approval"), "nobody was told of the plan", 150)
     [one] = of(hook, "approval")
     assert one["robot"] == "r1"
     assert one["url"] == f"https://robots.example/ui/repairs/{one['repair']}"

@@ -12,6 +12,7 @@ from tests.waiting import until
 
 from robomend.api.schemas.plans import ChoiceOut
 from robomend.api.schemas.repair_record import RepairOut
+from robomend.moments import rfc3339
 from robomend.settings import Settings
 
 WRONG = ["not ok(scan)", "not running(hokuyo_node)", "on(hokuyo)", "on(jaguar)"]
@@ -37,12 +38,13 @@ def repair_of(service: Service, *states: str) -> dict[str, Any]:
         items = service.api("GET", "/robots/r1/repairs").json()["items"]
         return next((one for one in items if one["state"] in states), None)
 
-    until(newest, f"no repair is {states}", 60)
+    until(newest, f"no repair is {states}", 150)
     found = newest()
     assert found is not None
     return found
 
 
+@pytest.mark.timeout(300)
 def test_a_repair_is_as_described_from_beginning_to_end(service: Service) -> None:
     waiting = repair_of(service, "awaiting-approval")
     described(RepairOut, waiting)
@@ -96,3 +98,44 @@ def test_no_answer_is_an_untyped_object(service: Service) -> None:
                 schema = response.get("content", {}).get("application/json", {}).get("schema", {})
                 bare = schema.get("type") == "object" and schema.get("additionalProperties") in (None, True)
                 assert not bare or (path == "/version-info"), f"{method} {path} {status}"
+
+
+def ids(service: Service, path: str, **query: str) -> list[Any]:
+    answer = service.api("GET", path, params=query)
+    assert answer.status_code == 200, answer.text
+    return [one.get("id", one.get("time_ns")) for one in answer.json()["items"]]
+
+
+@pytest.mark.parametrize("path", ["/audit", "/robots/r1/history", "/robots/r1/repairs"])
+def test_lists_over_time_are_cut_by_time(service: Service, path: str) -> None:
+    until(lambda: ids(service, path), "there is nothing yet", 60)
+    newest = service.api("GET", path, params={"limit": 1}).json()["items"][0]
+    at = rfc3339(newest.get("created_ns", newest.get("time_ns")))
+    before = ids(service, path, until=at)
+    after = ids(service, path, since=at)
+    assert ids(service, path)[:1] == after[:1]
+    assert not set(before) & set(after)
+    assert ids(service, path, since="9999-12-31T23:59:59Z") == []
+    assert ids(service, path, until="0001-01-01T00:00:00+00:00") == []
+    offset = at.replace("Z", "+00:00")
+    assert ids(service, path, since=offset) == after
+    for wrong in ("yesterday", "2025-11-24T16:00:00"):  # whose time would that be?
+        assert service.api("GET", path, params={"since": wrong}).status_code == 422
+
+
+def test_repairs_are_asked_for_by_state(service: Service) -> None:
+    every = service.api("GET", "/robots/r1/repairs").json()["items"]
+    for state in {one["state"] for one in every}:
+        expected = [one["id"] for one in every if one["state"] == state]
+        assert ids(service, "/robots/r1/repairs", state=state) == expected
+    assert ids(service, "/robots/r1/repairs", state="failed") == []
+    assert service.api("GET", "/robots/r1/repairs", params={"state": "odd"}).status_code == 422
+
+
+def test_the_audit_log_is_asked_for_by_who_and_what(service: Service) -> None:
+    every = service.api("GET", "/audit", params={"limit": 1000}).json()["items"]
+    put = [one["id"] for one in every if one["action"] == "robot.put"]
+    assert put
+    assert ids(service, "/audit", action="robot.put") == put
+    assert ids(service, "/audit", action="robot.put", actor="local") == put
+    assert ids(service, "/audit", actor="nobody") == []

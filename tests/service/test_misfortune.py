@@ -5,12 +5,16 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+import resource
 import shlex
+import signal
+import sqlite3
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import httpx
@@ -110,6 +114,91 @@ def test_a_database_that_is_gone_is_503_until_it_is_back(
         while httpx.get(f"{service.url}/readyz", timeout=30).status_code != 200:
             assert time.monotonic() < deadline
             time.sleep(0.1)
+
+
+@contextmanager
+def locked(path: Path) -> Iterator[None]:
+    """Somebody else writes to a SQLite database, and does not end."""
+    other = sqlite3.connect(path, isolation_level=None)
+    other.execute("BEGIN IMMEDIATE")
+    try:
+        yield
+    finally:
+        other.close()
+
+
+@contextmanager
+def frozen(server: PostgresServer) -> Iterator[None]:
+    """No process of the server runs."""
+    assert server.process is not None
+    main = server.process.pid
+    served_by = Path(f"/proc/{main}/task/{main}/children").read_text().split()
+    pids = [main, *map(int, served_by)]  # the first one cannot start another from here on
+    try:
+        for pid in pids:
+            os.kill(pid, signal.SIGSTOP)
+        yield
+    finally:
+        for pid in pids:
+            with suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGCONT)
+
+
+FROZEN_S = 12.0
+"""Longer than a writer waits for SQLite's lock."""
+
+
+@pytest.mark.timeout(180)
+@pytest.mark.parametrize("kind", ["sqlite", "postgresql"])
+def test_a_database_that_is_frozen_loses_nothing_and_stops_nobody_from_stopping(
+    tmp_path: Path, postgres_server: PostgresServer, postgres_url: str, kind: str, long: bool
+) -> None:
+    on = ["--database", postgres_url] if kind == "postgresql" else ["--data", str(tmp_path)]
+    with served(on) as service, client_of(service.url) as http, ThreadPoolExecutor(1) as clients:
+        http.put("/models/m", json={"source": TEDUSAR})
+        assert http.put("/robots/r1", json={"model": "m"}).status_code == 201
+
+        def report(sentence: str) -> httpx.Response:
+            body = {"observations": [sentence]}
+            return httpx.post(f"{service.url}/api/v1/robots/r1/observations", json=body, timeout=90)
+
+        assert report("ok(map)").json()["revision"] == 1
+        thaws = time.monotonic() + (FROZEN_S if long or kind == "sqlite" else 0.0)
+        with frozen(postgres_server) if kind == "postgresql" else locked(tmp_path / "robomend.db"):
+            under_way = clients.submit(report, "not ok(map)")
+            until(lambda: httpx.get(f"{service.url}/readyz", timeout=60).status_code == 503, "ready", 60)
+            assert httpx.get(f"{service.url}/healthz", timeout=60).status_code == 200
+            stopped = httpx.post(f"{service.url}/api/v1/stop", json={"reason": "smoke"}, timeout=60)
+            assert (stopped.status_code, stopped.json()["active"]) == (202, True)
+            until(lambda: time.monotonic() > thaws, "time itself is what is tested", 60)
+        answer = under_way.result(90)
+        assert answer.status_code in {200, 503}, answer.text
+        until(lambda: httpx.get(f"{service.url}/readyz", timeout=60).status_code == 200, "not ready", 60)
+        until(lambda: http.get("/stop").json()["written"], "the stop is not on disk", 60)
+        assert http.get("/stop").json()["active"]
+        until(lambda: report("ok(scan)").status_code == 200, "nothing is accepted any more", 60)
+        told = http.get("/robots/r1/history").json()["items"]
+        kept = [one["literal"] for line in told for one in line["data"]["observations"]]
+        assert kept.count("not ok(map)") == (answer.status_code == 200)
+
+
+@pytest.mark.timeout(180)
+def test_where_memory_ends_workers_are_missing_and_the_service_lives(tmp_path: Path) -> None:
+    with served(["--data", str(tmp_path)]) as service, client_of(service.url) as http:
+        assert http.put("/models/m", json={"source": TEDUSAR}).status_code == 201
+        assert http.put("/robots/r1", json={"model": "m"}).status_code == 201
+        used = int(Path(f"/proc/{service.pid}/statm").read_text().split()[0]) * resource.getpagesize()
+        resource.prlimit(service.pid, resource.RLIMIT_AS, (used + (4 << 20), resource.RLIM_INFINITY))
+        many = "".join(f"  n{n}: {{publishes: {{t{n}: []}}}}\n" for n in range(3000))
+        large = {"source": f"robomend: 1\nname: large\nnodes:\n{many}", "observations": ["not ok(t7)"]}
+        for _ in range(3):
+            refused = http.post("/diagnoses", json=large)
+            assert refused.status_code == 503, refused.text
+        assert httpx.get(f"{service.url}/healthz", timeout=60).status_code == 200
+        stopped = http.post("/stop", json={"reason": "smoke"})
+        assert stopped.status_code in {200, 202}, stopped.text
+        resource.prlimit(service.pid, resource.RLIMIT_AS, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+        until(lambda: http.post("/diagnoses", json=large).status_code == 200, "no worker came back", 90)
 
 
 @pytest.mark.timeout(120)

@@ -110,6 +110,19 @@ def test_a_worker_that_cannot_be_warmed_is_told_and_does_not_hang(
         pool.call(os.getpid)
 
 
+def test_no_room_for_another_thread_is_told_and_the_next_call_works(
+    pool: WorkerPool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def no_room(*_: object) -> None:  # as where `ulimit -v` is reached
+        raise RuntimeError("can't start new thread")
+
+    with monkeypatch.context() as full:
+        full.setattr(pool._starter, "submit", no_room)
+        with pytest.raises(WorkerDied, match="can't start new thread"):
+            pool.call(math.sqrt, 4.0)
+    assert pool.call(math.sqrt, 4.0) == 2.0
+
+
 def test_a_deadline_kills_the_worker_and_the_next_call_works(
     pool: WorkerPool, jobs: Callable[[str], Callable[..., object]]
 ) -> None:

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import re
 from collections.abc import Awaitable, Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime, timedelta
 from functools import partial
 from typing import Annotated
 
 from fastapi import Depends, Header, Path, Query, Request
+from pydantic import AwareDatetime
 
 from robomend.api.loop_watch import LoopWatch
 from robomend.api.problems import Problem
-from robomend.api.schemas.base import NAME
+from robomend.api.schemas.base import MAX_INT, NAME
 from robomend.api.shedding import LoadShedding
 from robomend.api.store_probe import StoreProbe
 from robomend.api.streams import Hub
@@ -103,6 +105,29 @@ async def _paging(
 
 
 PagingDep = Annotated[Paging, Depends(_paging)]
+
+
+async def _span(
+    paging: PagingDep,
+    since: Annotated[
+        AwareDatetime | None, Query(description="only what is not older (RFC 3339, with its offset)")
+    ] = None,
+    until: Annotated[AwareDatetime | None, Query(description="only what is older")] = None,
+) -> Paging:
+    return replace(paging, since_ns=_ns(since), until_ns=_ns(until))
+
+
+def _ns(moment: datetime | None) -> int | None:
+    if moment is None:
+        return None
+    exact = (moment - _EPOCH) // timedelta(microseconds=1) * 1000
+    return min(max(exact, 0), MAX_INT)
+
+
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+
+SpanDep = Annotated[Paging, Depends(_span)]
+"""A page of a list over time."""
 
 IfMatch = Annotated[
     str | None,

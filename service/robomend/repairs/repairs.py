@@ -270,12 +270,24 @@ class Repairs:
 
         return repair_json(await self._store.write(begin, robots=(robot,)))
 
-    async def repairs(self, robot: str, *, before: str | None, limit: int) -> Sequence[Json]:
-        """Return up to `limit` repairs of the robot, newest first, older than the repair `before`."""
+    async def repairs(
+        self,
+        robot: str,
+        *,
+        before: str | None,
+        limit: int,
+        state: str | None = None,
+        since_ns: int | None = None,
+        until_ns: int | None = None,
+    ) -> Sequence[Json]:
+        """Return up to `limit` repairs of the robot, newest first, older than the repair `before`; of one
+        state, or begun in a span of time, if asked for.
+        """
+        paging = Paging(before, limit, since_ns, until_ns)
 
         def look(view: View) -> list[Json]:
             robots.get(view, robot)
-            page = repairs.page(view, robot, Paging(before, limit))
+            page = repairs.page(view, robot, paging, state=state)
             return [repair_json(repair, repairs.steps(view, repair.id)) for repair in page.items]
 
         return await self._store.read(look)

@@ -8,10 +8,18 @@ from robomend.store.records import FIRST_PAGE, AuditEntry, Page, Paging
 from robomend.store.view import AnyRow, View
 
 
-def page(view: View, paging: Paging = FIRST_PAGE, *, robot: str | None = None) -> Page[AuditEntry]:
+def page(
+    view: View,
+    paging: Paging = FIRST_PAGE,
+    *,
+    robot: str | None = None,
+    actor: str | None = None,
+    action: str | None = None,
+) -> Page[AuditEntry]:
     """Return the audit log, newest first."""
     table = schema.audit
-    where = () if robot is None else (table.c.robot == checked(robot),)
+    wanted = ((table.c.robot, robot), (table.c.actor, actor), (table.c.action, action))
+    where = [column == checked(value) for column, value in wanted if value is not None]
     return view.newest_first(table, _entry, paging, *where, key="id")
 
 

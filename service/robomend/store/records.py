@@ -41,6 +41,8 @@ class Paging:
 
     cursor: str | None = None
     limit: int = 100  # 1 to 1000
+    since_ns: int | None = None  # of lists over time: only what is not older …
+    until_ns: int | None = None  # … and older than this
 
 
 FIRST_PAGE = Paging()

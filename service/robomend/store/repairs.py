@@ -36,14 +36,21 @@ def get(view: View, repair: str) -> StoredRepair:
 
 
 def page(
-    view: View, robot: str | None = None, paging: Paging = FIRST_PAGE, *, open_only: bool = False
+    view: View,
+    robot: str | None = None,
+    paging: Paging = FIRST_PAGE,
+    *,
+    open_only: bool = False,
+    state: str | None = None,
 ) -> Page[StoredRepair]:
     """Return repairs, newest first. The cursor may be a repair's id: those older than it."""
     where = [] if robot is None else [_REPAIRS.c.robot == checked(robot)]
     if open_only:
         where.append(_REPAIRS.c.open)
+    if state is not None:
+        where.append(_REPAIRS.c.state == checked(state))
     if paging.cursor is not None and not paging.cursor.isdecimal():
-        paging = Paging(str(get(view, paging.cursor).number), paging.limit)
+        paging = replace(paging, cursor=str(get(view, paging.cursor).number))
     return view.newest_first(_REPAIRS, _repair, paging, *where)
 
 

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 from sqlalchemy import Connection, Row, Select, Table, select
 
 from robomend.errors import InputError, NotFound
-from robomend.store.encoding import checked
+from robomend.store.encoding import checked, checked_ns
 from robomend.store.records import Page, Paging
 
 T = TypeVar("T")
@@ -55,6 +55,12 @@ class View:
         query = select(table).where(*where).order_by(column.desc()).limit(_limit(paging) + 1)
         if paging.cursor is not None:
             query = query.where(column < _number(paging.cursor))
+        if paging.since_ns is not None or paging.until_ns is not None:
+            time_ns = table.c.time_ns if "time_ns" in table.c else table.c.created_ns
+            if paging.since_ns is not None:
+                query = query.where(time_ns >= checked_ns(paging.since_ns))
+            if paging.until_ns is not None:
+                query = query.where(time_ns < checked_ns(paging.until_ns))
         return _page(self.rows(query), paging, make, key)
 
     def by_name(self, query: Select[Any], make: Callable[[AnyRow], T], paging: Paging, key: str) -> Page[T]:

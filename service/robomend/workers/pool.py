@@ -229,6 +229,8 @@ class WorkerPool:
                         error, self._start_error = self._start_error, None
                         raise WorkerDied(f"{self.name}: no worker could be started: {error}") from error
                     self._top_up(at_least=1)
+                    if self._start_error is not None:
+                        continue
                     # Only the wait for a start is bounded here; the wait behind other calls ends with theirs.
                     deadline = deadline or time.monotonic() + START_TIMEOUT_S
                 if deadline is not None and time.monotonic() > deadline:
@@ -257,7 +259,12 @@ class WorkerPool:
         room = self._size + self._spare - len(self._busy) - len(self._idle) - self._starting
         for _ in range(min(wanted, room)):
             self._starting += 1
-            self._starter.submit(self._start_one)
+            try:
+                self._starter.submit(self._start_one)
+            except (RuntimeError, MemoryError) as error:  # no room for another thread (`ulimit -v`)
+                self._starting -= 1
+                self._start_error = error
+                return
 
     def _start_one(self) -> None:
         worker: WorkerProcess | None = None
@@ -293,7 +300,10 @@ class WorkerPool:
         if self._reaper is None and not self._closed:
             self._reaper = threading.Timer(self._idle_s, self._end_idle)
             self._reaper.daemon = True
-            self._reaper.start()
+            try:
+                self._reaper.start()
+            except (RuntimeError, MemoryError):  # no room for another thread: they stay for now
+                self._reaper = None
 
     def _end_idle(self) -> None:
         with self._condition:

@@ -10,12 +10,12 @@ from typing import Annotated
 from fastapi import APIRouter, Query
 from starlette.responses import JSONResponse
 
-from robomend.api.deps import PagingDep, PartsDep, PrincipalDep, RepairPath, RobotPath
+from robomend.api.deps import PartsDep, PrincipalDep, RepairPath, RobotPath, SpanDep
 from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
 from robomend.api.schemas.base import Items
 from robomend.api.schemas.repair import DecisionBody, RepairBody
-from robomend.api.schemas.repair_record import RepairOut
+from robomend.api.schemas.repair_record import RepairOut, State
 from robomend.repairs.repair_json import repair_json
 from robomend.security import API
 from robomend.store import View, repairs
@@ -38,9 +38,18 @@ async def create_repair(
 
 
 @router.get("/robots/{robot}/repairs", response_model=Items[RepairOut], responses=problems(404))
-async def list_repairs(robot: RobotPath, parts: PartsDep, paging: PagingDep) -> JSONResponse:
-    """List the robot's repairs, newest first."""
-    found = await parts.repairs.repairs(robot, before=paging.cursor, limit=paging.limit)
+async def list_repairs(
+    robot: RobotPath, parts: PartsDep, paging: SpanDep, state: State | None = None
+) -> JSONResponse:
+    """List the robot's repairs, newest first; of one state, or begun in a span of time."""
+    found = await parts.repairs.repairs(
+        robot,
+        before=paging.cursor,
+        limit=paging.limit,
+        state=state,
+        since_ns=paging.since_ns,
+        until_ns=paging.until_ns,
+    )
     more = len(found) == paging.limit
     items = [dict(repair) for repair in found]
     return JSONResponse({"items": items, "next": items[-1]["id"] if more else None})
@@ -49,13 +58,14 @@ async def list_repairs(robot: RobotPath, parts: PartsDep, paging: PagingDep) -> 
 @router.get("/repairs", response_model=Items[RepairOut], responses=problems(404))
 async def list_all_repairs(
     parts: PartsDep,
-    paging: PagingDep,
+    paging: SpanDep,
+    state: State | None = None,
     open_only: Annotated[bool, Query(alias="open", description="only those that have not ended")] = False,
 ) -> JSONResponse:
-    """List the repairs of all robots, newest first."""
+    """List the repairs of all robots, newest first; of one state, or begun in a span of time."""
 
     def look(view: View) -> dict[str, object]:
-        found = repairs.page(view, None, paging, open_only=open_only)
+        found = repairs.page(view, None, paging, open_only=open_only, state=state)
         items = [repair_json(repair, repairs.steps(view, repair.id)) for repair in found.items]
         return {"items": items, "next": found.next}
 
