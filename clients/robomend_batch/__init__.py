@@ -14,5 +14,6 @@ one_log.py             all of it for one log
 manifest.py            what a folder of results was made of, and which logs are done
 pool.py                worker processes, which may die
 run.py                 all logs, in order
+learn/                 from logs of a healthy robot to a first model and its observers
 results.py, faults.py  a folder of results, read again; report.py, query_command.py
 """

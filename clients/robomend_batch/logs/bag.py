@@ -53,7 +53,15 @@ class IndexedBag:
         self.start_ns = self._reader.start_time if some else None
         self.end_ns = max(info.end_time for info in self._reader.chunk_infos) if some else None
         self.channels = [
-            Channel(c.id, c.topic.lstrip("/"), c.msgtype, c.msgdef.data, False, False)
+            Channel(
+                c.id,
+                c.topic.lstrip("/"),
+                c.msgtype,
+                c.msgdef.data,
+                False,
+                False,
+                getattr(c.ext, "callerid", None) or "",
+            )
             for c in self._reader.connections
         ]
 
@@ -150,6 +158,7 @@ class StreamedBag:
                 inner["message_definition"].decode(errors="replace"),
                 False,
                 False,
+                inner.get("callerid", b"").decode(errors="replace"),
             )
 
 

@@ -39,13 +39,14 @@ def _db3(path: Path) -> Recording:
     return open_db3(path)
 
 
+RECORDINGS: Mapping[str, Callable[[Path], Recording]] = {"bag": _bag, "mcap": _mcap, "db3": _db3}
+"""Of messages."""
+
 READERS: Mapping[str, Reader] = {
     "parquet": read_parquet,
     "csv": read_csv,
     "ndjson": read_ndjson,
-    "bag": partial(read_messages, _bag),
-    "mcap": partial(read_messages, _mcap),
-    "db3": partial(read_messages, _db3),
+    **{kind: partial(read_messages, open_recording) for kind, open_recording in RECORDINGS.items()},
     "recording": read_recording,
 }
 

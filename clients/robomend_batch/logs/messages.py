@@ -305,26 +305,27 @@ class Wants:
                 self.of[number] = wants
 
     def _store(self, channel: Channel) -> Any:
-        """Return a typestore that knows the type of a channel."""
-        from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
-
         store = self._types.get(channel.type_name)
         if store is None:
-            if channel.definition:
-                parse = get_types_from_idl if channel.idl else None
-                store = get_typestore(Stores.EMPTY)
-                text, name = channel.definition, channel.type_name
-                store.register(parse(text) if parse else get_types_from_msg(text, name))
-            else:
-                store = get_typestore(Stores.LATEST)
-            if channel.type_name not in store.fielddefs:
-                raise ValueError("it is not defined")
-            self._types[channel.type_name] = store
+            store = self._types[channel.type_name] = store_of(channel)
         return store
 
 
 def _stamp(seconds: Callable[[bytes], Any], nanoseconds: Callable[[bytes], Any]) -> Callable[[bytes], int]:
     return lambda data: int(seconds(data)) * SECOND + int(nanoseconds(data))
+
+
+def store_of(channel: Channel) -> Any:
+    """Return a typestore that knows a channel's type; rosbags raises whatever if it cannot be parsed."""
+    from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+
+    text, name = channel.definition, channel.type_name
+    store = get_typestore(Stores.EMPTY if text else Stores.LATEST)
+    if text:
+        store.register(get_types_from_idl(text) if channel.idl else get_types_from_msg(text, name))
+    if name not in store.fielddefs:
+        raise ValueError("it is not defined")
+    return store
 
 
 def _no_need(data: bytes) -> Any:

@@ -20,6 +20,7 @@ class Channel:
     definition: str  # of the type; empty: the recording does not say
     idl: bool
     cdr: bool  # ROS 2's encoding, else ROS 1's
+    publisher: str = ""  # the node, with its slash; empty: the recording does not say
 
 
 class Recording(Protocol):

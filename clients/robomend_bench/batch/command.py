@@ -1,4 +1,6 @@
-"""The command `robomend-bench batch`: how fast logs are diagnosed by robomend-batch, start-up included."""
+"""The command `robomend-bench batch`: how fast logs are diagnosed by robomend-batch, start-up included, and
+how good the observers are that it learns.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,7 @@ from typing import Any
 import click
 
 from robomend.errors import BackendError
-from robomend_bench.batch import workload
+from robomend_bench.batch import learning, workload
 from robomend_bench.parts import wanted
 from robomend_bench.service.measure import load_of_others
 from robomend_bench.service.process import processors
@@ -167,12 +169,29 @@ def _memory(wish: dict[str, Any], folder: Path) -> Measured:
     return found, [("memory, one log", shown, "flat, under 500 MB")]
 
 
+def _learn(wish: dict[str, Any], folder: Path) -> Measured:
+    first = wish["seed"]
+    score = learning.measure(COMMAND, folder, range(first, first + wish["robots"]), wish["minutes"])
+    planted, found, alone = (counts.total() for counts in (score.planted, score.found, score.alone))
+    delays = sorted(score.delays_s)
+    robots = f"{score.robots} robots, learned from {wish['minutes']:g} min of each"
+    shown = f"{found} of {planted} ({found / max(planted, 1):.1%}), {alone} of them as the one diagnosis"
+    if delays:
+        shown += f"; after {delays[len(delays) // 2]:.1f} s (median), {delays[-1]:.1f} s at most"
+    false = f"{score.false_alarms}; {score.stray} more beside planted faults"
+    return score.json(), [
+        (f"false alarms in {score.held_h:.1f} h of other healthy drives, {robots}", false, "1 in 10 h; 0"),
+        ("planted faults found in their time, their component a suspect", shown, "95 %; 99 %"),
+    ]
+
+
 PARTS: dict[str, Callable[[dict[str, Any], Path], Measured]] = {
     "literals": _literals,
     "distinct": _distinct,
     "recording": _recording,
     "workers": _workers,
     "memory": _memory,
+    "learn": _learn,
 }
 
 
@@ -182,6 +201,8 @@ PARTS: dict[str, Callable[[dict[str, Any], Path], Measured]] = {
     "--rows", type=click.IntRange(100), default=10_000_000, show_default=True, help="Of a log of literals."
 )
 @click.option("--megabytes", type=click.IntRange(1), default=1000, show_default=True, help="Of a recording.")
+@click.option("--robots", type=click.IntRange(1), default=20, show_default=True, help="To learn from.")
+@click.option("--minutes", type=float, default=30.0, show_default=True, help="Of each of their drives.")
 @click.option("--repeats", type=click.IntRange(1, 100), default=3, show_default=True)
 @click.option(
     "--clock", type=click.Choice(["wall", "cpu"]), default="wall", help="cpu: for a machine that others use."
@@ -191,10 +212,13 @@ PARTS: dict[str, Callable[[dict[str, Any], Path], Measured]] = {
 def command(only: str, output: str, **wish: Any) -> None:
     """Measure how fast logs are diagnosed: each figure is a run of robomend-batch, start-up included.
 
+    And how good what it learns is: false alarms over healthy drives, planted faults found.
+
     \b
     robomend-bench batch
     robomend-bench batch --only literals,distinct --repeats 5
     robomend-bench batch --only recording --megabytes 200 --format json
+    robomend-bench batch --only learn --robots 4 --seed 5
     """
     results: dict[str, dict[str, Any]] = {}
     rows: list[Row] = []

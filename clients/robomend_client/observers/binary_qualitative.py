@@ -128,6 +128,11 @@ class BinaryQualitativeObserver:
         span_ns = self._window_ns + (self._threshold + 1) * self._tick_ns
         return Evidence(max(self._from_ns, self._ticked_ns - span_ns), self._equal_ns)
 
+    @property
+    def mismatch(self) -> int | None:
+        """The count; None while nothing is known."""
+        return self._mismatch
+
     # --- inside ----------------------------------------------------------------------------------------
 
     def _forget(self) -> None:

@@ -6,7 +6,8 @@ Only the times of messages count, so any topic can be watched without touching t
     verdict    unknown ·· ok ········ not ok ······· (settling) ···· ok
                                      └ silence_s without one ┘
 
-The rate f of the newest messages is (intervals) / (their span); ok(t) iff |f − rate| < tolerance. Silence of
+The rate f of the newest messages is (intervals) / (their span); ok(t) iff |f − rate| < tolerance, or, where
+what was held up comes in bursts, rate − tolerance < f < rate + tolerance_above. Silence of
 `silence_s` is not ok at once, and what came before it no longer counts. Until the first verdict the topic is
 unknown: missing data is no literal. A topic that was never heard of may take `first_s` until it comes up.
 
@@ -60,6 +61,7 @@ class Rate:
     settle: int | None = 5  # intervals that a verdict needs; None: a full window
     test: str = "tolerance"  # or student_t
     significance: float = 0.05  # level of the t test
+    tolerance_above_hz: float | None = None  # how much faster it may be; None: tolerance_hz
 
     PRESETS: ClassVar[Mapping[str, Mapping[str, Any]]] = {
         "published": {"window": 10, "silence_s": 2.0, "check_s": 0.5, "settle": None}
@@ -67,6 +69,8 @@ class Rate:
 
     def __post_init__(self) -> None:
         positive(rate_hz=self.rate_hz, tolerance_hz=self.tolerance_hz, check_s=self.check_s)
+        if self.tolerance_above_hz is not None:
+            positive(tolerance_above_hz=self.tolerance_above_hz)
         if self.window is not None and not 2 <= self.window <= 10_000:
             raise ValueError(
                 f"window must be from 2 to 10000 messages, not {self.window}: a rate needs an interval"
@@ -92,6 +96,17 @@ class Rate:
     def published(cls, rate_hz: float = 10.0, tolerance_hz: float = 1.0) -> Rate:
         """Return the released system's parameters."""
         return cls(rate_hz, tolerance_hz, **cls.PRESETS["published"])
+
+    @property
+    def lowest_hz(self) -> float:
+        """A rate must be above it."""
+        return self.rate_hz - self.tolerance_hz
+
+    @property
+    def highest_hz(self) -> float:
+        """And below this."""
+        above_hz = self.tolerance_above_hz
+        return self.rate_hz + (self.tolerance_hz if above_hz is None else above_hz)
 
     @property
     def messages(self) -> int:
@@ -124,13 +139,14 @@ class GeneralObserver:
         self.atoms = (Atom("ok", (topic,)),)
         self.period_ns = ns(expected.check_s)
         self.detection_s = expected.silence + expected.check_s
-        slowest_hz = max(expected.rate_hz - expected.tolerance_hz, expected.rate_hz / 2)
+        slowest_hz = max(expected.lowest_hz, expected.rate_hz / 2)
         self.settling_s = max(expected.silence, (expected.intervals + 1) / slowest_hz) + expected.check_s
         self._ok = (holds("ok", topic),)
         self._not_ok = (fails("ok", topic),)
         self._silence_ns = ns(expected.silence)
         self._size = expected.messages
         self._intervals = expected.intervals
+        self._lowest_hz, self._highest_hz = expected.lowest_hz, expected.highest_hz
         # Two windows of them: when the rate turns wrong, the message at which it was right is in there.
         self._times: deque[int] = deque(maxlen=2 * self._size)
         self._first_ns = max(0, ns(expected.first_s or 0.0) - self._silence_ns)
@@ -206,8 +222,8 @@ class GeneralObserver:
         intervals = min(len(self._times), self._size) - 1
         if intervals < self._intervals:
             return 0.0
-        rate_hz, tolerance_hz = self.expected.rate_hz, self.expected.tolerance_hz
-        return 0.5 * intervals * tolerance_hz / (rate_hz * (rate_hz + tolerance_hz))
+        rate_hz, highest_hz = self.expected.rate_hz, self.expected.highest_hz
+        return 0.5 * intervals * (highest_hz - rate_hz) / (rate_hz * highest_hz)
 
     def rate_hz(self) -> float | None:
         """Return the measured rate, or None while there is none to speak of."""
@@ -229,13 +245,13 @@ class GeneralObserver:
         span_ns = self._newest_ns - times[-1 - intervals]
         expected = self.expected
         f = intervals * SECOND / span_ns if span_ns else inf
-        if abs(f - expected.rate_hz) < expected.tolerance_hz:
+        if self._lowest_hz < f < self._highest_hz:
             return True
         if have < size and span_ns:
             if f < expected.rate_hz:  # so far: were messages lost?
-                chance = (intervals + LOST) * SECOND / span_ns >= expected.rate_hz - expected.tolerance_hz
+                chance = (intervals + LOST) * SECOND / span_ns >= self._lowest_hz
             else:  # was the first one late?
-                chance = (intervals - 1) * SECOND / span_ns <= expected.rate_hz + expected.tolerance_hz
+                chance = (intervals - 1) * SECOND / span_ns <= self._highest_hz
             if chance:
                 return True if self._good_before() is not None else None
         return expected.test == "student_t" and not self._significant(intervals)
@@ -255,11 +271,10 @@ class GeneralObserver:
     def _good_before(self) -> int | None:
         """Return the newest message at which the rate was right, of those that are remembered."""
         times = tuple(self._times)
-        expected = self.expected
         for last in range(len(times) - 1, self._intervals - 1, -1):
             intervals = min(last, self._size - 1)
             span_ns = times[last] - times[last - intervals]
-            if span_ns and abs(intervals * SECOND / span_ns - expected.rate_hz) < expected.tolerance_hz:
+            if span_ns and self._lowest_hz < intervals * SECOND / span_ns < self._highest_hz:
                 return times[last]
         return None
 

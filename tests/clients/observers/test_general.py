@@ -55,6 +55,17 @@ def test_three_messages_lost_in_a_full_window_are_within_the_tolerance(tolerance
     assert verdict(fed(rate, *times), times[-1]) is True
 
 
+def test_a_burst_may_be_faster_than_a_rate_may_be_slower() -> None:
+    rate = Rate(rate_hz=10, tolerance_hz=1, tolerance_above_hz=10, window=11, settle=10, silence_s=0.5)
+    assert verdict(fed(rate, *beats(0, 11, 19.5)), 0.6) is True
+    assert verdict(fed(rate, *beats(0, 11, 20.5)), 0.6) is False
+    assert verdict(fed(rate, *beats(0, 11, 9.2)), 1.2) is True
+    assert verdict(fed(rate, *beats(0, 11, 8.8)), 1.2) is False
+    assert verdict(fed(Rate(10, 1, window=11, silence_s=0.5), *beats(0, 11, 19.5)), 0.6) is False
+    with pytest.raises(ValueError, match="tolerance_above_hz must be above 0"):
+        Rate(tolerance_above_hz=0)
+
+
 def test_a_topic_is_unknown_until_it_settled_or_was_silent() -> None:
     observer = fed(DEMO)
     assert verdict(observer, 0.49) is None

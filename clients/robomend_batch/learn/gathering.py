@@ -1,0 +1,296 @@
+"""What healthy logs hold: the times of every topic, the numbers of some of their fields, the diagnostics.
+
+One pass over each log. Times are kept (8 bytes a message, MOST_TIMES of a topic), of values the mean of each
+TICK_NS, and of a field no more than MOST_VALUES.
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections import Counter, defaultdict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rosbags.interfaces import Nodetype
+
+from robomend_batch.learn.stretches import Stretch, Times, cut
+from robomend_batch.logs.fields import compile_field, plain
+from robomend_batch.logs.kinds import RECORDINGS, kind_of
+from robomend_batch.logs.messages import WHOLE, store_of
+from robomend_batch.logs.recorded import Channel, Recording, Unreadable
+from robomend_batch.problems import LogRefused, Problems
+from robomend_client.observers.base import SECOND
+from robomend_client.observers.diagnostic import LEADING_NUMBER
+
+MOST_TIMES = 5_000_000
+MOST_VALUES = 20_000
+MOST_STATUSES = 200
+MOST_FIELDS = 12
+"""Of a type: the first ones."""
+
+TICK_NS = SECOND // 5
+"""That of the observer that compares two values."""
+
+DIAGNOSTICS, STATUS = WHOLE["diagnostics"]
+
+ASIDE = ("header", "covariance", "orientation")
+"""Fields that are no values whose trends one would compare: quaternions wrap, covariances stand."""
+
+
+@dataclass
+class Series:
+    """A number over time, by log."""
+
+    times: dict[int, array[int]] = field(default_factory=lambda: defaultdict(lambda: array("q")))
+    values: dict[int, array[float]] = field(default_factory=lambda: defaultdict(lambda: array("d")))
+    count: int = 0
+
+    def add(self, log: int, time_ns: int, value: float) -> None:
+        """Take in one; beyond MOST_VALUES they are left out."""
+        if self.count < MOST_VALUES and value - value == 0:  # neither NaN nor infinite
+            self.times[log].append(time_ns)
+            self.values[log].append(value)
+            self.count += 1
+
+    def pieces(self, stretches: Sequence[Stretch]) -> list[tuple[Times, NDArray[np.float64]]]:
+        """Return times and values, stretch by stretch."""
+        found = []
+        for stretch in stretches:
+            times = np.array(self.times.get(stretch.log, ()), dtype=np.int64)
+            values = np.array(self.values.get(stretch.log, ()), dtype=np.float64)
+            part = stretch.of(times)
+            if part.stop > part.start:
+                found.append((times[part], values[part]))
+        return found
+
+
+@dataclass
+class Means:
+    """A number, of which the means of ticks are kept."""
+
+    series: Series
+    extract: Callable[[bytes], Any]
+    tick: int = 0
+    total: float = 0.0
+    count: int = 0
+
+    def add(self, log: int, time_ns: int, value: float) -> None:
+        """Take in one."""
+        tick = time_ns // TICK_NS
+        if tick != self.tick:
+            self.end(log)
+            self.tick = tick
+        self.total += value
+        self.count += 1
+
+    def end(self, log: int) -> None:
+        """The tick is over."""
+        if self.count:
+            self.series.add(log, self.tick * TICK_NS, self.total / self.count)
+        self.total, self.count = 0.0, 0
+
+
+@dataclass
+class Status:
+    """A status of /diagnostics."""
+
+    publishers: set[str] = field(default_factory=set)
+    levels: Counter[int] = field(default_factory=Counter)
+    heard: Series = field(default_factory=Series)
+    numbers: dict[str, Series] = field(default_factory=lambda: defaultdict(Series))
+
+
+@dataclass
+class Topic:
+    """A topic of the logs."""
+
+    name: str
+    types: set[str] = field(default_factory=set)
+    publishers: set[str] = field(default_factory=set)  # empty: no recording says
+    times: dict[int, list[Times]] = field(default_factory=lambda: defaultdict(list))
+    fields: dict[str, Series] = field(default_factory=dict)
+
+    def of_log(self, log: int) -> Times:
+        """Return its times in a log, sorted."""
+        parts = self.times.get(log)
+        return np.sort(np.concatenate(parts), kind="stable") if parts else np.zeros(0, dtype=np.int64)
+
+    def pieces(self, stretches: Sequence[Stretch]) -> list[Times]:
+        """Return its times, stretch by stretch."""
+        logs = {log: self.of_log(log) for log in self.times}
+        found = [logs[s.log][s.of(logs[s.log])] for s in stretches if s.log in logs]
+        return [times for times in found if len(times)]
+
+    @property
+    def count(self) -> int:
+        """How many messages there were."""
+        return sum(len(part) for parts in self.times.values() for part in parts)
+
+
+@dataclass
+class Gathered:
+    """All that is learned from."""
+
+    topics: dict[str, Topic] = field(default_factory=dict)
+    statuses: dict[str, Status] = field(default_factory=dict)
+    names: list[str] = field(default_factory=list)  # of the logs
+    spans_ns: list[tuple[int, int]] = field(default_factory=list)
+    problems: Problems = field(default_factory=Problems)
+    stretches: list[Stretch] = field(default_factory=list)
+
+    @property
+    def learned(self) -> list[Stretch]:
+        """What is learned from."""
+        return [stretch for stretch in self.stretches if not stretch.held_back]
+
+    @property
+    def held_back(self) -> list[Stretch]:
+        """What is held back."""
+        return [stretch for stretch in self.stretches if stretch.held_back]
+
+
+def gather(names: Sequence[str], on_log: Callable[[str], None] = lambda name: None) -> Gathered:
+    """Read logs; those that cannot be read are among the problems."""
+    found = Gathered()
+    for name in names:
+        path = Path(name)
+        try:
+            recording = open_log(path)
+        except LogRefused as error:
+            found.problems.add(error.place or name, error.reason, bad=True)
+            continue
+        try:
+            _Reader(found, recording, path).read()
+        finally:
+            recording.close()
+        on_log(name)
+    found.stretches = cut(found.spans_ns)
+    return found
+
+
+def open_log(path: Path) -> Recording:
+    """Return a recording of messages; LogRefused if it is none, or cannot be read."""
+    kind = kind_of(path)
+    if kind not in RECORDINGS:
+        kinds = ", ".join(RECORDINGS)
+        raise LogRefused(
+            f"{kind} is no recording of messages ({kinds}): nothing is learned from it", str(path)
+        )
+    try:
+        return RECORDINGS[kind](path)
+    except Unreadable as error:
+        raise LogRefused(str(error), str(path)) from error
+
+
+class _Reader:
+    """Reads one log."""
+
+    def __init__(self, found: Gathered, recording: Recording, path: Path) -> None:
+        self._found = found
+        self._recording = recording
+        self._path = path
+        self._log = len(found.spans_ns)
+        self._diagnostics: dict[int, Callable[[bytes], Any]] = {}
+        self._fields: dict[int, list[Means]] = {}
+        self._publisher = {channel.number: channel.publisher for channel in recording.channels}
+
+    def read(self) -> None:
+        recording, found = self._recording, self._found
+        if recording.start_ns is None or recording.end_ns is None:
+            found.problems.add(str(self._path), "a recording without messages", bad=True)
+            return
+        times = {channel.number: array("q") for channel in recording.channels}
+        for channel in recording.channels:
+            self._open(channel)
+        latest_ns = recording.start_ns
+        wanted = {number: number in self._diagnostics or number in self._fields for number in times}
+        for time_ns, number, data in recording.messages(wanted):
+            mine = times[number]
+            if len(mine) < MOST_TIMES:
+                mine.append(time_ns)
+            if time_ns > latest_ns:
+                latest_ns = time_ns
+            if data is not None:
+                self._take(number, time_ns, data)
+        for some in self._fields.values():
+            for means in some:
+                means.end(self._log)
+        for channel in recording.channels:
+            topic = found.topics[channel.topic]
+            topic.times[self._log].append(np.array(times[channel.number], dtype=np.int64))
+        if recording.cut is not None:
+            found.problems.add(str(self._path), f"ended early: {recording.cut}", bad=True)
+        found.names.append(str(self._path))
+        found.spans_ns.append((recording.start_ns, max(latest_ns, recording.start_ns + 1)))
+
+    def _open(self, channel: Channel) -> None:
+        """Note a channel, and what of its messages is wanted."""
+        topic = self._found.topics.setdefault(channel.topic, Topic(channel.topic))
+        topic.types.add(channel.type_name)
+        if channel.publisher:
+            topic.publishers.add("/" + channel.publisher.strip("/"))
+        try:
+            store = store_of(channel)
+            unpack, name = store.deserialize_cdr if channel.cdr else store.deserialize_ros1, channel.type_name
+            if channel.topic == DIAGNOSTICS:
+                self._diagnostics[channel.number] = lambda data: plain(getattr(unpack(data, name), STATUS))
+                return
+            wanted = []
+            for path in number_fields(store.fielddefs, name):
+                extract = compile_field(
+                    store.fielddefs, name, path, cdr=channel.cdr, whole=lambda data: unpack(data, name)
+                )
+                wanted.append(Means(topic.fields.setdefault(path, Series()), extract))
+        except Exception as error:  # noqa: BLE001  # a type that cannot be parsed: its times are left
+            place = f"{self._path}: {channel.topic}"
+            self._found.problems.add(place, f"its values cannot be read: {error}", bad=False)
+            return
+        if wanted:
+            self._fields[channel.number] = wanted
+
+    def _take(self, number: int, time_ns: int, data: bytes) -> None:
+        try:
+            if number in self._diagnostics:
+                for status in self._diagnostics[number](data):
+                    self._status(number, time_ns, status)
+                return
+            for means in self._fields[number]:
+                if means.series.count < MOST_VALUES:
+                    means.add(self._log, time_ns, float(means.extract(data)))
+        except Exception as error:  # noqa: BLE001  # damaged bytes raise whatever
+            reason = f"a message cannot be unpacked ({type(error).__name__})"
+            self._found.problems.add(str(self._path), reason, bad=True)
+
+    def _status(self, number: int, time_ns: int, status: Mapping[str, Any]) -> None:
+        statuses = self._found.statuses
+        name = str(status["name"]).removeprefix("/")
+        if name not in statuses and len(statuses) >= MOST_STATUSES:
+            return
+        mine = statuses.setdefault(name, Status())
+        level = status["level"]
+        mine.levels[level[0] if isinstance(level, bytes) else int(level)] += 1
+        mine.heard.add(self._log, time_ns, 0.0)
+        publisher = self._publisher.get(number)
+        if publisher:
+            mine.publishers.add("/" + publisher.strip("/"))
+        for pair in status["values"]:
+            leading = LEADING_NUMBER.match(str(pair["value"]))
+            if leading is not None:
+                mine.numbers[str(pair["key"])].add(self._log, time_ns, float(leading[0]))
+
+
+def number_fields(fields: Mapping[str, Any], type_name: str, depth: int = 0) -> list[str]:
+    """Return the paths of a type's floating-point numbers, without those that have no trend to speak of."""
+    found: list[str] = []
+    for name, (kind, detail) in fields[type_name][1]:
+        if any(word in name for word in ASIDE) or depth > 5:
+            continue
+        if kind == Nodetype.BASE and detail[0] in ("float32", "float64"):
+            found.append(name)
+        elif kind == Nodetype.NAME:
+            found += [f"{name}.{inner}" for inner in number_fields(fields, detail, depth + 1)]
+    return found[:MOST_FIELDS]

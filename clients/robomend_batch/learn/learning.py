@@ -1,0 +1,286 @@
+"""From healthy logs to a draft: what is learned, in which order, and what of it is held against the rest."""
+
+from __future__ import annotations
+
+import math
+import os
+import tempfile
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from robomend.errors import InputError
+from robomend_batch.learn import draft, model
+from robomend_batch.learn.delays import DelayFound, learn_delays
+from robomend_batch.learn.gathering import DIAGNOSTICS, Gathered, Series, gather
+from robomend_batch.learn.matches import learn_matches
+from robomend_batch.learn.ranges import StatusFound, learn_status
+from robomend_batch.learn.rates import WAYS, RateFound, learn_rate
+from robomend_batch.learn.stretches import hours
+from robomend_batch.learn.trial import false_alarms
+from robomend_batch.learn.words import plural, slug
+from robomend_batch.observing import load_observers
+from robomend_client.literals import Atom
+from robomend_client.observers.base import SECOND
+
+DOUBTFUL = 0.05
+"""As many false alarms as were counted, or more, come about by chance less often: then it is said."""
+
+
+@dataclass(frozen=True, slots=True)
+class Learned:
+    """What came out."""
+
+    model: str
+    observers: str
+    entries: draft.Entries
+    logs: int
+    learned_h: float
+    held_back_h: float
+    meant_per_hour: float
+    alarms: Mapping[str, int]  # entry -> false alarms over what was held back
+    doubtful: tuple[str, ...]  # entries with more of them than was meant
+    problems: list[dict[str, object]]
+
+    @property
+    def false_alarms(self) -> int:
+        """Over what was held back."""
+        return sum(self.alarms.values())
+
+
+def learn(
+    names: Sequence[str],
+    *,
+    robot: str = "robot",
+    per_hour: float = 0.1,
+    on_log: Callable[[str], None] = lambda name: None,
+) -> Learned:
+    """Learn from logs of a healthy robot.
+
+    Args:
+        names: of the logs.
+        robot: the model's name.
+        per_hour: false alarms of all observers together that are aimed at.
+        on_log: told of each log that was read.
+
+    Raises:
+        InputError: nothing can be learned from them.
+    """
+    found = gather(names, on_log)
+    if not found.spans_ns:
+        reasons = "; ".join(f"{p['place']}: {p['reason']}" for p in found.problems.json())
+        raise InputError(f"there is nothing to learn from: {reasons}")
+    learned_h = hours(found.learned)
+    if not found.held_back:
+        found.problems.add("", "too short to hold any of it back: no false alarms are measured", bad=False)
+    entries = draft.Entries()
+    publishers = model.publishers_of(found.topics.values())
+    single = {topic: next(iter(nodes)) for topic, nodes in publishers.items() if len(nodes) == 1}
+    parts = _Parts(found, single, learned_h, per_hour)
+    declared = model.Declared()
+    text = model.draft_model(robot, _source(found), found.topics, publishers, parts.delays, declared)
+    known = model.declared_topics(text)
+    parts.observe(entries, declared, known)
+    text = model.draft_model(robot, _source(found), found.topics, publishers, parts.delays, declared)
+    alarms = _trial(found, entries)
+    held_back_h = hours(found.held_back)
+    each = per_hour / max(1, len(entries.names))
+    doubtful = tuple(
+        name for name in entries.names if _by_chance(alarms[name], each * held_back_h) < DOUBTFUL
+    )
+    head = _head(robot, found, learned_h, held_back_h, per_hour, entries, sum(alarms.values()))
+    trial = {
+        name: f"held back: {plural(alarms[name], 'false alarm')} in {held_back_h:.3g} h"
+        + (", more than was meant: it needs more logs, or a look" if name in doubtful else "")
+        for name in entries.names
+        if found.held_back
+    }
+    return Learned(
+        text,
+        draft.observers_text(entries, head, trial),
+        entries,
+        len(found.names),
+        learned_h,
+        held_back_h,
+        per_hour,
+        dict(alarms),
+        doubtful,
+        found.problems.json(),
+    )
+
+
+class _Parts:
+    """What each way of learning finds, with its share of the false alarms."""
+
+    def __init__(
+        self, found: Gathered, node_of: Mapping[str, str], learned_h: float, per_hour: float
+    ) -> None:
+        self._found = found
+        self._node_of = node_of
+        learned = found.learned
+        topics = [name for name in sorted(found.topics) if name in node_of and name != DIAGNOSTICS]
+        pieces = {name: found.topics[name].pieces(learned) for name in topics}
+        series: dict[str, Series] = {}
+        for name in topics:
+            series |= {f"{name}:{path}": one for path, one in found.topics[name].fields.items() if one.count}
+        self.matches = learn_matches(series, node_of, learned)
+        # The shares depend on how many observers there are: so delays are learned twice.
+        aligned = _aligned(found, topics)
+        self.delays: list[DelayFound] = learn_delays(aligned, node_of, learned_h, per_hour)
+        ways = WAYS * len(topics) + len(self.delays) + 2 * len(found.statuses)
+        share = per_hour / max(1, ways)
+        self.delays = learn_delays(aligned, node_of, learned_h, share)
+        self.rates = {name: learn_rate(name, pieces[name], learned_h, share) for name in topics}
+        self.statuses = {
+            name: learn_status(name, status, learned, learned_h, share)
+            for name, status in sorted(found.statuses.items())
+        }
+
+    def observe(self, entries: draft.Entries, declared: model.Declared, known: frozenset[str]) -> None:
+        """Add the entries of all that was found, and what the model must declare for them.
+
+        Args:
+            entries: are added to.
+            declared: is added to.
+            known: topics that the model speaks of.
+        """
+        for name, found in self.rates.items():
+            if name not in known:
+                entries.left_out.append((name, "the model does not speak of it"))
+            elif isinstance(found, RateFound):
+                draft.rate_entry(entries, found, _first_s(self._found, name))
+            else:
+                entries.left_out.append((name, found))
+        taken = {*known, *(node.strip("/") for node in self._node_of.values())}
+        for delay in self.delays:
+            if delay.out_topic in known and delay.in_topic in known:
+                name = slug(f"{delay.out_topic}_triggered", taken)
+                taken.add(name)
+                declared.properties[name] = self._node_of[delay.out_topic]
+                rate = self.rates.get(delay.out_topic)
+                silence_s = rate.silence_s if isinstance(rate, RateFound) else 0.0
+                draft.delay_entry(entries, delay, name, silence_s)
+        for match in self.matches:
+            values = [self._value(source, declared, taken) for source in (match.first, match.second)]
+            declared.related.append((values[0], values[1]))
+            draft.match_entry(entries, match, str(Atom("matched", tuple(values))))
+        for name, status in self.statuses.items():
+            if isinstance(status, StatusFound):
+                self._status(entries, declared, taken, status)
+            else:
+                entries.left_out.append((f"diagnostics of {name}", status))
+
+    @staticmethod
+    def _value(source: str, declared: model.Declared, taken: set[str]) -> str:
+        topic, path = source.split(":", 1)
+        for name, known in declared.values.items():
+            if known == (topic, path):
+                return name
+        name = slug(f"{topic}_{path}", taken)
+        taken.add(name)
+        declared.values[name] = (topic, path)
+        return name
+
+    def _status(
+        self, entries: draft.Entries, declared: model.Declared, taken: set[str], status: StatusFound
+    ) -> None:
+        blamed = _to_blame(status)
+        name = slug(status.name, taken)
+        taken.add(name)
+        declared.properties[name] = blamed
+        limits = {}
+        for one in status.ranges:
+            if any(letter in one.key for letter in "<>=!"):
+                continue
+            for sign, edge, ending in ((1, one.high, "max"), (-1, one.low, "min")):
+                if edge is not None:
+                    atom = slug(f"{name}_{one.key}_{ending}", taken)
+                    taken.add(atom)
+                    declared.properties[atom] = blamed
+                    limits[atom] = (one.key, sign, one)
+        draft.status_entry(entries, status, name, limits)
+
+
+def _to_blame(status: StatusFound) -> str:
+    """Return the node that a status speaks of: its publisher; else what its name begins with, as
+    diagnostic_updater has it.
+    """
+    if len(status.publishers) == 1:
+        return status.publishers[0]
+    return "/" + slug(status.name.split(":")[0])
+
+
+def _aligned(found: Gathered, topics: Sequence[str]) -> dict[str, list]:  # type: ignore[type-arg]
+    """Return the times of topics, by stretch; a stretch without messages is an empty piece."""
+    pieces = {}
+    for name in topics:
+        by_log = {log: found.topics[name].of_log(log) for log in range(len(found.spans_ns))}
+        pieces[name] = [by_log[stretch.log][stretch.of(by_log[stretch.log])] for stretch in found.learned]
+    return pieces
+
+
+def _first_s(found: Gathered, topic: str) -> float:
+    """Return how long after the beginning of a log its first message came, at most."""
+    firsts = [
+        (times[0] - start_ns) / SECOND
+        for log, (start_ns, _) in enumerate(found.spans_ns)
+        if len(times := found.topics[topic].of_log(log))
+    ]
+    return float(max(firsts, default=0.0))
+
+
+def _trial(found: Gathered, entries: draft.Entries) -> Counter[str]:
+    """Return the false alarms of each entry over what was held back."""
+    alarms: Counter[str] = Counter()
+    if not found.held_back or not entries.names:
+        return alarms
+    text = draft.observers_text(entries, [], {})
+    handle, name = tempfile.mkstemp(suffix=".yaml", prefix="robomend-learn-")
+    file = Path(name)
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8") as stream:
+            stream.write(text)
+        observing = load_observers(file)
+    finally:
+        file.unlink()
+    of_atom: dict[Atom, str] = {}
+    for spec in observing.specs:
+        of_atom |= dict.fromkeys(spec.atoms, spec.name)
+    for atom, count in false_alarms(observing, found.names, found.held_back).items():
+        alarms[of_atom[atom]] += count
+    return alarms
+
+
+def _by_chance(count: int, meant: float) -> float:
+    """Return the probability of so many events or more where `meant` are expected (Poisson)."""
+    return 1 - sum(math.exp(-meant) * meant**k / math.factorial(k) for k in range(min(count, 100)))
+
+
+def _source(found: Gathered) -> str:
+    names = ", ".join(Path(name).name for name in found.names[:3])
+    more = f" and {len(found.names) - 3} more" if len(found.names) > 3 else ""
+    return f"{plural(len(found.names), 'log')} of a healthy robot: {names}{more}"
+
+
+def _head(
+    robot: str,
+    found: Gathered,
+    learned_h: float,
+    held_back_h: float,
+    per_hour: float,
+    entries: draft.Entries,
+    alarms: int,
+) -> list[str]:
+    measured = (
+        f"Measured over what was held back: {plural(alarms, 'false alarm')} in {held_back_h:.3g} h."
+        if found.held_back
+        else "Not measured: the logs are too short to hold any of them back."
+    )
+    return [
+        f"Observers of {robot}, learned from {_source(found)}.",
+        f"{learned_h:.3g} h were learned from, {held_back_h:.3g} h held back.",
+        f"Meant: at most {per_hour:g} false alarms an hour of all {len(entries.names)} observers together.",
+        measured,
+        "Beside each number is what it rests on. Beyond what was seen, tails are taken to fall by a power.",
+    ]

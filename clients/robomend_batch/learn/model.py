@@ -1,0 +1,122 @@
+"""The drafted model: the graph that the logs show, and what the observers speak of besides topics."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from robomend.model.from_graph import model_from_graph
+from robomend.model.loading import load_text
+from robomend_batch.learn.delays import DelayFound
+from robomend_batch.learn.gathering import DIAGNOSTICS, Topic
+from robomend_batch.learn.words import comment, word
+from robomend_client.literals import holds
+from robomend_client.ros_graph import RosGraph
+
+UNNAMED = "/publisher_of_"
+"""The node of a topic whose publisher no log names; the topic follows."""
+
+REPLAYED = "/play_"
+
+
+@dataclass
+class Declared:
+    """What a model declares beside nodes and topics."""
+
+    properties: dict[str, str] = field(default_factory=dict)  # name -> the node to blame, with its slash
+    values: dict[str, tuple[str, str]] = field(default_factory=dict)  # name -> topic, field
+    related: list[tuple[str, str]] = field(default_factory=list)
+
+
+def publishers_of(topics: Iterable[Topic]) -> dict[str, frozenset[str]]:
+    """Return the nodes that publish a topic; one that the logs do not name has a name that asks for it."""
+    found = {}
+    for topic in topics:
+        named = frozenset(node for node in topic.publishers if not node.startswith(REPLAYED))
+        found[topic.name] = named or frozenset({UNNAMED + topic.name})
+    return found
+
+
+def draft_model(
+    name: str,
+    source: str,
+    topics: Mapping[str, Topic],
+    publishers: Mapping[str, frozenset[str]],
+    delays: Sequence[DelayFound],
+    declared: Declared,
+) -> str:
+    """Return the model as YAML.
+
+    Raises:
+        InputError: the logs show no node of the robot's own.
+    """
+    nodes = dict(publishers)
+    listeners: dict[str, set[str]] = {}
+    for delay in delays:
+        for heard in (delay.in_topic, *delay.more):
+            listeners.setdefault("/" + heard, set()).update(publishers[delay.out_topic])
+    blamed = frozenset(declared.properties.values()) | nodes.get(DIAGNOSTICS, frozenset())
+    if blamed:
+        nodes[DIAGNOSTICS] = frozenset(node for node in blamed if not node.startswith(UNNAMED + DIAGNOSTICS))
+    graph = RosGraph(
+        {f"/{topic}": found for topic, found in nodes.items()},
+        {topic: frozenset(found) for topic, found in listeners.items()},
+        types={f"/{topic.name}": sorted(topic.types)[0].replace("/msg/", "/") for topic in topics.values()},
+    )
+    text = model_from_graph(graph, name, source)
+    return text + "".join(f"{line}\n" for line in (*_questions(publishers, delays), *_declared(declared)))
+
+
+def declared_topics(model: str) -> frozenset[str]:
+    """Return the topics that a drafted model speaks of, as its ok(…) atoms."""
+    system = load_text(model)
+    return frozenset(
+        atom.args[0] for atom in system.cnf.atoms if atom.predicate == "ok" and len(atom.args) == 1
+    )
+
+
+def _questions(publishers: Mapping[str, frozenset[str]], delays: Sequence[DelayFound]) -> list[str]:
+    lines = [
+        "",
+        "# Which device does each driver drive, and on which channel of a power board is it? No log says:",
+        "# name them under `hardware:`, and in `drives:` of their nodes.",
+    ]
+    unnamed = sorted(t for t, nodes in publishers.items() if any(n.startswith(UNNAMED) for n in nodes))
+    if unnamed:
+        lines += [
+            "#",
+            "# Who publishes these topics? The recording does not say: each has a node of its own",
+            *(f"#   {comment(topic)}: {comment(UNNAMED[1:] + topic)}" for topic in unnamed),
+        ]
+    if delays:
+        lines += ["#", "# Who listens to what? Seen from times alone; is it so?"]
+        for one in delays:
+            heard = ", ".join((one.in_topic, *one.more))
+            lines.append(
+                f"#   {comment(one.out_topic)} answers {comment(heard)} after {one.usual_s * 1000:.3g} ms "
+                f"(intervals alike by {one.likeness:.2f})"
+            )
+    return lines
+
+
+def _declared(declared: Declared) -> list[str]:
+    lines: list[str] = []
+    if declared.properties:
+        lines += ["", "properties:", *(f"  {word(name)}: {{}}" for name in declared.properties)]
+    if declared.values:
+        lines += ["", "values:"]
+        lines += [
+            f"  {word(name)}: {{topic: {word(topic)}, field: {word(path)}}}"
+            for name, (topic, path) in declared.values.items()
+        ]
+        lines += ["related:", *(f"  - [{word(a)}, {word(b)}]" for a, b in declared.related)]
+    if declared.properties:
+        lines += ["", "rules:"]
+        for name, node in declared.properties.items():
+            rule = f"not ab({word(node.removeprefix('/'))}) -> {holds('ok', name)}"
+            lines.append(f"  - {_quoted(rule)}")
+    return lines
+
+
+def _quoted(text: str) -> str:
+    return "'" + text.replace("'", "''") + "'"

@@ -1,0 +1,255 @@
+"""`robomend-batch learn`: from healthy drives of a robot that nobody described to diagnoses of others."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from tests.robomend_batch.recordings import steady, write
+from tests.robomend_batch.running import batch_run, intervals, ndjson
+
+from robomend.cli.commands import run as robomend
+from robomend.model.loading import load_model
+from robomend_batch.commands import batch
+from robomend_batch.observing import load_observers
+from robomend_bench.batch import drives
+from robomend_bench.batch.drives import Planted, Robot, Source
+from robomend_bench.batch.learning import Score, rate
+
+MINUTES = 8
+
+ROBOT = Robot(
+    "mapper",
+    (
+        Source("base_node", "odom", 8.0, 0.003, 0, 0.3, True, True, turn=True),
+        Source("imu_node", "gyro", 10.0, 0.002, 4, 0.3, False, True, turn=True),
+        Source("lidar_node", "scan", 5.0, 0.008, 4, 0.3, False, True),
+        Source("mapper", "map", 5.0, 0.0, 0, 0.3, True, True, asks="scan", takes_s=0.02),
+    ),
+    "lidar_node",
+    45.0,
+)
+
+
+def learn(*given: object) -> int:
+    return robomend(["learn", *map(str, given)], batch)
+
+
+@dataclass(frozen=True)
+class Draft:
+    folder: Path
+
+    @property
+    def model(self) -> Path:
+        return self.folder / "model.yaml"
+
+    @property
+    def observers(self) -> Path:
+        return self.folder / "observers.yaml"
+
+    @property
+    def text(self) -> str:
+        return self.observers.read_text()
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Two healthy drives."""
+    folder = tmp_path_factory.mktemp("good")
+    return [drives.write(folder / f"{seed}.bag", ROBOT, seed, 60 * MINUTES) for seed in (1, 2)]
+
+
+@pytest.fixture(scope="module")
+def draft(good: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Draft:
+    folder = tmp_path_factory.mktemp("learned") / "draft"
+    assert learn(*good, "-o", folder, "--name", "mapper", "--quiet") == 0
+    return Draft(folder)
+
+
+def test_the_draft_passes_model_check_and_has_who_publishes_and_who_listens(
+    draft: Draft, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert robomend(["model", "check", str(draft.model)]) == 0
+    assert "mapper: component model, 4 components" in capsys.readouterr().out
+    text = draft.model.read_text()
+    assert "  mapper:    # all that it publishes rests on" in text
+    assert "      map: [scan]    # std_msgs/Float64" in text
+    assert "  lidar_node:    # listens to nothing: probably a driver; of which device?" in text
+    assert "# Which device does each driver drive" in text
+    assert "related:\n  - [gyro_data, odom_data]" in text
+
+
+def test_each_observer_stands_beside_its_evidence_and_the_false_alarms_that_were_measured(
+    draft: Draft,
+) -> None:
+    names = {spec.name for spec in load_observers(draft.observers).specs}
+    assert names == {
+        *("odom", "gyro", "scan", "map"),
+        *("map_triggered", "matched(gyro_data,odom_data)", "lidar_node_device"),
+    }
+    assert draft.text.count("  # held back: 0 false alarms in 0.0603 h") == len(names)
+    assert "# Meant: at most 0.1 false alarms an hour of all 7 observers together." in draft.text
+    assert "# Measured over what was held back: 0 false alarms in 0.0603 h." in draft.text
+    assert "not judged: serial: always 4711" in draft.text
+
+
+def test_a_healthy_drive_shows_nothing_and_planted_faults_are_found(draft: Draft, tmp_path: Path) -> None:
+    planted = [
+        Planted("silent", "base_node", 60, 110),
+        Planted("late", "mapper", 180, 230),
+        Planted("slow", "lidar_node", 300, 350),
+        Planted("hot", "lidar_node", 420, 470),
+    ]
+    healthy = drives.write(tmp_path / "healthy.bag", ROBOT, 3, 60 * MINUTES)
+    faulty = drives.write(tmp_path / "faulty.bag", ROBOT, 4, 540, planted)
+    out = tmp_path / "out"
+    assert batch_run(out, healthy, faulty, "--observers", draft.observers, model=draft.model) == 0
+    told = intervals(out)
+    assert [one for one in told if one["log"] == str(healthy) and one["state"] == "faulty"] == []
+    score = Score()
+    rate(score, [one for one in told if one["log"] == str(faulty)], planted)
+    assert score.found == score.planted
+    assert score.alone == score.planted
+    assert score.stray == 0
+
+
+def test_a_value_that_stands_still_is_suspected(draft: Draft, tmp_path: Path) -> None:
+    planted = [Planted("frozen", "imu_node", 60, 120)]
+    log = drives.write(tmp_path / "frozen.bag", ROBOT, 5, 180, planted)
+    assert batch_run(tmp_path / "out", log, "--observers", draft.observers, model=draft.model) == 0
+    bad = [one["bad"] for one in intervals(tmp_path / "out") if one["state"] == "faulty"]
+    assert bad
+    assert all(sorted(diagnoses) == [["base_node"], ["imu_node"]] for diagnoses in bad)
+
+
+def test_a_log_that_was_not_healthy_is_doubted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    silent = [Planted("silent", "base_node", 210, 235)]  # in a stretch that is held back
+    log = drives.write(tmp_path / "bad.bag", ROBOT, 6, 240, silent)
+    assert learn(log, "-o", tmp_path / "draft", "--quiet") == 0
+    assert "doubtful: odom: 1 false alarms over what was held back" in capsys.readouterr().err
+    text = (tmp_path / "draft" / "observers.yaml").read_text()
+    assert "held back: 1 false alarm in 0.0154 h, more than was meant" in text
+
+
+def test_a_recording_that_names_no_publisher_asks_for_them(tmp_path: Path) -> None:
+    log = write(tmp_path / "drive.mcap", [*steady("scan", 10, 120), *steady("odom", 20, 120)])
+    assert learn(log, "-o", tmp_path, "--quiet") == 0
+    system = load_model(tmp_path / "model.yaml")
+    assert sorted(system.cnf.components) == ["publisher_of_odom", "publisher_of_scan"]
+    text = (tmp_path / "model.yaml").read_text()
+    assert "# Who publishes these topics? The recording does not say: each has a node of its own" in text
+    dead = write(tmp_path / "dead.mcap", [*steady("scan", 10, 20), *steady("odom", 20, 60)])
+    observers, model = tmp_path / "observers.yaml", tmp_path / "model.yaml"
+    assert batch_run(tmp_path / "out", dead, "--observers", observers, model=model) == 0
+    faulty = [one["bad"] for one in intervals(tmp_path / "out") if one["state"] == "faulty"]
+    assert faulty == [[["publisher_of_scan"]]]
+
+
+def test_diagnostics_without_a_publisher_blame_the_node_that_they_name(tmp_path: Path) -> None:
+    values = [(float(second), "diagnostics", 40.0 + second % 7) for second in range(120)]
+    log = write(tmp_path / "drive.mcap", [*values, *steady("scan", 10, 120)])
+    assert learn(log, "-o", tmp_path, "--quiet") == 0
+    assert "hokuyo" in load_model(tmp_path / "model.yaml").cnf.components
+    hot = [(second, topic, 59.0 if topic == "diagnostics" else value) for second, topic, value in values]
+    dead = write(tmp_path / "hot.mcap", [*hot, *steady("scan", 10, 120)])
+    observers, model = tmp_path / "observers.yaml", tmp_path / "model.yaml"
+    assert batch_run(tmp_path / "out", dead, "--observers", observers, model=model) == 0
+    assert [["hokuyo"]] in [one["bad"] for one in intervals(tmp_path / "out")]
+
+
+def test_what_cannot_be_learned_from_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    literals = ndjson(tmp_path / "literals.ndjson", (0.0, "ok(scan)"))
+    assert learn(literals, "-o", tmp_path / "draft") == 2
+    assert "ndjson is no recording of messages (bag, mcap, db3)" in capsys.readouterr().err
+    good = write(tmp_path / "good.mcap", steady("scan", 10, 120))
+    assert learn(literals, good, "-o", tmp_path / "draft") == 2
+    assert (tmp_path / "draft" / "model.yaml").exists()
+
+
+def test_a_draft_that_is_there_is_not_replaced(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "model.yaml").write_text("mine\n")
+    good = write(tmp_path / "good.mcap", steady("scan", 10, 60))
+    assert learn(good, "-o", tmp_path) == 2
+    assert "has a model.yaml already: --overwrite replaces it" in capsys.readouterr().err
+    assert (tmp_path / "model.yaml").read_text() == "mine\n"
+    assert learn(good, "-o", tmp_path, "--overwrite", "--quiet") == 0
+    assert (tmp_path / "model.yaml").read_text() != "mine\n"
+
+
+AGENT = """\
+# our robot
+name: mapper
+
+topics:
+  # the lidar
+  /scan: {rate_hz: 5, tolerance_hz: 0.1, check_s: 0.5}   # by hand
+  battery: {rate_hz: 1}
+
+observers:
+  cpu: {kind: property, source: "host:CPU", high: 0.9}
+
+# the end
+"""
+
+
+def test_changes_of_a_file_are_a_diff_that_can_be_applied(
+    good: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "agent.yaml"
+    file.write_text(AGENT)
+    assert learn(*good, "--update", file, "--quiet") == 0
+    diff = capsys.readouterr().out
+    assert file.read_text() == AGENT
+    patched = applied(AGENT, diff)
+    for kept in (
+        "# our robot\n",
+        "  # the lidar\n",
+        "  battery: {rate_hz: 1}\n",
+        "  cpu: {",
+        "\n# the end\n",
+    ):
+        assert kept in patched
+    assert "by hand" not in patched
+    file.write_text(patched)
+    specs = {spec.name: spec for spec in load_observers(file).specs}
+    assert {"scan", "odom", "gyro", "map", "battery", "cpu", "map_triggered"} <= specs.keys()
+    assert "check_s: 0.5" in next(line for line in patched.splitlines() if line.startswith("  /scan:"))
+    assert learn(*good, "--update", file, "--quiet") == 0
+    assert capsys.readouterr().out == ""
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("robomend: 1\nname: x\n", "is a model: --update takes the file with the observers"),
+        ("topics: {scan: {rate_hz: 5}}\n", "topics is to be a block of entries"),
+        ("- a\n", "a mapping with `topics:` or `observers:` is needed"),
+        ("a: [\n", "bad.yaml"),
+    ],
+)
+def test_a_file_that_cannot_be_changed_is_refused(
+    text: str, why: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "bad.yaml"
+    file.write_text(text)
+    log = write(tmp_path / "good.mcap", steady("scan", 10, 60))
+    assert learn(log, "--update", file) == 2
+    assert why in capsys.readouterr().err
+
+
+def applied(text: str, diff: str) -> str:
+    """Apply a unified diff."""
+    old, new, at = text.splitlines(keepends=True), [], 0
+    for line in diff.splitlines(keepends=True)[2:]:
+        if line.startswith("@@"):
+            first = max(0, int(line.split()[1].split(",")[0].removeprefix("-")) - 1)
+            new += old[at:first]
+            at = first
+        elif line.startswith("+"):
+            new.append(line[1:])
+        else:
+            assert old[at] == line[1:]
+            new += [] if line.startswith("-") else [old[at]]
+            at += 1
+    return "".join([*new, *old[at:]])

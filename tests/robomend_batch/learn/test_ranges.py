@@ -1,0 +1,67 @@
+"""What diagnostics say of a healthy device."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from robomend_batch.learn.gathering import Status
+from robomend_batch.learn.ranges import StatusFound, learn_status
+from robomend_batch.learn.stretches import Stretch
+from robomend_client.observers import SECOND
+
+STRETCH = Stretch(0, 0, 3600 * SECOND, False)
+
+
+def status(levels: dict[int, int] | None = None, **numbers: object) -> Status:
+    found = Status()
+    found.levels.update(levels or {0: 600})
+    for second in range(600):
+        found.heard.add(0, second * SECOND, 0.0)
+    for key, values in numbers.items():
+        for second, value in enumerate(np.asarray(values).tolist()):
+            found.numbers[key].add(0, second * SECOND, value)
+    return found
+
+
+def learn(given: Status) -> StatusFound:
+    found = learn_status("motor: state", given, [STRETCH], 0.2, 0.01)
+    assert isinstance(found, StatusFound), found
+    return found
+
+
+def test_a_number_has_the_range_that_was_seen_and_room_on_either_side() -> None:
+    warm = np.random.default_rng(1).normal(40, 1, 600)
+    (found,) = learn(status(temperature=warm)).ranges
+    assert found.key == "temperature"
+    assert found.high.value > warm.max() + 0.25 * (warm.max() - warm.min()) - 1e-9
+    assert found.high.value < 80
+    assert found.low is not None
+    assert -found.low.value < warm.min()
+
+
+def test_one_reading_that_is_off_does_not_widen_the_range_without_bounds() -> None:
+    warm = np.random.default_rng(1).normal(40, 1, 600)
+    warm[300] = 60
+    (found,) = learn(status(temperature=warm)).ranges
+    assert 60 < found.high.value < 80
+
+
+def test_what_counts_or_stands_has_no_range() -> None:
+    found = learn(status(uptime=np.arange(600), port=np.full(600, 80)))
+    assert found.ranges == ()
+    assert found.left_out == ("port: always 80", "uptime: it counts: no range")
+
+
+def test_a_number_that_is_never_negative_is_judged_from_above_only() -> None:
+    load = np.random.default_rng(1).exponential(0.1, 600)
+    (found,) = learn(status(load=load)).ranges
+    assert found.low is None
+
+
+def test_warnings_in_healthy_logs_are_no_fault_and_errors_are_no_health() -> None:
+    assert learn(status()).bad_from == "warn"
+    assert learn(status({0: 590, 1: 10})).bad_from == "error"
+    assert learn_status("m", status({0: 590, 2: 10}), [STRETCH], 0.2, 0.01) == (
+        "10 errors in logs that should be healthy"
+    )
+    assert learn_status("m", status({3: 600}), [STRETCH], 0.2, 0.01) == "it is stale all the time"

@@ -1,0 +1,84 @@
+"""Rates and silences of topics, judged by the observer that they are for."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from robomend_batch.learn.rates import RateFound, learn_rate
+from robomend_client.literals import fails
+from robomend_client.observers import SECOND, Driver, GeneralObserver, Rate
+
+Times = NDArray[np.int64]
+
+
+def beats(hz: float, seconds: float, seed: int, pauses: tuple[tuple[float, float], ...] = ()) -> Times:
+    """Return times with heavy-tailed jitter; what is due in a pause comes all at once after it."""
+    chance = np.random.default_rng(seed)
+    times = np.arange(0, seconds, 1 / hz) + 0.02 / hz * chance.standard_t(3, round(seconds * hz))
+    for start, length in pauses:
+        held = (times >= start) & (times < start + length)
+        times[held] = start + length + 0.001 * np.arange(held.sum())
+    return np.sort(np.maximum(times, 0) * SECOND).astype(np.int64)
+
+
+def alarms(found: RateFound, times: Times) -> int:
+    """Return how often the observer says that the topic is not ok."""
+    rate = Rate(
+        rate_hz=found.rate_hz,
+        tolerance_hz=found.tolerance_hz,
+        tolerance_above_hz=found.above_hz,
+        window=found.window,
+        settle=found.window - 1,
+        silence_s=found.silence_s,
+    )
+    driver = Driver([GeneralObserver("scan", rate)], int(times[0]))
+    changes = [change for time in times.tolist() for change in driver.sample("scan", time)]
+    return sum(change.value == fails("ok", "scan") for change in changes)
+
+
+def learned(times: Times, hours: float = 0.25) -> RateFound:
+    found = learn_rate("scan", [times], hours, 0.01)
+    assert isinstance(found, RateFound), found
+    return found
+
+
+def test_a_healthy_topic_with_pauses_that_were_never_seen_raises_no_alarm() -> None:
+    found = learned(beats(10, 900, 1, ((100, 0.6),)))
+    assert found.rate_hz == pytest.approx(10, rel=0.01)
+    assert alarms(found, beats(10, 900, 2, ((200, 1.2), (500, 0.8)))) == 0
+
+
+def test_half_of_the_messages_and_silence_are_noticed() -> None:
+    found = learned(beats(10, 900, 1, ((100, 0.3),)))
+    assert not found.only_silence
+    whole = beats(10, 300, 2)
+    assert alarms(found, np.concatenate([whole[:1000], whole[1000::2]])) == 1
+    assert alarms(found, np.concatenate([whole[:1000], whole[2000:]])) == 1
+
+
+def test_what_silence_lets_pass_the_rate_lets_pass() -> None:
+    found = learned(beats(10, 900, 1))
+    length = 0.95 * found.silence_s
+    assert alarms(found, beats(10, 600, 3, ((200, length),))) == 0
+
+
+def test_a_topic_that_comes_when_it_likes_is_not_watched() -> None:
+    chance = np.random.default_rng(1)
+    times = np.cumsum(chance.pareto(1.1, 500) * SECOND).astype(np.int64)
+    found = learn_rate("cmd", [times], 0.5, 0.01)
+    assert isinstance(found, str)
+    assert found.startswith("irregular")
+
+
+def test_a_few_messages_make_no_rate() -> None:
+    assert learn_rate("map", [beats(10, 2, 1)], 0.1, 0.01) == "20 messages: too few for a rate"
+    assert learn_rate("map", [], 0.1, 0.01) == "0 messages: too few for a rate"
+
+
+def test_gaps_between_stretches_are_none_of_the_topic() -> None:
+    times = beats(10, 900, 1)
+    later = learn_rate("scan", [times[:4000], times[4000:] + 1000 * SECOND], 0.25, 0.01)
+    assert isinstance(later, RateFound)
+    assert later.gaps.largest < 1
