@@ -9,6 +9,7 @@ observing.py           the observers of messages, from an agent's file
 words.py               from sentences to sensors: which bits of a code a literal is
 track.py               OBS ⊕ over a log, without a step of Python for each row
 answers.py             what the distinct codes come to
+windows.py             or: one explanation for a window, or for all of a log
 parts.py               equal neighbours are one interval; files written beside and renamed
 one_log.py             all of it for one log
 manifest.py            what a folder of results was made of, and which logs are done

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal as OneOf
 
 import numpy as np
@@ -11,13 +11,17 @@ from numpy.typing import NDArray
 from robomend.diagnosis.library import SENSORS_A_WORD, Codes, Library
 from robomend.diagnosis.library import Answer as LibraryAnswer
 from robomend.diagnosis.result import Options
+from robomend.diagnosis.snapshots import SnapshotEngine
 from robomend.errors import ContradictoryModel
 from robomend.model.cnf import HealthCnf
-from robomend_client.literals import Atom
+from robomend_client.literals import Atom, Literal
 
 State = OneOf["healthy", "faulty", "unknown", "contradictory"]
 
 Names = tuple[str, ...]
+
+REMEMBERED = 50_000
+"""Sets of codes that were asked together."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +51,8 @@ class Answers:
         self._cnf = cnf
         self._options = options
         self._library: Library | None = None
+        self._snapshots: SnapshotEngine | None = None
+        self._together: dict[frozenset[tuple[int, ...]], int] = {}
         self._number: dict[Told, int] = {NOTHING: 0}
         self.told = [NOTHING]
         """Number -> what is told."""
@@ -56,11 +62,15 @@ class Answers:
         if self._library is not None:
             self._library.close()
             self._library = None
+        if self._snapshots is not None:
+            self._snapshots.close()
+            self._snapshots = None
 
     def library(self, sensors: tuple[Atom, ...]) -> Library:
         """Return the library of these sensors; the last one is kept."""
         if self._library is None or self._library.sensors != sensors:
-            self.close()
+            if self._library is not None:
+                self._library.close()
             self._library = Library(self._cnf, sensors, self._options)
         return self._library
 
@@ -74,7 +84,7 @@ class Answers:
             dtype=np.intp,
         )
         numbers = of_answer[answers.index] if len(rows) else np.zeros(0, dtype=np.intp)
-        numbers[((rows & self._heard(sensors)) == 0).all(axis=1)] = 0
+        numbers[~self.heard(rows, sensors)] = 0
         return numbers[row_of]
 
     def grounds(self, codes: Codes, sensors: tuple[Atom, ...]) -> tuple[list[list[str]], NDArray[np.intp]]:
@@ -82,6 +92,37 @@ class Answers:
         library = self.library(sensors)
         rows, row_of = distinct(library.grounds(codes))
         return [[str(literal) for literal in library.literals(row)] for row in rows.tolist()], row_of
+
+    def heard(self, codes: Codes, sensors: tuple[Atom, ...]) -> NDArray[np.bool_]:
+        """Return of each code whether it says anything that a rule speaks of."""
+        return np.asarray(((codes & self._heard(sensors)) != 0).any(axis=1))
+
+    def together(self, rows: frozenset[tuple[int, ...]], sensors: tuple[Atom, ...]) -> tuple[int, list[str]]:
+        """Return the number of what is told of several codes at once, and the observations that it rests on.
+
+        Args:
+            rows: the codes, without the zeros at their ends.
+            sensors: of the codes; further ones only join behind them.
+        """
+        number = self._together.get(rows)
+        library = self.library(sensors)
+        padded = [[*row, *[0] * (library.words - len(row))] for row in sorted(rows)]
+        snapshots = [library.literals(row) for row in padded]
+        if number is None:
+            if len(self._together) >= REMEMBERED:
+                self._together.clear()
+            if self._snapshots is None:
+                self._snapshots = SnapshotEngine(self._cnf)
+            number = self._together[rows] = self._keep(self._of_snapshots(self._snapshots, snapshots))
+        seen = dict.fromkeys(str(literal) for snapshot in snapshots for literal in snapshot)
+        return number, list(seen)
+
+    def _of_snapshots(self, engine: SnapshotEngine, snapshots: list[list[Literal]]) -> Told:
+        try:
+            result = engine.diagnose(snapshots, replace(self._options, conflicts=True))
+        except ContradictoryModel as contradiction:
+            return told_of(contradiction, ())
+        return told_of(result, tuple(conflict.components for conflict in result.conflicts))
 
     def _heard(self, sensors: tuple[Atom, ...]) -> Codes:
         """Return the bits of sensors that a rule speaks of."""

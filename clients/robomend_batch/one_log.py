@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -20,7 +21,9 @@ from robomend_batch.observing import Observing, load_observers
 from robomend_batch.parts import PartFiles, Parts
 from robomend_batch.problems import LogRefused, Problems
 from robomend_batch.track import Stretch, Track
+from robomend_batch.windows import Windows
 from robomend_batch.words import Words
+from robomend_client.observers.base import SECOND
 
 RESULTS = "results"
 """The folder of the parts, in OUT."""
@@ -39,6 +42,7 @@ class Setup:
     unknown: Unknown = "refuse"
     observers: Path | None = None
     by_header: bool = False
+    together_s: float | None = None  # one explanation for so long; inf: for a segment; None: for each state
 
 
 class Diagnoser:
@@ -92,7 +96,7 @@ class _Logs:
             name = f"{self._name}#{log}" if log else self._name
             words = Words(self._setup.system.vocabulary, self._setup.unknown, self.problems)
             files = PartFiles(self._setup.out / RESULTS, file_name(name))
-            found = self._logs[log] = _Log(name, words, files, self._answers)
+            found = self._logs[log] = _Log(name, words, files, self._answers, self._setup.together_s)
         return found
 
     def words(self, log: str) -> Words:
@@ -123,10 +127,16 @@ class _Log:
     words: Words
     files: PartFiles
     answers: Answers
+    together_s: float | None
     track: Track = field(default_factory=Track)
 
     def __post_init__(self) -> None:
-        self.parts = Parts(self.name, self.answers, lambda: self.words.sensors, self.files.write)
+        given = self.name, self.answers, lambda: self.words.sensors, self.files.write
+        if self.together_s is None:
+            self.parts = Parts(*given)
+        else:
+            window_ns = None if math.isinf(self.together_s) else round(self.together_s * SECOND)
+            self.parts = Windows(*given, window_ns=window_ns)
 
     def take(self, what: Any) -> None:
         for stretch in self._stretches(what):

@@ -120,34 +120,41 @@ class Parts:
         if not self._waiting:
             return
         sensors = self._sensors()
-        words = max(1, -(-len(sensors) // SENSORS_A_WORD))
-        codes = np.concatenate([widened(some, words) for some in self._codes])
-        segment, start = np.concatenate(self._segment), np.concatenate(self._start)
-        end = np.concatenate(self._end)
+        segment, start, end, codes = self._taken(sensors)
         numbers = self._answers.numbers(codes, sensors)
         first = np.ones(len(numbers), dtype=np.bool_)
         first[1:] = (numbers[1:] != numbers[:-1]) | (segment[1:] != segment[:-1]) | (start[1:] != end[:-1])
         begins = np.flatnonzero(first)
         ends = end[np.append(begins[1:], len(end)) - 1]
         begun = begins, start[begins], ends, segment[begins], codes[begins], numbers[begins]
-        self._segment, self._start, self._end, self._codes = [], [], [], []
-        self._waiting = 0
         if not last:
             keep = slice(-1, None)  # its neighbour may be its equal
             self._take(int(begun[3][-1]), begun[1][keep], begun[2][keep], begun[4][keep])
             begun = tuple(column[:-1] for column in begun)  # type: ignore[assignment]  # the same six
         _, start, end, segment, codes, numbers = begun
         if len(start):
-            self._told(segment, start, end, codes, numbers, sensors)
+            self._told(segment, start, end, numbers, *self._answers.grounds(codes, sensors))
+
+    def _taken(
+        self, sensors: tuple[Atom, ...]
+    ) -> tuple[np.ndarray[Any, np.dtype[np.int32]], Times, Times, Codes]:
+        """Return segment, start, end and code of what waits, and forget it."""
+        words = max(1, -(-len(sensors) // SENSORS_A_WORD))
+        codes = np.concatenate([widened(some, words) for some in self._codes])
+        segment, start = np.concatenate(self._segment), np.concatenate(self._start)
+        end = np.concatenate(self._end)
+        self._segment, self._start, self._end, self._codes = [], [], [], []
+        self._waiting = 0
+        return segment, start, end, codes
 
     def _told(
         self,
         segment: np.ndarray[Any, np.dtype[np.int32]],
         start: Times,
         end: Times,
-        codes: Codes,
         numbers: np.ndarray[Any, np.dtype[np.intp]],
-        sensors: tuple[Atom, ...],
+        grounds: list[list[str]],
+        ground_of: np.ndarray[Any, np.dtype[np.intp]],
     ) -> None:
         """Write intervals, and count them."""
         import polars as pl
@@ -160,7 +167,6 @@ class Parts:
             {name: [_lists(getattr(one, name)) for one in told] for name in fields},
             schema={name: columns[name] for name in fields},
         )[of.reshape(-1)]
-        grounds, ground_of = self._answers.grounds(codes, sensors)
         observations = pl.Series("observations", grounds, dtype=columns["observations"])[ground_of]
         frame = answers.with_columns(
             pl.lit(self._log).alias("log"),

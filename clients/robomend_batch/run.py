@@ -56,6 +56,7 @@ def settings_of(setup: Setup) -> dict[str, Any]:
         "unknown": setup.unknown,
         "observers": digest(setup.observers),
         "time": "header" if setup.by_header else "log",
+        **({} if setup.together_s is None else {"together": str(setup.together_s)}),
     }
 
 

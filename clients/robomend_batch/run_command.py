@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +18,26 @@ if TYPE_CHECKING:
     from robomend_batch.run import Summary
 
 BAD_INPUT, BACKEND_FAILED, FAULT = 2, 3, 1
+
+SHORTEST_S, LONGEST_S = 0.1, 1e7
+"""Of a window that is explained together."""
+
+
+class Span(click.ParamType[float]):
+    """`log`, or a duration: in seconds, infinite for `log`."""
+
+    name = "span"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        if isinstance(value, float):
+            return value
+        if value == "log":
+            return math.inf
+        found = re.fullmatch(r"([0-9]+(?:\.[0-9]+)?)(s|min|h)", str(value).strip())
+        seconds = float(found[1]) * {"s": 1, "min": 60, "h": 3600}[found[2]] if found else 0.0
+        if not SHORTEST_S <= seconds <= LONGEST_S:
+            self.fail(f"{value!r} is neither `log` nor a time such as 30s, 5min or 1h", param, ctx)
+        return seconds
 
 
 @click.command("run")
@@ -37,6 +59,12 @@ BAD_INPUT, BACKEND_FAILED, FAULT = 2, 3, 1
     default="log",
     show_default=True,
     help="Times of messages: when they were recorded, or as their headers say.",
+)
+@click.option(
+    "--together",
+    type=Span(),
+    metavar="log|30s",
+    help="One explanation for a whole log, or for each window of so long (s, min, h).",
 )
 @click.option("--minimal", type=click.Choice(("cardinality", "subset")), default="subset", show_default=True)
 @click.option("--max-size", type=click.IntRange(min=0), help="No diagnosis larger than this.")
@@ -88,6 +116,7 @@ def command(logs: tuple[str, ...], model: str, out: Path, **given: Any) -> int:
             given["unknown"],
             observers,
             given["time"] == "header",
+            given["together"],
         ),
         names,
         overwrite=given["overwrite"],

@@ -1,0 +1,133 @@
+"""One explanation for a whole log, or for each window of it."""
+
+from __future__ import annotations
+
+import json
+import random
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.robomend_batch.running import TEDUSAR, batch_run, intervals, ndjson, spans, tree
+
+from robomend.diagnosis.result import Options
+from robomend.diagnosis.snapshots import SnapshotEngine
+from robomend.model.loading import load_model
+from robomend_batch.one_log import Setup
+from robomend_batch.run import run
+from robomend_client.literals import Literal, parse_atom
+from robomend_client.observers.base import SECOND
+
+DRIVE = (
+    *((0.0, "on(jaguar)"), (0.0, "on(hokuyo)"), (0.0, "ok(odom)"), (0.0, "ok(scan)")),
+    *((2.0, "not ok(odom)"), (4.0, "ok(odom)"), (7.0, "not ok(scan)"), (8.0, "ok(scan)"), (10.0, "ok(scan)")),
+)
+
+BASE, LIDAR = ("jaguar", "jaguar_node"), ("hokuyo", "hokuyo_node")
+
+
+def test_a_whole_log_has_one_explanation(tmp_path: Path) -> None:
+    log = ndjson(tmp_path / "a.ndjson", *DRIVE)
+    assert batch_run(tmp_path / "out", log, "--together", "log") == 0
+    (one,) = intervals(tmp_path / "out")
+    assert (one["start_ns"], one["end_ns"], one["state"]) == (0, 10 * SECOND, "faulty")
+    assert sorted(map(sorted, one["bad"])) == sorted(sorted([a, b]) for a in BASE for b in LIDAR)
+    assert sorted(one["observations"]) == ["not ok(odom)", "not ok(scan)"]
+    assert sorted(map(sorted, one["conflicts"])) == [sorted(LIDAR), sorted(BASE)]
+    assert (one["complete"], one["probability"]) == (True, None)
+
+
+def test_each_window_has_one(tmp_path: Path) -> None:
+    log = ndjson(tmp_path / "a.ndjson", *DRIVE)
+    assert batch_run(tmp_path / "out", log, "--together", "3s") == 0
+    base, lidar = ([[name] for name in names] for names in (BASE, LIDAR))
+    assert spans(tmp_path / "out") == [
+        (0.0, 3.0, "faulty", base),
+        (3.0, 6.0, "faulty", base),
+        (6.0, 9.0, "faulty", lidar),
+        (9.0, 10.0, "healthy", [[]]),
+    ]
+
+
+def test_a_window_in_which_nothing_is_known_is_unknown(tmp_path: Path) -> None:
+    lines = [
+        {"time": 0, "literal": "not ok(odom)", "lifetime": 1},
+        {"time": 5 * SECOND, "literal": "ok(odom)", "lifetime": None},
+    ]
+    (tmp_path / "a.ndjson").write_text("".join(json.dumps(line) + "\n" for line in lines))
+    assert batch_run(tmp_path / "out", tmp_path / "a.ndjson", "--together", "2s") == 0
+    assert [span[:3] for span in spans(tmp_path / "out")] == [
+        (0.0, 2.0, "faulty"),
+        (2.0, 4.0, "unknown"),
+        (4.0, 5.0, "healthy"),
+    ]
+
+
+def test_time_that_goes_back_begins_anew(tmp_path: Path) -> None:
+    log = ndjson(tmp_path / "a.ndjson", (50.0, "ok(odom)"), (60.0, "ok(odom)"), (0.0, "not ok(odom)"))
+    assert batch_run(tmp_path / "out", log, "--together", "log") == 0
+    told = [(one["segment"], one["start_ns"] / SECOND, one["state"]) for one in intervals(tmp_path / "out")]
+    assert told == [(0, 50.0, "healthy"), (1, 0.0, "faulty")]
+
+
+def test_what_no_fault_explains_is_told(tmp_path: Path) -> None:
+    model = tmp_path / "model.yaml"
+    model.write_text("robomend: 1\nname: m\nhardware: {a: {}}\nproperties: {p: {}}\nrules: ['ok(p)']\n")
+    log = ndjson(tmp_path / "a.ndjson", (0.0, "ok(p)"), (1.0, "not ok(p)"), (2.0, "ok(p)"))
+    assert batch_run(tmp_path / "out", log, "--together", "log", model=model) == 0
+    (one,) = intervals(tmp_path / "out")
+    assert (one["state"], one["bad"]) == ("contradictory", [])
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_windows_say_what_the_engine_says_of_all_their_states(seed: int, tmp_path: Path) -> None:
+    system = load_model(TEDUSAR)
+    chance = random.Random(seed)
+    atoms = chance.sample(sorted(map(str, system.cnf.atom_variable)), 8)
+    lines = [
+        (0.5 * number, f"{'not ' if chance.random() < 0.3 else ''}{chance.choice(atoms)}")
+        for number in range(40)
+    ]
+    log = ndjson(tmp_path / "a.ndjson", *lines)
+    assert batch_run(tmp_path / "out", log, "--together", "4s") == 0
+    engine = SnapshotEngine(system.cnf)
+    told = intervals(tmp_path / "out")
+    assert len(told) == 5
+    for one in told:
+        start_s, end_s = one["start_ns"] / SECOND, one["end_ns"] / SECOND
+        obs: dict[Any, Literal] = {}
+        snapshots = []
+        for number, (time_s, text) in enumerate(lines):
+            literal = Literal(parse_atom(text.removeprefix("not ")), not text.startswith("not "))
+            obs[literal.atom] = literal
+            until_s = lines[number + 1][0] if number + 1 < len(lines) else time_s + 1
+            ends_here = number + 1 == len(lines) and one is told[-1]  # it lasts no time
+            if until_s > start_s and (time_s < end_s or ends_here):
+                snapshots.append([*obs.values()])
+        expected = engine.diagnose(snapshots, Options(conflicts=False))
+        assert sorted(map(sorted, one["bad"])) == sorted(sorted(d.bad) for d in expected.diagnoses)
+    engine.close()
+
+
+def test_workers_tell_the_same(tmp_path: Path) -> None:
+    ndjson(tmp_path / "a.ndjson", *DRIVE)
+    ndjson(tmp_path / "b.ndjson", *DRIVE[:6])
+    names = [str(tmp_path / name) for name in ("a.ndjson", "b.ndjson")]
+    for out, workers in ((tmp_path / "alone", 0), (tmp_path / "workers", 2)):
+        run(Setup(load_model(TEDUSAR), Options(conflicts=False), out, together_s=3.0), names, workers=workers)
+    assert tree(tmp_path / "alone") == tree(tmp_path / "workers")
+
+
+def test_results_of_another_span_are_another_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log = ndjson(tmp_path / "a.ndjson", *DRIVE)
+    assert batch_run(tmp_path / "out", log, "--together", "log") == 0
+    assert batch_run(tmp_path / "out", log, "--together", "1min") == 2
+    assert "together" in capsys.readouterr().err
+    assert batch_run(tmp_path / "out", log, "--together", "1min", "--overwrite") == 0
+
+
+@pytest.mark.parametrize("span", ["30", "0s", "s", "-1s", "1e3s", "inf"])
+def test_what_is_no_span_is_refused(span: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log = ndjson(tmp_path / "a.ndjson", *DRIVE)
+    assert batch_run(tmp_path / "out", log, "--together", span) == 2
+    assert "is neither `log` nor a time such as 30s" in capsys.readouterr().err
