@@ -16,5 +16,6 @@ manifest.py            what a folder of results was made of, and which logs are 
 pool.py                worker processes, which may die
 run.py                 all logs, in order
 learn/                 from logs of a healthy robot to a first model and its observers
+priors.py              from confirmed faults to a model's priors
 results.py, faults.py  a folder of results, read again; report.py, query_command.py
 """

@@ -11,6 +11,8 @@ from functools import partial
 from pathlib import Path
 
 from robomend_batch.logs.blocks import Blocks, Opened
+from robomend_batch.logs.export import MAGIC as EXPORT_MAGIC
+from robomend_batch.logs.export import read_export
 from robomend_batch.logs.messages import read_messages
 from robomend_batch.logs.parquet import read_parquet
 from robomend_batch.logs.recorded import Recording
@@ -48,6 +50,7 @@ READERS: Mapping[str, Reader] = {
     "ndjson": read_ndjson,
     **{kind: partial(read_messages, open_recording) for kind, open_recording in RECORDINGS.items()},
     "recording": read_recording,
+    "export": read_export,
 }
 
 MAGIC = {
@@ -56,6 +59,7 @@ MAGIC = {
     b"\x89MCAP0\r\n": "mcap",
     b"SQLite format 3": "db3",
     b'{"start":': "recording",
+    EXPORT_MAGIC: "export",
 }
 
 BY_NAME = {".csv": "csv", ".ndjson": "ndjson", ".jsonl": "ndjson", ".json": "ndjson"}

@@ -43,7 +43,7 @@ WORDS = {"true": True, "1": True, "false": False, "0": False, "": None, "null": 
 """What a cell of a wide table says."""
 
 
-class _Gathered:
+class Gathered:
     """Rows of one log, until they are a block."""
 
     def __init__(self) -> None:
@@ -68,12 +68,12 @@ class _Gathered:
 
 def read_ndjson(path: Path, opened: Opened) -> Blocks:
     """Yield the blocks of a file of JSON lines; LogRefused with the line that cannot be read."""
-    yield from _blocks(path, opened, _ndjson_lines(path))
+    yield from _blocks(path, opened, ndjson_lines(path))
 
 
 def read_csv(path: Path, opened: Opened) -> Blocks:
     """Yield the blocks of a CSV file; LogRefused with the line that cannot be read."""
-    yield from _blocks(path, opened, _csv_lines(path))
+    yield from _blocks(path, opened, csv_lines(path))
 
 
 Line = tuple[int, bool, Mapping[str, Any] | str]
@@ -90,7 +90,7 @@ def _lines(path: Path) -> Iterator[tuple[int, bool, str]]:
                 yield number, text.endswith("\n"), text
 
 
-def _ndjson_lines(path: Path) -> Iterator[Line]:
+def ndjson_lines(path: Path) -> Iterator[Line]:
     for number, whole, text in _lines(path):
         try:
             found = json.loads(text)
@@ -100,7 +100,7 @@ def _ndjson_lines(path: Path) -> Iterator[Line]:
         yield number, whole, found if isinstance(found, dict) else "not a JSON object"
 
 
-def _csv_lines(path: Path) -> Iterator[Line]:
+def csv_lines(path: Path) -> Iterator[Line]:
     header: list[str] | None = None
     for number, whole, text in _lines(path):
         try:
@@ -119,7 +119,7 @@ def _csv_lines(path: Path) -> Iterator[Line]:
 
 
 def _blocks(path: Path, opened: Opened, lines: Iterator[Line]) -> Blocks:
-    gathered: dict[str, _Gathered] = {}
+    gathered: dict[str, Gathered] = {}
     wide: dict[str, dict[str, tuple[Setting, ...]]] = {}
     rows = 0
     for number, whole, line in lines:
@@ -131,33 +131,33 @@ def _blocks(path: Path, opened: Opened, lines: Iterator[Line]) -> Blocks:
             log = "" if log is None else str(log)
             if log not in gathered and len(gathered) >= MOST_LOGS:
                 raise LogRefused(f"more than {MOST_LOGS} logs in one file", place)
-            into = gathered.setdefault(log, _Gathered())
+            into = gathered.setdefault(log, Gathered())
             rows += _take(line, opened.words(log), into, wide.setdefault(log, {}), place)
         except LogRefused as error:
             if whole:
-                yield from _gathered_blocks(gathered)
+                yield from gathered_blocks(gathered)
                 raise
             opened.problems.add(place, f"cut off here: {error.reason}", bad=True)
             opened.ended_early = True
             break
         opened.rows += 1
         if rows >= TOGETHER:
-            yield from _gathered_blocks(gathered)
+            yield from gathered_blocks(gathered)
             rows = 0
-    yield from _gathered_blocks(gathered)
+    yield from gathered_blocks(gathered)
 
 
-def _gathered_blocks(gathered: dict[str, _Gathered]) -> Blocks:
+def gathered_blocks(gathered: dict[str, Gathered]) -> Blocks:
     for log, some in gathered.items():
         if some.time:
             yield Block(log, some.rows())
-            gathered[log] = _Gathered()
+            gathered[log] = Gathered()
 
 
 def _take(
     line: Mapping[str, Any],
     words: Words,
-    into: _Gathered,
+    into: Gathered,
     wide: dict[str, tuple[Setting, ...]],
     place: str,
 ) -> int:
@@ -191,7 +191,7 @@ def _take(
 def _take_wide(
     line: Mapping[str, Any],
     words: Words,
-    into: _Gathered,
+    into: Gathered,
     wide: dict[str, tuple[Setting, ...]],
     at_ns: int,
     until_ns: int,

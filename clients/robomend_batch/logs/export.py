@@ -1,0 +1,87 @@
+"""The service's own history: the observations in a file of `robomend export`, each robot a log of its own.
+
+    {"robomend_export": 1, "schema": "0003"}
+    {"table": "observations", "row": {"robot": "r1", "revision": 7, "time_ns": …, "data": "{\"e\": […]}"}}
+    …
+    {"end": true, "rows": 4711}
+
+Its rows are those of the store (robomend.store.portable, and encoding.py for `data`); the store itself is not
+imported, as that would need a database's libraries.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from robomend.observations.obs import FOREVER
+from robomend_batch.logs.blocks import Blocks, Opened
+from robomend_batch.logs.text import MOST_LOGS, TOGETHER, Gathered, gathered_blocks
+from robomend_batch.problems import LogRefused
+from robomend_client.literals import Atom, Literal
+
+MAGIC = b'{"robomend_expor'
+FORMAT = 1
+
+
+@dataclass
+class ExportEnd:
+    """Whether a file was read up to its last line."""
+
+    whole: bool = False
+
+
+def export_rows(
+    path: Path, tables: frozenset[str], end: ExportEnd
+) -> Iterator[tuple[str, str, dict[str, Any]]]:
+    """Yield place, table and row of an export; of a file that is cut off as much as there is.
+
+    Raises:
+        LogRefused: with the line that cannot be read.
+    """
+    with path.open(encoding="utf-8", errors="replace") as file:
+        for number, text in enumerate(file, 1):
+            place = f"{path}:{number}"
+            try:
+                line = json.loads(text)
+                if number == 1:
+                    if line["robomend_export"] != FORMAT:
+                        raise LogRefused(
+                            f"an export of format {line['robomend_export']}, not {FORMAT}", place
+                        )
+                elif "end" in line:
+                    end.whole = True
+                elif line["table"] in tables:
+                    yield place, line["table"], line["row"]
+            except (ValueError, KeyError, TypeError) as error:
+                if not text.endswith("\n"):
+                    return
+                raise LogRefused(f"no line of an export: {error!r}", place) from error
+
+
+def read_export(path: Path, opened: Opened) -> Blocks:
+    """Yield the blocks of an export; LogRefused if it cannot be read."""
+    gathered: dict[str, Gathered] = {}
+    end = ExportEnd()
+    rows = 0
+    for place, _, row in export_rows(path, frozenset({"observations"}), end):
+        robot = str(row["robot"])
+        if robot not in gathered and len(gathered) >= MOST_LOGS:
+            raise LogRefused(f"more than {MOST_LOGS} robots", place)
+        words, into = opened.words(robot), gathered.setdefault(robot, Gathered())
+        for predicate, arguments, positive, _, time_ns, *rest in json.loads(row["data"])["e"]:
+            literal = Literal(Atom(predicate, tuple(arguments)), positive)
+            expires_ns = rest[0] if rest and rest[0] is not None else FOREVER
+            into.add(time_ns, words.settings(str(literal), place), expires_ns)
+            rows += 1
+        opened.rows += 1
+        if rows >= TOGETHER:
+            yield from gathered_blocks(gathered)
+            rows = 0
+    yield from gathered_blocks(gathered)
+    if not end.whole:
+        opened.problems.add(str(path), "cut off: an export ends with a line that says so", bad=True)
+        opened.ended_early = True

@@ -1,0 +1,125 @@
+"""From confirmed faults to the priors of a model: how often each component was found to be broken.
+
+    confirmed: k of n logs (or days of a robot)  ──►  prior (k + ½) / (n + 1), and an interval for it
+
+The prior is the mean of Beta(k + ½, n − k + ½): with Jeffreys' prior, a component that never failed has a
+small probability and not none, as a model's prior must be above 0. The interval is Wilson's.
+
+Confirmed is a fault that a person, or a repair that helped, says was there; a diagnosis alone is no
+confirmation: priors from diagnoses would confirm themselves.
+
+Sources:
+    E. Wilson. Probable inference, the law of succession, and statistical inference. JASA 22, 1927.
+    L. Brown, T. Cai, A. DasGupta. Interval estimation for a binomial proportion. Stat. Sci. 16(2), 2001.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass
+from math import sqrt
+from pathlib import Path
+from statistics import NormalDist
+
+from robomend.errors import InputError
+from robomend_batch.logs.export import ExportEnd, export_rows
+from robomend_batch.logs.text import Line, csv_lines, ndjson_lines
+from robomend_client.observers.base import SECOND
+
+DAY_NS = 86400 * SECOND
+
+
+@dataclass(frozen=True, slots=True)
+class Confirmed:
+    """What was confirmed, and of how many occasions."""
+
+    occasions: frozenset[str]  # on which the robots were looked at
+    faults: dict[str, frozenset[str]]  # component -> occasions on which it was broken
+    unit: str  # of the occasions: "logs", "robot-days"
+
+
+@dataclass(frozen=True, slots=True)
+class Prior:
+    """What is known of a component."""
+
+    component: str
+    faults: int
+    occasions: int
+    prior: float
+    low: float
+    high: float
+
+
+def priors(components: Iterable[str], confirmed: Confirmed, confidence: float = 0.95) -> list[Prior]:
+    """Return the priors of components, in their order.
+
+    Raises:
+        InputError: a confirmed fault is of another component, or nothing was looked at.
+    """
+    names = list(components)
+    strange = sorted(confirmed.faults.keys() - set(names))
+    if strange:
+        raise InputError(f"the model has no component {', '.join(strange)}")
+    n = len(confirmed.occasions)
+    if not n:
+        raise InputError(f"there are no {confirmed.unit} to count faults of")
+    found = []
+    for name in names:
+        k = len(confirmed.faults.get(name, ()))
+        low, high = wilson(k, n, confidence)
+        found.append(Prior(name, k, n, (k + 0.5) / (n + 1), low, high))
+    return found
+
+
+def wilson(k: int, n: int, confidence: float) -> tuple[float, float]:
+    """Return the interval for a probability of which k of n trials were seen."""
+    z = NormalDist().inv_cdf(0.5 + confidence / 2)
+    middle = (k + z * z / 2) / (n + z * z)
+    half = z / (n + z * z) * sqrt(k * (n - k) / n + z * z / 4)
+    return max(0.0, middle - half), min(1.0, middle + half)
+
+
+def of_export(file: Path) -> Confirmed:
+    """Return what a service's history confirms: the repairs that helped, by robot and day (UTC).
+
+    Days on which a robot reported nothing are none.
+    """
+    days: set[str] = set()
+    faults: dict[str, set[str]] = {}
+    end = ExportEnd()
+    for _, table, row in export_rows(file, frozenset({"observations", "tried"}), end):
+        day = f"{row['robot']} {row['time_ns'] // DAY_NS}"
+        days.add(day)
+        if table == "tried" and row["helped"]:
+            for component in json.loads(row["bad"]):
+                faults.setdefault(component, set()).add(day)
+    if not end.whole:
+        raise InputError(f"{file}: cut off: an export ends with a line that says so")
+    return Confirmed(
+        frozenset(days), {name: frozenset(found) for name, found in faults.items()}, "robot-days"
+    )
+
+
+def of_list(file: Path, logs: frozenset[str]) -> Confirmed:
+    """Return what a list confirms: lines with `log` and `component`, in CSV or NDJSON.
+
+    Args:
+        file: the list.
+        logs: that were looked at, with a fault or without.
+
+    Raises:
+        InputError: with the line that cannot be used.
+    """
+    faults: dict[str, set[str]] = {}
+    lines: Iterable[Line] = csv_lines(file) if file.suffix.lower() == ".csv" else ndjson_lines(file)
+    for number, _, line in lines:
+        if isinstance(line, str):
+            raise InputError(f"{file}:{number}: {line}")
+        log, component = line.get("log"), line.get("component")
+        if not isinstance(log, str) or not isinstance(component, str):
+            raise InputError(f"{file}:{number}: a `log` and a `component` are needed")
+        if log not in logs:
+            raise InputError(f"{file}:{number}: {log} is none of the logs in the results")
+        faults.setdefault(component, set()).add(log)
+    return Confirmed(logs, {name: frozenset(found) for name, found in faults.items()}, "logs")
