@@ -9,11 +9,14 @@ pause of the whole computer is one pair of many), and only where B skips as many
 does: a B that comes before its A would be compared with another one, and seem to follow it. What two answers
 to the same topic have in common is that topic: a further input counts only for what the first one does not
 explain (partial correlation).
+
+Where the recording does not name publishers, topics that are sent within TOGETHER_S are taken to be of one
+node, not an answer and its question: a camera sends its image and its calibration so.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -39,6 +42,7 @@ MOST_BEHIND = 4
 """Messages of A that may be under way."""
 
 MOST_INPUTS = 3
+TOGETHER_S = 0.002
 LEAST_WITHIN_S = 0.05
 
 Ranks = NDArray[np.float64]
@@ -57,7 +61,7 @@ class DelayFound:
     interval_s: float  # of the input
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class _Candidate:
     topic: str
     likeness: float
@@ -71,18 +75,24 @@ def learn_delays(
     node_of: Mapping[str, str],
     hours: float,
     per_hour: float,
-) -> list[DelayFound]:
-    """Return the topics that answer others.
+    unnamed: Collection[str] = (),
+) -> tuple[list[DelayFound], list[tuple[str, str]]]:
+    """Return the topics that answer others, and those that are sent together.
 
     Args:
         pieces: topic -> its sorted times, by stretch; the stretches of all topics are the same.
         node_of: topic -> the node that publishes it; a node does not answer itself.
         hours: of all stretches.
         per_hour: false alarms, of each.
+        unnamed: topics whose publishers are not known.
     """
     found = []
+    together: list[tuple[str, str]] = []
     for out in sorted(pieces):
         inputs = _inputs(out, pieces, node_of)
+        at_once = [one for one in inputs if one.delay_s < TOGETHER_S and {one.topic, out} & set(unnamed)]
+        together += [(one.topic, out) for one in at_once]
+        inputs = [one for one in inputs if one not in at_once]
         if not inputs:
             continue
         closest = inputs[0]
@@ -103,7 +113,7 @@ def learn_delays(
                 float(np.median(gaps)),
             )
         )
-    return found
+    return found, together
 
 
 def _inputs(out: str, pieces: Mapping[str, Sequence[Times]], node_of: Mapping[str, str]) -> list[_Candidate]:

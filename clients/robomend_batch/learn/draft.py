@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from glob import escape
 
 from robomend_batch.learn.delays import LEAST_WITHIN_S, DelayFound
+from robomend_batch.learn.gathering import TICK_NS
 from robomend_batch.learn.matches import MatchFound
 from robomend_batch.learn.ranges import AGREEING, RangeFound, StatusFound
 from robomend_batch.learn.rates import RateFound
 from robomend_batch.learn.tails import Bound
 from robomend_batch.learn.words import comment, outwards, upwards, word
+from robomend_client.observers.base import SECOND
 from robomend_client.observers.general import LEAST_SILENCE_S
 
 Entry = dict[str, str]
@@ -101,7 +104,7 @@ def status_entry(
     entries: Entries, found: StatusFound, name: str, limits: Mapping[str, tuple[str, int, RangeFound]]
 ) -> None:
     """Add the observer of a status; `limits`: atom -> rule's key, 1 for an upper limit, range."""
-    entry = {"kind": "diagnostic", "status": f"[{_quoted(found.name)}]", "bad_from": found.bad_from}
+    entry = {"kind": "diagnostic", "status": f"[{_quoted(escape(found.name))}]", "bad_from": found.bad_from}
     rules = []
     for atom, (key, sign, one) in limits.items():
         edge = one.high if sign > 0 else one.low
@@ -126,6 +129,25 @@ def status_entry(
     entries.evidence[name] = lines
 
 
+def value_entry(entries: Entries, found: RangeFound, name: str, rate_hz: float) -> None:
+    """Add the observer of a number of a topic."""
+    together = max(1, round(rate_hz * TICK_NS / SECOND))
+    entries.observers[name] = {
+        "kind": "property",
+        "source": word(found.key),
+        **({} if found.low is None else {"low": outwards(-found.low.value, -1)}),
+        "high": outwards(found.high.value, 1),
+        **({"filter": "mean", "filter_window": str(together)} if together > 1 else {}),
+        "agreeing": str(AGREEING),
+        "interval_s": upwards(1 / rate_hz),
+        "lifetime_s": upwards(max(5.0, 10 / rate_hz)),
+    }
+    entries.evidence[name] = [
+        f"{found.least:g} to {found.largest:g} in {found.high.samples:,} means of 0.2 s; a quarter of that "
+        "range is left on either side at least"
+    ]
+
+
 def observers_text(entries: Entries, head: list[str], trial: Mapping[str, str]) -> str:
     """Return the file; `trial`: what came of each entry over what was held back."""
     lines = [f"# {comment(line)}".rstrip() for line in head]
@@ -140,6 +162,8 @@ def observers_text(entries: Entries, head: list[str], trial: Mapping[str, str]) 
             lines.append(
                 f"  {word(name)}: {{{', '.join(f'{key}: {value}' for key, value in entry.items())}}}"
             )
+    if not entries.names:
+        lines += ["", "observers: {}"]
     if entries.left_out:
         lines += [
             "",

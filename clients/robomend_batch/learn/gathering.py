@@ -120,10 +120,9 @@ class Topic:
         return np.sort(np.concatenate(parts), kind="stable") if parts else np.zeros(0, dtype=np.int64)
 
     def pieces(self, stretches: Sequence[Stretch]) -> list[Times]:
-        """Return its times, stretch by stretch."""
-        logs = {log: self.of_log(log) for log in self.times}
-        found = [logs[s.log][s.of(logs[s.log])] for s in stretches if s.log in logs]
-        return [times for times in found if len(times)]
+        """Return its times, stretch by stretch; none where it was not heard."""
+        logs = {log: self.of_log(log) for log in {stretch.log for stretch in stretches}}
+        return [logs[stretch.log][stretch.of(logs[stretch.log])] for stretch in stretches]
 
     @property
     def count(self) -> int:

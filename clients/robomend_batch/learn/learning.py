@@ -11,11 +11,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from robomend.errors import InputError
+from robomend.model.loading import load_text
 from robomend_batch.learn import draft, model
 from robomend_batch.learn.delays import DelayFound, learn_delays
 from robomend_batch.learn.gathering import DIAGNOSTICS, Gathered, Series, gather
 from robomend_batch.learn.matches import learn_matches
-from robomend_batch.learn.ranges import StatusFound, learn_status
+from robomend_batch.learn.ranges import TELEMETRY, RangeFound, StatusFound, learn_range, learn_status
 from robomend_batch.learn.rates import WAYS, RateFound, learn_rate
 from robomend_batch.learn.stretches import hours
 from robomend_batch.learn.trial import false_alarms
@@ -79,10 +80,11 @@ def learn(
     single = {topic: next(iter(nodes)) for topic, nodes in publishers.items() if len(nodes) == 1}
     parts = _Parts(found, single, learned_h, per_hour)
     declared = model.Declared()
-    text = model.draft_model(robot, _source(found), found.topics, publishers, parts.delays, declared)
+    text = model.draft_model(robot, _source(found), found.topics, publishers, parts.links, declared)
     known = model.declared_topics(text)
     parts.observe(entries, declared, known)
-    text = model.draft_model(robot, _source(found), found.topics, publishers, parts.delays, declared)
+    text = model.draft_model(robot, _source(found), found.topics, publishers, parts.links, declared)
+    load_text(text)  # whatever the names in the logs are, what is drafted can be read
     alarms = _trial(found, entries)
     held_back_h = hours(found.held_back)
     each = per_hour / max(1, len(entries.names))
@@ -126,16 +128,28 @@ class _Parts:
             series |= {f"{name}:{path}": one for path, one in found.topics[name].fields.items() if one.count}
         self.matches = learn_matches(series, node_of, learned)
         # The shares depend on how many observers there are: so delays are learned twice.
-        aligned = _aligned(found, topics)
-        self.delays: list[DelayFound] = learn_delays(aligned, node_of, learned_h, per_hour)
-        ways = WAYS * len(topics) + len(self.delays) + 2 * len(found.statuses)
+        unnamed = frozenset(name for name in topics if node_of[name].startswith(model.UNNAMED))
+        self.delays: list[DelayFound]
+        self.delays, _ = learn_delays(pieces, node_of, learned_h, per_hour, unnamed)
+        telemetry = [
+            source for source in sorted(series) if found.topics[source.split(":", 1)[0]].types <= TELEMETRY
+        ]
+        ways = WAYS * len(topics) + len(self.delays) + 2 * (len(found.statuses) + len(telemetry))
         share = per_hour / max(1, ways)
-        self.delays = learn_delays(aligned, node_of, learned_h, share)
+        self.delays, self.together = learn_delays(pieces, node_of, learned_h, share, unnamed)
         self.rates = {name: learn_rate(name, pieces[name], learned_h, share) for name in topics}
+        self.ranges = {
+            source: learn_range(source, series[source], learned, learned_h, share) for source in telemetry
+        }
         self.statuses = {
             name: learn_status(name, status, learned, learned_h, share)
             for name, status in sorted(found.statuses.items())
         }
+
+    @property
+    def links(self) -> model.Links:
+        """What the topics have to do with each other."""
+        return model.Links(self.delays, self.together)
 
     def observe(self, entries: draft.Entries, declared: model.Declared, known: frozenset[str]) -> None:
         """Add the entries of all that was found, and what the model must declare for them.
@@ -162,9 +176,17 @@ class _Parts:
                 silence_s = rate.silence_s if isinstance(rate, RateFound) else 0.0
                 draft.delay_entry(entries, delay, name, silence_s)
         for match in self.matches:
+            if not {source.split(":", 1)[0] for source in (match.first, match.second)} <= known:
+                continue
             values = [self._value(source, declared, taken) for source in (match.first, match.second)]
             declared.related.append((values[0], values[1]))
             draft.match_entry(entries, match, str(Atom("matched", tuple(values))))
+        for source, value in self.ranges.items():
+            rate = self.rates[source.split(":", 1)[0]]
+            if isinstance(value, str):
+                entries.left_out.append((source, value))
+            elif source.split(":", 1)[0] in known and isinstance(rate, RateFound):
+                self._range(entries, declared, taken, value, rate.rate_hz)
         for name, status in self.statuses.items():
             if isinstance(status, StatusFound):
                 self._status(entries, declared, taken, status)
@@ -181,6 +203,19 @@ class _Parts:
         taken.add(name)
         declared.values[name] = (topic, path)
         return name
+
+    def _range(
+        self,
+        entries: draft.Entries,
+        declared: model.Declared,
+        taken: set[str],
+        value: RangeFound,
+        rate_hz: float,
+    ) -> None:
+        name = slug(f"{value.key}_range", taken)
+        taken.add(name)
+        declared.properties[name] = self._node_of[value.key.split(":", 1)[0]]
+        draft.value_entry(entries, value, name, rate_hz)
 
     def _status(
         self, entries: draft.Entries, declared: model.Declared, taken: set[str], status: StatusFound
@@ -209,15 +244,6 @@ def _to_blame(status: StatusFound) -> str:
     if len(status.publishers) == 1:
         return status.publishers[0]
     return "/" + slug(status.name.split(":")[0])
-
-
-def _aligned(found: Gathered, topics: Sequence[str]) -> dict[str, list]:  # type: ignore[type-arg]
-    """Return the times of topics, by stretch; a stretch without messages is an empty piece."""
-    pieces = {}
-    for name in topics:
-        by_log = {log: found.topics[name].of_log(log) for log in range(len(found.spans_ns))}
-        pieces[name] = [by_log[stretch.log][stretch.of(by_log[stretch.log])] for stretch in found.learned]
-    return pieces
 
 
 def _first_s(found: Gathered, topic: str) -> float:

@@ -28,6 +28,14 @@ class Declared:
     related: list[tuple[str, str]] = field(default_factory=list)
 
 
+@dataclass(frozen=True, slots=True)
+class Links:
+    """What topics have to do with each other."""
+
+    delays: Sequence[DelayFound]
+    together: Sequence[tuple[str, str]]
+
+
 def publishers_of(topics: Iterable[Topic]) -> dict[str, frozenset[str]]:
     """Return the nodes that publish a topic; one that the logs do not name has a name that asks for it."""
     found = {}
@@ -42,7 +50,7 @@ def draft_model(
     source: str,
     topics: Mapping[str, Topic],
     publishers: Mapping[str, frozenset[str]],
-    delays: Sequence[DelayFound],
+    links: Links,
     declared: Declared,
 ) -> str:
     """Return the model as YAML.
@@ -52,7 +60,7 @@ def draft_model(
     """
     nodes = dict(publishers)
     listeners: dict[str, set[str]] = {}
-    for delay in delays:
+    for delay in links.delays:
         for heard in (delay.in_topic, *delay.more):
             listeners.setdefault("/" + heard, set()).update(publishers[delay.out_topic])
     blamed = frozenset(declared.properties.values()) | nodes.get(DIAGNOSTICS, frozenset())
@@ -64,7 +72,7 @@ def draft_model(
         types={f"/{topic.name}": sorted(topic.types)[0].replace("/msg/", "/") for topic in topics.values()},
     )
     text = model_from_graph(graph, name, source)
-    return text + "".join(f"{line}\n" for line in (*_questions(publishers, delays), *_declared(declared)))
+    return text + "".join(f"{line}\n" for line in (*_questions(publishers, links), *_declared(declared)))
 
 
 def declared_topics(model: str) -> frozenset[str]:
@@ -75,7 +83,7 @@ def declared_topics(model: str) -> frozenset[str]:
     )
 
 
-def _questions(publishers: Mapping[str, frozenset[str]], delays: Sequence[DelayFound]) -> list[str]:
+def _questions(publishers: Mapping[str, frozenset[str]], links: Links) -> list[str]:
     lines = [
         "",
         "# Which device does each driver drive, and on which channel of a power board is it? No log says:",
@@ -88,9 +96,12 @@ def _questions(publishers: Mapping[str, frozenset[str]], delays: Sequence[DelayF
             "# Who publishes these topics? The recording does not say: each has a node of its own",
             *(f"#   {comment(topic)}: {comment(UNNAMED[1:] + topic)}" for topic in unnamed),
         ]
-    if delays:
+    if links.together:
+        lines += ["#", "# Sent within a moment of each other: are they of one node?"]
+        lines += [f"#   {comment(first)}, {comment(second)}" for first, second in links.together]
+    if links.delays:
         lines += ["#", "# Who listens to what? Seen from times alone; is it so?"]
-        for one in delays:
+        for one in links.delays:
             heard = ", ".join((one.in_topic, *one.more))
             lines.append(
                 f"#   {comment(one.out_topic)} answers {comment(heard)} after {one.usual_s * 1000:.3g} ms "

@@ -1,4 +1,6 @@
-"""What a device's own diagnostics say in healthy logs: its levels, and the range of each number."""
+"""What a device's own diagnostics say in healthy logs: its levels, and the range of each number; and the
+ranges of what sensors of one number say, such as a thermometer.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,7 @@ from numpy.typing import NDArray
 
 from robomend_batch.learn.gathering import Series, Status
 from robomend_batch.learn.stretches import Stretch
-from robomend_batch.learn.tails import Bound, bound, largest_of_blocks
+from robomend_batch.learn.tails import LIGHTEST, Bound, bound, largest_of_blocks
 from robomend_client.observers.base import SECOND
 from robomend_client.observers.diagnostic import ERROR, STALE, WARN
 
@@ -19,6 +21,19 @@ AGREEING = 3
 """Readings in a row, for a verdict: one reading that is off is none."""
 
 BLOCKS = 200
+DRIFT = 0.5
+"""Of the range (of 98 %) of the first half of what was seen: what leaves it by more later has none."""
+
+TELEMETRY = frozenset(
+    f"{package}/msg/{name}"
+    for package, names in {
+        "std_msgs": ("Float32", "Float64"),
+        "sensor_msgs": ("BatteryState", "FluidPressure", "Illuminance", "RelativeHumidity", "Temperature"),
+    }.items()
+    for name in names
+)
+"""Types whose numbers have a range; a pose or a speed goes wherever the robot goes."""
+
 MARGIN = 0.25
 """Of the range that was seen, on either side at least: a device that was cold may get warm."""
 
@@ -63,7 +78,7 @@ def learn_status(
         return f"{len(gaps)} readings: too few"
     ranges, left_out = [], []
     for key, series in sorted(status.numbers.items()):
-        found = _range(key, series, stretches, hours, per_hour)
+        found = learn_range(key, series, stretches, hours, per_hour)
         if isinstance(found, str):
             left_out.append(f"{key}: {found}")
         else:
@@ -80,9 +95,10 @@ def learn_status(
     )
 
 
-def _range(
+def learn_range(
     key: str, series: Series, stretches: Sequence[Stretch], hours: float, per_hour: float
 ) -> RangeFound | str:
+    """Return the range of a number, or why it has none."""
     pieces = [values for _, values in series.pieces(stretches) if len(values) >= AGREEING]
     values = np.concatenate(pieces) if pieces else np.zeros(0)
     if len(values) < LEAST_READINGS:
@@ -94,12 +110,15 @@ def _range(
     moves = steps[steps != 0]
     if len(moves) and ((moves > 0).all() or (moves < 0).all()):
         return "it counts: no range"
+    (low1, high1), (low2, high2) = (np.quantile(half, (0.01, 0.99)) for half in np.array_split(values, 2))
+    if max(high2 - high1, low1 - low2) > DRIFT * (high1 - low1):
+        return "it drifts: no range"
     margin = MARGIN * (largest - least)
 
     def edge(sign: int) -> Bound:
         agreed = [_agreed(sign * piece) for piece in pieces]
         blocks = np.concatenate([largest_of_blocks(one, max(1, len(values) // BLOCKS)) for one in agreed])
-        found = bound(blocks, hours, per_hour / 2, float(np.median(sign * values)))
+        found = bound(blocks, hours, per_hour / 2, float(np.median(sign * values)), LIGHTEST)
         seen = float((sign * values).max())
         return Bound(max(found.value, seen + margin), found.usual, found.quantile, seen, len(values))
 

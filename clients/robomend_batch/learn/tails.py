@@ -43,7 +43,13 @@ class Bound:
     samples: int
 
 
-def bound(samples: Samples, hours: float, per_hour: float, usual: float | None = None) -> Bound:
+def bound(
+    samples: Samples,
+    hours: float,
+    per_hour: float,
+    usual: float | None = None,
+    heaviest: float = HEAVIEST,
+) -> Bound:
     """Return what is exceeded `per_hour`.
 
     Args:
@@ -51,12 +57,13 @@ def bound(samples: Samples, hours: float, per_hour: float, usual: float | None =
         hours: in which they were seen, > 0.
         per_hour: how often it may be exceeded, > 0.
         usual: what excesses are counted from; None: the median.
+        heaviest: ξ is no larger; numbers that a sensor gives have lighter tails than times have.
     """
     middle = float(np.median(samples)) if usual is None else usual
     excess = np.sort(np.maximum(samples - middle, 0.0))[::-1]
     order = int(np.clip(len(excess) // 20, LEAST_ORDER, MOST_ORDER))
     order = min(order, len(excess))
-    index = float(np.clip(_hill(excess[:order]), LIGHTEST, HEAVIEST))
+    index = float(np.clip(_hill(excess[:order]), LIGHTEST, heaviest))
     rarer = 1 / (hours * per_hour)
     beyond = max(float(excess[k - 1]) * max(1.0, k * rarer) ** index for k in (1, order))
     return Bound(

@@ -26,7 +26,7 @@ def answer(asked: Times, seconds: float, spread: float = 0.3) -> Times:
 
 def learn(**topics: Times) -> dict[str, DelayFound]:
     pieces = {name: [times] for name, times in topics.items()}
-    found = learn_delays(pieces, {name: f"/{name}_node" for name in topics}, 0.2, 0.01)
+    found, _ = learn_delays(pieces, {name: f"/{name}_node" for name in topics}, 0.2, 0.01)
     return {one.out_topic: one for one in found}
 
 
@@ -68,12 +68,23 @@ def test_two_answers_to_one_topic_do_not_answer_each_other() -> None:
 def test_a_node_does_not_answer_itself() -> None:
     scan = timer(10)
     pieces = {"scan": [scan], "cloud": [answer(scan, 0.001)]}
-    assert learn_delays(pieces, {"scan": "/lidar", "cloud": "/lidar"}, 0.2, 0.01) == []
+    assert learn_delays(pieces, {"scan": "/lidar", "cloud": "/lidar"}, 0.2, 0.01) == ([], [])
+
+
+def test_topics_that_an_unknown_node_sends_together_do_not_answer_each_other() -> None:
+    image = timer(10)
+    pieces = {"image": [image], "camera_info": [answer(image, 0.0003)], "faces": [answer(image, 0.02)]}
+    nodes = {name: f"/publisher_of_{name}" for name in pieces}
+    delays, together = learn_delays(pieces, nodes, 0.2, 0.01, unnamed=pieces)
+    assert [one.out_topic for one in delays] == ["faces"]
+    assert together == [("image", "camera_info")]
+    delays, together = learn_delays(pieces, nodes, 0.2, 0.01, unnamed=())
+    assert ([one.out_topic for one in delays], together) == (["camera_info", "faces"], [])
 
 
 def test_stretches_without_messages_are_no_obstacle() -> None:
     scan = timer(10)
     empty = scan[:0]
     pieces = {"scan": [scan, empty, scan], "map": [answer(scan, 0.02), empty, answer(scan, 0.02)]}
-    (found,) = learn_delays(pieces, {"scan": "/lidar", "map": "/mapper"}, 0.2, 0.01)
+    ((found,), _) = learn_delays(pieces, {"scan": "/lidar", "map": "/mapper"}, 0.2, 0.01)
     assert found.in_topic == "scan"

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import random
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from tests.robomend_batch.recordings import steady, write
+from tests.robomend_batch.recordings import EPOCH_NS, steady, write
 from tests.robomend_batch.running import batch_run, intervals, ndjson
 
 from robomend.cli.commands import run as robomend
@@ -16,6 +17,7 @@ from robomend_batch.observing import load_observers
 from robomend_bench.batch import drives
 from robomend_bench.batch.drives import Planted, Robot, Source
 from robomend_bench.batch.learning import Score, rate
+from robomend_client.observers.base import SECOND
 
 MINUTES = 8
 
@@ -87,9 +89,10 @@ def test_each_observer_stands_beside_its_evidence_and_the_false_alarms_that_were
     assert names == {
         *("odom", "gyro", "scan", "map"),
         *("map_triggered", "matched(gyro_data,odom_data)", "lidar_node_device"),
+        *(f"{topic}_data_range" for topic in ("odom", "gyro", "scan", "map")),
     }
     assert draft.text.count("  # held back: 0 false alarms in 0.0603 h") == len(names)
-    assert "# Meant: at most 0.1 false alarms an hour of all 7 observers together." in draft.text
+    assert "# Meant: at most 0.1 false alarms an hour of all 11 observers together." in draft.text
     assert "# Measured over what was held back: 0 false alarms in 0.0603 h." in draft.text
     assert "not judged: serial: always 4711" in draft.text
 
@@ -144,6 +147,35 @@ def test_a_recording_that_names_no_publisher_asks_for_them(tmp_path: Path) -> No
     assert batch_run(tmp_path / "out", dead, "--observers", observers, model=model) == 0
     faulty = [one["bad"] for one in intervals(tmp_path / "out") if one["state"] == "faulty"]
     assert faulty == [[["publisher_of_scan"]]]
+
+
+def test_fields_of_ros_2_messages_that_go_together_are_related(tmp_path: Path) -> None:
+    def turning(topic: str, seed: int) -> list[tuple[float, str, float]]:
+        chance, goals = random.Random(seed), random.Random(1)
+        goal = [goals.choice((0.0, 1.0, -1.0)) for _ in range(100)]
+        return [(n / 10, topic, goal[n // 30] + chance.gauss(0, 0.01)) for n in range(2400)]
+
+    both = [*turning("odom", 1), *turning("imu", 2)]
+    log = write(tmp_path / "drive.mcap", both)
+    assert learn(log, "-o", tmp_path / "whole", "--quiet") == 0
+    assert "related:" in (tmp_path / "whole" / "model.yaml").read_text()
+    text = (tmp_path / "whole" / "observers.yaml").read_text()
+    assert 'first: "imu:angular_velocity.z", second: "odom:twist.twist.angular.z"' in text
+
+
+def test_a_thermometer_has_a_range(tmp_path: Path) -> None:
+    def drive(name: str, hot_s: float) -> Path:
+        chance = random.Random(name)
+        samples = [(0.2 * n, 95.0 if 0.2 * n >= hot_s else chance.gauss(50, 1.5)) for n in range(900)]
+        return write(tmp_path / f"{name}.bag", [(time_s, "temperature", value) for time_s, value in samples])
+
+    assert learn(drive("good", 1000), "-o", tmp_path, "--quiet") == 0
+    observers, model = tmp_path / "observers.yaml", tmp_path / "model.yaml"
+    logs = drive("healthy", 1000), drive("hot", 100)
+    assert batch_run(tmp_path / "out", *logs, "--observers", observers, model=model) == 0
+    faulty = [one for one in intervals(tmp_path / "out") if one["state"] == "faulty"]
+    assert [(one["log"], one["bad"]) for one in faulty] == [(str(logs[1]), [["publisher_of_temperature"]])]
+    assert 100 <= faulty[0]["start_ns"] / SECOND - EPOCH_NS / SECOND <= 101
 
 
 def test_diagnostics_without_a_publisher_blame_the_node_that_they_name(tmp_path: Path) -> None:

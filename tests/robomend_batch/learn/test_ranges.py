@@ -46,6 +46,11 @@ def test_one_reading_that_is_off_does_not_widen_the_range_without_bounds() -> No
     assert 60 < found.high.value < 80
 
 
+def test_a_number_that_drifts_has_no_range() -> None:
+    way = np.linspace(0, 100, 600) + np.random.default_rng(1).normal(0, 1, 600)
+    assert learn(status(way=way)).left_out == ("way: it drifts: no range",)
+
+
 def test_what_counts_or_stands_has_no_range() -> None:
     found = learn(status(uptime=np.arange(600), port=np.full(600, 80)))
     assert found.ranges == ()

@@ -1,0 +1,54 @@
+"""What is drafted can be read, whatever the names on the robot are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from robomend_batch.learn.draft import Entries, observers_text, status_entry
+from robomend_batch.learn.ranges import RangeFound, StatusFound
+from robomend_batch.learn.tails import Bound
+from robomend_batch.learn.words import outwards, slug, upwards, word
+from robomend_batch.observing import load_observers
+from robomend_client.literals import fails, holds
+from robomend_client.observers import SECOND, Driver
+
+
+@pytest.mark.parametrize("name", ["camera [0]: *", 'a "quoted" one', "back\\slash", "Grüße: x"])
+def test_a_status_is_observed_by_its_name_and_no_other(name: str, tmp_path: Path) -> None:
+    entries = Entries()
+    edge = Bound(60.0, 40.0, 50.0, 50.0, 100)
+    found = RangeFound("CPU 1: temp", None, edge, 30.0, 50.0)
+    status = StatusFound(name, (), "warn", {0: 100}, 1.0, 5.0, (found,), ())
+    status_entry(entries, status, "camera", {"camera_temp_max": (found.key, 1, found)})
+    file = tmp_path / "observers.yaml"
+    file.write_text(observers_text(entries, ["of\na robot"], {}), encoding="utf-8")
+    (spec,) = load_observers(file).specs
+    for shown, expected in ((name, True), ("camera 0: x", False)):
+        driver = Driver([spec.make()], 0)
+        said = [
+            change.value
+            for second in range(1, 8)
+            for change in driver.sample(
+                "diagnostics",
+                second * SECOND,
+                [{"name": shown, "level": 0, "values": {"CPU 1: temp": "61.5 C"}}],
+            )
+        ]
+        assert (holds("ok", "camera") in said, fails("ok", "camera_temp_max") in said) == (expected, expected)
+
+
+def test_a_rounded_bound_is_no_tighter() -> None:
+    for value in (0.123456, 1.0001, 7.00049, 1234.5, 99.96, 1e-3):
+        assert value <= float(upwards(value)) <= 1.01 * value
+        assert value <= float(outwards(value, 1)) <= 1.001 * value
+        assert -1.001 * value <= float(outwards(-value, -1)) <= -value
+
+
+def test_names_are_plain_and_each_its_own() -> None:
+    assert slug("hokuyo: CPU 1 temp") == "hokuyo_CPU_1_temp"
+    assert slug("a b", {"a_b", "a_b2"}) == "a_b3"
+    assert slug("°") == "value"
+    assert slug("3d") == "v3d"
+    assert [word(name) for name in ("scan", "on", "a b")] == ["scan", '"on"', '"a b"']
