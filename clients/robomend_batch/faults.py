@@ -47,7 +47,13 @@ def find_faults(told: Iterable[tuple[str, Interval]]) -> list[Fault]:
 
 
 def explain(results: Results, faults: Iterable[Fault]) -> list[list[str]]:
-    """Return sentences for each fault: what clashed in its longest interval, and what explains it."""
+    """Return sentences for each fault: what clashed in its longest interval, and what explains it.
+
+    Of windows that were explained together, what was seen in them: no single set of observations shows it.
+    """
+    if "together" in results.manifest.settings:
+        longest = [fault.longest[1] for fault in faults if fault.longest is not None]
+        return [[f"Seen in one window: {', '.join(one.observations)}."] for one in longest]
     system = results.system
     sentences = []
     unknown = results.manifest.settings["unknown"]

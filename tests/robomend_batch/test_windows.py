@@ -10,9 +10,11 @@ from typing import Any
 import pytest
 from tests.robomend_batch.running import TEDUSAR, batch_run, intervals, ndjson, spans, tree
 
+from robomend.cli.commands import run as robomend
 from robomend.diagnosis.result import Options
 from robomend.diagnosis.snapshots import SnapshotEngine
 from robomend.model.loading import load_model
+from robomend_batch.commands import batch
 from robomend_batch.one_log import Setup
 from robomend_batch.run import run
 from robomend_client.literals import Literal, parse_atom
@@ -35,6 +37,24 @@ def test_a_whole_log_has_one_explanation(tmp_path: Path) -> None:
     assert sorted(one["observations"]) == ["not ok(odom)", "not ok(scan)"]
     assert sorted(map(sorted, one["conflicts"])) == [sorted(LIDAR), sorted(BASE)]
     assert (one["complete"], one["probability"]) == (True, None)
+
+
+def test_the_report_says_what_was_seen_of_states_that_exclude_each_other(tmp_path: Path) -> None:
+    lines = (
+        (0.0, "ok(scan)"),
+        (0.0, "not ok(map)"),
+        (2.0, "ok(map)"),
+        (3.0, "not ok(scan)"),
+        (5.0, "ok(scan)"),
+    )
+    log = ndjson(tmp_path / "a.ndjson", *lines)
+    out = tmp_path / "out"
+    assert batch_run(out, log, "--together", "log") == 0
+    (one,) = intervals(out)
+    assert sorted(map(sorted, one["bad"])) == [sorted(["hector_mapping", name]) for name in LIDAR]
+    assert robomend(["report", str(out)], batch) == 0
+    page = (out / "report.html").read_text()
+    assert "Seen in one window: not ok(scan), ok(scan), not ok(map)." in page
 
 
 def test_each_window_has_one(tmp_path: Path) -> None:

@@ -226,8 +226,9 @@ observers:
 
 
 def test_changes_of_a_file_are_a_diff_that_can_be_applied(
-    good: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    good = [drives.write(tmp_path / "good.bag", ROBOT, 1, 120)]
     file = tmp_path / "agent.yaml"
     file.write_text(AGENT)
     assert learn(*good, "--update", file, "--quiet") == 0
