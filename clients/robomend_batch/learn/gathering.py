@@ -7,7 +7,7 @@ TICK_NS, and of a field no more than MOST_VALUES.
 from __future__ import annotations
 
 from array import array
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -99,8 +99,7 @@ class Status:
     """A status of /diagnostics."""
 
     publishers: set[str] = field(default_factory=set)
-    levels: Counter[int] = field(default_factory=Counter)
-    heard: Series = field(default_factory=Series)
+    levels: Series = field(default_factory=Series)
     numbers: dict[str, Series] = field(default_factory=lambda: defaultdict(Series))
 
 
@@ -220,6 +219,9 @@ class _Reader:
                 means.end(self._log)
         for channel in recording.channels:
             topic = found.topics[channel.topic]
+            if len(times[channel.number]) == MOST_TIMES:
+                reason = f"nothing is learned from more than {MOST_TIMES:,} messages"
+                found.problems.add(f"{self._path}: {channel.topic}", reason, bad=False)
             topic.times[self._log].append(np.array(times[channel.number], dtype=np.int64))
         if recording.cut is not None:
             found.problems.add(str(self._path), f"ended early: {recording.cut}", bad=True)
@@ -271,8 +273,7 @@ class _Reader:
             return
         mine = statuses.setdefault(name, Status())
         level = status["level"]
-        mine.levels[level[0] if isinstance(level, bytes) else int(level)] += 1
-        mine.heard.add(self._log, time_ns, 0.0)
+        mine.levels.add(self._log, time_ns, float(level[0] if isinstance(level, bytes) else level))
         publisher = self._publisher.get(number)
         if publisher:
             mine.publishers.add("/" + publisher.strip("/"))

@@ -4,6 +4,7 @@ ranges of what sensors of one number say, such as a thermometer.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -67,13 +68,14 @@ def learn_status(
     name: str, status: Status, stretches: Sequence[Stretch], hours: float, per_hour: float
 ) -> StatusFound | str:
     """Return what a status says when the robot is healthy, or why that cannot be said."""
-    levels = {level: count for level, count in sorted(status.levels.items()) if level != STALE}
+    heard = status.levels.pieces(stretches)
+    counts = Counter(int(level) for _, values in heard for level in values.tolist())
+    levels = {level: count for level, count in sorted(counts.items()) if level != STALE}
     if not levels:
         return "it is stale all the time"
     if levels.get(ERROR, 0) > 0:
         return f"{levels[ERROR]} errors in logs that should be healthy"
-    heard = [times for times, _ in status.heard.pieces(stretches)]
-    gaps = np.concatenate([np.diff(times) for times in heard] or [np.zeros(0)]) / SECOND
+    gaps = np.concatenate([np.diff(times) for times, _ in heard] or [np.zeros(0)]) / SECOND
     if len(gaps) < LEAST_READINGS:
         return f"{len(gaps)} readings: too few"
     ranges, left_out = [], []

@@ -14,9 +14,9 @@ STRETCH = Stretch(0, 0, 3600 * SECOND, False)
 
 def status(levels: dict[int, int] | None = None, **numbers: object) -> Status:
     found = Status()
-    found.levels.update(levels or {0: 600})
-    for second in range(600):
-        found.heard.add(0, second * SECOND, 0.0)
+    for level, count in (levels or {0: 600}).items():
+        for _ in range(count):
+            found.levels.add(0, found.levels.count * SECOND, float(level))
     for key, values in numbers.items():
         for second, value in enumerate(np.asarray(values).tolist()):
             found.numbers[key].add(0, second * SECOND, value)
@@ -61,6 +61,13 @@ def test_a_number_that_is_never_negative_is_judged_from_above_only() -> None:
     load = np.random.default_rng(1).exponential(0.1, 600)
     (found,) = learn(status(load=load)).ranges
     assert found.low is None
+
+
+def test_what_was_held_back_is_not_learned_from() -> None:
+    given = status({0: 590, 2: 10})
+    found = learn_status("m", given, [Stretch(0, 0, 580 * SECOND, False)], 0.2, 0.01)
+    assert isinstance(found, StatusFound)
+    assert found.levels == {0: 580}
 
 
 def test_warnings_in_healthy_logs_are_no_fault_and_errors_are_no_health() -> None:
