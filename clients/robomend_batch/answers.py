@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Literal as OneOf
 
 import numpy as np
@@ -21,7 +22,7 @@ State = OneOf["healthy", "faulty", "unknown", "contradictory"]
 Names = tuple[str, ...]
 
 REMEMBERED = 50_000
-"""Sets of codes that were asked together."""
+"""Sets of states that were asked together."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,8 +52,7 @@ class Answers:
         self._cnf = cnf
         self._options = options
         self._library: Library | None = None
-        self._snapshots: SnapshotEngine | None = None
-        self._together: dict[frozenset[tuple[int, ...]], int] = {}
+        self._together: dict[frozenset[frozenset[Literal]], int] = {}
         self._number: dict[Told, int] = {NOTHING: 0}
         self.told = [NOTHING]
         """Number -> what is told."""
@@ -62,15 +62,11 @@ class Answers:
         if self._library is not None:
             self._library.close()
             self._library = None
-        if self._snapshots is not None:
-            self._snapshots.close()
-            self._snapshots = None
 
     def library(self, sensors: tuple[Atom, ...]) -> Library:
         """Return the library of these sensors; the last one is kept."""
         if self._library is None or self._library.sensors != sensors:
-            if self._library is not None:
-                self._library.close()
+            self.close()
             self._library = Library(self._cnf, sensors, self._options)
         return self._library
 
@@ -104,25 +100,30 @@ class Answers:
             rows: the codes, without the zeros at their ends.
             sensors: of the codes; further ones only join behind them.
         """
-        number = self._together.get(rows)
         library = self.library(sensors)
         padded = [[*row, *[0] * (library.words - len(row))] for row in sorted(rows)]
         snapshots = [library.literals(row) for row in padded]
+        seen = dict.fromkeys(str(literal) for snapshot in snapshots for literal in snapshot)
+        asked = frozenset(map(frozenset, snapshots))  # of other logs, too, whose sensors have other numbers
+        number = self._together.get(asked)
         if number is None:
             if len(self._together) >= REMEMBERED:
                 self._together.clear()
-            if self._snapshots is None:
-                self._snapshots = SnapshotEngine(self._cnf)
-            number = self._together[rows] = self._keep(self._of_snapshots(self._snapshots, snapshots))
-        seen = dict.fromkeys(str(literal) for snapshot in snapshots for literal in snapshot)
+            conflicts = None
+            if library.whole:
+                applying = library.diagnose(np.array(padded, dtype=np.uint64)).conflicts
+                conflicts = smallest(conflict for of_one in applying for conflict in of_one or ())
+            number = self._together[asked] = self._keep(self._of_snapshots(snapshots, conflicts))
         return number, list(seen)
 
-    def _of_snapshots(self, engine: SnapshotEngine, snapshots: list[list[Literal]]) -> Told:
+    def _of_snapshots(self, snapshots: list[list[Literal]], conflicts: tuple[Names, ...] | None) -> Told:
+        engine = SnapshotEngine(self._cnf)  # a fresh one: what it met before could decide what a limit leaves
         try:
-            result = engine.diagnose(snapshots, replace(self._options, conflicts=True))
+            return told_of(engine.diagnose(snapshots, self._options), conflicts)
         except ContradictoryModel as contradiction:
-            return told_of(contradiction, ())
-        return told_of(result, tuple(conflict.components for conflict in result.conflicts))
+            return told_of(contradiction, conflicts)
+        finally:
+            engine.close()
 
     def _heard(self, sensors: tuple[Atom, ...]) -> Codes:
         """Return the bits of sensors that a rule speaks of."""
@@ -154,6 +155,12 @@ def told_of(answer: LibraryAnswer, conflicts: tuple[Names, ...] | None) -> Told:
         answer.complete,
         answer.stopped_by,
     )
+
+
+def smallest(conflicts: Iterable[Names]) -> tuple[Names, ...]:
+    """Return the conflicts that contain no other one, in the order of their names."""
+    found = sorted(set(conflicts))
+    return tuple(one for one in found if not any(set(other) < set(one) for other in found))
 
 
 def distinct(codes: Codes) -> tuple[Codes, NDArray[np.intp]]:

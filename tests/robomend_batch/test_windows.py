@@ -83,6 +83,16 @@ def test_a_window_in_which_nothing_is_known_is_unknown(tmp_path: Path) -> None:
     ]
 
 
+def test_logs_that_speak_of_other_things_first_are_not_mixed_up(tmp_path: Path) -> None:
+    ndjson(tmp_path / "a.ndjson", (0.0, "not ok(odom)"), (1.0, "ok(scan)"))
+    ndjson(tmp_path / "b.ndjson", (0.0, "not ok(scan)"), (1.0, "ok(odom)"))
+    assert batch_run(tmp_path / "out", tmp_path, "--together", "log") == 0
+    assert [one["bad"] for one in intervals(tmp_path / "out")] == [
+        [[name] for name in BASE],
+        [[name] for name in LIDAR],
+    ]
+
+
 def test_time_that_goes_back_begins_anew(tmp_path: Path) -> None:
     log = ndjson(tmp_path / "a.ndjson", (50.0, "ok(odom)"), (60.0, "ok(odom)"), (0.0, "not ok(odom)"))
     assert batch_run(tmp_path / "out", log, "--together", "log") == 0

@@ -25,6 +25,9 @@ from robomend_batch.observing import load_observers
 from robomend_client.literals import Atom
 from robomend_client.observers.base import SECOND
 
+TELEMETRY_SHARE = 0.1
+"""False alarms of the ranges of telemetry, on top of those of all others."""
+
 DOUBTFUL = 0.05
 """As many false alarms as were counted, or more, come about by chance less often: then it is said."""
 
@@ -134,12 +137,14 @@ class _Parts:
         telemetry = [
             source for source in sorted(series) if found.topics[source.split(":", 1)[0]].types <= TELEMETRY
         ]
-        ways = WAYS * len(topics) + len(self.delays) + 2 * (len(found.statuses) + len(telemetry))
+        ways = WAYS * len(topics) + len(self.delays) + 2 * len(found.statuses)
         share = per_hour / max(1, ways)
+        more = TELEMETRY_SHARE * per_hour / max(1, 2 * len(telemetry))
         self.delays, self.together = learn_delays(pieces, node_of, learned_h, share, unnamed)
         self.rates = {name: learn_rate(name, pieces[name], learned_h, share) for name in topics}
         self.ranges = {
-            source: learn_range(source, series[source], learned, learned_h, share) for source in telemetry
+            source: learn_range(source, series[source], learned, learned_h, more, telemetry=True)
+            for source in telemetry
         }
         self.statuses = {
             name: learn_status(name, status, learned, learned_h, share)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from robomend_batch.learn.gathering import Series, Status
 from robomend_batch.learn.stretches import Stretch
-from robomend_batch.learn.tails import LIGHTEST, Bound, bound, largest_of_blocks
+from robomend_batch.learn.tails import HEAVIEST, LIGHTEST, Bound, bound, largest_of_blocks
 from robomend_client.observers.base import SECOND
 from robomend_client.observers.diagnostic import ERROR, STALE, WARN
 
@@ -98,9 +98,19 @@ def learn_status(
 
 
 def learn_range(
-    key: str, series: Series, stretches: Sequence[Stretch], hours: float, per_hour: float
+    key: str,
+    series: Series,
+    stretches: Sequence[Stretch],
+    hours: float,
+    per_hour: float,
+    telemetry: bool = False,
 ) -> RangeFound | str:
-    """Return the range of a number, or why it has none."""
+    """Return the range of a number, or why it has none.
+
+    Args:
+        telemetry: it is a topic's, not a device's diagnosis of itself: what drifts has no range, and tails
+            are taken to be light.
+    """
     pieces = [values for _, values in series.pieces(stretches) if len(values) >= AGREEING]
     values = np.concatenate(pieces) if pieces else np.zeros(0)
     if len(values) < LEAST_READINGS:
@@ -113,14 +123,15 @@ def learn_range(
     if len(moves) and ((moves > 0).all() or (moves < 0).all()):
         return "it counts: no range"
     (low1, high1), (low2, high2) = (np.quantile(half, (0.01, 0.99)) for half in np.array_split(values, 2))
-    if max(high2 - high1, low1 - low2) > DRIFT * (high1 - low1):
+    if telemetry and max(high2 - high1, low1 - low2) > DRIFT * (high1 - low1):
         return "it drifts: no range"
     margin = MARGIN * (largest - least)
+    heaviest = LIGHTEST if telemetry else HEAVIEST
 
     def edge(sign: int) -> Bound:
         agreed = [_agreed(sign * piece) for piece in pieces]
         blocks = np.concatenate([largest_of_blocks(one, max(1, len(values) // BLOCKS)) for one in agreed])
-        found = bound(blocks, hours, per_hour / 2, float(np.median(sign * values)), LIGHTEST)
+        found = bound(blocks, hours, per_hour / 2, float(np.median(sign * values)), heaviest)
         seen = float((sign * values).max())
         return Bound(max(found.value, seen + margin), found.usual, found.quantile, seen, len(values))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from robomend_batch.learn.gathering import Status
-from robomend_batch.learn.ranges import StatusFound, learn_status
+from robomend_batch.learn.ranges import StatusFound, learn_range, learn_status
 from robomend_batch.learn.stretches import Stretch
 from robomend_client.observers import SECOND
 
@@ -46,9 +46,13 @@ def test_one_reading_that_is_off_does_not_widen_the_range_without_bounds() -> No
     assert 60 < found.high.value < 80
 
 
-def test_a_number_that_drifts_has_no_range() -> None:
+def test_a_number_of_a_topic_that_drifts_has_no_range_and_a_device_that_warms_up_has() -> None:
     way = np.linspace(0, 100, 600) + np.random.default_rng(1).normal(0, 1, 600)
-    assert learn(status(way=way)).left_out == ("way: it drifts: no range",)
+    given = status(way=way)
+    told = learn_range("way", given.numbers["way"], [STRETCH], 0.2, 0.01, telemetry=True)
+    assert told == "it drifts: no range"
+    (found,) = learn(given).ranges
+    assert found.high.value > 125
 
 
 def test_what_counts_or_stands_has_no_range() -> None:
