@@ -16,7 +16,7 @@ def loaded(*planners: str, then: str = "") -> str:
         f"import sys; from robomend.planning.planner_pool import warm; warm({planners!r}); {then}\n"
         f"print(*[name for name in {HEAVY!r} if name in sys.modules])"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=100)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=110)
     assert done.returncode == 0, done.stderr
     return done.stdout.strip()
 

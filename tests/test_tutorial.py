@@ -1,0 +1,89 @@
+"""docs/tutorial.md, gone through block by block: three nodes, an agent, a service, a fault and its repair."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import pytest
+from tests.api.test_process import served
+from tests.blocks import BLOCKS, Block
+from tests.test_blocks import SERVICE
+
+TUTORIAL = [block for block in BLOCKS if block.page == "docs/tutorial.md" and not block.reason]
+
+PATIENCE = {
+    "robot.yaml": "observed_timeout_s: 300\n",
+    "agent.yaml": "report: {heartbeat_s: 1, lifetime_s: 60}\n",
+}
+"""Added to the files of the page: a machine that is busy with other tests is no silence of the robot."""
+
+UNTIL_S = 300.0
+"""For what takes a few seconds; a safety net."""
+
+
+def bash(block: Block, folder: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        ["bash", "-euo", "pipefail", "-c", block.text], capture_output=True, text=True, timeout=60, cwd=folder
+    )
+
+
+def until(block: Block, folder: Path) -> None:
+    """Say it again until it is so, as a reader does."""
+    deadline = time.monotonic() + UNTIL_S
+    while (done := bash(block, folder)).returncode != 0:
+        status = subprocess.run(["robomend", "status", "walker"], capture_output=True, text=True, timeout=60)
+        assert time.monotonic() < deadline, f"{block}: {done.stdout}{done.stderr}\n{status.stdout}"
+
+
+@contextmanager
+def background(block: Block, folder: Path) -> Iterator[None]:
+    """Run it in a terminal of its own, and end it with Ctrl-C."""
+    with (folder / "background.log").open("wb") as log:
+        process = subprocess.Popen(
+            ["bash", "-c", f"exec {block.text}"], cwd=folder, stdout=log, stderr=log, start_new_session=True
+        )
+        try:
+            yield
+            assert process.poll() is None, (folder / "background.log").read_text()
+        finally:
+            if process.poll() is None:
+                process.send_signal(signal.SIGINT)
+                process.wait(30)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1500)
+def test_the_tutorial_leads_from_nothing_to_a_repaired_robot(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    [serve] = [block for block in TUTORIAL if block.use == "serve"]
+    assert serve.text == "robomend serve --data data"
+    data, folder = tmp_path / "data", tmp_path / "walker"
+    data.mkdir()
+    folder.mkdir()
+    seen = set()
+    with ExitStack() as stack:
+        _, url = stack.enter_context(served(data))
+        monkeypatch.setenv("ROBOMEND_URL", url)
+        monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}:{os.environ['PATH']}")
+        for block in TUTORIAL:
+            text = block.text.replace(SERVICE, url)
+            seen.add(block.use or block.kind)
+            if named := re.match(r"# (\w+\.\w+)\n", text):
+                (folder / named[1]).write_text(f"{text}\n{PATIENCE.get(named[1], '')}")
+            elif block.use == "background":
+                stack.enter_context(background(block, folder))
+            elif block.use == "until":
+                until(block, folder)
+            elif block.use != "serve":
+                done = bash(block, folder)
+                assert done.returncode == 0, f"{block}: {done.stdout}{done.stderr}"
+    assert seen == {"python", "yaml", "sh", "serve", "background", "until"}
