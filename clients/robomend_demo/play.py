@@ -14,7 +14,9 @@ import contextlib
 import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import Future
 from pathlib import Path
+from typing import TypeVar
 
 from robomend_client.events import Kind
 from robomend_client.rest.calls import post
@@ -38,6 +40,8 @@ from robomend_demo.scenarios import DEAD_LIDAR, HUNG_DEVICE, POWER_UP, SHUT_DOWN
 from robomend_demo.screen import Screen
 from robomend_demo.stage import DemoFailed, Stage, tail
 from robomend_demo.view import RobotView
+
+T = TypeVar("T")
 
 CONNECTED_S = 10.0
 
@@ -133,17 +137,29 @@ class Play:
         """Let the service plan something once: a planner is slow the first time, and robots come later."""
         question = {"model": self.cast.robot.model.name, "bad": [POWER_UP.victim]}
 
-        def ask() -> None:
-            client = Client(self.cast.url, timeout_s=READY_S, retry=NEVER)
-            with client, contextlib.suppress(ClientError):  # the repair will tell what is wrong
-                client.send(post("plans", json=question))
+        with contextlib.suppress(ClientError):  # the repair will tell what is wrong
+            self._patiently(lambda client: client.send(post("plans", json=question)))
 
-        thread = threading.Thread(target=ask, name="warm-up", daemon=True)
+    def _patiently(self, ask: Callable[[Client], T]) -> T:
+        """Ask for what may take a busy computer long; a signal, or a part that ends, is seen meanwhile."""
+        answer: Future[T] = Future()
+
+        def run() -> None:
+            try:
+                with Client(self.cast.url, timeout_s=READY_S, retry=NEVER) as client:
+                    answer.set_result(ask(client))
+            except ClientError as error:
+                answer.set_exception(error)
+
+        thread = threading.Thread(target=run, name="asks", daemon=True)
         thread.start()
-        look = self._interrupts.poll(READY_S)
+        look = self._interrupts.poll(2 * READY_S)
         while thread.is_alive() and look.left():
             self._stage.check()
         thread.join(1.0)
+        if not answer.done():
+            raise DemoFailed(f"the service gave no answer within {2 * READY_S:g} s; {self._logs('service')}")
+        return answer.result()
 
     def _begin(self, name: str) -> int:
         """Begin a scenario; return its time zero."""
@@ -156,7 +172,8 @@ class Play:
     def _entrust(self, policy: str, version: str | None) -> str:
         """Tell the service of the robot, and how far it may go."""
         config = robot_config(self.cast.robot, self.cast.board, policy=policy)
-        return self._client.put_robot(ROBOT, config, version).version
+        # A domain of the robot's own is checked in a process that has to start first.
+        return self._patiently(lambda client: client.put_robot(ROBOT, config, version)).version
 
     def _settled(self, zero_ns: int) -> bool:
         repair = self._view.repair

@@ -89,3 +89,13 @@ def test_what_holds_is_known_to_since_it_was_news_and_since_its_present_evidence
     assert said(ok(30, 29)) == (9 * S, 19 * S, 29 * S)
     assert said(Entry(BAD, "general", 40 * S, None, 39 * S)) == (39 * S,)
     assert said(ok(50, 49)) == (49 * S, 49 * S)
+
+
+def test_since_when_things_hold_is_not_kept_of_ever_more_of_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("robomend.robots.sight.MAX_ATOMS", 10)
+    sight = Sight(cast(Any, SimpleNamespace(id="r1", obs=Obs())))
+    for number in range(100):
+        entry = Entry(Literal(Atom("ok", (f"t{number}",))), "general", S, None, S)
+        sight.hear([entry], [entry])
+        assert sight.good_ns(entry) == (S, S)
+    assert len(sight._rose) <= 11

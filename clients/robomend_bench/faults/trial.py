@@ -31,6 +31,9 @@ READY_S = 60.0
 
 LOOK_S = 0.05
 
+TIMEOUT_S = 30.0
+"""Of a request; one that is sent again as the computer was busy would find what the first one made."""
+
 
 class NotHealthy(Exception):
     """The robot was never found healthy: the trial could not begin."""
@@ -93,7 +96,8 @@ async def play(trial: Trial, terms: Terms, around: Surroundings, number: int) ->
     try:
         async with asyncio.timeout(READY_S + terms.most_s + 60.0), AsyncExitStack() as stack:
             clients = [
-                await stack.enter_async_context(AsyncClient(around.url, timeout_s=10.0)) for _ in range(2)
+                await stack.enter_async_context(AsyncClient(around.url, timeout_s=TIMEOUT_S))
+                for _ in range(2)
             ]
             robot = find_robot(trial.robot)
             id = f"{robot.name}.{trial.cls}.{number}"

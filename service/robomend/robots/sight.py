@@ -15,7 +15,7 @@ from robomend.entry import Entry
 from robomend.errors import ObservationError
 from robomend.model.vocabulary import Vocabulary
 from robomend.observations.language import parse
-from robomend.observations.obs import consequences
+from robomend.observations.obs import MAX_ATOMS, consequences
 from robomend.observations.unconfirmed import GUARD_NS, Act, Confirmed, Unconfirmed
 from robomend.planning.prediction import OBSERVED_FACTS
 from robomend.robots.clock import CLOCK
@@ -168,6 +168,9 @@ class Sight:
                     if entry.since_ns > first_ns + LATER_NS:
                         self._rose[entry.atom] = (first_ns, entry.since_ns)
                         self._risen.discard(entry.atom)
+        if len(self._rose) > MAX_ATOMS:  # of those that nobody speaks of any more
+            self._rose.clear()
+            self._risen.clear()
         for entry in changed:
             if entry.positive and entry.since_ns is not None:
                 self._rose[entry.atom] = (entry.since_ns,)
