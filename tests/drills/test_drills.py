@@ -3,30 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from tests.drills.drilled_robot import DrilledRobot, drilled_robot
-from tests.waiting import until
+from tests.drills.drilled_robot import DrilledRobot
 
 from robomend_client.rest import ApiError
-
-
-@pytest.fixture(scope="module")
-def robot(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DrilledRobot]:
-    with drilled_robot(tmp_path_factory.mktemp("drilled")) as robot:
-        yield robot
-
-
-@pytest.fixture(autouse=True)
-def _nothing_is_left(robot: DrilledRobot) -> Iterator[None]:
-    """After each test, whatever it planted."""
-    robot.until_healthy()
-    yield
-    with robot.client as client:
-        client.resume()
-    until(lambda: not robot.leftovers(), "everything is undone", 60.0)
 
 
 def configured(robot: DrilledRobot, **changes: Any) -> None:
@@ -53,7 +35,7 @@ def test_a_fault_is_planted_seen_repaired_and_undone(
     robot: DrilledRobot, fault: str, component: str, act: str
 ) -> None:
     with robot.client as client:
-        drill = client.start_drill("r1", fault, component)
+        drill = robot.start_drill(fault, component)
         ended = robot.ended(drill["id"])
         assert (ended["state"], ended["undone"], ended["cut_short"]) == ("done", True, None), ended
         seen = ended["seen"]
@@ -72,7 +54,7 @@ def test_a_drill_leaves_no_trace_in_what_is_remembered_of_real_faults(robot: Dri
     try:
         with robot.client as client:
             for _ in range(2):  # one attempt an hour, and two drills
-                ended = robot.ended(client.start_drill("r1", "node-killed", "mapping")["id"])
+                ended = robot.ended(robot.start_drill("node-killed", "mapping")["id"])
                 assert ended["seen"]["repair_state"] == "repaired", ended
             assert client.quarantine("r1") == {}
     finally:
@@ -83,7 +65,7 @@ def test_while_a_fault_is_planted_the_robot_says_so_and_takes_no_other(robot: Dr
     configured(robot, policy="approve")  # so that nobody repairs it at once
     try:
         with robot.client as client:
-            drill = client.start_drill("r1", "node-frozen", "mapping")
+            drill = robot.start_drill("node-frozen", "mapping")
             robot.in_state(drill["id"], "planted")
             assert robot.halted() == ["mapping"]
             named = robot.state()["drill"]
@@ -108,7 +90,7 @@ def test_a_fault_that_nothing_repairs_is_undone_when_its_time_is_over(robot: Dri
     configured(robot, policy="approve")
     try:
         with robot.client as client:
-            drill = client.start_drill("r1", "node-killed", "mapping", bound_s=2.0)
+            drill = robot.start_drill("node-killed", "mapping", bound_s=2.0)
             ended = robot.ended(drill["id"])
             assert (ended["state"], ended["undone"]) == ("done", True)
             assert ended["seen"]["diagnoses"] == [["mapping"]]
@@ -119,11 +101,24 @@ def test_a_fault_that_nothing_repairs_is_undone_when_its_time_is_over(robot: Dri
         configured(robot, policy="auto")
 
 
+def test_a_repair_that_is_in_the_middle_of_its_plan_then_leaves_nothing_stopped(
+    robot: DrilledRobot,
+) -> None:
+    """A halted process takes a second to be stopped, before it is started: the time is over in between."""
+    with robot.client as client:
+        for bound_s in (1.0, 1.5):
+            drill = robot.start_drill("node-frozen", "mapping", bound_s=bound_s)
+            ended = robot.ended(drill["id"])
+            assert (ended["state"], ended["undone"]) == ("done", True), ended
+            latest = client.repairs("r1", limit=1)["items"]
+            assert not latest or latest[0]["drill"] is not None  # none of a real fault
+
+
 def test_the_stop_forbids_the_undo_too_which_is_done_as_soon_as_it_is_lifted(robot: DrilledRobot) -> None:
     configured(robot, policy="approve")
     try:
         with robot.client as client:
-            drill = client.start_drill("r1", "node-frozen", "mapping", bound_s=1.0)
+            drill = robot.start_drill("node-frozen", "mapping", bound_s=1.0)
             robot.in_state(drill["id"], "planted")
             client.stop("somebody is at the robot")
             stopped = robot.in_state(drill["id"], "stopped")
@@ -143,7 +138,7 @@ def test_the_stop_forbids_the_undo_too_which_is_done_as_soon_as_it_is_lifted(rob
 
 def test_a_person_plants_and_undoes_with_their_hands_and_says_done(robot: DrilledRobot) -> None:
     with robot.client as client:
-        drill = client.start_drill("r1", "device-unplugged", "lidar", detect_s=1.0)
+        drill = robot.start_drill("device-unplugged", "lidar", detect_s=1.0)
         asked = robot.drill(drill["id"], lambda one: one["waiting_for"] is not None)
         assert asked["waiting_for"] == "pull the data cable of lidar"
         client.decide_drill(drill["id"], "done")

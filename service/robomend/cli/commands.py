@@ -27,7 +27,7 @@ COMMANDS: Table = {
     "plan": ("robomend.cli.plan:command", "Plan a repair without carrying it out."),
     "compile": ("robomend.cli.compile:command", "Show the clauses of a model."),
     "model": ("robomend.cli.model:command", "Check a model."),
-    "drill": ("robomend.cli.drill:command", "Plan faults to plant: what each would show."),
+    "drill": ("robomend.cli.drill:command", "Plant faults on purpose, watch and undo them; score."),
     "keys": ("robomend.cli.keys:command", "Create and revoke API keys."),
     "config": ("robomend.cli.config:command", "Show the settings in force."),
     "doctor": ("robomend.cli.doctor:command", "Check this installation."),
