@@ -46,6 +46,9 @@ def test_a_fault_is_planted_seen_repaired_and_undone(
         repair = client.repair(seen["repair"])
         assert repair["drill"] == drill["id"]
         assert client.drills("r1")["items"][0] == ended
+        past = [line["data"] for line in client.history("r1", kind="diagnosis", limit=20)["items"]]
+        at_fault = [one for one in past if component in str(one["result"]["diagnoses"])]
+        assert drill["id"] in {one["drill"] for one in at_fault}
 
 
 def test_a_drill_leaves_no_trace_in_what_is_remembered_of_real_faults(robot: DrilledRobot) -> None:
@@ -132,6 +135,41 @@ def test_the_stop_forbids_the_undo_too_which_is_done_as_soon_as_it_is_lifted(rob
             ended = robot.ended(drill["id"])
             assert (ended["state"], ended["undone"]) == ("cancelled", True)
             assert robot.halted() == []
+    finally:
+        configured(robot, policy="auto")
+
+
+def test_an_agent_that_goes_away_ends_the_drill_which_is_undone_when_it_is_back(robot: DrilledRobot) -> None:
+    configured(robot, policy="approve")
+    try:
+        drill = robot.start_drill("node-frozen", "mapping")
+        robot.in_state(drill["id"], "planted")
+        robot.kill("agent")
+        gone = robot.in_state(drill["id"], "undoing")
+        assert "nobody reports" in gone["cut_short"]
+        assert robot.state()["drill"]["undo"] == "let it go on"
+        robot.start_agent()
+        ended = robot.ended(drill["id"])
+        assert ended["undone"], ended
+        assert ended["state"] in {"cancelled", "failed"}  # its kill left more to be mended than the fault
+    finally:
+        configured(robot, policy="auto")
+
+
+def test_an_undo_that_will_never_work_is_left_to_a_person_who_says_so(robot: DrilledRobot) -> None:
+    configured(robot, policy="approve")
+    try:
+        drill = robot.start_drill("node-frozen", "mapping", bound_s=1.0)
+        robot.in_state(drill["id"], "planted")
+        robot.kill("agent")
+        robot.in_state(drill["id"], "undoing")
+        with robot.client as client:
+            client.decide_drill(drill["id"], "abandon", "its computer burnt")
+        ended = robot.ended(drill["id"])
+        assert (ended["state"], ended["undone"]) == ("failed", False)
+        assert "its computer burnt" in ended["reason"]
+        assert "let it go on" in ended["reason"]
+        robot.start_agent()
     finally:
         configured(robot, policy="auto")
 
