@@ -35,6 +35,10 @@ FAILURES = {
 }
 
 
+LEASES_S = (30, 60, 120, 300, 600, 1800, 3600)
+"""For how long a drill's fault may be planted at most, in seconds: the third parameter of `plant_fault`."""
+
+
 def not_started(error: BaseException | None) -> int:
     """Return the result for a program that could not be started."""
     if isinstance(error, FileNotFoundError):

@@ -12,6 +12,8 @@ import pytest
 from tests.api.conftest import TEDUSAR, Service, running, sign_in
 from tests.waiting import until
 
+from robomend.robots.batches import Batch
+from robomend.robots.clock import CLOCK
 from robomend.security import API, RULES, Role
 from robomend.settings import Settings
 from robomend.store import Transaction, agent_actions, attempts
@@ -81,8 +83,16 @@ STEPS = (
     Step(
         rule("PUT", "/robots/{robot}"),
         "robot.put",
-        body={"model": "tedusar", "board": BOARD, "hold_s": 86400},
+        body={"model": "tedusar", "board": BOARD, "hold_s": 86400, "observed": ["ok(map)"]},
     ),
+    Step(
+        rule("POST", "/robots/{robot}/drills"),
+        "drill.create",
+        body={"fault": "device-unplugged", "component": "hokuyo"},
+        in_body=True,
+    ),
+    Step(rule("POST", "/drills/{drill}"), "drill.cancel", body={"decision": "cancel"}, in_body=True),
+    Step(rule("POST", "/drills/{drill}"), "drill.abandon", body={"decision": "abandon"}, in_body=True),
     Step(
         rule("POST", "/robots/{robot}/observations"),
         "observations.report",
@@ -191,6 +201,13 @@ class Walk:
         if step.said == "action.taken":
             self._write(partial(queue, "x:0"))
             self.places["action"] = "x:0"
+        elif step.said == "drill.create":
+            batch = Batch(("ok(map)",), source="test", time_ns=CLOCK.now_ns())
+            self.service.run(self.service.runtime.robots.observe("r1", batch))
+        elif step.said == "drill.abandon":
+            until(lambda: self.drill()["state"] == "undoing", "the drill is cancelled")
+        elif step.said == "observations.report":
+            until(lambda: self.drill()["finished_ns"] is not None, "the drill has ended")
         elif step.said == "quarantine.release":
             ownership = self.service.runtime.store.ownership
             until(lambda: "r1" in ownership.held, "nobody owns r1")
@@ -227,6 +244,16 @@ class Walk:
             assert answer.status_code < 400, answer.text
         if step.said == "repair.create":
             self.places["repair"] = self.newest_repair()
+        elif step.said == "drill.create":
+            self.places["drill"] = answer.json()["id"]
+
+    def drill(self) -> dict[str, Any]:
+        """Return the drill that was asked for."""
+        head = {"Authorization": f"Bearer {self.keys[Role.ADMIN]}"}
+        found: dict[str, Any] = self.service.api(
+            "GET", f"/drills/{self.places['drill']}", headers=head
+        ).json()
+        return found
 
     def newest_repair(self) -> str:
         """Return the id of the repair that was asked for last."""

@@ -27,7 +27,7 @@ from robomend.model.loading import load_text
 from robomend_client.rest import Client, ClientError
 from robomend_client.rest.errors import StateConflict
 from robomend_client.rest.retry import NEVER
-from robomend_demo.robot import agent_config, devices_config, nodes_config
+from robomend_demo.robot import RATE_HZ, agent_config, devices_config, nodes_config
 
 MODEL = """
 robomend: 1
@@ -126,6 +126,10 @@ class DrilledRobot:
         agent = agent_config(model, "r1", self.url, nodes, self.folder / "agent", start_nodes=True)
         bus = f"tcp:127.0.0.1:{free_port() if self.keep else 0}"  # kept nodes look for it where it was
         agent |= {"bus": {"listen": bus}, "when_agent_ends": "keep" if self.keep else "stop"}
+        # That this computer is busy is no fault of the robot: only silence is.
+        agent["rate"] |= {"silence_s": 1.5}
+        for topic in agent["topics"].values():
+            topic |= {"rate_hz": RATE_HZ, "tolerance_hz": RATE_HZ - 1.0}
         (self.folder / "agent.json").write_text(json.dumps(agent))
         with self.client as client:
             client.put_model(model.name, self.source)

@@ -3,30 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from tests.drills.drilled_robot import DrilledRobot, drilled_robot
-from tests.waiting import until
+from tests.drills.drilled_robot import DrilledRobot
 
 from robomend_client.rest import ApiError
-
-
-@pytest.fixture(scope="module")
-def robot(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DrilledRobot]:
-    with drilled_robot(tmp_path_factory.mktemp("drilled")) as robot:
-        yield robot
-
-
-@pytest.fixture(autouse=True)
-def _nothing_is_left(robot: DrilledRobot) -> Iterator[None]:
-    """After each test, whatever it planted."""
-    robot.until_healthy()
-    yield
-    with robot.client as client:
-        client.resume()
-    until(lambda: not robot.leftovers(), "everything is undone", 60.0)
 
 
 def configured(robot: DrilledRobot, **changes: Any) -> None:
@@ -53,7 +35,7 @@ def test_a_fault_is_planted_seen_repaired_and_undone(
     robot: DrilledRobot, fault: str, component: str, act: str
 ) -> None:
     with robot.client as client:
-        drill = client.start_drill("r1", fault, component)
+        drill = robot.start_drill(fault, component)
         ended = robot.ended(drill["id"])
         assert (ended["state"], ended["undone"], ended["cut_short"]) == ("done", True, None), ended
         seen = ended["seen"]
@@ -64,6 +46,9 @@ def test_a_fault_is_planted_seen_repaired_and_undone(
         repair = client.repair(seen["repair"])
         assert repair["drill"] == drill["id"]
         assert client.drills("r1")["items"][0] == ended
+        past = [line["data"] for line in client.history("r1", kind="diagnosis", limit=20)["items"]]
+        at_fault = [one for one in past if component in str(one["result"]["diagnoses"])]
+        assert drill["id"] in {one["drill"] for one in at_fault}
 
 
 def test_a_drill_leaves_no_trace_in_what_is_remembered_of_real_faults(robot: DrilledRobot) -> None:
@@ -72,7 +57,7 @@ def test_a_drill_leaves_no_trace_in_what_is_remembered_of_real_faults(robot: Dri
     try:
         with robot.client as client:
             for _ in range(2):  # one attempt an hour, and two drills
-                ended = robot.ended(client.start_drill("r1", "node-killed", "mapping")["id"])
+                ended = robot.ended(robot.start_drill("node-killed", "mapping")["id"])
                 assert ended["seen"]["repair_state"] == "repaired", ended
             assert client.quarantine("r1") == {}
     finally:
@@ -83,7 +68,7 @@ def test_while_a_fault_is_planted_the_robot_says_so_and_takes_no_other(robot: Dr
     configured(robot, policy="approve")  # so that nobody repairs it at once
     try:
         with robot.client as client:
-            drill = client.start_drill("r1", "node-frozen", "mapping")
+            drill = robot.start_drill("node-frozen", "mapping")
             robot.in_state(drill["id"], "planted")
             assert robot.halted() == ["mapping"]
             named = robot.state()["drill"]
@@ -108,7 +93,7 @@ def test_a_fault_that_nothing_repairs_is_undone_when_its_time_is_over(robot: Dri
     configured(robot, policy="approve")
     try:
         with robot.client as client:
-            drill = client.start_drill("r1", "node-killed", "mapping", bound_s=2.0)
+            drill = robot.start_drill("node-killed", "mapping", bound_s=2.0)
             ended = robot.ended(drill["id"])
             assert (ended["state"], ended["undone"]) == ("done", True)
             assert ended["seen"]["diagnoses"] == [["mapping"]]
@@ -119,11 +104,24 @@ def test_a_fault_that_nothing_repairs_is_undone_when_its_time_is_over(robot: Dri
         configured(robot, policy="auto")
 
 
+def test_a_repair_that_is_in_the_middle_of_its_plan_then_leaves_nothing_stopped(
+    robot: DrilledRobot,
+) -> None:
+    """A halted process takes a second to be stopped, before it is started: the time is over in between."""
+    with robot.client as client:
+        for bound_s in (1.0, 1.5):
+            drill = robot.start_drill("node-frozen", "mapping", bound_s=bound_s)
+            ended = robot.ended(drill["id"])
+            assert (ended["state"], ended["undone"]) == ("done", True), ended
+            latest = client.repairs("r1", limit=1)["items"]
+            assert not latest or latest[0]["drill"] is not None  # none of a real fault
+
+
 def test_the_stop_forbids_the_undo_too_which_is_done_as_soon_as_it_is_lifted(robot: DrilledRobot) -> None:
     configured(robot, policy="approve")
     try:
         with robot.client as client:
-            drill = client.start_drill("r1", "node-frozen", "mapping", bound_s=1.0)
+            drill = robot.start_drill("node-frozen", "mapping", bound_s=1.0)
             robot.in_state(drill["id"], "planted")
             client.stop("somebody is at the robot")
             stopped = robot.in_state(drill["id"], "stopped")
@@ -141,9 +139,44 @@ def test_the_stop_forbids_the_undo_too_which_is_done_as_soon_as_it_is_lifted(rob
         configured(robot, policy="auto")
 
 
+def test_an_agent_that_goes_away_ends_the_drill_which_is_undone_when_it_is_back(robot: DrilledRobot) -> None:
+    configured(robot, policy="approve")
+    try:
+        drill = robot.start_drill("node-frozen", "mapping")
+        robot.in_state(drill["id"], "planted")
+        robot.kill("agent")
+        gone = robot.in_state(drill["id"], "undoing")
+        assert "nobody reports" in gone["cut_short"]
+        assert robot.state()["drill"]["undo"] == "let it go on"
+        robot.start_agent()
+        ended = robot.ended(drill["id"])
+        assert ended["undone"], ended
+        assert ended["state"] in {"cancelled", "failed"}  # its kill left more to be mended than the fault
+    finally:
+        configured(robot, policy="auto")
+
+
+def test_an_undo_that_will_never_work_is_left_to_a_person_who_says_so(robot: DrilledRobot) -> None:
+    configured(robot, policy="approve")
+    try:
+        drill = robot.start_drill("node-frozen", "mapping", bound_s=1.0)
+        robot.in_state(drill["id"], "planted")
+        robot.kill("agent")
+        robot.in_state(drill["id"], "undoing")
+        with robot.client as client:
+            client.decide_drill(drill["id"], "abandon", "its computer burnt")
+        ended = robot.ended(drill["id"])
+        assert (ended["state"], ended["undone"]) == ("failed", False)
+        assert "its computer burnt" in ended["reason"]
+        assert "let it go on" in ended["reason"]
+        robot.start_agent()
+    finally:
+        configured(robot, policy="auto")
+
+
 def test_a_person_plants_and_undoes_with_their_hands_and_says_done(robot: DrilledRobot) -> None:
     with robot.client as client:
-        drill = client.start_drill("r1", "device-unplugged", "lidar", detect_s=1.0)
+        drill = robot.start_drill("device-unplugged", "lidar", detect_s=1.0)
         asked = robot.drill(drill["id"], lambda one: one["waiting_for"] is not None)
         assert asked["waiting_for"] == "pull the data cable of lidar"
         client.decide_drill(drill["id"], "done")

@@ -86,6 +86,9 @@ OTHER_WORDS = {
     ("repairs/execution_values.py", "failed"),  # of the sentence on a result
     ("repairs/execution_values.py", "done"),  # how an execution ends
     ("api/schemas/drill.py", "done"),  # what a person says
+    ("cli/drill_run.py", "done"),
+    ("cli/drill_run.py", "repaired"),  # a key of the report
+    ("drills/score.py", "repaired"),
     ("drills/drills.py", "done"),
     ("drills/one_drill.py", "done"),
     ("repairs/left_off.py", "running"),  # the predicate

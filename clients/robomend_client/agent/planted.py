@@ -35,9 +35,6 @@ log = logging.getLogger(__name__)
 KILLED, FROZEN = "node-killed", "node-frozen"
 KINDS = (KILLED, FROZEN)
 
-LEASES_S = (30, 60, 120, 300, 600, 1800, 3600)
-"""What a drill may ask for, in seconds."""
-
 MOST = 16
 """Planted faults at a time; the service plants one."""
 

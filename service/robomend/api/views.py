@@ -28,13 +28,14 @@ from robomend.robots.health import health_of
 from robomend.robots.robot import Robot
 from robomend.security import Principal
 from robomend.settings import Settings
-from robomend.store import Store, View, diagnoses, observations, repairs, robots
+from robomend.store import Store, View, diagnoses, drills, observations, repairs, robots
 from robomend.store.records import (
     AuditEntry,
     Page,
     Paging,
     StoredBatch,
     StoredDiagnosis,
+    StoredDrill,
     StoredModel,
     StoredRepair,
     StoredRobot,
@@ -233,21 +234,28 @@ def audit_out(entry: AuditEntry) -> AuditOut:
 async def history_page(store: Store, robot: str, kind: str, paging: Paging) -> Items[HistoryLine]:
     """Return a page of one kind of a robot's history, newest first; NotFound if there is no such robot."""
 
-    def look(view: View) -> Page[Any]:
+    def look(view: View) -> tuple[Page[Any], Sequence[StoredDrill]]:
         robots.get(view, robot)
         if kind == "diagnosis":
-            return diagnoses.page(view, robot, paging)
+            page = diagnoses.page(view, robot, paging)
+            times = [item.time_ns for item in page.items]
+            return page, drills.between(view, robot, min(times), max(times)) if times else ()
         if kind == "repair":
-            return repairs.page(view, robot, paging)
-        return observations.history(view, robot, paging)
+            return repairs.page(view, robot, paging), ()
+        return observations.history(view, robot, paging), ()
 
-    page = await store.read(look)
-    return Items(items=[_history_line(item) for item in page.items], next=page.next)
+    page, drilled = await store.read(look)
+    return Items(items=[_history_line(item, drilled) for item in page.items], next=page.next)
 
 
-def _history_line(item: StoredBatch | StoredDiagnosis | StoredRepair) -> HistoryLine:
+def _history_line(
+    item: StoredBatch | StoredDiagnosis | StoredRepair, drilled: Sequence[StoredDrill]
+) -> HistoryLine:
     if isinstance(item, StoredDiagnosis):
+        at = item.time_ns
+        during = [d.id for d in drilled if d.created_ns <= at and (d.open or at <= d.updated_ns)]
         data = {"revision": item.revision, "model_version": item.model_version, **item.result}
+        data["drill"] = during[0] if during else None
         return HistoryLine(kind="diagnosis", time_ns=item.time_ns, data=data)
     if isinstance(item, StoredRepair):
         data = {"id": item.id, "state": item.state, **item.data}

@@ -1,149 +1,124 @@
-"""`robomend drill --plan`: what planted faults would show on a robot, and what stands in the way."""
+"""`robomend drill`: faults planted on purpose on a robot, by its service; what became of them, scored."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
-from itertools import islice
+from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from robomend.cli.remote.connection import asking, format_option, service_options
+from robomend.cli.files import ExistingFile
+from robomend.cli.remote.connection import format_option, service_options
 from robomend.cli.remote.names import RobotName
 from robomend.errors import InputError
 
 if TYPE_CHECKING:
     from robomend.planning.drill import PlantableFault
-    from robomend.robots.configuration import RobotConfig
-    from robomend_client.rest import Client
 
 REFUSED = 1
+WORSE = 1
+
+BY_HAND = "a person"
 
 
 @click.command("drill")
 @click.argument("robot", type=RobotName())
-@click.option("--plan", is_flag=True, help="Say what could be planted, and what it would show.")
-@service_options("viewer")
+@click.option("--plan", is_flag=True, help="Only say what could be planted, and what it would show.")
+@click.option("--fault", "wanted", multiple=True, metavar="KIND:COMPONENT", help="Plant this; repeatable.")
+@click.option("--all", "all_", is_flag=True, help="Plant every fault that agents and the board can plant.")
+@click.option("--by-hand", is_flag=True, help="With --all: also those that a person plants.")
+@click.option("--yes", is_flag=True, help="Do not ask before the first fault.")
+@click.option("--bound-s", type=click.FloatRange(1, 3000), default=60.0, show_default=True, help="Of each.")
+@click.option(
+    "--detect-s",
+    type=click.FloatRange(1, 3000),
+    default=15.0,
+    show_default=True,
+    help="One that is not seen by then is undone.",
+)
+@click.option("--reason", default="", help="Goes to the audit log.")
+@click.option("--against", type=ExistingFile(), metavar="LAST.json", help="Compare with an earlier report.")
+@service_options("operator; viewer for --plan")
 @format_option()
-def command(robot: str, plan: bool, url: str, key: str | None, format_: str) -> int:
-    """Say which faults could be planted on ROBOT, how each is undone, what is protected, and what would be
-    diagnosed. 1 where a drill would be refused now: an unhealthy robot, an open repair, a stop.
+def command(
+    robot: str,
+    plan: bool,
+    wanted: tuple[str, ...],
+    all_: bool,
+    by_hand: bool,
+    yes: bool,
+    bound_s: float,
+    detect_s: float,
+    reason: str,
+    against: Path | None,
+    url: str,
+    key: str | None,
+    format_: str,
+) -> int:
+    """Plant faults on ROBOT, one at a time, watch what is diagnosed and repaired, and undo them.
 
-    Nothing is planted: this version plans drills, for people who carry them out by hand.
+    The service plants and undoes; ending this command leaves nothing planted. It asks before the first fault,
+    unless --yes is said. --plan plants nothing.
+
+    1 where a fault came out worse than promised, or than --against; where one was not watched to its end or
+    not undone; and, with --plan, where a drill would be refused now.
     """
-    if not plan:
-        raise click.UsageError("this version plans drills and carries none out: say --plan")
-    obstacles, faults, complete = _asked(robot, url, key)
-    if format_ == "json":
-        click.echo(json.dumps(_json(robot, obstacles, faults, complete), ensure_ascii=False))
-    else:
-        _show(robot, obstacles, faults, complete)
-    return REFUSED if obstacles else 0
+    if sum((plan, bool(wanted), all_)) != 1:
+        raise click.UsageError("say one of --plan, --fault KIND:COMPONENT and --all")
+    last = None if against is None else _read(against)
+    from robomend.cli import drill_plan
+
+    obstacles, faults, complete = drill_plan.asked(robot, url, key)
+    if plan:
+        if format_ == "json":
+            found = drill_plan.plan_json(robot, obstacles, faults, complete)
+            click.echo(json.dumps(found, ensure_ascii=False))
+        else:
+            drill_plan.show_plan(robot, obstacles, faults, complete)
+        return REFUSED if obstacles else 0
+    chosen = _chosen(faults, wanted, by_hand)
+    if not yes:
+        _ask(robot, chosen)
+    from robomend.cli.drill_run import Bounds, carried_out, show
+
+    rows = carried_out(robot, chosen, Bounds(bound_s, detect_s, reason), url, key)
+    return show(robot, rows, last, complete=complete, as_json=format_ == "json")
 
 
-def _asked(robot: str, url: str, key: str | None) -> tuple[list[str], list[PlantableFault], bool]:
-    """Return what stands in the way, the faults, and whether they are all."""
-    from robomend.model.loading import load_text
-    from robomend.planning.drill import MOST_FAULTS, drill_plan
-    from robomend.robots.at_hand import observables_at_hand
-    from robomend.robots.configuration import RobotConfig, protection_of
+def _read(against: Path) -> dict[str, Any]:
+    """Return an earlier report, before anything is planted."""
+    from robomend.drills.score import compared, report
 
-    with asking(url, key, robot=robot) as client:
-        state = client.robot(robot).value
-        config = RobotConfig.from_json(robot, state["config"])
-        model = client.model(config.model).value
-        system = load_text(model["source"], name=config.model)
-        if system.parts is None:
-            raise InputError(f"{config.model} is no component model: it does not say what could be planted")
-        observed = observables_at_hand(config, system)
-        obstacles = list(_obstacles(client, state, config, bool(observed)))
-    faults = drill_plan(
-        system.extended(expected_stopped=system.named(config.expected_stopped)),
-        system.parts,
-        observed,
-        protected=protection_of(config, system.parts),
-        board=None if config.board is None else config.board.protected,
-    )
-    found = list(islice(faults, MOST_FAULTS + 1))
-    return obstacles, found[:MOST_FAULTS], len(found) <= MOST_FAULTS
+    try:
+        last: dict[str, Any] = json.loads(against.read_text(encoding="utf-8"))
+        compared(report("", [], complete=True), last)
+    except (OSError, ValueError, AttributeError, KeyError, TypeError) as error:
+        raise InputError(f"{against}: {error}") from error
+    return last
 
 
-def _obstacles(
-    client: Client, state: Mapping[str, Any], config: RobotConfig, observed: bool
-) -> Iterator[str]:
-    """Yield why a drill would be refused now."""
-    import time
-
-    from robomend.planning.policy import Window
-    from robomend.repairs.states import ENDS
-
-    if config.policy == "observe":
-        yield "the robot's policy is `observe`: nothing is ever done to it"
-    if not observed:
-        yield "nothing is said to be observed: name it in `observed` of the robot's configuration"
-    if state["state"] != "healthy":
-        yield f"the robot is {state['state']}, so that a fault would not be seen for itself"
-    stop = client.stopped()
-    if stop["active"]:
-        yield f"the global stop is active, set by {stop['by']}: {stop['reason']}"
-    windows = list(map(Window.of, config.windows))
-    if windows and not any(window.holds(time.time_ns()) for window in windows):
-        yield "no maintenance window is open"
-    ends = {str(end) for end in ENDS}
-    for repair in client.repairs(config.id, limit=10)["items"]:
-        if repair["state"] not in ends:
-            yield f"the repair {repair['id']} is {repair['state']}"
-
-
-def _json(
-    robot: str, obstacles: Sequence[str], faults: Sequence[PlantableFault], complete: bool
-) -> dict[str, Any]:
+def _chosen(faults: Sequence[PlantableFault], wanted: Sequence[str], by_hand: bool) -> list[PlantableFault]:
+    """Return what is to be planted; InputError for what never is."""
     from robomend.planning.drill import BY
+    from robomend_client.near import nearest
 
-    return {
-        "robot": robot,
-        "obstacles": list(obstacles),
-        "faults": [
-            {
-                "kind": str(fault.kind),
-                "component": fault.component,
-                "by": BY[fault.kind],
-                "act": fault.act,
-                "undo": fault.undo,
-                "refused": fault.refused,
-                "shows": list(map(str, fault.shows)),
-                "diagnoses": list(map(list, fault.diagnoses)),
-                "promise": fault.promise,
-            }
-            for fault in faults
-        ],
-        "complete": complete,
-    }
+    if not wanted:
+        return [one for one in faults if one.refused is None and (by_hand or BY[one.kind] != BY_HAND)]
+    named = {f"{one.kind}:{one.component}": one for one in faults}
+    for name in wanted:
+        if name not in named:
+            near = nearest(name, list(named))
+            raise InputError(f"there is no fault {name}" + (f"; did you mean {near}?" if near else ""))
+        if (why := named[name].refused) is not None:
+            raise InputError(f"{name} is never planted: {why}")
+    return [named[name] for name in wanted]
 
 
-def _show(robot: str, obstacles: Sequence[str], faults: Sequence[PlantableFault], complete: bool) -> None:
-    for obstacle in obstacles:
-        click.echo(f"refused now: {obstacle}")
-    click.echo(f"what could be planted on {robot}; nothing is done")
-    for fault in faults:
-        if fault.refused is None:
-            shows = ", ".join(map(str, fault.shows)) or "nothing"
-            click.echo(f"\n  {fault.act}; undo: {fault.undo}\n      shows {shows}\n      {_promised(fault)}")
-    click.echo()
-    for fault in faults:
-        if fault.refused is not None:
-            click.echo(f"never: {fault.act}: {fault.refused}")
-    if not complete:
-        click.echo(f"there are more: the first {len(faults)} are shown")
-
-
-def _promised(fault: PlantableFault) -> str:
-    named = " or ".join(" with ".join(bad) for bad in fault.diagnoses)
-    words = {
-        "unseen": "would not be noticed",
-        "told": "told: the only diagnosis",
-        "among": f"one of {named}",
-        "missed": f"another is blamed: {named}",
-    }
-    return words[fault.promise]
+def _ask(robot: str, chosen: Sequence[PlantableFault]) -> None:
+    """Let a person say yes."""
+    click.echo(f"on {robot}, one after the other:", err=True)
+    for fault in chosen:
+        click.echo(f"  {fault.act}; undone by: {fault.undo}", err=True)
+    click.confirm(f"plant {len(chosen)} fault{'s' if len(chosen) != 1 else ''}?", abort=True, err=True)

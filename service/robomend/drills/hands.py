@@ -19,8 +19,16 @@ from robomend.repairs.stop_switch import StopSwitch
 from robomend.robots.boards import WiredBoard
 from robomend.robots.robot import Robot
 from robomend.store.records import Fence
-from robomend_client.actions import FAILED, OK, REFUSED, TIMED_OUT, UNREACHABLE, Action, ActionResult
-from robomend_client.agent.planted import LEASES_S
+from robomend_client.actions import (
+    FAILED,
+    LEASES_S,
+    OK,
+    REFUSED,
+    TIMED_OUT,
+    UNREACHABLE,
+    Action,
+    ActionResult,
+)
 
 ACT_S = 10.0
 """For planting: an agent asks for work all the time."""

@@ -22,12 +22,13 @@ from robomend.drills.parts import DrillParts
 from robomend.drills.permission import check, fault_of
 from robomend.drills.record import DrillRecord
 from robomend.drills.states import DrillState, DrillTrigger
-from robomend.drills.watching import Gone, Watching, healthy_for, repair_of
+from robomend.drills.watching import Gone, Watching, healthy_for, left_off_by, repair_of
 from robomend.errors import InputError, NotFound, RobomendError, StateConflict, StoreError
 from robomend.planning.drill import FaultKind, drivers_of
 from robomend.repairs.agent_queue import wait_for
 from robomend.repairs.executors.registry import Surroundings, executors
 from robomend.repairs.signals import Halted, Signals
+from robomend.repairs.states import RepairState
 from robomend.robots.robot import Robot
 from robomend.store import Transaction, repairs
 from robomend.store.records import DrillRequest, Fence, StoredDrill
@@ -42,7 +43,9 @@ LOOK_S = 1.0
 """An event tells of a request; this is for one that was lost."""
 
 REPAIR_ENDS_S = 15.0
-"""For the drill's repair to end when it is cancelled; then it is undone all the same."""
+"""For the drill's repair to finish its plan; and again to end when it is cancelled."""
+
+AT_IT = frozenset({RepairState.RUNNING, RepairState.VERIFYING})
 
 LONGEST_PAUSE_S = 5.0
 """Between two tries to undo."""
@@ -199,7 +202,8 @@ class OneDrill:
                 DrillTrigger.CUT_SHORT, reason=result.message, cut_short=f"the act failed: {result.message}"
             )
             return
-        watching.planted()
+        if record.kind is FaultKind.UNPLUGGED:  # not when a person was asked for it
+            watching.planted()
         await record.update(DrillTrigger.ACTED, reason=result.message, planted_ns=time.time_ns())
         try:
             await self._signals.unless_halted(watching.watch())
@@ -271,33 +275,43 @@ class OneDrill:
         await signals.unless_halted(asyncio.sleep(pause_s))
 
     async def _end_repairs(self) -> None:
-        """Cancel the repair that answers the drill: two hands at one robot are one too many."""
+        """See that the repair ends that answers the drill: two hands at one robot are one too many.
+
+        One that is at it may finish its plan: cut off between a stop and a start, it would leave more to be
+        brought back.
+        """
         record, store = self._record, self._needs.store
+        deadline = time.monotonic() + REPAIR_ENDS_S
+        patient = True
 
         def cancel(tx: Transaction) -> bool:
             repair = repair_of(tx, record)
             if repair is None or not repair.open:
                 return False
+            if patient and repair.state in AT_IT:
+                return True
             if not any(r.repair == repair.id for r in repairs.requests(tx, record.robot)):
                 why = f"the drill {record.id} is over"
                 repairs.ask(tx, repair.id, "cancel", by="robomend", reason=why)
                 self._needs.tell_cancelled(tx, repair, why)
             return True
 
-        deadline = time.monotonic() + REPAIR_ENDS_S
-        while await store.write(cancel, robots=(record.robot,)) and time.monotonic() < deadline:
+        while await store.write(cancel, robots=(record.robot,)):
+            patient = time.monotonic() < deadline
+            if time.monotonic() >= deadline + REPAIR_ENDS_S:
+                return
             self.news.clear()
             await wait_for(self.news, LOOK_S)
 
     async def _recover(self) -> None:
-        """Wait for the robot to be healthy; restart the drivers of a device that had no power, if need be."""
+        """Wait for the robot to be healthy; bring back what its repair or its power left, if need be."""
         state = await self._state()
         delays = [state.sight.delays(atom).detection_ns / 1e9 for atom in state.sight.observed]
         hold_s = min(max([*delays, HELD_S[0]]), HELD_S[1])
         wait = self._signals.unless_halted
         well = await wait(healthy_for(state, hold_s, 2 * hold_s + 2.0, self.news))
         if not well:
-            await wait(self._restart_drivers(state))
+            await wait(self._bring_back(state))
             well = await wait(healthy_for(state, hold_s, RECOVERED_S, self.news))
         if not well:
             bad = state.current.bad_sets if state.current is not None else None
@@ -310,29 +324,35 @@ class OneDrill:
         else:
             await self._record.update(DrillTrigger.WELL, reason="undone, and the robot is healthy")
 
-    async def _restart_drivers(self, state: Robot) -> None:
-        """Restart the drivers of a device: with its power they lost their connection."""
+    async def _bring_back(self, state: Robot) -> None:
+        """Restart the drivers of a device, which lost their connection with its power; switch on and start
+        what the repair had switched off or stopped when the drill was over.
+        """
         parts, needs, record = state.system.parts, self._needs, self._record
-        if parts is None or record.component not in parts.hardware:
+        if parts is None:
             return
-        hosts = {name: node.host for name, node in parts.nodes.items()}
+        left = await needs.store.read(lambda view: left_off_by(view, record.robot))
+        drivers = drivers_of(parts, record.component)
+        acts = [("power_up", name) for name in sorted(left & parts.hardware.keys())]
+        acts += [("stop_node", name) for name in sorted(drivers)]
+        acts += [("start_node", name) for name in sorted(drivers | (left & parts.nodes.keys()))]
         around = Surroundings(
             robot=state.id,
-            board=None,
+            board=None if state.config.board is None else await needs.robots.board(state.id),
             agents=needs.agents,
-            hosts=hosts,
+            hosts={name: node.host for name, node in parts.nodes.items()},
             programs=needs.settings.programs,
             webhook_hosts=needs.settings.webhook_hosts,
             halt=self._signals.halt,
             confirm=self._confirm,
             fence=self._fence,
         )
-        by = executors(("stop_node", "start_node"), state.config.actions, around)
+        by = executors({name for name, _ in acts}, state.config.actions, around)
         tries = record.data.get("tries", 0) + 1
         await record.note(tries=tries)
-        for node in sorted(drivers_of(parts, record.component)):
-            for name in ("stop_node", "start_node"):
-                action = Action(f"{record.id}:{name}.{node}.{tries}"[:120], name, (node,), NODE_S)
+        for number, (name, component) in enumerate(acts):
+            action = Action(f"{record.id}:back.{tries}.{number}", name, (component,), NODE_S)
+            if name in by:
                 result = await by[name].execute(action, lambda number, message: None)
                 if not result.ok:
                     log.warning("drill", drill=record.id, action=str(action), detail=result.message)

@@ -76,5 +76,6 @@ def _not_now(state: Robot, fault: Plantable) -> Iterator[str]:
     if fault.kind in AGENTS_FAULTS:
         wanted = {"plant_fault", f"plant_fault:{fault.component}"}
         agents = state.sight.declared.agents()
-        if not any(agent.can is not None and wanted & agent.can for agent in agents):
-            yield f"no agent that is heard supervises {fault.component}, so that nobody could plant the fault"
+        # Where none is heard it may ask another instance for work; if it does not, nothing is planted.
+        if agents and not any(agent.can is not None and wanted & agent.can for agent in agents):
+            yield f"no agent of the robot supervises {fault.component}, so that nobody could plant the fault"

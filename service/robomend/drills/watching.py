@@ -61,7 +61,7 @@ class Watching:
         self._diagnosed: list[tuple[int, tuple[tuple[str, ...], ...]]] = []
 
     def planted(self) -> None:
-        """The act was done, or is being done: from here on what is seen counts."""
+        """The act is being sent, or was done by a person: from here on what is seen counts."""
         self._planted_s, self._planted_ns = time.monotonic(), time.time_ns()
 
     async def watch(self) -> None:
@@ -117,7 +117,6 @@ class Watching:
         repair, steps = await self._store.read(look)
         sent = [step.data for step in steps if step.data.get("sent_ns")]
         first_ns = min((one["sent_ns"] for one in sent), default=None)
-        first_s = float("inf") if first_ns is None else (first_ns - self._planted_ns) / 1e9
         until = [bad for at_ns, bad in self._diagnosed if first_ns is None or at_ns <= first_ns]
         repaired = repair is not None and repair.state == RepairState.REPAIRED
         ends_ns = None if repair is None or repair.open else repair.updated_ns
@@ -125,7 +124,8 @@ class Watching:
         return {
             "detected_s": None if self._seen_s is None else round(self._seen_s, 3),
             "diagnoses": [list(bad) for bad in (until[-1] if until else ())[:MOST_DIAGNOSES]],
-            "showed": {text: at_s for text, at_s in self._showed.items() if at_s <= first_s},
+            "showed": self._showed,
+            "acted_s": None if first_ns is None else round((first_ns - self._planted_ns) / 1e9, 3),
             "repair": None if repair is None else repair.id,
             "repair_state": None if repair is None else repair.state,
             "repair_reason": None if repair is None else repair.data.get("reason", ""),
@@ -139,6 +139,12 @@ def repair_of(view: View, record: DrillRecord) -> StoredRepair | None:
     """Return the newest repair that answers a drill."""
     found = repairs.page(view, record.robot, Paging(limit=1)).items
     return found[0] if found and found[0].data.get("drill") == record.id else None
+
+
+def left_off_by(view: View, robot: str) -> frozenset[str]:
+    """Return what the robot's last repair switched off or stopped, and did not bring back."""
+    found = repairs.page(view, robot, Paging(limit=1)).items
+    return frozenset(found[0].data.get("left_off") or ()) if found else frozenset()
 
 
 def meant_by(parts: ComponentModel, component: str) -> frozenset[str]:

@@ -42,6 +42,13 @@ def open_ones(view: View) -> tuple[StoredDrill, ...]:
     return tuple(_drill(row) for row in view.rows(select(_DRILLS).where(_DRILLS.c.open)))
 
 
+def between(view: View, robot: str, first_ns: int, last_ns: int) -> tuple[StoredDrill, ...]:
+    """Return the robot's drills that were open at any moment of that time."""
+    went_on = _DRILLS.c.open | (_DRILLS.c.updated_ns >= first_ns)
+    of_robot = (_DRILLS.c.robot == checked(robot)) & (_DRILLS.c.created_ns <= last_ns)
+    return tuple(_drill(row) for row in view.rows(select(_DRILLS).where(of_robot, went_on)))
+
+
 def create(tx: Transaction, robot: str, *, state: str, data: Json) -> StoredDrill:
     """Begin a drill; its owner takes it up. StateConflict while one is open."""
     tx.existing(robot)

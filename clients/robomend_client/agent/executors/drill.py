@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from robomend_client.actions import Action, ActionResult, Feedback
+from robomend_client.actions import LEASES_S, Action, ActionResult, Feedback
 from robomend_client.agent.executors.base import ActionExecutor
-from robomend_client.agent.planted import KINDS, LEASES_S, PlantedFaults
+from robomend_client.agent.planted import KINDS, PlantedFaults
 
 
 class PlantFault:

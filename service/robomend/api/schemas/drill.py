@@ -36,7 +36,8 @@ class DrillSeenOut(Out):
 
     detected_s: float | None = Field(description="from the act to the first diagnosis that is not healthy")
     diagnoses: list[list[str]] = Field(description="what was blamed before the first act of the repair")
-    showed: dict[str, float] = Field(description="literal -> seconds after the act; before the repair")
+    showed: dict[str, float] = Field(description="literal that turned -> seconds after the act")
+    acted_s: float | None = Field(default=None, description="when the repair's first act was sent")
     repair: str | None
     repair_state: str | None
     repair_reason: str | None
