@@ -35,6 +35,9 @@ FAILURES = {
 }
 
 
+BY_COMPONENT = frozenset({"plant_fault", "undo_fault"})
+"""Actions that go to the agent which has the component, their first parameter, whatever the others are."""
+
 LEASES_S = (30, 60, 120, 300, 600, 1800, 3600)
 """For how long a drill's fault may be planted at most, in seconds: the third parameter of `plant_fault`."""
 

@@ -278,6 +278,13 @@ async def test_an_action_goes_past_agents_that_cannot_do_it(store: Store) -> Non
     )
     assert await take(store, "bridge", can={"switch_to_spare:a"}) is None  # two parameters: by name alone
     assert await take(store, "bridge", can={"switch_to_spare"}) == "spare"
+    await store.write(
+        lambda tx: agent_actions.queue(
+            tx, "d", "r1", host=None, name="undo_fault", parameters=["laser", "x"], timeout_s=60.0
+        )
+    )
+    assert await take(store, "other", can={"undo_fault:arm"}) is None  # a drill's: by the component
+    assert await take(store, "bridge", can={"undo_fault:laser"}) == "d"
     assert await take(store, "other", can={"start_node:laser", "stop_node:imu_node"}) is None
     assert await take(store, "other", can={"start_node:imu_node"}) == "first"
 

@@ -10,10 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Protocol
 
-from robomend_client.actions import REFUSED, Action, ActionResult, Feedback
-
-BY_COMPONENT = frozenset({"plant_fault", "undo_fault"})
-"""Actions that go to the agent which has the component, their first parameter, whatever the others are."""
+from robomend_client.actions import BY_COMPONENT, REFUSED, Action, ActionResult, Feedback
 
 
 class ActionExecutor(Protocol):
