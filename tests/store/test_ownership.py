@@ -11,11 +11,14 @@ import pytest
 from tests.postgres import PostgresServer
 from tests.store.examples import owner, with_robots
 from tests.store.processes import instance, next_line
+from tests.waiting import eventually
 
 from robomend.errors import Fenced, NotFound
 from robomend.store import Store, journal, repairs
 from robomend.store.ownership import own
 from robomend.store.records import Fence
+from robomend.store.session import BEAT_S
+from robomend.store.transaction import CHANNEL
 
 pytestmark = pytest.mark.anyio
 
@@ -161,3 +164,18 @@ async def test_an_owner_whose_connection_breaks_hears_of_it_and_can_write_no_mor
     finally:
         await store.close()
         await second.close()
+
+
+async def test_an_instance_that_hears_others_all_the_time_goes_on_saying_that_it_lives(
+    postgres_url: str,
+) -> None:
+    store = Store(postgres_url)
+    await store.start()
+    session = store.ownership._session
+    async with await psycopg.AsyncConnection.connect(postgres_url, autocommit=True) as other:
+        ends = time.monotonic() + 3 * BEAT_S
+        while time.monotonic() < ends:
+            await other.execute(f"SELECT pg_notify('{CHANNEL}', '0')")
+    last = session._told_s
+    await eventually(lambda: session._told_s > last, "it says so")
+    await store.close()

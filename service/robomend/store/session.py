@@ -234,13 +234,13 @@ class PostgresSession(InstanceSession):
             self._taken(instance)
             self._on_sign(row[0] if row else 0)
             while not self._closing.is_set():
-                for notification in connection.notifies(timeout=PING_S):
+                # All of it is heard before anything is said: the generator locks the connection meanwhile.
+                heard = [*connection.notifies(timeout=PING_S, stop_after=1)]
+                for notification in heard:
                     self._on_sign(int(notification.payload))
-                    self._beat(say)  # however much there is to hear
-                    if self._closing.is_set():
-                        return
                 self._beat(say)
-                connection.execute("SELECT 1")
+                if not heard:
+                    connection.execute("SELECT 1")
 
 
 class SqliteSession(InstanceSession):
