@@ -177,7 +177,10 @@ def test_the_poll_says_what_the_agent_can_do_and_what_it_sees(service: ServiceDo
     with watching(tmp_path, service, topics={"scan": {}}, processes=processes, actions=actions):
         eventually(lambda: service.polls, "a poll")
         poll = service.polls[0]
-        assert poll["can"] == ["start_node:laser", "stop_node:laser", "home"]
+        assert poll["can"] == [
+            *(f"{name}:laser" for name in ("start_node", "stop_node", "plant_fault", "undo_fault")),
+            "home",
+        ]
         assert {entry["atom"]: entry["detection_s"] for entry in poll["observes"]} == {
             "ok(scan)": 0.4,
             "running(laser)": 0.1,

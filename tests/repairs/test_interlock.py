@@ -99,4 +99,6 @@ async def test_an_action_that_waits_for_its_agent_is_not_handed_out_after_the_ro
         assert await runtime.repairs.orders("r1", host=None, wait_s=0.0) is None
         robot.parked = True
         await robot.report()
-        assert await runtime.repairs.orders("r1", host=None, wait_s=0.0) is not None
+        async with asyncio.timeout(60):
+            while await runtime.repairs.orders("r1", host=None, wait_s=0.0) is None:
+                await asyncio.sleep(LOOK_S)

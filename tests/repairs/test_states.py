@@ -86,6 +86,9 @@ OTHER_WORDS = {
     ("repairs/execution_values.py", "failed"),  # of the sentence on a result
     ("repairs/execution_values.py", "done"),  # how an execution ends
     ("api/schemas/drill.py", "done"),  # what a person says
+    ("api/schemas/notifications.py", "escalated"),  # what a notification is about
+    ("notifications/notices.py", "escalated"),
+    ("api/schemas/repair_record.py", "done"),  # how a round ends
     ("cli/drill_run.py", "done"),
     ("cli/drill_run.py", "repaired"),  # a key of the report
     ("drills/score.py", "repaired"),

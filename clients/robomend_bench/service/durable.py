@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from robomend_bench.service.fleet import prepare
 from robomend_bench.service.measure import Latency
-from robomend_bench.service.robots import LITERALS, SimulatedRobot, body
+from robomend_bench.service.robots import LITERALS, RECENT, SimulatedRobot, body
 from robomend_bench.service.wire import connect, request
 
 
@@ -65,7 +65,9 @@ class NdjsonResult:
 
 async def run_ndjson(url: str, *, observations: int, per_line: int) -> NdjsonResult:
     """Post one body with `per_line` observations a line; the answer comes when all of it is on disk."""
-    robot = SimulatedRobot(f"bench-ndjson-{per_line}", 1, faults=len(LITERALS))
+    # A line is of one moment: it says nothing twice.
+    recent = max(RECENT, per_line - 1)
+    robot = SimulatedRobot(f"bench-ndjson-{per_line}", 1, faults=len(LITERALS), recent=recent)
     await prepare(url, [robot])
     count = observations // per_line
     now = time.time_ns() - count * 1_000_000

@@ -35,15 +35,15 @@ RECENT = 3
 class SimulatedRobot:
     """One robot: what its observers would say, and what the service must know in the end."""
 
-    def __init__(self, name: str, seed: int, *, faults: int) -> None:
-        """About `faults` literals are false at a time, at most."""
+    def __init__(self, name: str, seed: int, *, faults: int, recent: int = RECENT) -> None:
+        """About `faults` literals are false at a time, at most; of `recent` + 1 changes each is another's."""
         self.name = name
         self.path = f"/api/v1/robots/{name}/observations"
         self.revision = 0  # after the changes that were sent
         self.holds = dict.fromkeys(LITERALS, True)
         self._random = random.Random(f"{name} {seed}")
         self._faults = faults
-        self._recent: deque[str] = deque(maxlen=RECENT)
+        self._recent: deque[str] = deque(maxlen=recent)
 
     def sound(self) -> list[str]:
         """Return what a healthy robot reports: the state before the first change."""

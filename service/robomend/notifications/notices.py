@@ -17,12 +17,16 @@ from typing import Any
 from urllib.parse import quote
 
 from robomend.moments import rfc3339
+from robomend.repairs.states import RepairState
 from robomend_client.events import Event, Kind
 
 Json = Mapping[str, Any]
 
 KINDS = frozenset({Kind.REPAIR, Kind.ROBOT, Kind.STOP})
 """Of events that may be told of."""
+
+TOLD = frozenset({RepairState.AWAITING_APPROVAL, RepairState.ESCALATED, RepairState.FAILED})
+"""States of a repair that people are told of."""
 
 MOST_TOLD = 20
 """Steps of a plan, or components, that a message lists."""
@@ -98,7 +102,7 @@ def _link(data: Json, public_url: str | None) -> str | None:
 
 def _of_repair(event: Event) -> Notice | None:
     data, state = event.data, event.data.get("state")
-    if "asked" in data or state not in {"awaiting-approval", "escalated", "failed"}:
+    if "asked" in data or state not in TOLD:
         return None
     repair, reason = str(data.get("id")), _short(data.get("reason") or "")
     plan = [str(step.get("text")) for step in data.get("plan") or ()]
@@ -106,7 +110,7 @@ def _of_repair(event: Event) -> Notice | None:
     lines = []
     if diagnosis.get("bad"):
         lines.append(f"diagnosis: {_listed(diagnosis['bad'], ', ')}")
-    if state == "awaiting-approval":
+    if state == RepairState.AWAITING_APPROVAL:
         about, what = "approval", "a plan waits for a yes" if plan else "a question waits for an answer"
         lines += [f"plan: {_listed(plan, '; ')}"] if plan else []
         asked = json.dumps([data.get("round"), plan, diagnosis.get("bad"), reason]).encode()

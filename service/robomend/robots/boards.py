@@ -17,6 +17,7 @@ from robomend.board.link import BoardLink, LinkState
 from robomend.board.snapshot import Snapshot
 from robomend.entry import Entry
 from robomend.errors import NotFound, Refused, RobomendError
+from robomend.metrics import Metrics
 from robomend.model.components import ComponentModel
 from robomend.model.vocabulary import Vocabulary
 from robomend.observations.obs import Obs
@@ -199,12 +200,20 @@ class Boards:
         report: Report,
         repeat: Repeat,
         on_state: Callable[[str, LinkState, str], None],
+        metrics: Metrics | None = None,
     ) -> None:
         self._store = store
         self._report = report
         self._repeat = repeat
         self._on_state = on_state
         self._boards: dict[str, WiredBoard] = {}
+        if metrics is not None:
+            metrics.on_demand(
+                "robomend_board_link",
+                "1 for the state that the link is in",
+                ("robot", "state"),
+                lambda: [((robot, state), 1.0) for robot, state in self.states().items()],
+            )
 
     def get(self, robot: str) -> WiredBoard:
         """Return a robot's board; NotFound if none is configured."""

@@ -52,6 +52,7 @@ class HealthWatch:
         self._robots = robots
         self._told: dict[str, tuple[bool, tuple[Atom, ...]]] = {}
         self._background = Background()
+        metrics.on_demand("robomend_robots", "robots in memory", (), lambda: [((), len(robots))])
         metrics.on_demand(
             "robomend_robots_health", "robots in memory by how they are", ("state",), self._count
         )

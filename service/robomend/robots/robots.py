@@ -54,7 +54,7 @@ class Robots:
     ) -> None:
         self.models = Systems(store, settings, readers)
         self.readers = readers
-        self.boards = Boards(store, self._hear_board, self._board_repeats, self._board_changed)
+        self.boards = Boards(store, self._hear_board, self._board_repeats, self._board_changed, metrics)
         self.memory = Memory(
             store, self.models, settings.max_robots, taken_up=self._taken_up, left=self.boards.remove
         )
@@ -67,15 +67,8 @@ class Robots:
         self._metrics = metrics
         self._background = Background()
         self._reports = Reports()
-        self._unsubscribe: Callable[[], None] | None = None
+        self._unsubscribe: Callable[[], None] = lambda: None
         self.models.on_change(self._model_changed)
-        metrics.on_demand("robomend_robots", "robots in memory", (), lambda: [((), len(self.memory.states))])
-        metrics.on_demand(
-            "robomend_board_link",
-            "1 for the state that the link is in",
-            ("robot", "state"),
-            lambda: [((robot, state), 1.0) for robot, state in self.boards.states().items()],
-        )
 
     # --- observations
 
@@ -246,8 +239,7 @@ class Robots:
     async def close(self) -> None:
         """Stop diagnosing and drop the boards; what was acknowledged is in the store already."""
         self.end_waits()
-        if self._unsubscribe is not None:
-            self._unsubscribe()
+        self._unsubscribe()
         await self.boards.close()
         for state in self.memory.states.values():
             state.cancel_timers()

@@ -15,6 +15,7 @@ from collections.abc import Callable, Coroutine, Sequence
 from pathlib import Path
 from typing import Any
 
+from robomend_client.actions import BY_COMPONENT
 from robomend_client.agent.feeds import AgentParts, Deliver, split
 from robomend_client.bridges.fields import UnreadableMessage, value_at
 from robomend_client.bridges.listening import Listening
@@ -131,9 +132,10 @@ class Ros1:
             topics["diagnostics"] = ALL_DIAGNOSTICS
         self._telling = Telling(parts, self.problems, {n: _topic(node, n, t) for n, t in topics.items()})
         work = [self._telling.run()]
+        served = (*(name for name in parts.executors.names if name not in BY_COMPONENT), *POWER)
         for name in self.serves:
-            if name not in POWER and name not in parts.executors.names:
-                known = ", ".join((*parts.executors.names, *POWER))
+            if name not in served:
+                known = ", ".join(served)
                 self.problems.tell(name, f"cannot be served: this agent can do {known}")
                 continue
             work.append(ActionServer(node, parts, name, self.names.ros(name)).run())

@@ -15,8 +15,9 @@ from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
 from robomend.api.schemas.base import Items
 from robomend.api.schemas.repair import DecisionBody, RepairBody
-from robomend.api.schemas.repair_record import RepairOut, State
+from robomend.api.schemas.repair_record import RepairOut
 from robomend.repairs.repair_json import repair_json
+from robomend.repairs.states import RepairState
 from robomend.security import API
 from robomend.store import View, repairs
 
@@ -39,7 +40,7 @@ async def create_repair(
 
 @router.get("/robots/{robot}/repairs", response_model=Items[RepairOut], responses=problems(404))
 async def list_repairs(
-    robot: RobotPath, parts: PartsDep, paging: SpanDep, state: State | None = None
+    robot: RobotPath, parts: PartsDep, paging: SpanDep, state: RepairState | None = None
 ) -> JSONResponse:
     """List the robot's repairs, newest first; of one state, or begun in a span of time."""
     found = await parts.repairs.repairs(
@@ -59,7 +60,7 @@ async def list_repairs(
 async def list_all_repairs(
     parts: PartsDep,
     paging: SpanDep,
-    state: State | None = None,
+    state: RepairState | None = None,
     open_only: Annotated[bool, Query(alias="open", description="only those that have not ended")] = False,
 ) -> JSONResponse:
     """List the repairs of all robots, newest first; of one state, or begun in a span of time."""

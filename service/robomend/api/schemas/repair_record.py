@@ -7,18 +7,7 @@ from typing import Literal
 from pydantic import Field
 
 from robomend.api.schemas.base import Moment, Nanoseconds, Out
-
-State = Literal[
-    "waiting",
-    "planning",
-    "awaiting-approval",
-    "running",
-    "verifying",
-    "repaired",
-    "escalated",
-    "cancelled",
-    "failed",
-]
+from robomend.repairs.states import RepairState, StepState
 
 
 class BadAndGood(Out):
@@ -45,7 +34,7 @@ class RepairStep(Out):
     after: list[int] = Field(description="steps that must be done before it")
     cost: float
     text: str = Field(examples=["start_node(jaguar_node)"])
-    state: Literal["waiting", "running", "done", "already-there", "failed"]
+    state: StepState
     result: int | None = Field(description="the action's result code; 0 is success")
     message: str
     feedback: StepFeedback | None
@@ -102,7 +91,7 @@ class RepairOut(Out):
 
     id: str = Field(examples=["r-7k2m9x4q"])
     robot: str = Field(examples=["tedusar-1"])
-    state: State
+    state: RepairState
     policy: Literal["observe", "approve", "auto"] | None
     round: int = Field(examples=[1])
     diagnosis: BadAndGood | None
@@ -115,6 +104,7 @@ class RepairOut(Out):
     waiting_for: list[str] = Field(description="literals that nobody has reported yet")
     probe: WantedProbe | None
     reason: str
+    drill: str | None = Field(description="the drill that it answers", examples=["d-7k2m9x4q"])
     by: str | None = Field(examples=["robomend"])
     created_ns: Nanoseconds
     created: Moment

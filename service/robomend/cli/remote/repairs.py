@@ -11,6 +11,7 @@ import click
 from robomend.cli.remote.connection import DECLINED, asking, format_option, service_options
 from robomend.cli.remote.names import RepairName, RobotName
 from robomend.cli.tables import at, printable, show_paragraph, show_table
+from robomend.repairs.states import RepairState
 
 
 @click.command("repairs")
@@ -67,12 +68,12 @@ def _one(repair: Mapping[str, Any], format_: str) -> None:
         return
     for line in repair["account"]:
         show_paragraph(line)
-    if repair["state"] == "awaiting-approval":
+    if repair["state"] == RepairState.AWAITING_APPROVAL:
         click.echo(f"yes: robomend approve {repair['id']}; no: robomend cancel {repair['id']}")
 
 
 @click.command("approve")
-@click.argument("repair", type=RepairName("awaiting-approval"))
+@click.argument("repair", type=RepairName(RepairState.AWAITING_APPROVAL))
 @click.option("--reason", default="", help="Why; it goes to the audit log.")
 @service_options("operator")
 @format_option()

@@ -11,6 +11,7 @@ import click
 from robomend.cli.remote.connection import asking, format_option, service_options
 from robomend.cli.remote.names import RobotName
 from robomend.cli.tables import at, show_paragraph, show_table
+from robomend.repairs.states import RepairState
 
 if TYPE_CHECKING:
     from robomend_client.rest import Client
@@ -144,7 +145,7 @@ def _told(known: Mapping[str, Any]) -> Iterator[str]:
         ended = f", ended {at(repair['finished_ns'])}" if repair["finished_ns"] else ""
         reason = f": {repair['reason']}" if repair["reason"] else ""
         yield f"repair {repair['id']}: {repair['state']}{ended}{reason}"
-        if repair["state"] == "awaiting-approval":
+        if repair["state"] == RepairState.AWAITING_APPROVAL:
             for step in repair["plan"]:
                 yield f"  {step['text']}"
             yield f"  yes: robomend approve {repair['id']}; no: robomend cancel {repair['id']}"

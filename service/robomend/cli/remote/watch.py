@@ -11,6 +11,7 @@ import click
 from robomend.cli.remote.connection import asking, format_option, service_options
 from robomend.cli.remote.names import RobotName
 from robomend.cli.tables import at, printable
+from robomend.repairs.states import RepairState
 
 if TYPE_CHECKING:
     from robomend_client.events import Event
@@ -113,7 +114,7 @@ def _diagnosis(data: Mapping[str, Any]) -> str:
 
 def _repair(data: Mapping[str, Any]) -> str:
     words = f"repair {data.get('id')}: {data.get('state')}"
-    if data.get("state") == "awaiting-approval":
+    if data.get("state") == RepairState.AWAITING_APPROVAL:
         words += f" of {', '.join(step['text'] for step in data.get('plan', ()))}"
     return words + (f": {data['reason']}" if data.get("reason") else "")
 
