@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from typing import Any
 
@@ -29,7 +30,9 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
 
 def described(kind: type[BaseModel], answer: dict[str, Any]) -> None:
     """See that nothing comes that is not described, and that what is described fits."""
-    read = kind.model_validate(answer, strict=True).model_dump(exclude_unset=True)
+    read = kind.model_validate_json(json.dumps(answer), strict=True).model_dump(
+        mode="json", exclude_unset=True
+    )
     assert read == answer
 
 

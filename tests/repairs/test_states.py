@@ -88,6 +88,12 @@ OTHER_WORDS = {
     ("api/schemas/drill.py", "done"),  # what a person says
     ("api/schemas/notifications.py", "escalated"),  # what a notification is about
     ("notifications/notices.py", "escalated"),
+    ("settings.py", "escalated"),
+    ("api/schemas/notifications.py", "waiting"),  # a notification, to be delivered
+    ("api/routers/status.py", "waiting"),  # for a person: a filter of robots
+    ("cli/remote/status.py", "waiting"),
+    ("cli/remote/repairs.py", "cancelled"),  # of the sentence on a decision
+    ("notifications/notifier.py", "failed"),  # what became of a try
     ("api/schemas/repair_record.py", "done"),  # how a round ends
     ("cli/drill_run.py", "done"),
     ("cli/drill_run.py", "repaired"),  # a key of the report
