@@ -11,6 +11,7 @@ import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 from tests.api.test_process import served
@@ -62,15 +63,17 @@ def background(block: Block, folder: Path) -> Iterator[None]:
 @pytest.mark.slow
 @pytest.mark.timeout(1500)
 def test_the_tutorial_leads_from_nothing_to_a_repaired_robot(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     [serve] = [block for block in TUTORIAL if block.use == "serve"]
     assert serve.text == "robomend serve --data data"
-    data, folder = tmp_path / "data", tmp_path / "walker"
-    data.mkdir()
-    folder.mkdir()
     seen = set()
     with ExitStack() as stack:
+        # Short: the agent's bus is a socket in its folder, whose path may have about 100 bytes.
+        home = Path(stack.enter_context(TemporaryDirectory(prefix="robomend-")))
+        data, folder = home / "data", home / "walker"
+        data.mkdir()
+        folder.mkdir()
         _, url = stack.enter_context(served(data))
         monkeypatch.setenv("ROBOMEND_URL", url)
         monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}:{os.environ['PATH']}")
