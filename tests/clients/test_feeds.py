@@ -77,7 +77,8 @@ def test_usage_is_measured_for_a_node_with_all_that_it_started_and_for_the_host(
     finally:
         os.killpg(node.pid, signal.SIGKILL)
         node.wait()
-    assert set(usage.measure({"n": node.pid})) == {"host:CPU", "host:Mem"}
+    host = {"host:CPU", "host:Mem"}
+    eventually(lambda: set(usage.measure({"n": node.pid})) == host, "the end of the node and of its child")
     assert set(usage.measure({})) == {"host:CPU", "host:Mem"}
 
 
