@@ -87,7 +87,10 @@ async def test_an_action_that_waits_for_its_agent_is_not_handed_out_after_the_ro
 ) -> None:
     async with service(tmp_path) as runtime:
         await runtime.robots.models.put("parked", PARKED, format=None, expected=None, by="test")
-        await runtime.robots.put_robot("r1", {**CONFIG, "model": "parked"}, expected=None, by="test")
+        # It waits for its agent for as long as this test may take.
+        patient = {name: {**options, "timeout_s": 120.0} for name, options in CONFIG["actions"].items()}
+        config = {**CONFIG, "model": "parked", "actions": patient}
+        await runtime.robots.put_robot("r1", config, expected=None, by="test")
         robot = Driving(runtime.repairs, runtime.robots, parked=True)
         robot.cut("base")
         await robot.report()
