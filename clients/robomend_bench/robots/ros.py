@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
@@ -24,7 +25,7 @@ class NoRos(Exception):
     """There is no such ROS on this machine."""
 
 
-class RosRig(Rig):
+class RosRig(Rig, ABC):
     """A robot whose nodes publish topics at 10 Hz; the subclass starts them.
 
     A node prints a line when it is up; it falls silent on a topic whose name is written to it, and prints
@@ -40,9 +41,9 @@ class RosRig(Rig):
         self._topics = {node: [f"{node}_{name}" for name in names] for node in self._nodes}
         self._processes: dict[str, subprocess.Popen[str]] = {}
 
+    @abstractmethod
     def robot(self) -> AbstractContextManager[Mapping[str, Any]]:
         """Start the robot; yield the section of the agent's file."""
-        raise NotImplementedError
 
     @contextmanager
     def watched(

@@ -203,7 +203,7 @@ class Notifier:
         except RobomendError as error:
             log.warning("not noted whether it arrived", recipient=recipient.name, code=error.code)
             return
-        except Exception:
+        except Exception:  # of one recipient's address or server: the others are told all the same
             log.exception("telling", recipient=recipient.name)
             return
         self._metrics.notifications.labels("delivered" if outcome.delivered else "failed").inc(len(found))

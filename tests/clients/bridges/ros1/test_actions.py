@@ -17,7 +17,7 @@ GOAL_ID = f"\n{RULE}\nMSG: actionlib_msgs/GoalID\ntime stamp\nstring id\n"
 STATUS = f"\n{RULE}\nMSG: actionlib_msgs/GoalStatus\nGoalID goal_id\nuint8 status\nstring text\n" + "".join(
     f"uint8 {name}={number}\n"
     for number, name in enumerate(
-        "PENDING ACTIVE PREEMPTED SUCCEEDED ABORTED REJECTED PREEMPTING RECALLING RECALLED LOST".split()  # noqa: SIM905
+        "PENDING ACTIVE PREEMPTED SUCCEEDED ABORTED REJECTED PREEMPTING RECALLING RECALLED LOST".split()  # noqa: SIM905  # as the message lists them
     )
 )
 P = "tug_ist_diagnosis_msgs/DiagnosisRepair"
