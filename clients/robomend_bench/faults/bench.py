@@ -3,8 +3,9 @@
     ticker, every TICK_S ──► every robot under trial
     events of the service ──► the robot that they are of
 
-How late the ticker was is noted in every record. A trial during which the bench itself was later than
-LATE_S is no measurement of the service, and is counted as such.
+How late the ticker was is noted in every record, and how long the service waited for a processor. A trial
+during which either came to more than LATE_S is no measurement of the service, and is counted as such. Where
+it may, the bench goes before other processes: robots do not wait for a busy computer.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import gc
+import math
 import os
 import random
 import subprocess
@@ -34,7 +36,13 @@ TICK_S = 0.01
 LOOK_AFTER_S = 0.2
 
 LATE_S = 0.3
-"""A trial with a later tick than this is left out."""
+"""A trial with a later tick than this is left out, or with a service that was kept waiting so long."""
+
+STARVED_OVER_S = 0.5
+"""… in so much time. It is the kernel that says so, of the thread that answers requests."""
+
+FIRST = -10
+"""The bench's own priority (nice), where it may choose; the service has the usual one."""
 
 MEMORY = Path("/dev/shm")
 """Where the agents keep their files, if it is there: each waits for the disk after each result, and with so
@@ -70,13 +78,14 @@ def busy(loops: int) -> Iterator[None]:
 class Bench:
     """One service and the robots under trial; what trial.Surroundings asks for."""
 
-    def __init__(self, data: Path, agents: Path) -> None:
-        """`data` is the service's folder, `agents` that of all the agents."""
+    def __init__(self, data: Path, agents: Path, priority: int) -> None:
+        """`data` is the service's folder, `agents` that of all the agents, `priority` the service's."""
         self.folder = agents
         self.url = ""
         self.ticks: list[float] = []  # how late each was
         self.deaths: list[str] = []  # of the service, not those that a stretch is about
         self._data = data
+        self._priority = priority
         self._live: dict[str, LiveRobot] = {}
         self._models: dict[str, asyncio.Task[None]] = {}
         self._served: Served | None = None
@@ -104,7 +113,7 @@ class Bench:
     async def running(self) -> AsyncIterator[None]:
         """Run the service, the ticker and the stream of events."""
         await self._start(0)
-        parts = (self._tick(), self._follow(), self._keep_looking())
+        parts = (self._tick(), self._follow(), self._keep_looking(), self._note_starvation())
         tasks = [asyncio.create_task(part) for part in parts]
         try:
             yield
@@ -118,7 +127,8 @@ class Bench:
             await asyncio.to_thread(self._end_service, kill=False)
 
     async def _start(self, port: int) -> None:
-        self._served = await asyncio.to_thread(start, self._data, ["--port", str(port)] if port else [])
+        arguments = ["--port", str(port)] if port else []
+        self._served = await asyncio.to_thread(_start_at, self._priority, self._data, arguments)
         self.url = self._served.url
 
     def _end_service(self, *, kill: bool) -> None:
@@ -160,6 +170,17 @@ class Bench:
             await asyncio.sleep(LOOK_AFTER_S)
             await self.look_after()
 
+    async def _note_starvation(self) -> None:
+        """Note for how much of each half second the service waited for a processor."""
+        before: tuple[Served | None, float] = (None, 0.0)
+        while True:
+            now = (self._served, 0.0 if self._served is None else _waited_s(self._served.pid))
+            if now[0] is not None and now[0] is before[0]:
+                for live in self._live.values():
+                    live.record.starved_s = max(live.record.starved_s, now[1] - before[1])
+            before = now
+            await asyncio.sleep(STARVED_OVER_S)
+
     async def _tick(self) -> None:
         due_s = self.clock()
         while True:
@@ -188,16 +209,50 @@ class Bench:
             await asyncio.sleep(0.1)
 
 
+def _start_at(priority: int, data: Path, arguments: Sequence[str]) -> Served:
+    """Start the service with a priority of its own, in a thread, whose priority it inherits."""
+    with contextlib.suppress(PermissionError):
+        os.setpriority(os.PRIO_PROCESS, 0, priority)  # of this thread alone, on Linux
+    return start(data, arguments)
+
+
+@contextmanager
+def going_first() -> Iterator[int]:
+    """Go before other processes, if we may, and what is begun meanwhile too; yield the usual priority."""
+    before = os.getpriority(os.PRIO_PROCESS, 0)
+    with contextlib.suppress(PermissionError):
+        os.setpriority(os.PRIO_PROCESS, 0, FIRST)
+    try:
+        yield before
+    finally:
+        os.setpriority(os.PRIO_PROCESS, 0, before)
+
+
+def _waited_s(process: int) -> float:
+    """Return how long a process' first thread has waited for a processor; 0 where the kernel does not say."""
+    try:
+        return int(Path(f"/proc/{process}/schedstat").read_bytes().split()[1]) / 1e9
+    except (OSError, IndexError):
+        return 0.0
+
+
 async def _put_model(client: AsyncClient, name: str, text: str) -> None:
     await client.put_model(name, text)
 
 
 async def run_trials(
-    trials: Sequence[Trial], terms: Terms, *, jobs: int, load: int = 0, done: Done = lambda record: None
+    trials: Sequence[Trial],
+    terms: Terms,
+    *,
+    jobs: int,
+    load: int = 0,
+    done: Done = lambda record: None,
+    until_s: float = math.inf,
 ) -> tuple[list[Record], list[float]]:
     """Play trials, `jobs` at a time; return their records, in the order of the trials, and the ticks.
 
-    Stretches in which the service restarts share services of their own, after everything else.
+    Stretches in which the service restarts share services of their own, after everything else. `until_s`, by
+    the monotonic clock: after it no trial is begun; those that were not have no record.
     """
     shared = [
         t for t in trials if t.cls not in STRETCH_BY_NAME or not STRETCH_BY_NAME[t.cls].service_restarts
@@ -209,20 +264,28 @@ async def run_trials(
         scenario_of(trial)  # while nobody waits for the tick
     gc.collect()
     gc.freeze()
-    with busy(load):
+    with busy(load), going_first() as usual:
         groups = [shared] if shared else []
         groups += [own[at : at + jobs] for at in range(0, len(own), jobs)]
         for group in groups:
+            if time.monotonic() >= until_s:
+                break
             with _folder() as data, _folder(MEMORY) as agents:
-                bench = Bench(data, agents)
+                bench = Bench(data, agents, usual)
                 async with bench.running():
-                    await _run_group(bench, group, terms, jobs, found, done)
+                    await _run_group(bench, group, terms, jobs, found, done, until_s)
                 ticks += bench.ticks
-    return [found[trial] for trial in trials], ticks
+    return [found[trial] for trial in trials if trial in found], ticks
 
 
 async def _run_group(
-    bench: Bench, group: Sequence[Trial], terms: Terms, jobs: int, found: dict[Trial, Record], done: Done
+    bench: Bench,
+    group: Sequence[Trial],
+    terms: Terms,
+    jobs: int,
+    found: dict[Trial, Record],
+    done: Done,
+    until_s: float,
 ) -> None:
     waiting = list(enumerate(group))[::-1]
     restarting = asyncio.create_task(_restarts(bench, group)) if _all_restart(group) else None
@@ -230,7 +293,7 @@ async def _run_group(
     async def work(number: int) -> None:
         # Not all at once: robots that boot together are a load of their own.
         await asyncio.sleep(0.5 * number)
-        while waiting:
+        while waiting and time.monotonic() < until_s:
             index, trial = waiting.pop()
             deaths = len(bench.deaths)
             record = await play(trial, terms, bench, index)

@@ -43,10 +43,13 @@ class Body:
         start_s: float,
         on_message: Callable[[str, float], None],
         on_state: Callable[[float, State], None] = lambda at_s, state: None,
+        on_return: Callable[[str, float, float], None] = lambda topic, last_s, at_s: None,
         *,
         slowness: float = 1.0,
     ) -> None:
-        """`slowness` multiplies how long nodes take to start and to warm up."""
+        """`on_return` is told of a topic that was silent; `slowness` multiplies how long nodes take to start
+        and to warm up.
+        """
         self.anatomy = anatomy
         self.state: State = HEALTHY
         self.now_s = start_s
@@ -55,6 +58,7 @@ class Body:
         self._chance = random.Random(f"body {seed}")
         self._on_message = on_message
         self._on_state = on_state
+        self._on_return = on_return
         self._events: list[tuple[float, int, str | Callable[[], None]]] = []
         self._number = 0
         self._last: dict[str, float] = dict.fromkeys(anatomy.topics, start_s)
@@ -102,6 +106,8 @@ class Body:
         late_s = abs(self._chance.gauss(0.0, JITTER)) * described.period_s
         if self.hiccups and self._chance.random() < 0.02:
             late_s += self._chance.random() * hiccup_s(described.rate_hz, described.tolerance_hz)
+        if not self._heard(topic, at_s):
+            self._on_return(topic, self._last[topic], at_s + late_s)
         self._last[topic] = max(self._last[topic], at_s + late_s)
         self._on_message(topic, self._last[topic])
 

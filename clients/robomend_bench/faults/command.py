@@ -5,11 +5,13 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
+import math
 import random
 import shlex
 import sys
 import time
-from collections.abc import Coroutine, Iterator, Sequence
+from collections.abc import Callable, Coroutine, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from itertools import islice
 from pathlib import Path
 from typing import Any, TypeVar
@@ -20,6 +22,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from robomend_bench.faults.bench import LATE_S, run_trials
 from robomend_bench.faults.classes import BY_NAME, CLASSES
+from robomend_bench.faults.kept import Kept, OtherTerms
 from robomend_bench.faults.observing import PRESETS
 from robomend_bench.faults.record import Record, Trial, parse_trial
 from robomend_bench.faults.report import Report
@@ -114,6 +117,12 @@ def _trial(context: click.Context, parameter: click.Parameter, value: str | None
     type=click.Path(file_okay=False, path_type=Path),
     help="Write faults-OBSERVERS.json and .md here, and the record of each trial that went wrong.",
 )
+@click.option(
+    "--keep",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="A run in pieces: add each score to this file, play only what is not in it, report all.",
+)
+@click.option("--minutes", type=click.FloatRange(0, min_open=True), help="Begin no trial after so long.")
 @click.option("--format", "output", type=click.Choice(["markdown", "json"]), default="markdown")
 def command(
     trials: int,
@@ -128,6 +137,8 @@ def command(
     only_trial: Trial | None,
     verbose: bool,
     out: Path | None,
+    keep: Path | None,
+    minutes: float | None,
     output: str,
 ) -> None:
     """Plant faults into simulated robots and score what `robomend serve` makes of them.
@@ -140,6 +151,7 @@ def command(
     robomend-bench faults --load 4                     on a busy computer
     robomend-bench faults --agent perfect              what can be reached
     robomend-bench faults --only-trial base/hung-node/1.17
+    robomend-bench faults --trials 1100 --keep scores.jsonl --minutes 9     again until all are in
 
     What each figure means: docs/score.md.
     """
@@ -150,26 +162,38 @@ def command(
     if not wanted:
         raise click.UsageError("none of these robots takes part in any of these classes")
     jobs = jobs or (3 if load else 8)
+    kept = None if keep is None else _kept(keep, {"observers": observers, "agent": agent, "load": load})
+    names = [str(trial) for trial in wanted]
+    earlier = {} if kept is None else {name: kept.scores[name] for name in names if name in kept.scores}
+    wanted = [trial for trial in wanted if str(trial) not in earlier]
     began = time.monotonic()
-    try:
-        records, ticks = _play(wanted, terms, agent, jobs, load)
-    except NotReady as error:
-        click.echo(f"robomend-bench: the service did not start: {error}", err=True)
-        sys.exit(3)
     report = Report(
         command=shlex.join(["robomend-bench", "faults", *sys.argv[2:]]),
         observers=observers,
         agent={"service": "the service"}.get(agent, f"stand-in {agent}"),
         load=load,
         jobs=jobs,
-        scores=[],
+        scores=[*earlier.values()],
         late=[],
         errors=[],
-        ticks=ticks,
-        seconds=time.monotonic() - began,
         again=lambda trial: _again(trial, observers, agent),
     )
-    judge(records, report)
+
+    def take_in(record: Record) -> None:
+        counted = len(report.scores)
+        judge([record], report)
+        if kept is not None and len(report.scores) > counted:
+            kept.add(report.scores[-1])
+
+    until_s = math.inf if minutes is None else began + 60 * minutes
+    try:
+        records, report.ticks = _play(wanted, terms, agent, jobs, load, until_s, take_in)
+    except NotReady as error:
+        click.echo(f"robomend-bench: the service did not start: {error}", err=True)
+        sys.exit(3)
+    report.scores.sort(key=lambda score: names.index(score.trial))
+    report.seconds = time.monotonic() - began
+    report.not_begun = len(wanted) - len(records)
     if out is not None:
         _write(out, records, report)
     if verbose and only_trial is None:
@@ -178,7 +202,8 @@ def command(
     if output == "json":
         click.echo(json.dumps(report.as_json(), indent=1))
     elif only_trial is not None:
-        click.echo("\n".join(records[0].lines()))
+        for record in records:
+            click.echo("\n".join(record.lines()))
         click.echo(json.dumps(report.as_json()["scores"] or report.as_json()["errors"], indent=1))
     else:
         click.echo(report.markdown(), nl=False)
@@ -224,33 +249,61 @@ def _faults(
 
 
 def judge(records: Sequence[Record], report: Report) -> None:
-    """Score the records into the report; those that are no measurements are named, with the reason."""
+    """Score the records into the report; those that are no measurements are named, with the reason.
+
+    Where the computer is kept busy on purpose, that the service has to wait is what is measured.
+    """
     for record in records:
         if record.error:
             report.errors.append((str(record.trial), record.error))
-        elif record.late_s > LATE_S:
-            report.late.append((str(record.trial), record.late_s))
+        elif (late_s := max(record.late_s, 0.0 if report.load else record.starved_s)) > LATE_S:
+            report.late.append((str(record.trial), late_s))
         else:
             report.scores.append(score(record, find_robot(record.trial.robot)))
 
 
+def _kept(path: Path, terms: dict[str, Any]) -> Kept:
+    try:
+        return Kept(path, terms)
+    except OtherTerms as error:
+        raise click.UsageError(str(error)) from None
+
+
 def _play(
-    trials: Sequence[Trial], terms: Terms, agent: str, jobs: int, load: int
+    trials: Sequence[Trial],
+    terms: Terms,
+    agent: str,
+    jobs: int,
+    load: int,
+    until_s: float,
+    take_in: Callable[[Record], None],
 ) -> tuple[list[Record], list[float]]:
+    """Play trials; `take_in` is called with each record, in a thread: it may take longer than a tick."""
     columns = (TextColumn("{task.description:<40}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    with (
+        Progress(*columns, console=Console(stderr=True), transient=True) as bar,
+        ThreadPoolExecutor(1) as thread,
+    ):
         task = bar.add_task("faults", total=len(trials))
+        taken: list[Future[None]] = []
 
         def done(record: Record) -> None:
             bar.update(task, advance=1, description=str(record.trial))
+            taken.append(thread.submit(take_in, record))
 
+        records: list[Record] = []
+        ticks: list[float] = []
         if agent == "service":
-            return _run(run_trials(trials, terms, jobs=jobs, load=load, done=done))
-        records = []
-        for trial in trials:
-            records.append(play_with(agent, trial, terms))
-            done(records[-1])
-        return records, []
+            work = run_trials(trials, terms, jobs=jobs, load=load, done=done, until_s=until_s)
+            records, ticks = _run(work)
+        else:
+            for trial in trials:
+                if time.monotonic() < until_s:
+                    records.append(play_with(agent, trial, terms))
+                    done(records[-1])
+        for each in taken:
+            each.result()
+        return records, ticks
 
 
 def _run(work: Coroutine[Any, Any, T]) -> T:

@@ -67,6 +67,7 @@ class LiveRobot:
             self.zero_s,
             self._message,
             self._state,
+            self._return,
             slowness=scenario.slowness,
         )
         self._board = (
@@ -113,6 +114,7 @@ class LiveRobot:
         shift_s = self._clock() - self.zero_s
         self.zero_s += shift_s
         self.record.shift(-shift_s)
+        self.record.late_s = self.record.starved_s = 0.0
 
     def observed(self) -> list[Literal]:
         """Return the literals that this robot's observers and its board will report."""
@@ -210,6 +212,9 @@ class LiveRobot:
         self._happened()
         self.record.states.append((at_s - self.zero_s, state))
 
+    def _return(self, topic: str, last_s: float, at_s: float) -> None:
+        self.record.silences.append((topic, last_s - self.zero_s, at_s - self.zero_s))
+
     def _relay(self, device: str, on: bool) -> None:
         self.body.advance(self._clock())
         self.body.relay(device, on)
@@ -239,7 +244,7 @@ class LiveRobot:
         done: asyncio.Future[ActionResult] = asyncio.get_running_loop().create_future()
 
         def answer(code: int, message: str) -> None:
-            acted.code, acted.message = code, message
+            acted.code, acted.message, acted.done_s = code, message, self.at_s()
             if not done.done():
                 done.set_result(ActionResult(code, message))
 

@@ -46,6 +46,7 @@ class Acted:
     by: str  # the board, or the agent that was asked
     code: int | None = None  # its answer; None: it was withdrawn, or the trial ended before
     message: str = ""
+    done_s: float | None = None  # when it was given; of the board, none: a relay moves at once
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,9 +89,11 @@ class Record:
     unknown: list[tuple[float, tuple[str, ...]]] = field(default_factory=list)  # atoms, as it was told
     repairs: list[RepairSeen] = field(default_factory=list)
     acts: list[Acted] = field(default_factory=list)
+    silences: list[tuple[str, float, float]] = field(default_factory=list)  # topic, last message, the next
     notes: list[tuple[float, str]] = field(default_factory=list)
     account: list[str] = field(default_factory=list)  # the service's own, of its repairs, if it was asked
-    late_s: float = 0.0  # how late the harness was at most
+    late_s: float = 0.0  # how late the bench was at most, since the trial began
+    starved_s: float = 0.0  # for how much of half a second the service was kept from the processor, at most
     end_s: float = 0.0
     error: str = ""  # why this is no measurement
 
@@ -102,8 +105,10 @@ class Record:
         self.unknown = [(at + by_s, atoms) for at, atoms in self.unknown]
         self.diagnoses = [replace(each, at_s=each.at_s + by_s) for each in self.diagnoses]
         self.repairs = [replace(each, at_s=each.at_s + by_s) for each in self.repairs]
+        self.silences = [(topic, began + by_s, ended + by_s) for topic, began, ended in self.silences]
         for acted in self.acts:
             acted.at_s += by_s
+            acted.done_s = None if acted.done_s is None else acted.done_s + by_s
 
     @property
     def open_repairs(self) -> set[str]:

@@ -10,6 +10,7 @@ from robomend_bench.faults.classes import CLASSES
 from robomend_bench.faults.figures import Figure, of_faults, of_stretches
 from robomend_bench.faults.scoring import Score
 from robomend_bench.faults.stretches import STRETCHES
+from robomend_bench.faults.times import Part
 from robomend_bench.intervals import quantile
 
 LISTED = 200
@@ -33,6 +34,7 @@ class Report:
     errors: list[tuple[str, str]]  # no measurement: trial and why
     ticks: list[float] = field(default_factory=list)
     seconds: float = 0.0
+    not_begun: int = 0  # trials for which no time was left
     again: Callable[[str], str] = lambda trial: trial  # the command that plays one trial again
 
     def group(self, name: str) -> list[Score]:
@@ -62,6 +64,7 @@ class Report:
             yield from ("", f"### Faults ({len(faults)} trials)", "", *_table(of_faults(faults)))
             yield from ("", *_by("class", faults, _class_of, [c.name for c in CLASSES]))
             yield from ("", *_by("robot", faults, _robot_of, sorted({_robot_of(s) for s in faults})))
+            yield from _where_time_goes(faults)
         if healthy:
             yield from ("", f"### Nothing is broken ({len(healthy)} stretches)", "")
             yield from _table(of_stretches(healthy))
@@ -79,7 +82,11 @@ class Report:
             yield from ("", "### Errors: no measurement", "")
             yield from (f"- `{self.again(trial)}`: {why[:500]}" for trial, why in self.errors)
         if self.late:
-            yield from ("", "### Left out, as the bench itself was late", "")
+            yield from (
+                "",
+                "### Left out, as the bench itself was late, or the service was kept from the processor",
+                "",
+            )
             yield from (f"- `{self.again(trial)}`: {late_s:.2f} s" for trial, late_s in self.late)
 
     def _circumstances(self) -> str:
@@ -89,10 +96,11 @@ class Report:
             if self.ticks
             else ""
         )
+        not_begun = f", {self.not_begun} not begun" if self.not_begun else ""
         return (
             f"{self.agent}, {self.observers} observers, {self.jobs} robots side by side, "
             f"{self.load} busy loops beside, {self.seconds / 60:.0f} minutes; {len(self.scores)} trials, "
-            f"{len(self.late)} left out as the bench was late, {len(self.errors)} errors{ticks}."
+            f"{len(self.late)} left out as the bench was late, {len(self.errors)} errors{not_begun}{ticks}."
         )
 
     def _listed(self, title: str, of: Callable[[Score], list[str]]) -> Iterator[str]:
@@ -127,6 +135,7 @@ class Report:
                 "healthy": _figures_json(of_stretches(self.group("healthy"))),
                 "points": self.points,
             },
+            "not_begun": self.not_begun,
             "errors": [{"trial": trial, "why": why} for trial, why in self.errors],
             "late": [{"trial": trial, "late_s": late_s} for trial, late_s in self.late],
             "scores": [score.as_json() for score in self.scores],
@@ -190,6 +199,22 @@ def _by(
             f"{quantile(times, 0.5):.1f} s" if times else "–",
         ]
         yield f"| {' | '.join(cells)} |"
+
+
+def _where_time_goes(scores: Sequence[Score]) -> Iterator[str]:
+    """Yield a table of what the seconds from detection to repaired went into, where some trial has them."""
+    timed = [score for score in scores if score.parts]
+    if not timed:
+        return
+    yield from ("", "Where the seconds from detection to repaired went, mean of the trials:", "")
+    yield f"| class | trials | {' | '.join(Part)} | sum |"
+    yield "| --- |" + " ---: |" * (len(Part) + 2)
+    for name in (*(each.name for each in CLASSES), "all"):
+        some = [score for score in timed if name in (score.cls, "all")]
+        if some:
+            means = [sum(score.parts[part] for score in some) / len(some) for part in Part]
+            cells = [name, str(len(some)), *(f"{mean:.2f}" for mean in (*means, sum(means)))]
+            yield f"| {' | '.join(cells)} |"
 
 
 def _by_stretch(scores: Sequence[Score]) -> Iterator[str]:

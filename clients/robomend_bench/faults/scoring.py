@@ -17,6 +17,7 @@ from robomend_bench.faults.kinds import begun
 from robomend_bench.faults.observing import PRESETS
 from robomend_bench.faults.record import Diagnosed, Record, RepairSeen
 from robomend_bench.faults.robot import Robot
+from robomend_bench.faults.times import where_time_goes
 from robomend_bench.faults.universe import touched
 from robomend_client.literals import Atom
 
@@ -49,6 +50,7 @@ class Score:
     repaired_s: float | None = None  # from the detection to the last "repaired"
     waited_s: float | None = None  # from when the observers had told it all, to the first act
     confirmed_s: float | None = None  # from when the observers had told of health, to "repaired"
+    parts: dict[str, float] = field(default_factory=dict)  # where `repaired_s` went (times.py)
     errors: float | None = None  # DXC: classification errors
     utility: float | None = None  # DXC: system repair utility
     points: float = 0.0  # calm and speed in one number
@@ -297,6 +299,8 @@ class _Scoring:
             found.repaired_s = done[-1].at_s - found.detection_s
             well_s = self._told_s(found.detection_s, done[-1].at_s)
             found.confirmed_s = None if well_s is None else done[-1].at_s - well_s
+            parts = where_time_goes(record, self.anatomy, found.detection_s, done[-1].at_s)
+            found.parts = {str(part): seconds for part, seconds in parts.items()}
 
     def _told_s(self, from_s: float, until_s: float) -> float | None:
         """Return when the observers had told all that is to be seen of the true state at `until_s`.

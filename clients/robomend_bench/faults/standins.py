@@ -52,6 +52,7 @@ class _Play:
             self.now_s,
             self._message,
             lambda at_s, state: self.record.states.append((at_s, state)),
+            lambda topic, last_s, at_s: self.record.silences.append((topic, last_s, at_s)),
             slowness=self.scenario.slowness,
         )
         self.agent = agent(self)
@@ -207,6 +208,7 @@ class _Perfect(_Idle):
         assert self._belief is not None
         _, acts, self._belief = self.play.robot.policy.carry_out(self.play.body.state, repair, self._belief)
         self._plan = list(acts)
+        self._tell("running", str(repair))
         self.busy = True
 
     def _do(self, act: Act) -> None:
@@ -214,7 +216,7 @@ class _Perfect(_Idle):
         self.play.record.acts.append(acted)
 
         def answer(code: int, message: str) -> None:
-            acted.code, acted.message = code, message
+            acted.code, acted.message, acted.done_s = code, message, self.play.body.now_s
 
         self.play.body.order(act, answer)
         self._acting = acted

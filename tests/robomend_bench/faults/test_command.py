@@ -125,12 +125,20 @@ def test_what_is_no_measurement_is_named_and_never_scored() -> None:
     report = Report("", "published", "the service", 0, 1, [], [], [])
     died = Record(Trial("base", "hung-node", 1, 1), "published", error="the service died: out of memory")
     late = Record(Trial("base", "hung-node", 1, 2), "published", late_s=1.5)
-    judge([died, late], report)
-    assert (report.scores, report.late) == ([], [("base/hung-node/1.2", 1.5)])
+    starved = Record(Trial("base", "hung-node", 1, 3), "published", starved_s=0.4)
+    judge([died, late, starved], report)
+    assert (report.scores, report.late) == ([], [("base/hung-node/1.2", 1.5), ("base/hung-node/1.3", 0.4)])
     assert report.errors == [("base/hung-node/1.1", "the service died: out of memory")]
     shown = report.markdown()
-    assert "1 left out as the bench was late, 1 errors" in shown
+    assert "2 left out as the bench was late, 1 errors" in shown
     assert "base/hung-node/1.1`: the service died" in shown
+
+
+def test_on_a_computer_that_is_kept_busy_the_service_has_to_wait_and_that_counts() -> None:
+    report = Report("", "published", "the service", 4, 1, [], [], [])
+    starved = Record(Trial("base", "hung-node", 1, 3), "published", starved_s=0.4)
+    judge([starved], report)
+    assert ([score.trial for score in report.scores], report.late) == (["base/hung-node/1.3"], [])
 
 
 def test_lists_name_what_went_wrong_and_nothing_else() -> None:
