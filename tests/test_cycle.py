@@ -38,6 +38,7 @@ class Told:
     says_yes: bool = True
     refused: bool = False
     halted: bool = False
+    changes: int = 0  # how often the robot changes while it is planned for
     calls: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -47,8 +48,11 @@ class Told:
         self.calls.append("diagnose")
         return next(self._seen)
 
-    async def choose(self, result: DiagnosisResult) -> Choice:
+    async def choose(self, result: DiagnosisResult) -> Choice | None:
         self.calls.append("choose")
+        if self.changes:
+            self.changes -= 1
+            return None
         plan = POWER_LOST if self.planned else None
         return Choice(result.diagnoses[0], plan, None, (), 0.0, "as the test says")
 
@@ -80,6 +84,15 @@ async def test_without_a_plan_nobody_is_asked() -> None:
     repair = Told([LIDAR], planned=False)
     assert (await turn(repair)).outcome is TurnOutcome.NOTHING_TO_TRY
     assert repair.calls == ["diagnose", "choose"]
+
+
+async def test_what_changed_while_it_was_planned_for_is_diagnosed_anew_and_not_for_ever() -> None:
+    repair = Told([LIDAR, HEALTHY], changes=1)
+    assert (await mend(repair)).outcome is TurnOutcome.HEALTHY
+    assert repair.calls == ["diagnose", "choose", "diagnose"]
+    flapping = Told([LIDAR] * 10, changes=10, rounds=3)
+    assert (await mend(flapping)).execution is None
+    assert flapping.calls.count("choose") == 3
 
 
 async def test_what_is_not_approved_is_not_done() -> None:

@@ -25,7 +25,7 @@ class TurnOutcome(StrEnum):
     """What a turn of the loop came to."""
 
     HEALTHY = "healthy"  # OBS is what a healthy system would show
-    HELPED = "helped"  # not healthy yet, but the repaired diagnosis is gone
+    HELPED = "helped"  # not healthy yet, but the diagnosis that was to be repaired is gone
     NO_HELP = "no-help"  # the diagnosis stands; it is remembered as tried
     NOTHING_TO_TRY = "nothing-to-try"  # every diagnosis was tried, is in quarantine, or has no plan
     NOT_APPROVED = "not-approved"
@@ -57,8 +57,8 @@ class Repair(Protocol):
         """Return the minimal diagnoses of OBS as it is now, each configured observer heard."""
         ...
 
-    async def choose(self, result: DiagnosisResult) -> Choice:
-        """Plan for the leading diagnoses and return what to do first; a cheaper probe is waited for."""
+    async def choose(self, result: DiagnosisResult) -> Choice | None:
+        """Plan for the leading diagnoses; return what to do first, or None: the robot has changed meanwhile."""
         ...
 
     async def approved(self, choice: Choice) -> bool:
@@ -84,6 +84,8 @@ async def turn(repair: Repair) -> Turn:
     if result.healthy:
         return Turn(TurnOutcome.HEALTHY, result)
     choice = await repair.choose(result)  # each planned for; probability over cost
+    if choice is None:
+        return Turn(TurnOutcome.HELPED, result)
     if choice.plan is None or choice.diagnosis is None:
         return Turn(TurnOutcome.NOTHING_TO_TRY, result, choice)
     if not await repair.approved(choice):

@@ -28,7 +28,11 @@ def test_a_verdict_is_pending_until_its_observer_had_its_time() -> None:
 
 
 def begun(
-    known: list[Entry], began: dict[str, int], now: int, good: dict[Atom, tuple[int, ...]] | None = None
+    known: list[Entry],
+    began: dict[str, int],
+    now: int,
+    good: dict[Atom, tuple[int, ...]] | None = None,
+    unseen: tuple[str, ...] = (),
 ) -> dict[Atom, int]:
     """Ask of a driver of the scan, and the mapping that makes a map of it; starting takes 5 s."""
     rests_on = {"driver": {"driver", "scan", "map"}, "mapping": {"mapping", "map"}}
@@ -41,6 +45,7 @@ def begun(
         own.__getitem__,
         lambda entry: (good or {}).get(entry.atom, ()),
         now,
+        unseen,
     )
 
 
@@ -88,3 +93,18 @@ def test_what_was_good_after_its_input_was_is_not_silent_because_that_started() 
     # The input is up, and what makes the map of it has only begun.
     assert silent((11 * S,), 12 * S, driver=10 * S, mapping=12 * S)
     assert not silent((11 * S,), 12 * S, driver=10 * S, mapping=10 * S)
+
+
+def test_what_was_good_since_its_cause_was_first_heard_of_need_not_wait_for_it_to_start() -> None:
+    began = {"driver": 10 * S}
+
+    def silent(unseen: tuple[str, ...], onset: int | None) -> bool:
+        map_ = bad(MAP, time=13 * S, onset=onset)
+        return MAP in begun([bad(SCAN, time=13 * S, onset=9 * S), map_], began, 13 * S, unseen=unseen)
+
+    # Nobody saw it begin: it may have run for hours before it was heard of.
+    assert not silent(("driver",), 12 * S)
+    assert silent((), 12 * S)
+    # It may have begun just then: what was silent all the while, or never good, may come up yet.
+    assert silent(("driver",), 9 * S)
+    assert silent(("driver",), None)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
 from pathlib import Path
 from typing import Any
 
 import pytest
 from tests.repairs.robot import CONFIG, Robot, robot_on, running, service, the_repair
 
+from robomend.repairs.choosing import Chooser
 from robomend.robots.batches import Batch
 from robomend.robots.clock import CLOCK
 
@@ -153,3 +155,29 @@ async def test_a_repair_waits_for_a_verdict_that_could_change_its_first_act(tmp_
             repair = await the_repair(runtime)
     assert repair["state"] == "repaired", repair["reason"]
     assert robot.done == ["stop_node(lidar_node)", "start_node(lidar_node)"]  # not mapping
+
+
+async def test_what_becomes_well_while_it_is_planned_for_is_left_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    choose, planned = Chooser.choose_in_turn, list[str]()
+
+    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
+        await robot.settled()
+
+        async def slow(chooser: Chooser, state: Any, result: Any, **options: Any) -> Any:
+            """Plan as on a busy computer: meanwhile the node is started by whoever else looks after it."""
+            found = await choose(chooser, state, result, **options)
+            planned.append(found.reason)
+            robot.running["mapping"] = True
+            async with asyncio.timeout(60):
+                while not state.current.healthy:
+                    await asyncio.sleep(0.01)
+            return found
+
+        monkeypatch.setattr(Chooser, "choose_in_turn", slow)
+        robot.running["mapping"] = False
+        repair = await the_repair(runtime)
+    assert planned
+    assert robot.done == []
+    assert (repair["state"], repair["rounds"]) == ("repaired", [])

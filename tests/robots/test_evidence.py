@@ -91,6 +91,17 @@ def test_what_holds_is_known_to_since_it_was_news_and_since_its_present_evidence
     assert said(ok(50, 49)) == (49 * S, 49 * S)
 
 
+def test_only_what_was_heard_to_be_off_was_seen_to_begin() -> None:
+    held = Obs()
+    sight = Sight(cast(Any, SimpleNamespace(id="r1", obs=held)))
+    seen = []
+    for number, literal in enumerate((RUNNING, RUNNING, -RUNNING, RUNNING)):
+        entry = Entry(literal, "general", number * S, None, number * S)
+        sight.hear([entry], held.update([entry]))
+        seen.append(sight.seen_off(RUNNING.atom))
+    assert seen == [False, False, True, True]
+
+
 def test_since_when_things_hold_is_not_kept_of_ever_more_of_them(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("robomend.robots.sight.MAX_ATOMS", 10)
     sight = Sight(cast(Any, SimpleNamespace(id="r1", obs=Obs())))
@@ -98,4 +109,8 @@ def test_since_when_things_hold_is_not_kept_of_ever_more_of_them(monkeypatch: py
         entry = Entry(Literal(Atom("ok", (f"t{number}",))), "general", S, None, S)
         sight.hear([entry], [entry])
         assert sight.good_ns(entry) == (S, S)
+        stopped = Entry(Literal(Atom("running", (f"n{number}",)), False), "general", S, None, S)
+        sight.hear([stopped], [stopped])
+        assert sight.seen_off(stopped.atom)
     assert len(sight._rose) <= 11
+    assert len(sight._off) <= 11

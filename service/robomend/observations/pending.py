@@ -49,6 +49,7 @@ def starting(
     publishes: Callable[[str], Collection[str]],
     good_ns: Callable[[Entry], Collection[int]],
     now_ns: int,
+    unseen: Collection[str] = (),
 ) -> dict[Atom, int]:
     """Return those of the symptoms that may be due to something that has just been started, with until when.
 
@@ -58,6 +59,8 @@ def starting(
         influences: component -> the names of what rests on it.
         publishes: component -> the topics that are its own, or its drivers'.
         good_ns: what holds -> times since when it is known to have held all along.
+        unseen: components that nobody saw begin: they were first heard of as they are, and may have been so
+            for long. Whatever rests on them and was good since then is not silent because they start.
     """
     symptoms = [entry for entry in known if not entry.positive]
     found: dict[Atom, int] = {}
@@ -66,7 +69,8 @@ def starting(
         if end <= now_ns:
             continue
         names, own = frozenset(influences(component)), frozenset(publishes(component))
-        up_ns = _up_ns([entry for entry in known if own.intersection(entry.atom.args)], began, good_ns)
+        theirs = [entry for entry in known if own.intersection(entry.atom.args)]
+        up_ns = began if component in unseen else _up_ns(theirs, began, good_ns)
         for entry in symptoms:
             atom = entry.atom
             if not names.intersection(atom.args) or component in atom.args:

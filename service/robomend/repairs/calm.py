@@ -114,18 +114,20 @@ class Calm:
         parts = state.system.parts
         if parts is not None:
             began = {
-                entry.atom.args[0]: entry.onset_ns
+                entry.atom: entry.onset_ns
                 for entry in said
                 if entry.positive and entry.atom.predicate in OBSERVED_FACTS and entry.onset_ns is not None
             }
+            young = {atom: since for atom, since in began.items() if since + self._start_up_ns > now_ns}
             found |= starting(
                 [entry for entry in said if entry.positive or entry.atom in bad],
-                {name: since for name, since in began.items() if since + self._start_up_ns > now_ns},
+                {atom.args[0]: since for atom, since in young.items()},
                 lambda _: self._start_up_ns,
                 lambda name: touched(parts, [name]),
                 lambda name: published(parts, [name]),
                 state.sight.good_ns,
                 now_ns,
+                {atom.args[0] for atom in young if not state.sight.seen_off(atom)},
             )
         return found
 

@@ -69,6 +69,16 @@ class Hearing:
         self._anew = False
         return bool(told)
 
+    async def look_at(self, atom: Atom, reason: str) -> None:
+        """Wait until somebody tells of an atom that is cheaper to look at than to repair on suspicion."""
+        name = str(atom)
+        await self._record.update(
+            RepairTrigger.LOOKS_FIRST, reason=reason, waiting_for=[name], probe={"atom": name}
+        )
+        deadline = self._deadline()
+        while self._state.sight.value(atom) is None and time.monotonic() < deadline:
+            await self._next_news()
+
     async def still_silent(self, atoms: Iterable[Atom], since: int) -> list[Atom]:
         """Return those of the configured atoms whose observer stays silent, since a revision of OBS."""
         atoms = list(atoms)

@@ -100,23 +100,19 @@ class LiveRepair:
 
     # --- choose
 
-    async def choose(self, result: DiagnosisResult) -> Choice:
-        """Plan for the leading diagnoses; wait for a probe's outcome where looking first is cheaper."""
+    async def choose(self, result: DiagnosisResult) -> Choice | None:
+        """Plan for the leading diagnoses; wait for a probe's outcome where looking first is cheaper.
+
+        None: nothing of what is planned for is blamed any more; on a busy computer planning takes a while.
+        """
         found = await self._planned(result, looks=True)
         if found.probe is not None:
-            atom = found.probe.atom
-            await self._record.update(
-                RepairTrigger.LOOKS_FIRST,
-                reason=found.reason,
-                waiting_for=[str(atom)],
-                probe={"atom": str(atom)},
-            )
-            deadline = time.monotonic() + self._state.config.observed_timeout_s
-            while self._state.sight.value(atom) is None and time.monotonic() < deadline:
-                await self._signals.unless_halted(self._state.changed(self._state.revision, LOOK_S))
+            await self._hearing.look_at(found.probe.atom, found.reason)
             result = await self._newest()
             found = await self._planned(result, looks=False)
         if found.plan is not None and found.diagnosis is not None:
+            if stands_no_more(found.diagnosis.bad, await self._newest()):
+                return None
             self._in_doubt = in_doubt(found.diagnosis.bad, result)
             self._first = await self._record.begin_round(found, result, self._state.obs.entries())
         return found

@@ -39,7 +39,17 @@ LATER_NS = 2 * GUARD_NS
 class Sight:
     """Of one robot in memory (robomend.repairs.execution_values.FreshObs)."""
 
-    __slots__ = ("_clocks", "_listed", "_risen", "_robot", "_rose", "_settle", "declared", "unconfirmed")
+    __slots__ = (
+        "_clocks",
+        "_listed",
+        "_off",
+        "_risen",
+        "_robot",
+        "_rose",
+        "_settle",
+        "declared",
+        "unconfirmed",
+    )
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
@@ -49,6 +59,7 @@ class Sight:
             Atom, tuple[int, ...]
         ] = {}  # what holds -> since when, as it began to, and a bit later
         self._risen: set[Atom] = set()  # those of them of which the latter is not known yet
+        self._off: set[Atom] = set()  # what was heard to be off, or not to run, since we hear of the robot
         self._listed: tuple[tuple[str, ...], Vocabulary, frozenset[Atom]] | None = None
         self.declared = DeclaredAgents()
         self.unconfirmed = Unconfirmed()
@@ -154,6 +165,10 @@ class Sight:
         self.unconfirmed.touch((atom for atom in rest if atom not in held), Act(self._settle, answer_ns))
         return self._settle
 
+    def seen_off(self, atom: Atom) -> bool:
+        """Return whether something was ever heard to be off, or not to run: if so, its beginning was seen."""
+        return atom in self._off
+
     def good_ns(self, entry: Entry) -> tuple[int, ...]:
         """Return times since when something that holds is known to: from when it was news, and from now."""
         now_ns = () if entry.since_ns is None else (entry.since_ns,)
@@ -171,7 +186,11 @@ class Sight:
         if len(self._rose) > MAX_ATOMS:  # of those that nobody speaks of any more
             self._rose.clear()
             self._risen.clear()
+        if len(self._off) > MAX_ATOMS:
+            self._off.clear()
         for entry in changed:
+            if not entry.positive and entry.atom.predicate in OBSERVED_FACTS:
+                self._off.add(entry.atom)
             if entry.positive and entry.since_ns is not None:
                 self._rose[entry.atom] = (entry.since_ns,)
                 self._risen.add(entry.atom)
