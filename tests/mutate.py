@@ -140,9 +140,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     asked = parser.parse_args(arguments)
     known = equivalent()
     every = of_room(asked.room, asked.file)
-    some = [one for one in every if one.key not in known]
-    if asked.count:
-        some = random.Random(asked.seed).sample(some, min(asked.count, len(some)))
+    drawn = random.Random(asked.seed).sample(every, min(asked.count or len(every), len(every)))
+    some = [one for one in drawn if one.key not in known]  # afterwards: a name more, and the sample stays
     tests = ROOMS[asked.room][1]
     survivors = 0
     with tempfile.TemporaryDirectory() as folder:
@@ -156,7 +155,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             survived = copy.survives(mutant, ordered(mutant.file, tests), timeout_s)
             survivors += survived
             print(f"{'SURVIVED' if survived else 'killed  '} {mutant}", flush=True)
-    print(f"{len(some) - survivors} of {len(some)} killed; {len(every)} mutants in all, seed {asked.seed}")
+    print(
+        f"{len(some) - survivors} killed, {survivors} alive, {len(drawn) - len(some)} named as equivalent "
+        f"of {len(drawn)}; {len(every)} mutants in all, seed {asked.seed}"
+    )
     return 1 if survivors else 0
 
 

@@ -315,13 +315,17 @@ async def test_a_link_that_was_never_started_can_be_closed() -> None:
     await link_to(1).close()
 
 
-async def test_a_callback_that_fails_does_not_end_the_link() -> None:
+async def test_a_callback_that_fails_is_logged_and_does_not_end_the_link(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
     def fail(*_: object) -> None:
         raise RuntimeError("a bug of the caller")
 
     async with emulated() as emulator, link_to(emulator.port, on_snapshot=fail, on_state=fail) as link:
         await until(lambda: link.snapshot.channels is not None)
         await link.switch(7, True)
+    told = {record.getMessage().split(": ")[-1] for record in caplog.records if record.exc_info}
+    assert told == {"a state callback failed", "a snapshot callback failed"}
 
 
 @pytest.mark.parametrize(("port", "hz"), [(5000, 0), (5000, 256), (0, 5), (70000, 5)])

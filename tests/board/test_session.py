@@ -93,6 +93,7 @@ def test_the_table_has_only_states_that_can_be_reached_and_left() -> None:
 @pytest.mark.parametrize("channels", [1, 8, 10])
 def test_the_number_of_channels_comes_from_the_specification(channels: int) -> None:
     session = Session()
+    assert session.channels == 0
     specification = Specification((ChannelLimits(10.0, 24.0),) * channels)
     measured = Measurements((ChannelReading(False, 0.0, 0.0),) * channels)
     assert receive(session, specification, measured) == [specification, measured]

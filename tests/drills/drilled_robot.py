@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.clients.running_agent import alive
+from tests.repairs.robot import MODEL as SMALL
 from tests.waiting import until
 
 from robomend.model.components import ComponentModel
@@ -29,21 +30,12 @@ from robomend_client.rest.errors import StateConflict
 from robomend_client.rest.retry import NEVER
 from robomend_demo.robot import RATE_HZ, agent_config, devices_config, nodes_config
 
-MODEL = """
-robomend: 1
-name: small
-hardware:
-  base: {channel: 7}
-  lidar: {channel: 3}
-nodes:
-  base_node: {drives: [base], publishes: {odom: []}}
-  lidar_node: {drives: [lidar], publishes: {scan: []}}
-  mapping: {publishes: {map: [scan]}}
-  logger: {protected: true}
+MODEL = f"""{SMALL}\
+  logger: {{protected: true}}
 topics:
-  odom: {rate_hz: 10}
-  scan: {rate_hz: 10}
-  map: {rate_hz: 10}
+  odom: {{rate_hz: 10}}
+  scan: {{rate_hz: 10}}
+  map: {{rate_hz: 10}}
 """
 
 WAIT_S = 60.0

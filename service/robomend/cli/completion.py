@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import click
 from click.shell_completion import CompletionItem
@@ -54,6 +55,11 @@ class ComponentName(click.ParamType[str]):
             return _beginning(incomplete, load_model(path).cnf.components)
         except (RobomendError, OSError, ValueError):
             return []
+
+
+def components_option(flag: str, said: str) -> Callable[[Any], Any]:
+    """Return the option that takes components of the model, one at a time; `said`: its help."""
+    return click.option(flag, type=ComponentName(), multiple=True, metavar="COMPONENT", help=said)
 
 
 def _beginning(incomplete: str, names: Sequence[str]) -> list[CompletionItem]:

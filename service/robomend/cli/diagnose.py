@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from robomend.cli.completion import ComponentName, PartName
+from robomend.cli.completion import PartName, components_option
 from robomend.cli.files import near_file
 from robomend.cli.models import MODEL, is_snapshot_file, load
 from robomend.cli.search_options import search_options
@@ -54,27 +54,9 @@ PROBES_S = 0.5
 @click.option(
     "--conflicts/--no-conflicts", default=True, show_default=True, help="Say what clashes with what."
 )
-@click.option(
-    "--assume-healthy",
-    type=ComponentName(),
-    multiple=True,
-    metavar="COMPONENT",
-    help="What if it is healthy?",
-)
-@click.option(
-    "--assume-abnormal",
-    type=ComponentName(),
-    multiple=True,
-    metavar="COMPONENT",
-    help="What if it is abnormal?",
-)
-@click.option(
-    "--expect-stopped",
-    type=ComponentName(),
-    multiple=True,
-    metavar="COMPONENT",
-    help="This is meant to be off.",
-)
+@components_option("--assume-healthy", "What if it is healthy?")
+@components_option("--assume-abnormal", "What if it is abnormal?")
+@components_option("--expect-stopped", "This is meant to be off.")
 @click.option("--unknown", type=click.Choice(("refuse", "keep")), default="refuse", help="Undeclared names.")
 @click.option("--fail-on-fault", is_flag=True, help="Exit with 1 unless everything is healthy.")
 @click.option(

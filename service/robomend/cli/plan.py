@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from robomend.cli.completion import ComponentName, PartName
+from robomend.cli.completion import PartName, components_option
 from robomend.cli.files import ExistingFile
 from robomend.cli.models import MODEL, load
 from robomend.diagnosis.engines import ENGINES
@@ -29,13 +29,7 @@ if TYPE_CHECKING:
 @click.command("plan")
 @click.argument("model", type=MODEL)
 @click.option("--observe", "-o", multiple=True, metavar="SENTENCE", help='E.g. "not ok(scan)"; repeatable.')
-@click.option(
-    "--bad",
-    type=ComponentName(),
-    multiple=True,
-    metavar="COMPONENT",
-    help="Repair this instead of diagnosing; repeatable.",
-)
+@components_option("--bad", "Repair this instead of diagnosing; repeatable.")
 @click.option(
     "--planner",
     type=PartName("planner", PLANNERS.names),
@@ -56,16 +50,8 @@ if TYPE_CHECKING:
     help="Of the diagnosis.",
 )
 @click.option("--timeout", type=float, default=5.0, show_default=True, help="Seconds to plan; inf: none.")
-@click.option(
-    "--expect-stopped",
-    type=ComponentName(),
-    multiple=True,
-    metavar="COMPONENT",
-    help="This is meant to be off.",
-)
-@click.option(
-    "--protect", type=ComponentName(), multiple=True, metavar="COMPONENT", help="Never shut this down."
-)
+@components_option("--expect-stopped", "This is meant to be off.")
+@components_option("--protect", "Never shut this down.")
 @click.option("--unknown", type=click.Choice(("refuse", "keep")), default="refuse", help="Undeclared names.")
 @click.option("--pddl", is_flag=True, help="Show the planning problem too.")
 @click.option("--format", "format_", type=click.Choice(("table", "json")), default="table", show_default=True)
