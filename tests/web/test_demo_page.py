@@ -58,6 +58,11 @@ def test_the_power_up_scenario_is_seen_from_the_diagnosis_to_the_verified_repair
         # It is repaired in a second or two, so the page may never show the diagnosis: the record keeps it.
         expect(page.locator(".record")).to_contain_text("against jaguar:")
         expect(page.locator(".record")).to_contain_text("repaired, and seen to work")
+        page.locator(".record summary").first.click()
+        expect(page.locator(".record details").first).to_contain_text("Seen: not on(jaguar) since")
+        expect(page.locator(".record details").first).to_contain_text("Conflict: jaguar should be on because")
+        expect(page.locator(".record")).to_contain_text(re.compile(r"Seen after it: on\(jaguar\) since"))
+        expect(page.locator(".record")).to_contain_text("It helped: every effect was seen.")
         expect(page.locator('[data-part="state"] .badge')).to_have_text("healthy")
         demo.process.terminate()
         expect(page.locator('#live[data-state="lost"]')).to_be_visible()

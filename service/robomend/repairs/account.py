@@ -85,8 +85,7 @@ def _round(number: int, done: Json) -> list[str]:
         lines.append(f"  and {done['symptoms_left_out']} more symptoms")
     lines += [f"  conflict: {text}" for text in done.get("conflicts", ())]
     lines.append(f"  chosen: {done['why']}")
-    for rival in done.get("rivals", ()):
-        lines.append(f"  not chosen{_weight(rival['weight'])}: {rival['why']}{_lost(rival, done)}")
+    lines += [f"  {not_chosen(rival, done)}" for rival in done.get("rivals", ())]
     for step in done["plan"]:
         lines.append(f"  {_step(step)}")
     lines += [f"  seen after it: {_observed(one)}" for one in done.get("after", ())]
@@ -94,6 +93,20 @@ def _round(number: int, done: Json) -> list[str]:
         helped = "it helped" if done.get("helped") else "it did not help"
         lines.append(f"  {helped}: {done.get('reason') or done['ending']}")
     return lines
+
+
+def not_chosen(rival: Json, done: Json) -> str:
+    """Return which rival of a round was not chosen, and why."""
+    names = ", ".join(rival["bad"])
+    why = rival["why"] if str(rival["why"]).startswith(names) else f"{names}: {rival['why']}"
+    return f"not chosen{_weight(rival['weight'])}: {why}{_lost(rival, done)}"
+
+
+def since(seen: Json) -> int | None:
+    """Return since when what was seen is so, nanoseconds: what is bad since it turned bad."""
+    bad = seen["literal"].startswith("not ")
+    found: int | None = (seen["onset_ns"] if bad else None) or seen["since_ns"]
+    return found
 
 
 def _lost(rival: Json, done: Json) -> str:
@@ -126,9 +139,8 @@ def _seen(entry: Entry) -> dict[str, Any]:
 
 
 def _observed(seen: Json) -> str:
-    since = seen["onset_ns"] if seen["literal"].startswith("not ") else seen["since_ns"]
-    since = since or seen["since_ns"]
-    return f"{seen['literal']} since {_clock(since)}" if since else str(seen["literal"])
+    began = since(seen)
+    return f"{seen['literal']} since {_clock(began)}" if began else str(seen["literal"])
 
 
 def _weight(weight: float | None) -> str:

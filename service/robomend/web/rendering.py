@@ -18,6 +18,7 @@ from urllib.parse import urlencode
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
+from robomend.repairs.account import not_chosen, since
 from robomend.web.words import duration, layers, listed, repair_state
 
 HERE = Path(__file__).resolve().parent
@@ -83,6 +84,7 @@ def _environment() -> Environment:
     )
     environment.filters.update(listed=listed, repair_state=repair_state, layers=layers, json=in_json)
     environment.filters.update(name=name, time=time, percent=percent, amount=amount, duration=duration)
+    environment.filters.update(since=since, not_chosen=not_chosen)
     environment.globals.update(static=static_address, fleet_address=fleet_address, navigation=NAVIGATION)
     return environment
 
