@@ -43,7 +43,7 @@ COMMANDS: Table = {
     "export": ("robomend.cli.export:command", "Write everything that is stored."),
     "import": ("robomend.cli.import_:command", "Read what export wrote."),
     "schema": ("robomend.cli.schema:command", "Write the JSON Schema of a file, for editors."),
-    "init": ("robomend.cli.init:command", "Write a commented starter model."),
+    "init": ("robomend.cli.init:command", "Write files to start from."),
 }
 
 
