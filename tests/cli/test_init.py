@@ -168,6 +168,7 @@ def test_it_asks_a_person_at_a_terminal(tmp_path: Path) -> None:
 def test_a_template_passes_its_own_test_and_fails_it_when_it_is_broken(
     tmp_path: Path, arguments: tuple[str, ...], files: set[str]
 ) -> None:
+    tmp_path = tmp_path / ("deep" * 20)  # too long for a socket of the agent's bus
     assert init("init", *arguments, folder=tmp_path) == 0
     assert {path.name for path in tmp_path.iterdir()} == files
     name = arguments[1]

@@ -64,7 +64,7 @@ from robomend.model.loading import load_text
 from robomend.planning.plan import Outcome
 from robomend.planning.planning import PlanOptions, plan_for
 from robomend_client.actions import OK, Action
-from robomend_client.agent.config import read_config
+from robomend_client.agent.executors.kinds import read_actions
 from robomend_client.literals import holds
 from robomend_client.yaml_reader import Section
 from robomend_client.yaml_tree import read_tree
@@ -78,8 +78,6 @@ nodes: {{driver: {{drives: [{device}]}}}}
 """
 
 AGENT = """
-robot: test
-service: {{url: "http://127.0.0.1:8600"}}
 {entry}"""
 
 
@@ -94,7 +92,7 @@ def test_a_plan_uses_it_for_the_device_and_restarts_the_driver() -> None:
 
 
 def test_the_agent_carries_it_out() -> None:
-    (spec,) = read_config(Section(read_tree(AGENT), "agent.yaml", ""), HERE).actions
+    (spec,) = read_actions(Section(read_tree(AGENT), "agent.yaml", ""), HERE)
     executor = spec.make()
     told: list[str] = []
     result = asyncio.run(

@@ -37,15 +37,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from robomend_client.agent.config import read_config
 from robomend_client.literals import Literal, fails, holds
 from robomend_client.observers import Observer
+from robomend_client.observers.kinds import read_observers
 from robomend_client.yaml_reader import Section
 from robomend_client.yaml_tree import read_tree
 
 AGENT = """
-robot: test
-service: {{url: "http://127.0.0.1:8600"}}
 observers:
   {name}: {{kind: "{name}.py:{camel}", source: "{name}:value", most: 0.5}}
 """
@@ -53,8 +51,8 @@ observers:
 
 def observer() -> Observer:
     """Return the observer as the agent makes it of its file."""
-    config = read_config(Section(read_tree(AGENT), "agent.yaml", ""), Path(__file__).parent)
-    return config.observers[0].make()
+    (spec,) = read_observers(Section(read_tree(AGENT), "agent.yaml", ""), Path(__file__).parent)
+    return spec.make()
 
 
 def said(*readings: float) -> tuple[Literal, ...]:
