@@ -1,4 +1,4 @@
-"""Write the diagrams of the pages beside this file, from the tables in the code.
+"""Write the diagrams of the pages beside this file, and the schemas of examples/, from the code.
 
     ./dev run python docs/draw.py
 
@@ -11,12 +11,14 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from robomend.cli.schema import FILES, schema_name, schema_text
 from robomend.drills import states as drills
 from robomend.repairs import states
 from robomend.robots import states as held
 from robomend.transitions import diagram
 
 PAGES = Path(__file__).parent
+EXAMPLES = PAGES.parent / "examples"
 
 DIAGRAMS = {
     "repair": diagram(states.REPAIR, states.INITIAL, together=("any open state", states.OPEN)),
@@ -44,6 +46,8 @@ def main() -> None:
         text = path.read_text(encoding="utf-8")
         if text != drawn(text):
             path.write_text(drawn(text), encoding="utf-8")
+    for file in FILES:
+        (EXAMPLES / schema_name(file)).write_text(schema_text(file), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -94,10 +94,11 @@ class Section:
         tree = self._take(key)
         return None if tree is None else self._scalar(tree, key)
 
-    def choice(self, key: str, allowed: tuple[str, ...], default: str) -> str:
+    def choice(self, key: str, allowed: tuple[str, ...], default: str, beside: str = "") -> str:
+        """Return one of a few words; `beside` is said of what the key may be besides."""
         value = self.text(key, default)
         if value not in allowed:
-            raise self.error(key, f"must be one of {', '.join(allowed)}, not {value!r}")
+            raise self.error(key, f"must be one of {', '.join(allowed)}{beside}, not {value!r}")
         return value
 
     def flag(self, key: str, default: bool) -> bool:
@@ -121,8 +122,14 @@ class Section:
             raise self.error(key, f"must be a whole number, not {number:g}")
         return int(number)
 
-    def texts(self, key: str) -> tuple[str, ...]:
-        """Return a list of texts; empty when the key is not there."""
+    def texts(self, key: str, needed: str = "") -> tuple[str, ...]:
+        """Return a list of texts; empty when the key is not there.
+
+        Args:
+            needed: the complaint where there must be at least one, and it is not empty.
+        """
+        if needed and (not (texts := self.texts(key)) or not texts[0]):
+            raise self.missing(key, needed)
         tree = self._take(key)
         if tree is None:
             return ()
@@ -132,7 +139,7 @@ class Section:
 
     def section(self, key: str) -> Section:
         """Return the mapping under `key`; an empty one when it is not there."""
-        return Section(self._take(key) or Mapping({}, self._tree.line), self._file, self._name(key))
+        return self._below(key, self._take(key) or Mapping({}, self._tree.line))
 
     def is_section(self, key: str) -> bool:
         return isinstance(self._values.get(key), Mapping)
@@ -158,6 +165,9 @@ class Section:
                 near = nearest(key, self._asked)
                 hint = f"; did you mean {near}?" if near else f"; known are {', '.join(sorted(self._asked))}"
                 raise self.error(key, f"is no key here{hint}")
+
+    def _below(self, key: str, tree: Tree) -> Section:
+        return Section(tree, self._file, self._name(key))
 
     def _take(self, key: str) -> Tree | None:
         self._asked.add(key)

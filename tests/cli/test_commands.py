@@ -32,7 +32,7 @@ def test_compile_shows_each_clause_with_its_rule(capsys: Capture) -> None:
     assert run(["compile", TEDUSAR]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 18
-    assert lines[8].startswith("ab(hector_mapping) or not ok(scan) or ok(map)    # scheme 4, line 23: ")
+    assert lines[8].startswith("ab(hector_mapping) or not ok(scan) or ok(map)    # scheme 4, line 24: ")
 
 
 def test_compile_writes_dimacs_that_a_solver_reads(capsys: Capture) -> None:
@@ -55,7 +55,7 @@ def test_compile_writes_json(capsys: Capture) -> None:
     found = json.loads(capsys.readouterr().out)
     assert found["components"][:2] == ["jaguar", "hokuyo"]
     assert len(found["clauses"]) == len(found["origins"]) == 18
-    assert found["rules"][0] == {"text": "not ab(jaguar) -> on(jaguar)", "source": "scheme 1", "line": 10}
+    assert found["rules"][0] == {"text": "not ab(jaguar) -> on(jaguar)", "source": "scheme 1", "line": 11}
 
 
 def test_model_check_says_what_no_rule_can_blame(capsys: Capture) -> None:

@@ -112,7 +112,7 @@ def test_the_key_is_in_no_representation(tmp_path: Path) -> None:
         (
             'ready: {output: "ready|up"}',
             "ready: never",
-            ":18: processes.laser.ready: must be exec, notify or",
+            ":18: processes.laser.ready: must be one of exec, notify or {output: REGEX}, not 'never'",
         ),
         ("start: yes", "start: maybe", ":21: processes.laser.start: must be true or false"),
         ("topics:", "topics: [", "not YAML"),

@@ -131,8 +131,15 @@ class AgentConfig:
 
 def load(file: Path) -> AgentConfig:
     """Return the configuration in `file`; ConfigError names what is wrong with it and where."""
-    top = read(file)
-    base = file.resolve().parent
+    return read_config(read(file), file.resolve().parent)
+
+
+def read_config(top: Section, base: Path) -> AgentConfig:
+    """Return the configuration in a section whose paths are relative to `base`.
+
+    Raises:
+        ConfigError: it names what is wrong and where.
+    """
     robot = top.text("robot")
     agent = top.text("agent", socket.gethostname())
     host = top.optional("host")
@@ -291,11 +298,9 @@ def _recording(section: Section, base: Path) -> tuple[Path, int] | None:
 
 
 def _process(name: str, section: Section, base: Path, keep: bool) -> ProcessSpec:
-    command = section.texts("command")
-    if not command or not command[0]:
-        raise section.missing(
-            "command", "must be a list of the program and its arguments, e.g. [roslaunch, a.launch]"
-        )
+    command = section.texts(
+        "command", "must be a list of the program and its arguments, e.g. [roslaunch, a.launch]"
+    )
     directory = section.optional("directory")
     pattern = None
     if section.is_section("ready"):
@@ -307,9 +312,7 @@ def _process(name: str, section: Section, base: Path, keep: bool) -> ProcessSpec
             raise output.error("output", f"is no regular expression: {error}") from error
         output.finish()
     else:
-        ready = section.text("ready", "exec")
-        if ready not in ("exec", "notify"):
-            raise section.error("ready", f"must be exec, notify or {{output: REGEX}}, not {ready!r}")
+        ready = section.choice("ready", ("exec", "notify"), "exec", " or {output: REGEX}")
     spec = ProcessSpec(
         name=name,
         command=command,

@@ -50,23 +50,23 @@ def read_arguments(
         UnreadableParameter: `make` has a parameter that cannot be read.
     """
     found: dict[str, Any] = {}
-    presets = [p for kind in _spread(make) if (p := getattr(kind, "PRESETS", None))]
+    presets = [p for kind in spread_dataclasses(make) if (p := getattr(kind, "PRESETS", None))]
     if preset is not None and not any(preset in p for p in presets):
         known = sorted({name for p in presets for name in p})
         raise section.error("preset", f"must be one of {', '.join(known)}" if known else "this kind has none")
     defaults = {key: value for p in presets for key, value in p.get(preset, {}).items()} if preset else {}
-    parameters = list(_parameters(make))
+    parameters = list(parameters_of(make))
     names = [parameter.name for parameter, _ in parameters if parameter.name not in given]
     named = "atom" if "atom" in names else next(iter(names), "")
     for parameter, kind in parameters:
         if parameter.name in given:
             continue
         default = defaults.get(parameter.name, parameter.default)
-        if dataclass := _dataclass(kind):
+        if dataclass := dataclass_of(kind):
             found[parameter.name] = read_dataclass(section, dataclass, defaults)
-        elif parameter.name == named and named not in section and (kind is str or _is_list(kind)):
+        elif parameter.name == named and named not in section and (kind is str or is_list(kind)):
             section.optional(parameter.name)  # it is a key, too
-            found[parameter.name] = (name,) if _is_list(kind) else name
+            found[parameter.name] = (name,) if is_list(kind) else name
         else:
             found[parameter.name] = read_value(section, parameter.name, kind, default)
     return found
@@ -96,7 +96,7 @@ def made(section: Section, make: Callable[..., Any], **arguments: Any) -> Any:
 
 def read_value(section: Section, key: str, kind: Any, default: Any) -> Any:
     """Return the value of one key, in the type that is asked for."""
-    kinds = _alternatives(kind)
+    kinds = alternatives(kind)
     if key not in section and type(None) in kinds:
         section.optional(key)
         return None if default is inspect.Parameter.empty else default
@@ -115,7 +115,7 @@ def read_value(section: Section, key: str, kind: Any, default: Any) -> Any:
         )
     if kind is str:
         return section.text(key, "" if missing else default)
-    if _is_list(kind):
+    if is_list(kind):
         return section.texts(key) if key in section else tuple(section.texts(key)) or tuple(default)
     if _is_mapping(kind):
         return _read_mapping(section, key, kind)
@@ -126,7 +126,7 @@ def _read_mapping(section: Section, key: str, kind: Any) -> dict[str, Any]:
     _, value = get_args(kind)
     if value is str:
         return section.section(key).words()
-    if _is_list(value):
+    if is_list(value):
         entries = section.section(key)
         return {name: entries.texts(name) for name in entries.names()}
     if not is_dataclass(value):
@@ -138,7 +138,7 @@ def _read_mapping(section: Section, key: str, kind: Any) -> dict[str, Any]:
     return found
 
 
-def _parameters(make: Callable[..., Any]) -> Iterator[tuple[inspect.Parameter, Any]]:
+def parameters_of(make: Callable[..., Any]) -> Iterator[tuple[inspect.Parameter, Any]]:
     """Yield the parameters and their types; those of the base classes, too, where `**rest` hands them on."""
     makers = [vars(c)["__init__"] for c in _bases(make) if "__init__" in vars(c)] or [make]
     seen: set[str] = {"self"}
@@ -161,19 +161,19 @@ def _bases(make: Callable[..., Any]) -> tuple[type, ...]:
     return make.__mro__[:-1] if inspect.isclass(make) else ()
 
 
-def _spread(make: Callable[..., Any]) -> list[type]:
-    return [found for _, kind in _parameters(make) if (found := _dataclass(kind)) is not None]
+def spread_dataclasses(make: Callable[..., Any]) -> list[type]:
+    return [found for _, kind in parameters_of(make) if (found := dataclass_of(kind)) is not None]
 
 
-def _dataclass(kind: Any) -> type | None:
-    return next((k for k in _alternatives(kind) if inspect.isclass(k) and is_dataclass(k)), None)
+def dataclass_of(kind: Any) -> type | None:
+    return next((k for k in alternatives(kind) if inspect.isclass(k) and is_dataclass(k)), None)
 
 
-def _alternatives(kind: Any) -> tuple[Any, ...]:
+def alternatives(kind: Any) -> tuple[Any, ...]:
     return get_args(kind) if get_origin(kind) in (Union, types.UnionType) else (kind,)
 
 
-def _is_list(kind: Any) -> bool:
+def is_list(kind: Any) -> bool:
     return get_origin(kind) in (tuple, list, Sequence, Iterable)
 
 

@@ -42,7 +42,8 @@ COMMANDS: Table = {
     "doctor": ("robomend.cli.doctor:command", "Check this installation."),
     "export": ("robomend.cli.export:command", "Write everything that is stored."),
     "import": ("robomend.cli.import_:command", "Read what export wrote."),
-    "init": ("robomend.cli.init:command", "Write a commented starter model."),
+    "schema": ("robomend.cli.schema:command", "Write the JSON Schema of a file, for editors."),
+    "init": ("robomend.cli.init:command", "Write files to start from."),
 }
 
 

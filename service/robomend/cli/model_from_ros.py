@@ -34,9 +34,19 @@ def command(ros1: str | None, ros2: int | None, bag: Path | None, name: str) -> 
 
     if [ros1, ros2, bag].count(None) != 2:
         raise click.UsageError("give one of --ros1, --ros2 and --bag")
+    graph, source = graph_of(ros1, ros2, bag)
+    click.echo(model_from_graph(graph, name, source), nl=False)
+
+
+def graph_of(ros1: str | None, ros2: int | None, bag: Path | None) -> tuple[RosGraph, str]:
+    """Return the graph of a running robot or a recording, and where it is from, for people.
+
+    Raises:
+        InputError, BackendError: it cannot be read; with what to install where that is why.
+    """
     if ros2 is not None:
-        graph, source = _ros2_graph(ros2), f"domain {ros2} of ROS 2"
-    elif ros1 is not None:
+        return _ros2_graph(ros2), f"domain {ros2} of ROS 2"
+    if ros1 is not None:
         from robomend_client.bridges.ros1.master import read_graph
         from robomend_client.bridges.ros1.xmlrpc import OutOfReach, PeerError, address_of
 
@@ -45,21 +55,19 @@ def command(ros1: str | None, ros2: int | None, bag: Path | None, name: str) -> 
         except OutOfReach as error:
             raise InputError(str(error)) from error
         try:
-            graph, source = read_graph(ros1), f"the master at {ros1}"
+            return read_graph(ros1), f"the master at {ros1}"
         except PeerError as error:
             raise BackendError(f"the master at {ros1}: {error}") from error
-    else:
-        assert bag is not None
-        try:
-            from robomend_client.bridges.ros1.bag import UnreadableBag, bag_graph
-        except ImportError as error:
-            why = "reading bags needs what is installed with: pip install 'robomend-client[ros1]'"
-            raise BackendError(why) from error
-        try:
-            graph, source = bag_graph(bag), f"the recording {bag.name}, which does not say who listens"
-        except UnreadableBag as error:
-            raise InputError(str(error)) from error
-    click.echo(model_from_graph(graph, name, source), nl=False)
+    assert bag is not None
+    try:
+        from robomend_client.bridges.ros1.bag import UnreadableBag, bag_graph
+    except ImportError as error:
+        why = "reading bags needs what is installed with: pip install 'robomend-client[ros1]'"
+        raise BackendError(why) from error
+    try:
+        return bag_graph(bag), f"the recording {bag.name}, which does not say who listens"
+    except UnreadableBag as error:
+        raise InputError(str(error)) from error
 
 
 def _ros2_graph(domain: int) -> RosGraph:

@@ -28,15 +28,26 @@ def read_robot(path: Path) -> dict[str, Any]:
     try:
         if path.stat().st_size > LARGEST:
             raise InputError(f"{path}: larger than {LARGEST >> 20} MiB: no robot's configuration")
-        tree = read_tree(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise InputError(f"{path} is not UTF-8 text") from error
+    return read_robot_text(text, str(path))
+
+
+def read_robot_text(text: str, file: str) -> dict[str, Any]:
+    """Return the configuration that a text holds; `file` is for complaints.
+
+    Raises:
+        InputError: no YAML, or no mapping.
+    """
+    try:
+        tree = read_tree(text)
     except YamlError as error:
-        raise InputError(f"{path}:{error.line or 1}: {error}") from error
+        raise InputError(f"{file}:{error.line or 1}: {error}") from error
     if not isinstance(tree, Mapping):
-        raise InputError(f"{path}:{tree.line}: a robot's configuration is a mapping, as `model: tedusar`")
+        raise InputError(f"{file}:{tree.line}: a robot's configuration is a mapping, as `model: tedusar`")
     return {name: _value(value) for name, value in tree.items.items()}
 
 

@@ -1,4 +1,4 @@
-"""`robomend init`: a commented model to start from."""
+"""`robomend init model`: a commented model to start from."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ rules:                        # your own: not, and, or, ->, <->, (…), forall a
 """
 
 
-@click.command("init")
+@click.command("model")
 @click.argument("path", type=click.Path(path_type=Path, dir_okay=False), default="robot.yaml")
 @click.option("--name", help="The robot's name; the default is the file's.")
 @click.option("--force", is_flag=True, help="Overwrite the file.")

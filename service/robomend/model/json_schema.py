@@ -1,0 +1,176 @@
+"""The component model as JSON Schema, for editors: the keys of component_yaml.py, each with what it may be.
+
+A schema knows the structure of one text. What a name refers to, circles of feeds, channels used twice and
+the sentences of rules are beyond it; the reader has them, with file and line.
+"""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import Any
+
+from robomend.model import component_yaml as keys
+from robomend.model.clauses import UNKNOWN_MODE
+from robomend.model.cnf import PARTIAL
+from robomend.model.components import Component, Hardware, Node
+from robomend.model.five_key import KEYS as FIVE_KEYS
+from robomend_client.yaml_schema import DRAFT
+
+Schema = dict[str, Any]
+
+SCALAR = ["string", "number", "boolean"]
+NAME: Schema = {"type": SCALAR, "minLength": 1, "maxLength": keys.MAX_NAME + 1}
+KEY_NAME: Schema = {"minLength": 1, "maxLength": keys.MAX_NAME + 1, "pattern": r"^[^\u0000-\u001f\u007f]+$"}
+TEXT: Schema = {"type": [*SCALAR, "null"]}
+NAMES: Schema = {"type": [*SCALAR, "array", "null"], "items": NAME, "uniqueItems": True}
+SENTENCES: Schema = {"type": ["array", "null"], "items": {"type": SCALAR}}
+FLAG: Schema = {"enum": [True, False, "yes", "no", "on", "off", None]}
+ABOVE_0: Schema = {"type": ["number", "null"], "exclusiveMinimum": 0}
+PROBABILITY: Schema = {"type": ["number", "null"], "exclusiveMinimum": 0, "exclusiveMaximum": 1}
+CHANNEL: Schema = {"type": ["integer", "null"], "minimum": 0, "maximum": keys.MAX_CHANNELS - 1}
+
+BY_TYPE: dict[str, Schema] = {
+    "bool": FLAG,
+    "int": {"type": ["integer", "null"], "minimum": 0, "maximum": keys.MAX_WHOLE},
+    "float": ABOVE_0,
+    "str": TEXT,
+    "tuple[str, ...]": NAMES,
+}
+"""The fields of a kind of component that others add, as component_yaml.py reads them."""
+
+
+def model_schema() -> Schema:
+    """Return the schema of a model in YAML: a component model, or five keys."""
+    return {
+        "$schema": DRAFT,
+        "title": "robomend: a model",
+        "type": "object",
+        "if": {"not": {"required": ["robomend"]}, "anyOf": [{"required": [key]} for key in FIVE_KEYS]},
+        "then": five_key_schema(),
+        "else": component_schema(),
+    }
+
+
+def component_schema() -> Schema:
+    """Return the schema of a component model."""
+    sections: Schema = {
+        "hardware": _section(Hardware, HARDWARE),
+        "nodes": _section(Node, NODE),
+        **{kind.section: _section(kind, _own_keys(kind)) for kind in keys.OTHER_KINDS},
+    }
+    known: Schema = {**TOP, **sections}
+    return {
+        "type": "object",
+        "properties": {key: known[key] for key in keys.MODEL_KEYS},
+        "required": ["robomend"],
+        "anyOf": [{"required": [section]} for section in sections],
+        "additionalProperties": False,
+    }
+
+
+def five_key_schema() -> Schema:
+    """Return the schema of a five-key model."""
+    word: Schema = {"type": "string", "pattern": r"^\w[\w.-]*$"}
+    texts: Schema = {"type": ["array", "null"], "items": {"type": SCALAR}}
+    ab, nab, prefix, props, rules = FIVE_KEYS
+    return {
+        "properties": {ab: word, nab: word, prefix: word, props: texts, rules: texts},
+        "required": list(FIVE_KEYS),
+        "additionalProperties": False,
+    }
+
+
+def _said(description: str, schema: Schema) -> Schema:
+    return {"description": description, **schema}
+
+
+def _named(entry: Schema, *, listed: bool = True) -> Schema:
+    """Return a section: entries by name, or bare names."""
+    shape: Schema = {"type": ["object", "null"], "propertyNames": KEY_NAME, "additionalProperties": entry}
+    if listed:
+        shape |= {"type": ["object", "array", "null"], "items": NAME, "uniqueItems": True}
+    return shape
+
+
+def _entry(properties: Schema, *required: str) -> Schema:
+    entry: Schema = {"type": ["object", "null"], "properties": properties, "additionalProperties": False}
+    return {**entry, "type": "object", "required": list(required)} if required else entry
+
+
+MODES: Schema = {
+    "type": ["object", "null"],
+    "propertyNames": {**KEY_NAME, "not": {"const": UNKNOWN_MODE}},
+    "additionalProperties": SENTENCES,
+}
+PART: Schema = {
+    "prior": _said("the probability that it is abnormal, above 0 and below 1", PROBABILITY),
+    "cost": _said("of its repair, relative to the domain's own", ABOVE_0),
+    "modes": _said("fault mode → sentences that hold in it", MODES),
+    "exhaustive_modes": _said("it cannot fail in any other way than by these modes", FLAG),
+    "host": _said("the computer that it runs on or hangs on", {**NAME, "type": [*SCALAR, "null"]}),
+    "protected": _said("nothing shuts it down or stops it, nor what feeds it", FLAG),
+}
+HARDWARE: Schema = {
+    "channel": _said("of the power board: the device is switchable", CHANNEL),
+    "fed_by": _said("devices whose power it needs, all of them", NAMES),
+    "blame_hardware": _said("without a channel: it can be blamed beside its drivers", FLAG),
+    **PART,
+}
+NODE: Schema = {
+    "drives": _said("the devices that it drives", NAMES),
+    "publishes": _said("topic → the topics that it rests on", _named(NAMES)),
+    "inputs_matter": _said("the inputs of a driver count too", FLAG),
+    "restartable": _said("false: nothing restarts it", FLAG),
+    "tied_to": _said("nodes after whose restart it must restart", NAMES),
+    **PART,
+}
+TOPIC: Schema = {
+    "rate_hz": _said("messages per second, for the observers", ABOVE_0),
+    "tolerance_hz": _said("how far the rate may stray", ABOVE_0),
+    "cost": _said("of observing it, in seconds", ABOVE_0),
+}
+PROPERTY: Schema = {"cost": TOPIC["cost"]}
+VALUE: Schema = {
+    "topic": _said("whose messages have it", NAME),
+    "field": _said("the way to it, e.g. twist.twist.angular.z", {"type": SCALAR}),
+}
+TOP: Schema = {
+    "robomend": _said("the format", {"const": keys.FORMAT}),
+    "name": _said("the robot model's name; default: the file's", TEXT),
+    "channels": _said(
+        "how many the power board has",
+        {"type": ["integer", "null"], "minimum": 1, "maximum": keys.MAX_CHANNELS, "default": 10},
+    ),
+    "protected_channels": _said(
+        "channels that are never shut down, e.g. the one of the robot's computer",
+        {"type": ["array", "null"], "items": {**CHANNEL, "type": "integer"}},
+    ),
+    "topics": _said("topics from outside, and what observers expect of all", _named(_entry(TOPIC))),
+    "properties": _said("observable things that are neither topic nor component", _named(_entry(PROPERTY))),
+    "values": _said(
+        "fields whose trends are observed", _named(_entry(VALUE, *keys.VALUE_KEYS), listed=False)
+    ),
+    "related": _said(
+        "pairs of values whose trends match",
+        {
+            "type": ["array", "null"],
+            "items": {"type": "array", "items": NAME, "minItems": 2, "maxItems": 2, "uniqueItems": True},
+        },
+    ),
+    "rules": _said('your own, e.g. "not ok(temp) -> ab(mapper)"', SENTENCES),
+    "act_when": _said("nothing is sent to the robot unless this sentence is observed", TEXT),
+    "blame_hardware": _said("the default for every device", FLAG),
+    "inputs_matter": _said("the default for every node", FLAG),
+    "partial_failure": _said(
+        "how often what fails does so in part only", {**PROBABILITY, "default": PARTIAL}
+    ),
+}
+
+
+def _own_keys(kind: type[Component]) -> Schema:
+    own = (one for one in fields(kind) if one.name not in keys.COMMON_FIELDS)
+    return {**{one.name: BY_TYPE[str(one.type).removesuffix(" | None")] for one in own}, **PART}
+
+
+def _section(kind: type[Component], properties: Schema) -> Schema:
+    return _said(f"every {kind.what} of the robot, by name", _named(_entry(properties)))
