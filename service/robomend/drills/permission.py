@@ -97,13 +97,14 @@ def _not_now(state: Robot, fault: Plantable) -> Iterator[str]:
 def nobody_for(fault: Plantable, agents: Collection[Declaration]) -> str | None:
     """Return why none of a robot's agents could plant a fault.
 
-    Where none is heard it may ask another instance for work; if it does not, nothing is planted.
+    Where none is heard it may ask another instance for work, and one that does not say what it can do may do
+    this; if it does not, nothing is planted.
     """
     if fault.kind not in AGENTS_FAULTS or not agents:
         return None
     target = fault.topic or fault.component
     wanted = {"plant_fault", f"plant_fault:{target}"}
-    if any(agent.can is not None and wanted & agent.can for agent in agents):
+    if any(agent.can is None or wanted & agent.can for agent in agents):
         return None
     has = "watches it on a bus of its own" if fault.topic else "supervises it"
     return f"nobody could plant it in {target}: no agent of the robot {has}"
