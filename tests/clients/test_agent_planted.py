@@ -1,4 +1,4 @@
-"""What a drill plants in an agent's processes is on disk before, and undone whatever happens to the agent."""
+"""What a drill plants through an agent is on disk before, and undone whatever happens to the agent."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.clients.running_agent import SLEEPER, agent, alive, config
+from tests.clients.running_agent import SLEEPER, agent, alive, config, marked
 from tests.clients.service_double import ServiceDouble, eventually, service_double
 from tests.waiting import eventually as soon
 
@@ -81,7 +81,67 @@ def test_a_halted_process_goes_on_and_a_killed_one_is_started(tmp_path: Path, se
         assert service.do("d:9", "plant_fault", "walker", "node-frozen", "86400")["code"] == REFUSED
 
 
-@pytest.mark.parametrize("kind", ["node-killed", "node-frozen"])
+def test_a_mute_process_stands_in_until_the_undo_or_a_repair(tmp_path: Path, service: ServiceDouble) -> None:
+    with agent(config(tmp_path, service.url, node(tmp_path))):
+        first = pid(tmp_path)
+        eventually(lambda: service.holds().get("running(walker)"), "it runs")
+        assert service.do("d:1", "plant_fault", "walker", "node-mute", "60")["code"] == OK
+        assert not alive(first)
+        [lease] = leases(tmp_path)
+        assert alive(lease["pid"])
+        assert "stand_in" in Path(f"/proc/{lease['pid']}/cmdline").read_text()
+        heard = len(service.batches())
+        eventually(lambda: len(service.batches()) >= heard + 2, "what its observers say now")
+        assert "not running(walker)" not in str(service.batches())
+        assert service.do("d:2", "undo_fault", "walker", "node-mute")["code"] == OK
+        second = pid(tmp_path, other_than=first)
+        assert (alive(second), alive(lease["pid"]), leases(tmp_path)) == (True, False, [])
+
+        assert service.do("d:3", "plant_fault", "walker", "node-mute", "60")["code"] == OK
+        [lease] = leases(tmp_path)
+        assert service.do("d:4", "stop_node", "walker")["code"] == OK  # as a repair does
+        assert service.do("d:5", "start_node", "walker")["code"] == OK
+        third = pid(tmp_path, other_than=second)
+        assert service.do("d:6", "undo_fault", "walker", "node-mute")["code"] == OK
+        assert (alive(third), alive(lease["pid"])) == (True, False)
+        assert service.do("d:7", "stop_node", "walker")["code"] == OK
+        assert service.do("d:8", "plant_fault", "walker", "node-mute", "60")["code"] == REFUSED
+        assert leases(tmp_path) == []
+
+
+def test_topics_of_the_agents_bus_may_be_disturbed_and_a_node_may_have_the_same_name(
+    tmp_path: Path, service: ServiceDouble
+) -> None:
+    more = {"topics": {"walker": {"rate_hz": 10}, "scan": {"rate_hz": 10}}}
+    with agent(config(tmp_path, service.url, node(tmp_path), **more)):
+        pid(tmp_path)
+        wanted = {"plant_fault:walker", "plant_fault:scan", "undo_fault:scan"}
+        eventually(lambda: service.polls and wanted <= set(service.polls[-1]["can"]), "both are offered")
+        assert service.do("d:1", "plant_fault", "scan", "topic-dropped", "60")["code"] == OK
+        assert service.do("d:2", "plant_fault", "scan", "topic-delayed", "60")["code"] == REFUSED
+        assert service.do("d:3", "plant_fault", "walker", "topic-delayed", "60")["code"] == OK
+        assert service.do("d:4", "plant_fault", "walker", "node-frozen", "60")["code"] == OK
+        assert len(leases(tmp_path)) == 3
+        assert service.do("d:5", "undo_fault", "walker", "topic-delayed")["code"] == OK
+        assert [one["kind"] for one in leases(tmp_path)] == ["topic-dropped", "node-frozen"]
+        assert service.do("d:6", "undo_fault", "walker", "node-frozen")["code"] == OK
+        assert service.do("d:7", "undo_fault", "scan", "topic-dropped")["code"] == OK
+        assert service.do("d:8", "undo_fault", "scan", "topic-dropped")["code"] == UNDONE_BEFORE
+        assert service.do("d:9", "plant_fault", "scan", "node-killed", "60")["code"] == REFUSED
+        assert service.do("d:10", "plant_fault", "odom", "topic-dropped", "60")["code"] == REFUSED
+
+
+def test_an_agent_that_joins_the_bus_of_another_disturbs_no_topic(
+    tmp_path: Path, service: ServiceDouble
+) -> None:
+    more = {"topics": {"scan": {"rate_hz": 10}}, "bus": {"join": "tcp:127.0.0.1:9"}}
+    with agent(config(tmp_path, service.url, node(tmp_path), **more)):
+        eventually(lambda: service.polls, "it asks for work")
+        assert "plant_fault:walker" in service.polls[-1]["can"]
+        assert "plant_fault:scan" not in service.polls[-1]["can"]
+
+
+@pytest.mark.parametrize("kind", KINDS)
 def test_what_an_agent_that_was_killed_had_planted_the_next_one_undoes(
     tmp_path: Path, service: ServiceDouble, kind: str
 ) -> None:
@@ -89,12 +149,16 @@ def test_what_an_agent_that_was_killed_had_planted_the_next_one_undoes(
     with agent(file) as running:
         first = pid(tmp_path)
         assert service.do("d:1", "plant_fault", "walker", kind, "60")["code"] == OK
+        [lease] = leases(tmp_path)
         running.send_signal(signal.SIGKILL)
         running.wait(20)
+    if kind == "node-mute":
+        eventually(lambda: not alive(lease["pid"]), "the stand-in ends with its agent")
     with agent(file):
         eventually(lambda: leases(tmp_path) == [], "the lease is over")
         now = first if kind == "node-frozen" else pid(tmp_path, other_than=first)
         assert (alive(now), halted(now)) == (True, False)
+        eventually(lambda: marked(str(tmp_path / "pid")) == [now], "no other process is left")
     os.kill(now, signal.SIGKILL)
 
 

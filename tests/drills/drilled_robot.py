@@ -140,7 +140,13 @@ class DrilledRobot:
             "policy": "auto",
             "observed": observed,
             "observed_timeout_s": 15.0,
-            "board": {"host": "127.0.0.1", "port": self.board["port"], "rate_hz": 5, "protected": [2]},
+            "board": {
+                "host": "127.0.0.1",
+                "port": self.board["port"],
+                "control_port": self.board["control_port"],
+                "rate_hz": 5,
+                "protected": [2],
+            },
             **self.config,
         }
 
@@ -204,14 +210,21 @@ class DrilledRobot:
             return {}
 
     def start_drill(
-        self, fault: str, component: str, bound_s: float = 60.0, detect_s: float = 15.0
+        self,
+        fault: str,
+        component: str | None = None,
+        bound_s: float = 60.0,
+        detect_s: float = 15.0,
+        topic: str | None = None,
     ) -> dict[str, Any]:
         """Begin a drill as soon as the robot is well, and no repair of it goes on."""
         deadline = time.monotonic() + WAIT_S
         while True:
             try:
                 with self.client as client:
-                    return client.start_drill("r1", fault, component, bound_s=bound_s, detect_s=detect_s)
+                    return client.start_drill(
+                        "r1", fault, component, topic=topic, bound_s=bound_s, detect_s=detect_s
+                    )
             except StateConflict:
                 if time.monotonic() > deadline:
                     raise
@@ -240,8 +253,17 @@ class DrilledRobot:
     def in_state(self, drill: str, *states: str) -> dict[str, Any]:
         return self.drill(drill, lambda one: one["state"] in states)
 
+    def board_faults(self) -> list[dict[str, Any]]:
+        """Return the faults of the emulated board."""
+        with socket.create_connection(("127.0.0.1", self.board["control_port"]), 10.0) as connection:
+            connection.sendall(b'{"status": true}\n')
+            faults: list[dict[str, Any]] = json.loads(connection.makefile().readline())["faults"]
+            return faults
+
     def leftovers(self) -> list[str]:
-        """Return what is not as it was: nodes that do not run or are halted, devices that are off, leases."""
+        """Return what is not as it was: nodes that do not run or are halted, devices that are off, faults of
+        the board, leases.
+        """
         found = [f"{name} does not run" for name in self.model.nodes.keys() - self.nodes().keys()]
         found += [f"{name} is halted" for name in self.halted()]
         with self.client as client:
@@ -251,6 +273,7 @@ class DrilledRobot:
             found += [
                 f"drill {one['id']} is open" for one in client.drills("r1")["items"] if not one["finished_ns"]
             ]
+        found += [f"the board has {fault}" for fault in self.board_faults()]
         leases = self.folder / "agent" / "planted.json"
         if leases.exists() and json.loads(leases.read_text())["faults"]:
             found.append(leases.read_text())

@@ -7,6 +7,7 @@ import random
 import subprocess
 import sys
 import time
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -14,25 +15,34 @@ import pytest
 from tests.drills.drilled_robot import DrilledRobot, drilled_robot
 from tests.waiting import until
 
+from robomend.planning.faults import fault_name
 from robomend_client.rest import ClientError
 
-FAULTS = (
-    ("node-killed", "lidar_node"),
-    ("node-frozen", "lidar_node"),
-    ("node-killed", "mapping"),
-    ("node-frozen", "mapping"),
-    ("device-off", "lidar"),
-    ("device-off", "base"),
+FAULTS: tuple[tuple[str, str | None, str | None], ...] = (
+    ("node-killed", "lidar_node", None),
+    ("node-frozen", "lidar_node", None),
+    ("node-mute", "lidar_node", None),
+    ("node-killed", "mapping", None),
+    ("node-frozen", "mapping", None),
+    ("node-mute", "mapping", None),
+    ("topic-dropped", "lidar_node", "scan"),
+    ("topic-delayed", "mapping", "map"),
+    ("device-off", "lidar", None),
+    ("device-off", "base", None),
+    ("channel-short", "lidar", None),
+    ("channel-open", "base", None),
+    ("board-mute", None, None),
 )
 
 
-def one_round(robot: DrilledRobot, rng: random.Random, victim: str) -> tuple[str, str]:
-    """Drill, kill the victim at a random moment, start it again; return at which state, and the end."""
-    kind, component = rng.choice(FAULTS)
+def one_round(robot: DrilledRobot, rng: random.Random, victim: str) -> tuple[str, str, str]:
+    """Drill, kill the victim at a random moment, start it again; return fault, state at that moment, end."""
+    kind, component, topic = rng.choice(FAULTS)
+    name = fault_name(kind, component, topic)
     if victim == "command":
-        command, drill = by_command(robot, f"{kind}:{component}")
+        command, drill = by_command(robot, name)
     else:
-        drill = robot.start_drill(kind, component, bound_s=8.0, detect_s=4.0)
+        drill = robot.start_drill(kind, component, bound_s=8.0, detect_s=4.0, topic=topic)
     time.sleep(rng.uniform(0.0, 2.0))  # a random moment
     at = "?"
     with contextlib.suppress(ClientError), robot.client as client:
@@ -49,7 +59,7 @@ def one_round(robot: DrilledRobot, rng: random.Random, victim: str) -> tuple[str
     # The agent's own undo, and a repair of what its kill broke, may still be under way.
     until(lambda: not robot.leftovers(), f"nothing is left of {ended}: {robot.leftovers()}", 60.0)
     robot.until_healthy()
-    return at, ended["state"]
+    return name, at, ended["state"]
 
 
 def by_command(robot: DrilledRobot, fault: str) -> tuple[subprocess.Popen[bytes], dict[str, Any]]:
@@ -75,7 +85,7 @@ def test_killed_at_random_moments_nothing_is_left(tmp_path: Path, long: bool, ke
         pytest.skip("a robot more to start: the long version has it; test_agent_planted.py keeps nodes, too")
     seed = random.randrange(1 << 30)
     rng = random.Random(seed)
-    found: list[tuple[str, str, str]] = []
+    found: list[tuple[str, str, str, str]] = []
     with drilled_robot(tmp_path, keep=keep) as robot:
         for number in range(50 if long else 2):
             victim = ("service", "agent", "command")[number % 3] if long else ("agent", "service")[number]
@@ -83,4 +93,5 @@ def test_killed_at_random_moments_nothing_is_left(tmp_path: Path, long: bool, ke
                 found.append((victim, *one_round(robot, rng, victim)))
             except AssertionError as error:
                 raise AssertionError(f"seed {seed}, drill {number}, {victim}: {error}") from error
-    print(sorted(found))
+    counted = Counter((victim, at, end) for victim, _, at, end in found)
+    print(len(found), sorted(counted.items()), Counter(name for _, name, _, _ in found))

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 from tests.drills.drilled_robot import DrilledRobot
+from tests.waiting import until
 
 from robomend_client.rest import ApiError
 
@@ -49,6 +50,77 @@ def test_a_fault_is_planted_seen_repaired_and_undone(
         past = [line["data"] for line in client.history("r1", kind="diagnosis", limit=20)["items"]]
         at_fault = [one for one in past if component in str(one["result"]["diagnoses"])]
         assert drill["id"] in {one["drill"] for one in at_fault}
+
+
+def test_a_mute_process_in_a_nodes_place_is_seen_and_the_repair_starts_the_node_again(
+    robot: DrilledRobot,
+) -> None:
+    drill = robot.start_drill("node-mute", "mapping")
+    ended = robot.ended(drill["id"])
+    assert (ended["state"], ended["undone"], ended["cut_short"]) == ("done", True, None), ended
+    seen = ended["seen"]
+    assert ["mapping"] in seen["diagnoses"]
+    assert "not running(mapping)" not in {
+        text for text, at_s in seen["showed"].items() if at_s < seen["acted_s"]
+    }
+    assert (seen["repair_state"], seen["needless"]) == ("repaired", [])
+
+
+@pytest.mark.parametrize("fault", ["topic-dropped", "topic-delayed"])
+def test_a_topic_that_the_bus_loses_is_its_publishers_fault_and_passes_again_afterwards(
+    robot: DrilledRobot, fault: str
+) -> None:
+    configured(robot, policy="approve")  # nothing that a repair does would help
+    try:
+        drill = robot.start_drill(fault, "lidar_node", bound_s=3.0, topic="scan")
+        ended = robot.ended(drill["id"])
+        assert (ended["state"], ended["undone"], ended["topic"]) == ("done", True, "scan"), ended
+        assert ["lidar_node"] in ended["seen"]["diagnoses"]
+        assert "not ok(scan)" in ended["seen"]["showed"]
+        assert "not running(lidar_node)" not in ended["seen"]["showed"]
+    finally:
+        configured(robot, policy="auto")
+    robot.until_healthy()
+
+
+@pytest.mark.parametrize("fault", ["channel-stuck", "channel-open", "channel-short", "board-brown-out"])
+def test_the_faults_of_an_emulated_board_take_power_and_give_it_back(
+    robot: DrilledRobot, fault: str, long: bool
+) -> None:
+    if fault != "channel-open" and not long:
+        pytest.skip("ten seconds each, most of it the restart of a driver: the long version has them all")
+    component = None if fault == "board-brown-out" else "lidar"
+    drill = robot.start_drill(fault, component, bound_s=3.0)
+    robot.in_state(drill["id"], "planted")
+    assert [one["fault"] for one in robot.board_faults()] == [fault.partition("-")[2]]
+    ended = robot.ended(drill["id"])
+    assert (ended["state"], ended["undone"], robot.board_faults()) == ("done", True, []), ended
+    relay = "not on(lidar)" in ended["seen"]["showed"]
+    assert relay is (fault in {"channel-stuck", "channel-short"})
+    assert ended["seen"]["detected_s"] is not None
+
+
+@pytest.mark.parametrize("fault", ["board-mute", "board-refuse"])
+def test_a_board_that_cannot_be_heard_blames_nobody(robot: DrilledRobot, fault: str, long: bool) -> None:
+    if fault != "board-mute" and not long:
+        pytest.skip("for the service it is as a mute one: the long version has it")
+    drill = robot.start_drill(fault, bound_s=30.0, detect_s=4.0)
+    robot.in_state(drill["id"], "planted")
+    until(lambda: robot.state().get("state") == "partly-unknown", "what the board says is not known", 30.0)
+    ended = robot.ended(drill["id"])
+    assert (ended["state"], ended["undone"], ended["cut_short"]) == ("done", True, None), ended
+    assert (ended["component"], ended["seen"]["diagnoses"], ended["seen"]["repair"]) == (None, [], None)
+
+
+def test_a_fault_of_the_emulated_board_is_cleared_after_a_kill_of_the_service(robot: DrilledRobot) -> None:
+    drill = robot.start_drill("channel-short", "base", bound_s=60.0)
+    robot.in_state(drill["id"], "planted")
+    robot.kill("service")
+    assert robot.board_faults()
+    robot.start_service()
+    ended = robot.ended(drill["id"])
+    assert (ended["undone"], robot.board_faults()) == (True, [])
+    assert "restarted" in ended["cut_short"]
 
 
 def test_a_drill_leaves_no_trace_in_what_is_remembered_of_real_faults(robot: DrilledRobot) -> None:

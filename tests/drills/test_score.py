@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from robomend.drills.score import compared, passed, report, scored
+from robomend.drills.score import compared, name_of, passed, report, scored
 
 PLANNED = {
     "kind": "node-killed",
@@ -55,6 +55,32 @@ def test_an_outcome_has_the_words_of_a_promise_and_keeps_it_or_not(
     assert (found["outcome"], found["kept"]) == (outcome, outcome == "told")
     worst = scored({**PLANNED, "promise": "unseen"}, drilled(**seen))
     assert worst["kept"]
+
+
+def test_where_nobody_is_at_fault_whoever_blames_somebody_is_worse() -> None:
+    line = {**PLANNED, "kind": "board-mute", "component": None, "promise": "unseen", "shows": []}
+    assert scored(line, drilled(detected_s=None, diagnoses=[]))["kept"]
+    blamed = scored(line, drilled())
+    assert (blamed["outcome"], blamed["kept"]) == ("missed", False)
+    assert blamed["look_at"]
+    low = {**line, "kind": "board-brown-out", "promise": "missed"}
+    assert scored(low, drilled())["kept"]
+
+
+def test_the_faults_of_two_topics_of_one_node_are_two() -> None:
+    dropped = [{**PLANNED, "kind": "topic-dropped", "topic": topic} for topic in ("scan", "info")]
+    rows = [scored(one, drilled()) for one in dropped]
+    assert [name_of(one) for one in rows] == ["topic-dropped:scan", "topic-dropped:info"]
+    last = report("r1", [rows[0], scored(dropped[1], drilled(diagnoses=[["lidar"]]))], complete=True)
+    assert compared(report("r1", rows, complete=True), last)["better"] == [
+        "topic-dropped:info: was missed, is told"
+    ]
+
+
+def test_the_observer_to_look_at_is_named_with_its_agent() -> None:
+    planned = {**PLANNED, "observers": {"ok(scan)": "agent onboard"}}
+    [what] = scored(planned, drilled(diagnoses=[["lidar"]], showed={"not running(driver)": 0.1}))["look_at"]
+    assert what == "the observer of ok(scan) (agent onboard): `not ok(scan)` was to be seen, and was not"
 
 
 def test_worse_than_promised_names_the_observer_that_said_nothing() -> None:

@@ -6,7 +6,8 @@ import pytest
 
 from robomend.diagnosis.isolability.analysis import isolability
 from robomend.model.loading import load_model, load_text
-from robomend.planning.drill import FaultKind, PlantableFault, drill_plan
+from robomend.planning.drill import PlantableFault, drill_plan
+from robomend.planning.faults import DrilledBoard, FaultKind
 from robomend.planning.protection import protection
 from robomend.resources import resource
 
@@ -29,15 +30,20 @@ topics: {goal: }
 """
 
 
+BOARD = DrilledBoard()
+
+
 def plan(
-    text: str = ROBOT, *, without: str = "", board: tuple[int, ...] | None = ()
+    text: str = ROBOT, *, without: str = "", board: DrilledBoard | None = BOARD, meant_off: str = ""
 ) -> dict[str, PlantableFault]:
     system = load_text(text)
     assert system.parts is not None
     observed = [atom for atom in system.cnf.atoms if str(atom) not in without.split()]
     guarded = protection(system.parts)
-    found = drill_plan(system, system.parts, observed, protected=guarded, board=board)
-    return {f"{fault.kind}:{fault.component}": fault for fault in found}
+    found = drill_plan(
+        system, system.parts, observed, protected=guarded, board=board, meant_off=meant_off.split()
+    )
+    return {fault.name: fault for fault in found}
 
 
 def shows(fault: PlantableFault) -> set[str]:
@@ -106,8 +112,8 @@ def test_what_a_protected_driver_rests_on_is_refused() -> None:
 
 def test_without_a_board_nothing_is_switched_and_its_own_channels_are_protected() -> None:
     assert "no `board`" in (plan(board=None)["device-off:hub"].refused or "")
-    assert plan(board=(2,))["device-off:camera"].refused == "nothing switches it off"
-    assert plan(board=(3,))["device-off:camera"].refused is None
+    assert plan(board=DrilledBoard((2,)))["device-off:camera"].refused == "nothing switches it off"
+    assert plan(board=DrilledBoard((3,)))["device-off:camera"].refused is None
 
 
 @pytest.mark.parametrize("share", [1, 2, 3])
@@ -117,7 +123,7 @@ def test_what_is_promised_to_be_told_can_be_told_by_isolability(share: int) -> N
     observed = system.cnf.atoms[::share]
     told = isolability(system.cnf, observed)
     kept = 0
-    for fault in drill_plan(system, system.parts, observed, protected={}, board=()):
+    for fault in drill_plan(system, system.parts, observed, protected={}, board=DrilledBoard()):
         row = told.matrix[system.cnf.components.index(fault.component)]
         if fault.promise == "told":
             kept += 1
@@ -127,7 +133,62 @@ def test_what_is_promised_to_be_told_can_be_told_by_isolability(share: int) -> N
     assert kept
 
 
-def test_every_kind_is_undone_in_words() -> None:
+def test_a_mute_stand_in_runs_as_a_frozen_node_does() -> None:
     found = plan()
+    assert found["node-mute:camera_driver"].shows == found["node-frozen:camera_driver"].shows
+    assert "no undo" in (found["node-mute:recorder"].refused or "")
+
+
+def test_a_disturbed_topic_takes_what_rests_on_it_and_spares_what_its_node_says_besides() -> None:
+    two = ROBOT.replace("publishes: {image: []}}", "publishes: {image: [], info: []}}")
+    found = plan(two)
+    for kind in ("topic-dropped", "topic-delayed"):
+        assert shows(found[f"{kind}:image"]) == {"not ok(image)", "not ok(objects)"}
+        assert shows(found[f"{kind}:info"]) == {"not ok(info)"}
+        assert found[f"{kind}:image"].component == "camera_driver"
+    # The camera would silence the other topic, too, if it showed itself wherever it can; it need not.
+    assert ("camera_driver",) in found["topic-dropped:info"].diagnoses
+    assert found["topic-dropped:objects"].diagnoses == (("detector",),)
+    assert "protected" in (found["topic-dropped:cmd"].refused or "")
+
+
+def test_a_topic_that_a_protected_node_reads_or_that_two_publish_is_not_disturbed() -> None:
+    reader = ROBOT.replace("detector: {", "detector: {protected: true, ")
+    assert plan(reader)["topic-dropped:image"].refused == "detector reads image, and is protected"
+    twice = ROBOT.replace("recorder: {", "other: {publishes: {image: []}}\n  recorder: {")
+    assert "2 publishers" in (plan(twice)["topic-delayed:image"].refused or "")
+
+
+def test_an_emulated_board_has_its_faults_and_another_none() -> None:
+    found = plan(board=DrilledBoard(emulated=True))
+    off = found["device-off:camera"]
+    for kind in ("channel-stuck", "channel-short"):
+        assert (found[f"{kind}:camera"].shows, found[f"{kind}:camera"].promise) == (off.shows, "told")
+    unplugged = found["device-unplugged:camera"]
+    assert found["channel-open:camera"].shows == unplugged.shows  # its relay is on
+    for kind in ("late", "split", "mute", "refuse", "garbage", "drop"):
+        line = found[f"board-{kind}"]
+        assert (line.component, line.shows, line.promise, line.refused) == (None, (), "unseen", None)
+    assert "its driver camera_driver" not in (found["board-brown-out"].refused or "")
+    assert "computer" in (found["board-brown-out"].refused or "")
+    assert "protected" in (found["channel-short:computer"].refused or "")
+    assert not any(name.startswith(("board-", "channel-")) for name in plan())
+
+
+def test_too_little_voltage_takes_all_devices_of_the_board_which_the_model_blames_together() -> None:
+    free = ROBOT.replace("  computer: {channel: 9}\n", "").replace("protected_channels: [9]\n", "")
+    low = plan(free, board=DrilledBoard(emulated=True))["board-brown-out"]
+    assert shows(low) == {"not ok(image)", "not ok(objects)"}
+    assert (low.refused, low.promise) == (None, "missed")
+
+
+def test_what_is_meant_to_be_off_or_stopped_is_not_switched_on_by_an_undo() -> None:
+    found = plan(meant_off="camera detector")
+    for fault in ("device-off:camera", "node-killed:detector", "topic-dropped:objects"):
+        assert "meant to be" in (found[fault].refused or "")
+
+
+def test_every_kind_is_undone_in_words() -> None:
+    found = plan(board=DrilledBoard(emulated=True))
     assert {fault.kind for fault in found.values()} == set(FaultKind)
     assert all(fault.act and fault.undo for fault in found.values())

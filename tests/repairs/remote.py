@@ -156,6 +156,8 @@ class RemoteRobot(Robot):
 
     def is_there(self, name: str, parameter: str) -> bool:
         """Whether what an action is for is so already."""
+        if name in {"plant_fault", "undo_fault"}:
+            return self.running[parameter] is (name == "undo_fault")
         if name in {"power_up", "shutdown"}:
             return self.on[parameter] is (name == "power_up")
         return self.running[parameter] is (name == "start_node")

@@ -107,10 +107,10 @@ class Robot:
             self.on[parameter] = True
         elif name == "shutdown":
             self.cut(parameter)
-        elif name == "stop_node":
+        elif name in {"stop_node", "plant_fault"}:  # a drill's is that it is killed
             self.running[parameter] = False
             self.connected[parameter] = False
-        elif name == "start_node":
+        elif name in {"start_node", "undo_fault"}:
             self.running[parameter] = True
             device = next((d for d, n in HARDWARE.items() if n == parameter), None)
             self.connected[parameter] = device is not None and self.on[device]

@@ -28,6 +28,7 @@ from robomend_client.agent.memory import FirstResults
 from robomend_client.agent.planted import PlantedFaults
 from robomend_client.agent.reporter import VerdictReporter
 from robomend_client.agent.supervisor import Supervisor
+from robomend_client.agent.topic_faults import TopicFaults
 from robomend_client.agent.usage import PERIOD_S, Usage
 from robomend_client.agent.watch import Watch
 from robomend_client.buffer import DiskBuffer
@@ -97,7 +98,7 @@ class Agent:
                 watch.standing,
                 clock,
             )
-            await self._open_bus(stack, watch)
+            topics = await self._open_bus(stack, watch)
             supervisor = Supervisor(
                 config.processes, config.state_dir, self.bus, config.keep_processes, self._nodes_changed.set
             )
@@ -105,7 +106,7 @@ class Agent:
             stack.push_async_callback(supervisor.close)
             memory = FirstResults(config.state_dir / "results.jsonl")
             planted = PlantedFaults(
-                config.state_dir / "planted.json", supervisor.processes, partial(_is_stopped, orders)
+                config.state_dir / "planted.json", supervisor.processes, partial(_is_stopped, orders), topics
             )
             stack.push_async_callback(planted.close)
             executors = Executors(
@@ -182,7 +183,8 @@ class Agent:
 
     # --- feeds -----------------------------------------------------------------------------------------
 
-    async def _open_bus(self, stack: AsyncExitStack, watch: Watch) -> None:
+    async def _open_bus(self, stack: AsyncExitStack, watch: Watch) -> TopicFaults | None:
+        """Listen to the bus; return what a drill may do to it, where it is ours."""
         samples = Samples(self.config.sources(own=False), watch.sample, self._missing_field)
 
         def on_message(message: TopicMessage) -> None:
@@ -192,11 +194,12 @@ class Agent:
             tap = Tap(self.config.bus, list(samples.topics), on_message)
             task = asyncio.create_task(tap.run(), name="bus")
             stack.push_async_callback(end, [task])
-            return
+            return None
         broker = Broker(self.config.bus, on_message)
         await broker.open()
         stack.push_async_callback(broker.close)
         self.bus = broker.address
+        return TopicFaults(broker, samples.topics)
 
     def _missing_field(self, source: str, why: str) -> None:
         if source not in self._told:

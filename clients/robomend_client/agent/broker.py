@@ -58,6 +58,9 @@ def read_message(line: object) -> TopicMessage | None:
 
 OnMessage = Callable[[TopicMessage], None]
 
+Diversion = Callable[[TopicMessage, bytes], None]
+"""Takes a message, and the line that it came in, in place of observers and subscribers."""
+
 
 class Broker:
     """Listens on `address`; with tcp port 0 the system chooses, and `address` then says which."""
@@ -68,6 +71,7 @@ class Broker:
         self._on_message = on_message
         self._peers: set[_Peer] = set()
         self._subscribers: dict[str, set[_Peer]] = {}
+        self._diverted: dict[str, Diversion] = {}
         self._server: asyncio.Server | None = None
         self._closing = False
 
@@ -139,6 +143,20 @@ class Broker:
             self._subscribers.setdefault(topic, set()).add(peer)
 
     def publish(self, message: TopicMessage, line: bytes) -> None:
+        diversion = self._diverted.get(message.topic.removeprefix("/"))
+        (diversion or self.deliver)(message, line)
+
+    # --- called by topic_faults.py ------------------------------------------------------------------
+
+    def divert(self, topic: str, to: Diversion | None) -> None:
+        """Hand the messages of a topic to somebody else from now on; None: to nobody any more."""
+        if to is None:
+            self._diverted.pop(topic, None)
+        else:
+            self._diverted[topic] = to
+
+    def deliver(self, message: TopicMessage, line: bytes) -> None:
+        """Tell the observers, and hand a message on to its subscribers."""
         self._on_message(message)
         for peer in self._subscribers.get(message.topic, ()):
             if peer.transport.get_write_buffer_size() + len(line) > MOST_WAITING:

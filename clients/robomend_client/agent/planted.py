@@ -1,7 +1,7 @@
-"""The faults that a drill has planted in the agent's processes, each with the time after which it is undone.
+"""The faults that a drill has planted through an agent, each with the time after which it is undone.
 
-    plant ──► on disk, with its lease ──► the process is killed or halted
-    undo  ──► it runs, or goes on ──► off the disk
+    plant ──► on disk, with its lease ──► the process is killed, halted or replaced, the topic disturbed
+    undo  ──► it runs, or goes on, or passes ──► off the disk
     the lease is over, or the agent was restarted ──► undone by the agent itself
 
 What is on the disk (state_dir/planted.json) was perhaps not planted; what was planted is on the disk. So a
@@ -18,22 +18,26 @@ import contextlib
 import json
 import logging
 import os
+import sys
 import time
 from collections.abc import Awaitable, Callable, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from robomend_client.actions import FAILED, OK, REFUSED, UNDONE_BEFORE, ActionResult
+from robomend_client.agent import stand_in
 from robomend_client.agent.processes import SupervisedProcess
-from robomend_client.agent.spawn import boot_id
+from robomend_client.agent.spawn import Handle, NotStarted, boot_id, spawn
+from robomend_client.agent.topic_faults import TOPIC_KINDS, TopicFaults
 from robomend_client.python310 import timeout
 from robomend_client.rest.errors import ClientError
 
 log = logging.getLogger(__name__)
 
-KILLED, FROZEN = "node-killed", "node-frozen"
-KINDS = (KILLED, FROZEN)
+KILLED, FROZEN, MUTE = "node-killed", "node-frozen", "node-mute"
+KINDS = (KILLED, FROZEN, MUTE)
+"""Of processes; those of topics are TOPIC_KINDS."""
 
 MOST = 16
 """Planted faults at a time; the service plants one."""
@@ -44,18 +48,26 @@ AGAIN_S = 1.0
 UNDO_S = 30.0
 """For one try of the agent's own."""
 
+BEYOND_S = 60.0
+"""A stand-in ends by itself so long after its lease."""
+
 
 @dataclass(frozen=True)
 class Lease:
     """One planted fault."""
 
-    component: str
+    component: str  # or the topic
     kind: str
     until_ns: int  # by this computer's clock; for people, and after a restart it is over anyway
-    pid: int | None = None  # the process that was halted
+    pid: int | None = None  # the process that was halted, or stands in
     start_ticks: int = 0
     boot: str = ""
     deadline_s: float = field(default=0.0, compare=False)  # monotonic, of this agent
+
+    @property
+    def key(self) -> tuple[bool, str]:
+        """What has one fault at a time: a node, or a topic, which may have the same name."""
+        return self.kind in TOPIC_KINDS, self.component
 
 
 class PlantedFaults:
@@ -66,13 +78,19 @@ class PlantedFaults:
         file: Path,
         processes: Mapping[str, SupervisedProcess],
         stopped: Callable[[], Awaitable[bool]],
+        topics: TopicFaults | None = None,
     ) -> None:
-        """`stopped` asks the service for the global stop: ClientError where that does not answer."""
+        """
+        Args:
+            stopped: asks the service for the global stop: ClientError where that does not answer.
+            topics: of the bus that is ours; None: it is another agent's.
+        """
         self._file = file
         self._processes = processes
         self._ask_for_stop = stopped
+        self._topics = topics
         self._stopped = False  # as the service said last
-        self._leases: dict[str, Lease] = {}
+        self._leases: dict[tuple[bool, str], Lease] = {}
         self._turn = asyncio.Lock()
         self._changed = asyncio.Event()
         self._load()
@@ -82,38 +100,41 @@ class PlantedFaults:
         """What is planted now, or was being planted when the agent ended."""
         return tuple(self._leases.values())
 
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """The topics that may be disturbed."""
+        return () if self._topics is None else self._topics.topics
+
     async def plant(self, component: str, kind: str, lease_s: float) -> ActionResult:
-        """Kill a node's process, or halt it; refused where it does not run, or has a fault already."""
+        """Plant a fault in a node's process or a topic; refused where it does not run, or has one already."""
         async with self._turn:
-            process = self._processes[component]
-            handle = process.handle
-            if component in self._leases:
-                return ActionResult(REFUSED, f"{component} has a planted fault already")
-            if len(self._leases) >= MOST:
-                return ActionResult(REFUSED, f"{MOST} faults are planted already")
-            if handle is None or not process.running:
-                return ActionResult(REFUSED, f"{component} does not run, so that there is nothing to plant")
             lease = Lease(
                 component,
                 kind,
                 time.time_ns() + int(lease_s * 1e9),
-                handle.pid,
-                handle.start_ticks,
-                boot_id(),
-                time.monotonic() + lease_s,
+                boot=boot_id(),
+                deadline_s=time.monotonic() + lease_s,
             )
+            if lease.key in self._leases:
+                return ActionResult(REFUSED, f"{component} has a planted fault already")
+            if len(self._leases) >= MOST:
+                return ActionResult(REFUSED, f"{MOST} faults are planted already")
             try:
-                self._keep({**self._leases, component: lease})
+                planted = await (
+                    self._disturb(lease) if kind in TOPIC_KINDS else self._plant_in_process(lease, lease_s)
+                )
             except OSError as error:  # what is not on disk is not planted
                 return ActionResult(REFUSED, f"{self._file}: {error.strerror}: nothing is planted")
-            self._changed.set()
-            await (process.kill() if kind == KILLED else process.freeze())
+            except NotStarted as error:
+                return ActionResult(REFUSED, f"no stand-in: {error}")
+            if not planted:
+                return ActionResult(REFUSED, f"{component} does not run, so that there is nothing to plant")
             return ActionResult(OK, f"{component}: {kind}, for {lease_s:g} s at most")
 
     async def undo(self, component: str, kind: str, timeout_s: float) -> ActionResult:
-        """Start what was killed, let go on what was halted; nothing happens where nothing is planted."""
+        """Undo a fault; nothing happens where it is not planted."""
         async with self._turn:
-            lease = self._leases.get(component)
+            lease = self._leases.get((kind in TOPIC_KINDS, component))
             if lease is None or lease.kind != kind:
                 return ActionResult(UNDONE_BEFORE, f"{component}: no {kind} is planted (any more)")
             return await self._undo(lease, timeout_s)
@@ -127,7 +148,7 @@ class PlantedFaults:
             if due and not await self._is_stopped():
                 for lease in due:
                     async with self._turn:
-                        if self._leases.get(lease.component) is lease:
+                        if self._leases.get(lease.key) is lease:
                             log.warning("%s: its %s is undone by the agent", lease.component, lease.kind)
                             result = await self._undo(lease, UNDO_S)
                             if not result.ok:
@@ -138,31 +159,79 @@ class PlantedFaults:
                     await self._changed.wait()
 
     async def close(self) -> None:
-        """Let go on what is halted, so that it can end in order; what was killed is for the next agent."""
+        """Let go on what is halted, so that it can end in order, and let pass what is disturbed.
+
+        What was killed or replaced is for the next agent: a stand-in ends with this one.
+        """
         async with self._turn:
             for lease in self.leases:
-                if lease.kind == FROZEN:
+                if lease.kind not in {KILLED, MUTE}:
                     await self._undo(lease, UNDO_S)
 
     # --- inside
 
+    async def _disturb(self, lease: Lease) -> bool:
+        assert self._topics is not None  # the executors offer no topics otherwise
+        self._begin(lease)
+        self._topics.plant(lease.component, lease.kind)
+        return True
+
+    async def _plant_in_process(self, lease: Lease, lease_s: float) -> bool:
+        """Return whether there was a process to plant it in."""
+        process = self._processes[lease.component]
+        handle = process.handle
+        if handle is None or not process.running:
+            return False
+        if lease.kind == MUTE:
+            return await self._replace(process, lease, lease_s)
+        self._begin(_of_process(lease, handle))
+        await (process.kill() if lease.kind == KILLED else process.freeze())
+        return True
+
+    async def _replace(self, process: SupervisedProcess, lease: Lease, lease_s: float) -> bool:
+        """Put a mute process in a node's place; it ends with this agent, whatever the others do."""
+        words = (sys.executable, "-I", "-S", stand_in.__file__, str(lease_s + BEYOND_S))
+        other = spawn(words, None, {}, dies_with_agent=True)
+        try:
+            self._begin(_of_process(lease, other))
+        except OSError:
+            other.reap()
+            other.close()
+            raise
+        replaced = await process.replace(other)
+        if not replaced:
+            self._keep(self._without(lease))
+        return replaced
+
+    def _begin(self, lease: Lease) -> None:
+        """Write a lease down, before the act."""
+        self._keep({**self._leases, lease.key: lease})
+        self._changed.set()
+
+    def _without(self, lease: Lease) -> dict[tuple[bool, str], Lease]:
+        return {key: other for key, other in self._leases.items() if key != lease.key}
+
     async def _undo(self, lease: Lease, timeout_s: float) -> ActionResult:
-        process = self._processes.get(lease.component)
         result = ActionResult(OK, f"{lease.component}: {lease.kind} is undone")
-        if lease.kind == FROZEN:
-            handle = None if process is None else process.handle
-            if handle is not None and process is not None and lease.pid == handle.pid:
+        process = self._processes.get(lease.component)
+        if lease.kind in TOPIC_KINDS:
+            if self._topics is not None:
+                self._topics.undo(lease.component)
+        elif process is not None and lease.kind == FROZEN:
+            if process.handle is not None and lease.pid == process.handle.pid:
                 process.thaw()
             # Else that process is gone, and a new one was never halted.
         elif process is not None:
+            # One that stands in goes; a new one that a repair has started stays.
+            if process.handle is not None and lease.kind == MUTE and lease.pid == process.handle.pid:
+                await process.kill()
             try:
                 result = await process.start(_quiet, timeout_s)
             except TimeoutError:
                 result = ActionResult(FAILED, f"{lease.component} was not started within {timeout_s:g} s")
         if result.ok:
-            rest = {name: other for name, other in self._leases.items() if name != lease.component}
             try:
-                self._keep(rest)
+                self._keep(self._without(lease))
             except OSError as error:
                 return ActionResult(FAILED, f"{self._file}: {error.strerror}")
         return result
@@ -180,7 +249,7 @@ class PlantedFaults:
                 self._keep(self._leases)
         return stopped
 
-    def _keep(self, leases: dict[str, Lease]) -> None:
+    def _keep(self, leases: dict[tuple[bool, str], Lease]) -> None:
         rows = [{k: v for k, v in asdict(lease).items() if k != "deadline_s"} for lease in leases.values()]
         temporary = self._file.with_suffix(".new")
         with temporary.open("w") as file:
@@ -208,7 +277,11 @@ class PlantedFaults:
             return
         # A process number of another boot means nothing; nor does what is halted then.
         here = boot_id()
-        self._leases = {one.component: one for one in leases if one.kind == KILLED or one.boot == here}
+        self._leases = {one.key: one for one in leases if one.kind in {KILLED, MUTE} or one.boot == here}
+
+
+def _of_process(lease: Lease, handle: Handle) -> Lease:
+    return replace(lease, pid=handle.pid, start_ticks=handle.start_ticks)
 
 
 def _quiet(number: int, message: str) -> None:

@@ -143,6 +143,37 @@ class SupervisedProcess:
         if self.handle is not None:
             self.handle.signal_group(signal.SIGCONT)
 
+    async def replace(self, other: Handle) -> bool:
+        """Kill it, and let `other` stand in its place; nobody sees that nothing runs in between.
+
+        Return whether it was there to be replaced; else `other` is ended.
+        """
+        async with self._turn:
+            old = self.handle
+            if old is None or self.phase is not Phase.RUNNING:
+                other.reap()
+                other.close()
+                return False
+            loop = asyncio.get_running_loop()
+            gone = asyncio.Event()
+            loop.remove_reader(old.pidfd)
+            if old.output is not None:
+                loop.remove_reader(old.output)
+            loop.add_reader(old.pidfd, gone.set)
+            # First the end of the old one: were the agent killed in between, there would be two of it later.
+            old.signal_group(signal.SIGKILL)
+            try:
+                async with timeout(KILL_S):
+                    await gone.wait()
+                old.reap()
+            except TimeoutError:
+                log.warning("%s does not die", self.spec.name)
+            loop.remove_reader(old.pidfd)
+            old.close()
+            self._hold(other)
+            self._change(Phase.RUNNING)
+            return True
+
     def adopted(self, handle: Handle) -> None:
         """Take over a process that an earlier agent started and that still runs."""
         self._hold(handle)

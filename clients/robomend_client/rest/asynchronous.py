@@ -270,16 +270,17 @@ class AsyncClient:
         self,
         robot: str,
         fault: str,
-        component: str,
+        component: str | None = None,
         *,
+        topic: str | None = None,
         bound_s: float = 60.0,
         detect_s: float = 15.0,
         reason: str = "",
     ) -> dict[str, Any]:
-        """Plant a fault, which the service watches and undoes."""
-        value = {"fault": fault, "component": component, "bound_s": bound_s, "detect_s": detect_s}
+        """Plant a fault, which the service watches and undoes; `topic`: one that the component publishes."""
+        value = {"fault": fault, "component": component, "topic": topic, "reason": reason}
         answer: dict[str, Any] = await self.send(
-            calls.post("robots", robot, "drills", json={**value, "reason": reason})
+            calls.post("robots", robot, "drills", json={**value, "bound_s": bound_s, "detect_s": detect_s})
         )
         return answer
 

@@ -14,7 +14,7 @@ from robomend.api.schemas.history import AuditOut, HistoryLine
 from robomend.api.schemas.models import ModelOut, VersionOut
 from robomend.api.schemas.observations import AssertionOut, ObservedLiteral, ObsOut
 from robomend.api.schemas.repair import BoardOut, ChannelOut
-from robomend.api.schemas.robots import DiagnosisOptionsBody, RobotBody, RobotLine, RobotOut
+from robomend.api.schemas.robots import AgentOut, DiagnosisOptionsBody, RobotBody, RobotLine, RobotOut
 from robomend.api.schemas.session import SessionOut
 from robomend.diagnosis.probes import ProbeResult
 from robomend.diagnosis.result import DiagnosisResult, Options
@@ -102,6 +102,15 @@ def robot_out(state: Robot, findings: Sequence[str], drill: Mapping[str, Any] | 
         state=how.value,
         unknown=[str(atom) for atom in unknown],
         findings=list(findings),
+        agents=[
+            AgentOut(
+                agent=said.agent,
+                host=said.host,
+                can=None if said.can is None else sorted(said.can),
+                observes=list(map(str, sorted(said.observes))),
+            )
+            for said in state.sight.declared.agents()
+        ],
         drill=None if drill is None else dict(drill),
     )
 

@@ -26,7 +26,7 @@ BY_HAND = "a person"
 @click.command("drill")
 @click.argument("robot", type=RobotName())
 @click.option("--plan", is_flag=True, help="Only say what could be planted, and what it would show.")
-@click.option("--fault", "wanted", multiple=True, metavar="KIND:COMPONENT", help="Plant this; repeatable.")
+@click.option("--fault", "wanted", multiple=True, metavar="KIND:NAME", help="Plant this; repeatable.")
 @click.option("--all", "all_", is_flag=True, help="Plant every fault that agents and the board can plant.")
 @click.option("--by-hand", is_flag=True, help="With --all: also those that a person plants.")
 @click.option("--yes", is_flag=True, help="Do not ask before the first fault.")
@@ -66,14 +66,14 @@ def command(
     not undone; and, with --plan, where a drill would be refused now.
     """
     if sum((plan, bool(wanted), all_)) != 1:
-        raise click.UsageError("say one of --plan, --fault KIND:COMPONENT and --all")
+        raise click.UsageError("say one of --plan, --fault KIND:NAME and --all")
     last = None if against is None else _read(against)
     from robomend.cli import drill_plan
 
-    obstacles, faults, complete = drill_plan.asked(robot, url, key)
+    obstacles, faults, complete, observers = drill_plan.asked(robot, url, key)
     if plan:
         if format_ == "json":
-            found = drill_plan.plan_json(robot, obstacles, faults, complete)
+            found = drill_plan.plan_json(robot, obstacles, faults, complete, observers)
             click.echo(json.dumps(found, ensure_ascii=False))
         else:
             drill_plan.show_plan(robot, obstacles, faults, complete)
@@ -83,7 +83,7 @@ def command(
         _ask(robot, chosen)
     from robomend.cli.drill_run import Bounds, carried_out, show
 
-    rows = carried_out(robot, chosen, Bounds(bound_s, detect_s, reason), url, key)
+    rows = carried_out(robot, chosen, Bounds(bound_s, detect_s, reason), observers, url, key)
     return show(robot, rows, last, complete=complete, as_json=format_ == "json")
 
 
@@ -101,12 +101,12 @@ def _read(against: Path) -> dict[str, Any]:
 
 def _chosen(faults: Sequence[PlantableFault], wanted: Sequence[str], by_hand: bool) -> list[PlantableFault]:
     """Return what is to be planted; InputError for what never is."""
-    from robomend.planning.drill import BY
+    from robomend.planning.faults import BY
     from robomend_client.near import nearest
 
     if not wanted:
         return [one for one in faults if one.refused is None and (by_hand or BY[one.kind] != BY_HAND)]
-    named = {f"{one.kind}:{one.component}": one for one in faults}
+    named = {one.name: one for one in faults}
     for name in wanted:
         if name not in named:
             near = nearest(name, list(named))

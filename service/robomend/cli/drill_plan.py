@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
@@ -17,12 +18,16 @@ if TYPE_CHECKING:
     from robomend_client.rest import Client
 
 
-def asked(robot: str, url: str, key: str | None) -> tuple[list[str], list[PlantableFault], bool]:
-    """Return what stands in the way, the faults, and whether they are all."""
+def asked(
+    robot: str, url: str, key: str | None
+) -> tuple[list[str], list[PlantableFault], bool, dict[str, str]]:
+    """Return what stands in the way, the faults, whether they are all, and who observes what."""
+    from robomend.drills.permission import board_of, nobody_for
     from robomend.model.loading import load_text
     from robomend.planning.drill import MOST_FAULTS, drill_plan
     from robomend.robots.at_hand import observables_at_hand
     from robomend.robots.configuration import RobotConfig, protection_of
+    from robomend.robots.declared import declaration
 
     with asking(url, key, robot=robot) as client:
         state = client.robot(robot).value
@@ -31,17 +36,32 @@ def asked(robot: str, url: str, key: str | None) -> tuple[list[str], list[Planta
         system = load_text(model["source"], name=config.model)
         if system.parts is None:
             raise InputError(f"{config.model} is no component model: it does not say what could be planted")
-        observed = observables_at_hand(config, system)
+        agents = [
+            declaration(
+                said["agent"],
+                said["host"],
+                said["can"],
+                dict.fromkeys(said["observes"], (0.0, 0.0)),
+                system.vocabulary,
+            )
+            for said in state.get("agents", ())
+        ]
+        observed = observables_at_hand(config, system, agents)
         obstacles = list(_obstacles(client, state, config, bool(observed)))
     faults = drill_plan(
         system.extended(expected_stopped=system.named(config.expected_stopped)),
         system.parts,
         observed,
         protected=protection_of(config, system.parts),
-        board=None if config.board is None else config.board.protected,
+        board=board_of(config),
+        meant_off=config.expected_stopped,
     )
-    found = list(islice(faults, MOST_FAULTS + 1))
-    return obstacles, found[:MOST_FAULTS], len(found) <= MOST_FAULTS
+    found = [
+        one if one.refused or (why := nobody_for(one, agents)) is None else replace(one, refused=why)
+        for one in islice(faults, MOST_FAULTS + 1)
+    ]
+    who = {str(atom): f"agent {agent.agent}" for agent in agents for atom in agent.observes}
+    return obstacles, found[:MOST_FAULTS], len(found) <= MOST_FAULTS, who
 
 
 def _obstacles(
@@ -72,29 +92,39 @@ def _obstacles(
 
 
 def plan_json(
-    robot: str, obstacles: Sequence[str], faults: Sequence[PlantableFault], complete: bool
+    robot: str,
+    obstacles: Sequence[str],
+    faults: Sequence[PlantableFault],
+    complete: bool,
+    observers: Mapping[str, str],
 ) -> dict[str, Any]:
     """Return the plan as `--format json` prints it."""
     return {
         "robot": robot,
         "obstacles": list(obstacles),
-        "faults": list(map(fault_json, faults)),
+        "faults": [fault_json(fault, observers) for fault in faults],
         "complete": complete,
     }
 
 
-def fault_json(fault: PlantableFault) -> dict[str, Any]:
-    """Return a fault with its promise."""
-    from robomend.planning.drill import BY
+def fault_json(fault: PlantableFault, observers: Mapping[str, str] | None = None) -> dict[str, Any]:
+    """Return a fault with its promise; `observers`: who reports what, of its agents."""
+    from robomend.planning.faults import BY
 
     return {
         "kind": str(fault.kind),
         "component": fault.component,
+        "topic": fault.topic,
         "by": BY[fault.kind],
         "act": fault.act,
         "undo": fault.undo,
         "refused": fault.refused,
         "shows": list(map(str, fault.shows)),
+        "observers": {
+            atom: observers[atom]
+            for atom in (str(one.atom) for one in fault.shows)
+            if observers and atom in observers
+        },
         "diagnoses": list(map(list, fault.diagnoses)),
         "promise": fault.promise,
     }
@@ -120,8 +150,9 @@ def show_plan(robot: str, obstacles: Sequence[str], faults: Sequence[PlantableFa
 def promised(fault: PlantableFault) -> str:
     """Return the promise in words."""
     named = " or ".join(" with ".join(bad) for bad in fault.diagnoses)
+    nobody = "blames nobody: it is of the board, which the model does not know"
     words = {
-        "unseen": "would not be noticed",
+        "unseen": "would not be noticed" if fault.component else nobody,
         "told": "told: the only diagnosis",
         "among": f"one of {named}",
         "missed": f"another is blamed: {named}",

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from robomend.cli.remote.connection import asking
-from robomend.drills.score import compared, passed, report, scored
+from robomend.drills.score import compared, name_of, passed, report, scored
 from robomend.repairs.states import RepairState
 from robomend_client.rest.errors import ApiError, ClientError, StateConflict
 
@@ -42,15 +42,20 @@ class Bounds:
 
 
 def carried_out(
-    robot: str, faults: Sequence[PlantableFault], bounds: Bounds, url: str, key: str | None
+    robot: str,
+    faults: Sequence[PlantableFault],
+    bounds: Bounds,
+    observers: Mapping[str, str],
+    url: str,
+    key: str | None,
 ) -> list[dict[str, Any]]:
-    """Carry out drills; return the rows of the report."""
+    """Carry out drills; return the rows of the report. `observers`: which agent reports what."""
     from robomend.cli.drill_plan import fault_json
 
     rows = []
     with asking(url, key, robot=robot) as client:
         for number, fault in enumerate(faults, 1):
-            planned = fault_json(fault)
+            planned = fault_json(fault, observers)
             click.echo(f"{number}/{len(faults)} {fault.act} …", err=True)
             try:
                 drill = _begun(client, robot, fault, bounds)
@@ -77,6 +82,7 @@ def _begun(client: Client, robot: str, fault: PlantableFault, bounds: Bounds) ->
                 robot,
                 str(fault.kind),
                 fault.component,
+                topic=fault.topic,
                 bound_s=bounds.bound_s,
                 detect_s=bounds.detect_s,
                 reason=bounds.reason,
@@ -144,7 +150,7 @@ def show(
 
 def _table(found: Mapping[str, Any], against: Mapping[str, list[str]] | None) -> None:
     for row in found["faults"]:
-        click.echo(f"{row['fault']}:{row['component']}: {_in_words(row)}")
+        click.echo(f"{name_of(row)}: {_in_words(row)}")
         for what in row["look_at"]:
             click.echo(f"    look at {what}")
     sums = found["totals"]

@@ -20,7 +20,7 @@ from robomend.drills.permission import check, fault_of
 from robomend.drills.record import drill_json, new_drill
 from robomend.drills.states import DrillState
 from robomend.errors import InputError, RobomendError, StateConflict
-from robomend.planning.drill import FaultKind
+from robomend.planning.faults import FaultKind
 from robomend.store import Transaction, View, drills, global_stop, robots
 from robomend.store.records import AuditEntry, Fence, Json, Paging, StoredDrill
 from robomend_client.events import Event, Kind
@@ -129,7 +129,16 @@ class Drills:
     # --- for HTTP
 
     async def create(
-        self, robot: str, *, fault: str, component: str, bound_s: float, detect_s: float, by: str, reason: str
+        self,
+        robot: str,
+        *,
+        fault: str,
+        component: str | None,
+        topic: str | None,
+        bound_s: float,
+        detect_s: float,
+        by: str,
+        reason: str,
     ) -> Json:
         """Plant a fault on a robot, watch it and undo it; see `check` for what is refused."""
         try:
@@ -138,7 +147,7 @@ class Drills:
             known = ", ".join(FaultKind)
             raise InputError(f"there is no fault {fault!r}; there are {known}") from None
         state = await self._parts.robots.diagnosed(robot)
-        found = fault_of(state, kind, component)
+        found = fault_of(state, kind, component, topic)
         check(state, found)
 
         def begin(tx: Transaction) -> StoredDrill:

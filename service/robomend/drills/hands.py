@@ -1,4 +1,4 @@
-"""Who plants a fault and undoes it: the agent that has the node, the power board, or a person.
+"""Who plants a fault and undoes it: the agent that has the node or the bus, the power board, or a person.
 
 An undo may be asked for again and again, also of what was never planted: it then finds nothing to do.
 """
@@ -11,13 +11,12 @@ from collections.abc import Awaitable, Callable
 from typing import Protocol
 
 from robomend.errors import BoardTimeout, BoardUnreachable, NotFound, Refused, RobomendError
-from robomend.planning.drill import FaultKind
+from robomend.planning.faults import FaultKind
 from robomend.repairs.agent_queue import AgentQueue
 from robomend.repairs.execution_values import Confirm
 from robomend.repairs.executors.agent import AgentExecutor
 from robomend.repairs.stop_switch import StopSwitch
 from robomend.robots.boards import WiredBoard
-from robomend.robots.robot import Robot
 from robomend.store.records import Fence
 from robomend_client.actions import (
     FAILED,
@@ -53,34 +52,33 @@ class Hand(Protocol):
 
 
 class AgentsHand:
-    """The agent that supervises a node."""
+    """The agent that supervises a node, or has the bus of a topic."""
 
     def __init__(
         self,
         agents: AgentQueue,
-        state: Robot,
+        robot: str,
+        host: str | None,
         kind: FaultKind,
-        component: str,
+        target: str,
         bound_s: float,
         halt: asyncio.Event,
         fence: Fence,
     ) -> None:
-        parts = state.system.parts
-        host = None if parts is None else parts.nodes[component].host
         self._agents = agents
-        self._executor = AgentExecutor(agents, state.id, {component: host}, halt, fence)
-        self._component, self._kind = component, str(kind)
+        self._executor = AgentExecutor(agents, robot, {target: host}, halt, fence)
+        self._target, self._kind = target, str(kind)
         self._lease_s = next((s for s in LEASES_S if s >= bound_s + BEYOND_S), LEASES_S[-1])
 
     async def plant(self, action: str) -> ActionResult:
-        what = (self._component, self._kind, str(self._lease_s))
+        what = (self._target, self._kind, str(self._lease_s))
         return await self._executor.execute(Action(action, "plant_fault", what, ACT_S), _unheard)
 
     async def undo(self, action: str) -> ActionResult:
         # One that waits since before a crash must not be taken after the undo.
         with contextlib.suppress(NotFound):
             await self._agents.withdraw(f"{action.partition(':')[0]}:plant", "it is to be undone")
-        what = (self._component, self._kind)
+        what = (self._target, self._kind)
         return await self._executor.execute(Action(action, "undo_fault", what, UNDO_S), _unheard)
 
 

@@ -17,6 +17,7 @@ from functools import partial
 
 import structlog
 
+from robomend.drills.emulator import EmulatorsHand
 from robomend.drills.hands import AgentsHand, BoardsHand, Hand, PersonsHand
 from robomend.drills.parts import DrillParts
 from robomend.drills.permission import check, fault_of
@@ -24,7 +25,7 @@ from robomend.drills.record import DrillRecord
 from robomend.drills.states import DrillState, DrillTrigger
 from robomend.drills.watching import Gone, Watching, healthy_for, left_off_by, repair_of
 from robomend.errors import InputError, NotFound, RobomendError, StateConflict, StoreError
-from robomend.planning.drill import FaultKind, drivers_of
+from robomend.planning.faults import AGENTS_FAULTS, EMULATED, FaultKind, drivers_of, taken_by
 from robomend.repairs.agent_queue import wait_for
 from robomend.repairs.executors.registry import Surroundings, executors
 from robomend.repairs.signals import Halted, Signals
@@ -182,7 +183,7 @@ class OneDrill:
             if time.time_ns() - record.created_ns > TAKEN_UP_NS:
                 raise StateConflict("nobody took it up in time")
             state = await self._state()
-            check(state, fault_of(state, record.kind, record.component))
+            check(state, fault_of(state, record.kind, record.component, record.topic))
             hand = await self._hand(state)
             watching = self._watching(state)
             self._why = "it was cut short in the middle"
@@ -225,21 +226,31 @@ class OneDrill:
         """Return who plants and undoes this fault."""
         record, needs = self._record, self._needs
         parts = state.system.parts
-        if parts is None or record.component not in parts.components:
+        if parts is None or (record.component is not None and record.component not in parts.components):
             raise NotFound(f"the model of {state.id!r} has no {record.component!r} (any more)")
+        device = None if record.component is None else parts.hardware.get(record.component)
+        channel = None if device is None else device.channel
         match record.kind:
+            case kind if kind in AGENTS_FAULTS:
+                bound_s, halt = record.data["bound_s"], self._signals.halt
+                # The bus may be another host's: whichever agent has it says so.
+                host = parts.nodes[record.component].host if record.component and not record.topic else None
+                target = record.topic or str(record.component)
+                return AgentsHand(needs.agents, state.id, host, kind, target, bound_s, halt, self._fence)
             case FaultKind.OFF:
-                channel = parts.hardware[record.component].channel
-                assert channel is not None
                 board = await needs.robots.board(state.id)
+                if channel is None:
+                    raise NotFound(f"{record.component!r} hangs on no channel (any more)")
                 return BoardsHand(board, channel, needs.switch, state.interlocked, record.id, self._confirm)
             case FaultKind.UNPLUGGED:
                 return PersonsHand(self._until_done, record.data["act"], record.data["undo"])
-            case _:
-                bound_s, halt = record.data["bound_s"], self._signals.halt
-                return AgentsHand(
-                    needs.agents, state, record.kind, record.component, bound_s, halt, self._fence
-                )
+            case kind:
+                config = state.config.board
+                if config is None or config.control_port is None:
+                    raise NotFound(f"the board of {state.id!r} is not (any more) an emulated one")
+                at = (config.host, config.control_port)
+                stop = needs.switch
+                return EmulatorsHand(*at, EMULATED[kind], channel, stop, state.interlocked, self._confirm)
 
     async def _until_done(self, what: str) -> bool:
         """Ask a person to do something; return whether they said `done` within the drill's bound."""
@@ -332,7 +343,7 @@ class OneDrill:
         if parts is None:
             return
         left = await needs.store.read(lambda view: left_off_by(view, record.robot))
-        drivers = drivers_of(parts, record.component)
+        drivers = drivers_of(parts, taken_by(parts, record.kind, record.component))
         acts = [("power_up", name) for name in sorted(left & parts.hardware.keys())]
         acts += [("stop_node", name) for name in sorted(drivers)]
         acts += [("start_node", name) for name in sorted(drivers | (left & parts.nodes.keys()))]

@@ -3,20 +3,34 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 
 from robomend.errors import InputError, NotFound, Refused, StateConflict
-from robomend.planning.drill import BY, FaultKind, Plantable, plantable
+from robomend.planning.faults import (
+    AGENTS_FAULTS,
+    NEEDED_ACTION,
+    DrilledBoard,
+    FaultKind,
+    Plantable,
+    fault_name,
+    plantable,
+)
 from robomend.planning.policy import Mode
 from robomend.robots.at_hand import observables_at_hand
-from robomend.robots.configuration import policy_of, protection_of
+from robomend.robots.configuration import RobotConfig, policy_of, protection_of
+from robomend.robots.declared import Declaration
 from robomend.robots.health import HealthState, health_of
 from robomend.robots.robot import Robot
 
-AGENTS_FAULTS = frozenset(kind for kind, by in BY.items() if by == "agent")
+
+def board_of(config: RobotConfig) -> DrilledBoard | None:
+    """Return what a drill may do to a robot's power board."""
+    if config.board is None:
+        return None
+    return DrilledBoard(config.board.protected, config.board.control_port is not None)
 
 
-def fault_of(state: Robot, kind: FaultKind, component: str) -> Plantable:
+def fault_of(state: Robot, kind: FaultKind, component: str | None, topic: str | None) -> Plantable:
     """Return a fault of a robot.
 
     Raises:
@@ -26,11 +40,14 @@ def fault_of(state: Robot, kind: FaultKind, component: str) -> Plantable:
     parts = state.system.parts
     if parts is None:
         raise InputError(f"the model of {state.id!r} is no component model: it does not say what to plant")
-    board = None if state.config.board is None else state.config.board.protected
-    for fault in plantable(parts, protection_of(state.config, parts), board):
-        if fault.kind is kind and fault.component == component:
+    config = state.config
+    faults = plantable(
+        parts, protection_of(config, parts), board_of(config), meant_off=config.expected_stopped
+    )
+    for fault in faults:
+        if (fault.kind, fault.component, fault.topic) == (kind, component, topic):
             return fault
-    raise NotFound(f"the model of {state.id!r} has no fault {kind}:{component}")
+    raise NotFound(f"robot {state.id!r} has no fault {fault_name(kind, component, topic)}")
 
 
 def check(state: Robot, fault: Plantable) -> None:
@@ -52,8 +69,8 @@ def _never(state: Robot, fault: Plantable) -> Iterator[str]:
     if config.policy == "observe":
         yield f"the policy of robot {state.id!r} is 'observe': nothing is ever done to it"
     if fault.refused is not None:
-        yield f"{fault.kind}:{fault.component} is never planted: {fault.refused}"
-    undo = {FaultKind.OFF: "power_up", FaultKind.KILLED: "start_node"}.get(fault.kind)
+        yield f"{fault.name} is never planted: {fault.refused}"
+    undo = NEEDED_ACTION.get(fault.kind)
     if undo is not None and (
         policy.actions.get(undo) is Mode.OBSERVE
         or (policy.allowed is not None and undo not in policy.allowed)
@@ -73,9 +90,21 @@ def _not_now(state: Robot, fault: Plantable) -> Iterator[str]:
         yield "no maintenance window is open"
     if (why := state.interlocked()) is not None:
         yield why
-    if fault.kind in AGENTS_FAULTS:
-        wanted = {"plant_fault", f"plant_fault:{fault.component}"}
-        agents = state.sight.declared.agents()
-        # Where none is heard it may ask another instance for work; if it does not, nothing is planted.
-        if agents and not any(agent.can is not None and wanted & agent.can for agent in agents):
-            yield f"no agent of the robot supervises {fault.component}, so that nobody could plant the fault"
+    if (why := nobody_for(fault, state.sight.declared.agents())) is not None:
+        yield why
+
+
+def nobody_for(fault: Plantable, agents: Collection[Declaration]) -> str | None:
+    """Return why none of a robot's agents could plant a fault.
+
+    Where none is heard it may ask another instance for work, and one that does not say what it can do may do
+    this; if it does not, nothing is planted.
+    """
+    if fault.kind not in AGENTS_FAULTS or not agents:
+        return None
+    target = fault.topic or fault.component
+    wanted = {"plant_fault", f"plant_fault:{target}"}
+    if any(agent.can is None or wanted & agent.can for agent in agents):
+        return None
+    has = "watches it on a bus of its own" if fault.topic else "supervises it"
+    return f"nobody could plant it in {target}: no agent of the robot {has}"

@@ -10,7 +10,7 @@ from typing import Any
 
 from robomend.drills.states import DRILL, ENDS, DrillState, DrillTrigger
 from robomend.errors import StateConflict
-from robomend.planning.drill import BY, FaultKind, Plantable
+from robomend.planning.faults import BY, FaultKind, Plantable, fault_name
 from robomend.store import Store, Transaction, drills, global_stop, repairs
 from robomend.store.records import AuditEntry, DrillRequest, Fence, Json, Paging, StoredDrill
 from robomend.transitions import after
@@ -28,6 +28,7 @@ def drill_json(drill: StoredDrill) -> dict[str, Any]:
         "state": drill.state,
         "fault": data["fault"],
         "component": data["component"],
+        "topic": data.get("topic"),
         "planted_by": data["planted_by"],
         "act": data["act"],
         "undo": data["undo"],
@@ -54,6 +55,7 @@ def new_drill(
     data = {
         "fault": str(fault.kind),
         "component": fault.component,
+        "topic": fault.topic,
         "planted_by": BY[fault.kind],
         "act": fault.act,
         "undo": fault.undo,
@@ -115,9 +117,16 @@ class DrillRecord:
         return FaultKind(self.data["fault"])
 
     @property
-    def component(self) -> str:
-        """What is made faulty."""
-        return str(self.data["component"])
+    def component(self) -> str | None:
+        """What is made faulty; None: nothing that the model knows."""
+        component: str | None = self.data["component"]
+        return component
+
+    @property
+    def topic(self) -> str | None:
+        """The topic that is disturbed."""
+        topic: str | None = self.data.get("topic")
+        return topic
 
     @property
     def created_ns(self) -> int:
@@ -210,4 +219,4 @@ class DrillRecord:
 
 
 def _named(data: Json) -> str:
-    return f"{data['fault']}:{data['component']}"
+    return fault_name(data["fault"], data["component"], data.get("topic"))

@@ -13,6 +13,7 @@ from statistics import median
 from typing import Any
 
 from robomend.drills.states import DrillState
+from robomend.planning.faults import fault_name
 
 Json = Mapping[str, Any]
 
@@ -21,7 +22,19 @@ OUTCOMES = ("unseen", "missed", "among", "told")
 """From the worst to the best."""
 
 
-def outcome_of(component: str, seen: Json) -> str:
+def name_of(row: Json) -> str:
+    """Return the name of a row's fault; reports of older versions know no topics."""
+    return fault_name(row["fault"], row["component"], row.get("topic"))
+
+
+def keeps(component: str | None, promise: str, outcome: str) -> bool:
+    """Return whether an outcome is no worse than promised: nobody is blamed where nobody is at fault."""
+    if component is None:
+        return outcome == promise
+    return OUTCOMES.index(outcome) >= OUTCOMES.index(promise)
+
+
+def outcome_of(component: str | None, seen: Json) -> str:
     """Return what a drill came to, in the words of a promise."""
     if seen["detected_s"] is None or not seen["diagnoses"]:
         return "unseen"
@@ -41,6 +54,7 @@ def scored(planned: Json, drill: Json | None, why_not: str = "") -> dict[str, An
     row: dict[str, Any] = {
         "fault": planned["kind"],
         "component": planned["component"],
+        "topic": planned.get("topic"),
         "promise": planned["promise"],
         "shows": list(planned["shows"]),
         "drill": None if drill is None else drill["id"],
@@ -59,7 +73,7 @@ def scored(planned: Json, drill: Json | None, why_not: str = "") -> dict[str, An
     if seen is None or drill["cut_short"]:
         return row
     outcome = outcome_of(planned["component"], seen)
-    kept = OUTCOMES.index(outcome) >= OUTCOMES.index(planned["promise"])
+    kept = keeps(planned["component"], planned["promise"], outcome)
     return {
         **row,
         "outcome": outcome,
@@ -83,13 +97,15 @@ def _to_look_at(planned: Json, seen: Json) -> Iterable[str]:
     before = {text for text, at_s in showed.items() if acted_s is None or at_s <= acted_s}
     named = False
     for text in planned["shows"]:
+        who = planned.get("observers", {}).get(_atom(text))
+        observer = f"the observer of {_atom(text)}" + (f" ({who})" if who else "")
         if text not in showed:
             named = True
-            yield f"the observer of {_atom(text)}: `{text}` was to be seen, and was not"
+            yield f"{observer}: `{text}` was to be seen, and was not"
         elif text not in before:
             named = True
             yield (
-                f"the observer of {_atom(text)}: it said `{text}` after {showed[text]:g} s, when the repair "
+                f"{observer}: it said `{text}` after {showed[text]:g} s, when the repair "
                 f"had begun to act ({acted_s:g} s); a longer `hold_s` would have waited for it"
             )
     for text in sorted(before - set(planned["shows"])):
@@ -155,17 +171,16 @@ def compared(now: Json, last: Json) -> dict[str, list[str]]:
     """
     if last.get("robomend_drill") != FORMAT or not isinstance(last.get("faults"), list):
         raise ValueError("it is no report of `robomend drill --format json`")
-    before = {(row["fault"], row["component"]): row for row in last["faults"]}
-    after = {(row["fault"], row["component"]): row for row in now["faults"]}
+    before = {name_of(row): row for row in last["faults"]}
+    after = {name_of(row): row for row in now["faults"]}
     found: dict[str, list[str]] = {"worse": [], "better": [], "slower": [], "only_now": [], "only_then": []}
-    for key, row in after.items():
-        name = ":".join(key)
-        if key not in before:
+    for name, row in after.items():
+        if name not in before:
             found["only_now"].append(name)
             continue
-        for what, text in _changes(before[key], row):
+        for what, text in _changes(before[name], row):
             found[what].append(f"{name}: {text}")
-    found["only_then"] = [":".join(key) for key in before.keys() - after.keys()]
+    found["only_then"] = sorted(before.keys() - after.keys())
     return found
 
 
@@ -175,9 +190,9 @@ def _changes(then: Json, now: Json) -> Iterable[tuple[str, str]]:
         if then["outcome"] is not None:
             yield "worse", f"was {then['outcome']}, and is not watched to its end: {now['why_not']}"
         return
-    rank = OUTCOMES.index(now["outcome"]) - OUTCOMES.index(then["outcome"])
-    if rank:
-        yield "worse" if rank < 0 else "better", f"was {then['outcome']}, is {now['outcome']}"
+    if then["outcome"] != now["outcome"]:
+        better = keeps(now["component"], then["outcome"], now["outcome"])
+        yield "better" if better else "worse", f"was {then['outcome']}, is {now['outcome']}"
     if then["repaired"] != now["repaired"]:
         yield (
             "better" if now["repaired"] else "worse",

@@ -15,13 +15,14 @@ from typing import Any
 
 from robomend.drills.record import DrillRecord
 from robomend.model.components import ComponentModel
-from robomend.planning.drill import drivers_of
+from robomend.planning.faults import LINE_FAULTS, drivers_of, taken_by
 from robomend.repairs.agent_queue import wait_for
 from robomend.repairs.states import RepairState
 from robomend.robots.health import HealthState, health_of
 from robomend.robots.robot import Robot
 from robomend.store import Store, View, repairs
 from robomend.store.records import Paging, StepRecord, StoredRepair
+from robomend_client.literals import Atom
 
 LOOK_S = 0.2
 """How often it is looked at the clock as well: events wake us before."""
@@ -53,7 +54,11 @@ class Watching:
         self._calm_s = hold_s + CALM_S
         self._news = news
         self._before = frozenset(state.literals())
-        self._known = frozenset(atom for atom in state.sight.observed if state.sight.reported(atom))
+        self._known = frozenset(
+            atom
+            for atom in state.sight.observed
+            if state.sight.reported(atom) and not (record.kind in LINE_FAULTS and of_board(atom))
+        )
         self._planted_s = 0.0
         self._planted_ns = 0
         self._seen_s: float | None = None
@@ -120,7 +125,7 @@ class Watching:
         until = [bad for at_ns, bad in self._diagnosed if first_ns is None or at_ns <= first_ns]
         repaired = repair is not None and repair.state == RepairState.REPAIRED
         ends_ns = None if repair is None or repair.open else repair.updated_ns
-        meant = meant_by(parts, self._record.component)
+        meant = meant_by(parts, taken_by(parts, self._record.kind, self._record.component))
         return {
             "detected_s": None if self._seen_s is None else round(self._seen_s, 3),
             "diagnoses": [list(bad) for bad in (until[-1] if until else ())[:MOST_DIAGNOSES]],
@@ -147,9 +152,14 @@ def left_off_by(view: View, robot: str) -> frozenset[str]:
     return frozenset(found[0].data.get("left_off") or ()) if found else frozenset()
 
 
-def meant_by(parts: ComponentModel, component: str) -> frozenset[str]:
-    """Return what a repair of a component acts on: it, its drivers, and what is tied to these."""
-    meant = {component, *drivers_of(parts, component)}
+def of_board(atom: Atom) -> bool:
+    """Return whether the power board itself says it, so that nobody does while its line is disturbed."""
+    return atom.predicate == "on" or (atom.predicate == "ok" and atom.args[:1] == ("current",))
+
+
+def meant_by(parts: ComponentModel, components: Collection[str]) -> frozenset[str]:
+    """Return what a repair of components acts on: them, their drivers, and what is tied to these."""
+    meant = {*components, *drivers_of(parts, components)}
     while new := {name for name, node in parts.nodes.items() if meant.intersection(node.tied_to)} - meant:
         meant |= new
     return frozenset(meant)

@@ -36,21 +36,25 @@ class Theory:
             for literal in clause:
                 self._watching[literal].append(index)
 
-    def derived(self, good: Iterable[str], given: Iterable[Literal] = ()) -> frozenset[Literal]:
+    def derived(
+        self, good: Iterable[str], given: Iterable[Literal] = (), without: Iterable[Literal] = ()
+    ) -> frozenset[Literal]:
         """Return the literals over atoms that follow by unit propagation from these components being healthy,
-        and from literals that are known anyhow, as far as a rule mentions them.
+        and from literals that are known anyhow, as far as a rule mentions them; nothing follows by way of
+        those in `without`.
 
         Sound and, for Horn rules such as the six schemes, complete. A clause that becomes empty ends the
         propagation: then nothing is predicted, as the rules contradict each other.
         """
         cnf = self._cnf
         true: set[int] = set()
+        barred = {cnf.literal(literal) for literal in without}
         known = (cnf.literal(literal) for literal in given)
         pending = [*(cnf.health[component] for component in good), *(k for k in known if k is not None)]
         missing: dict[int, int] = {}  # clause -> literals not yet false
         while pending:
             literal = pending.pop()
-            if literal in true:
+            if literal in true or literal in barred:
                 continue
             if -literal in true:
                 return frozenset()

@@ -40,6 +40,7 @@ class BoardConfig:
     rate_hz: int = 5  # of the broadcast that we ask for
     protected: tuple[int, ...] = (2,)  # never shut down; channel 2 feeds the paper's PC
     expected_currents: Mapping[int, ExpectedCurrent] = field(default_factory=dict)  # by channel
+    control_port: int | None = None  # of an emulated board, where drills plant its faults
 
 
 @dataclass(frozen=True, slots=True)

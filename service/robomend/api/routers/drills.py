@@ -26,6 +26,7 @@ async def create_drill(
         robot,
         fault=body.fault,
         component=body.component,
+        topic=body.topic,
         bound_s=body.bound_s,
         detect_s=body.detect_s,
         by=principal.name,

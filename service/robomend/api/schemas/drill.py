@@ -13,7 +13,15 @@ class DrillBody(In):
     """Plant a fault. A person's yes is whoever asks for it."""
 
     fault: str = Field(min_length=1, max_length=64, examples=["node-killed"])
-    component: Component
+    component: Component | None = Field(
+        default=None, description="what is at fault; null for what is of the board itself"
+    )
+    topic: str | None = Field(
+        default=None,
+        min_length=1,
+        max_length=200,
+        description="that the component publishes: of topic faults",
+    )
     bound_s: float = Field(default=60.0, ge=1, le=3000, description="it is undone after this at the latest")
     detect_s: float = Field(
         default=15.0, ge=1, le=3000, description="… and after this where nothing is seen of it"
@@ -53,7 +61,8 @@ class DrillOut(Out):
     robot: str
     state: str = Field(examples=["planted"])
     fault: str
-    component: str
+    component: str | None
+    topic: str | None = None
     planted_by: str = Field(examples=["agent"])
     act: str
     undo: str

@@ -26,6 +26,9 @@ class BoardBody(In):
     expected_currents: dict[Annotated[str, Field(pattern=r"^\d{1,3}$")], ExpectedCurrentBody] = Field(
         default={}, max_length=256, description="by channel"
     )
+    control_port: int | None = Field(
+        default=None, ge=1, le=65535, description="of an emulated board: drills plant its faults there"
+    )
 
 
 class LimitsBody(In):
@@ -136,6 +139,17 @@ class RobotBody(In):
     )
 
 
+class AgentOut(Out):
+    """What one of a robot's agents said of itself when it last asked for work."""
+
+    agent: str
+    host: str | None
+    can: list[str] | None = Field(
+        description="actions that it carries out, `name` or `name:parameter`; null: it does not say"
+    )
+    observes: list[str] = Field(description="what of the model its observers report")
+
+
 class RobotOut(Out):
     """A robot as it is configured, and how it is."""
 
@@ -153,6 +167,9 @@ class RobotOut(Out):
     unknown: list[str] = Field(default=[], description="what of `observed` is not known now")
     drill: dict[str, Any] | None = Field(
         default=None, description="the drill that is open: what is planted, and how it is undone"
+    )
+    agents: list[AgentOut] = Field(
+        default=[], description="agents that asked this instance for work within the last minute"
     )
     findings: list[str] = Field(
         default=[], description="what will not work or not be noticed as the robot is configured and observed"
