@@ -58,7 +58,7 @@ class Repair(Protocol):
         ...
 
     async def choose(self, result: DiagnosisResult) -> Choice | None:
-        """Plan for the leading diagnoses; return what to do first, or None: the robot changed meanwhile."""
+        """Plan for the leading diagnoses; return what to do first, None if the robot changed meanwhile."""
         ...
 
     async def approved(self, choice: Choice) -> bool:
