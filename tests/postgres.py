@@ -16,6 +16,7 @@ import tempfile
 import time
 import uuid
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -147,6 +148,13 @@ def postgres_server() -> Iterator[PostgresServer]:
 @pytest.fixture
 def postgres_url(postgres_server: PostgresServer) -> Iterator[str]:
     """The URL of an empty database."""
+    with empty_database(postgres_server) as url:
+        yield url
+
+
+@contextmanager
+def empty_database(postgres_server: PostgresServer) -> Iterator[str]:
+    """Make a database that goes away; for what tests share."""
     name = f"test_{uuid.uuid4().hex}"
     with psycopg.connect(postgres_server.url(), autocommit=True) as admin:
         admin.execute(f'CREATE DATABASE "{name}"')

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import subprocess
 import sys
@@ -27,10 +28,13 @@ def wheels(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 @pytest.fixture(scope="module")
 def pip(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
-    """An installer of its own: whoever runs the tests may have none in the environment."""
+    """An installer: the one of this environment, or one of its own where there is none."""
+    options = ["--disable-pip-version-check", "--python"]
+    if importlib.util.find_spec("pip") is not None:
+        return [sys.executable, "-m", "pip", *options]
     folder = tmp_path_factory.mktemp("pip")
     subprocess.run([sys.executable, "-m", "venv", str(folder)], check=True, timeout=120)
-    return [str(folder / "bin" / "pip"), "--disable-pip-version-check", "--python"]
+    return [str(folder / "bin" / "pip"), *options]
 
 
 def installed(pip: list[str], folder: Path, *wheels: Path) -> Path:

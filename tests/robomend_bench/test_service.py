@@ -15,6 +15,8 @@ from hypothesis import strategies as st
 
 from robomend.model.loading import load_text
 from robomend.observations.language import parse
+from robomend_bench.service import command as command_module
+from robomend_bench.service import fleet, floods, stops
 from robomend_bench.service.attackers import requests
 from robomend_bench.service.command import command
 from robomend_bench.service.fleet import prepare, run_fleet
@@ -61,6 +63,14 @@ def test_every_literal_is_of_the_model_and_a_conflict_of_its_own() -> None:
         assert any(variable in clause and len(clause) == 2 for clause in named), name
 
 
+@pytest.fixture(autouse=True)
+def _without_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures need services that have warmed up; that there are figures does not."""
+    monkeypatch.setattr(command_module, "WARM_UP_S", 0.0)
+    monkeypatch.setattr(floods, "FIRST_S", 0.05)
+    monkeypatch.setattr(stops, "WITHIN_S", 1.0)
+
+
 @pytest.fixture(scope="module")
 def service() -> Iterator[Served]:
     with served() as running:
@@ -79,7 +89,11 @@ def test_a_run_accounts_for_every_change(service: Served) -> None:
     asyncio.run(run())
 
 
-def test_what_the_service_does_not_know_is_reported_as_lost(service: Served) -> None:
+def test_what_the_service_does_not_know_is_reported_as_lost(
+    service: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(fleet, "LEFT_S", 0.5)  # the diagnosis of what it never got does not come
+
     async def run() -> tuple[str, ...]:
         robots = [SimulatedRobot(f"b{number}", 1, faults=3) for number in range(2)]
         await prepare(service.url, robots)
@@ -136,8 +150,9 @@ def test_the_stop_is_measured_while_every_role_attacks() -> None:
     assert found["answers"]
 
 
-def test_what_strangers_take_is_measured() -> None:
-    answer = CliRunner().invoke(command, ["--only", "strangers", "--format", "json", "--seconds", "1"])
+def test_what_strangers_take_is_measured(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROBOMEND_BODY_TIMEOUT_S", "2")  # of the service that it starts
+    answer = CliRunner().invoke(command, ["--only", "strangers", "--format", "json", "--seconds", "0.2"])
     assert answer.exit_code == 0, answer.output
     found = json.loads(answer.stdout)["strangers"]
     assert found["trailers"]["sent_mb"] > 0

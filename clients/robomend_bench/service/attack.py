@@ -103,22 +103,30 @@ def _once(kept: http.client.HTTPConnection | None, url: str, key: str, method: s
             connection.close()
 
 
-def make_keys(data: str) -> dict[str, str]:
-    """Create a key of each role in a service's database."""
+def make_keys(process: Served) -> dict[str, str]:
+    """Create a key of each role in a service's database; return them as soon as it knows them."""
     keys = {}
     for role in ("viewer", "robot", "operator", "admin"):
-        arguments = ["keys", "create", "--data", data, "--role", role, "--format", "json"]
+        arguments = ["keys", "create", "--data", str(process.data), "--role", role, "--format", "json"]
         arguments += ["--robot", ROBOT] if role == "robot" else []
         program = [sys.executable, "-c", "from robomend.cli.main import main; main()", *arguments]
         made = subprocess.run(program, capture_output=True, text=True, check=True)
         keys[role] = json.loads(made.stdout)["key"]
+    deadline = time.monotonic() + ANSWER_S
+    while not all(_known(process.url, key) for key in keys.values()):  # it reads its keys now and then
+        if time.monotonic() > deadline:
+            raise TimeoutError(f"{process.url} does not know its keys after {ANSWER_S:g} s")
+        time.sleep(EVERY_S)
     return keys
+
+
+def _known(url: str, key: str) -> bool:
+    return _once(None, url, key, "GET", "/api/v1/robots") != 401
 
 
 def run_attack(process: Served, *, clients: int, seconds: float, seed: int) -> AttackResult:
     """Measure alone, then in the crowd."""
-    keys = make_keys(str(process.data))
-    time.sleep(2.5)  # the service reads its keys anew
+    keys = make_keys(process)
     _prepare(process.url, keys["operator"])
     errors: list[str] = []
     alone = probe(process.url, keys["operator"], min(seconds, 10.0), errors)

@@ -56,7 +56,7 @@ Row = tuple[str, str, str]
 )
 @click.option(
     "--seconds",
-    type=click.FloatRange(1, 86_400),
+    type=click.FloatRange(0.1, 86_400),
     default=20.0,
     show_default=True,
     help="The documented figures are of 300.",
@@ -123,6 +123,9 @@ def run_parts(
     return results, rows
 
 
+WARM_UP_S = 3.0
+"""The service's workers warm up beside it; and what it takes at rest is what it takes then."""
+
 Measured = tuple[dict[str, Any], list[Row]]
 
 
@@ -149,7 +152,7 @@ def _start(arguments: list[str]) -> Measured:
 
 
 async def _single(url: str, process: Served | None, wish: dict[str, Any]) -> Measured:
-    await asyncio.sleep(3.0)  # the service's workers warm up beside it
+    await asyncio.sleep(WARM_UP_S)
     found: dict[str, Any] = {}
     rows = []
     for name, pause_s in (("one after another", 0.0), ("10 ms apart", 0.01)):
@@ -195,7 +198,7 @@ def fleet_rows(result: FleetResult) -> list[Row]:
 async def _memory(url: str, process: Served | None, wish: dict[str, Any]) -> Measured:
     if process is None:
         raise click.UsageError("part memory needs a service of its own; leave out --url")
-    await asyncio.sleep(3.0)  # the workers have warmed up
+    await asyncio.sleep(WARM_UP_S)
     idle = memory_mb(process.pid)
     workers = [round(memory_mb(pid), 1) for pid in children(process.pid)]
     robots = [SimulatedRobot(f"r{n}", wish["seed"], faults=wish["faults"]) for n in range(wish["robots"])]
@@ -275,8 +278,7 @@ async def _attack(url: str, process: Served | None, wish: dict[str, Any]) -> Mea
 async def _strangers(url: str, process: Served | None, wish: dict[str, Any]) -> Measured:
     if process is None:
         raise click.UsageError("part strangers needs a service of its own; leave out --url")
-    make_keys(str(process.data))
-    await asyncio.sleep(2.5)  # the service reads its keys anew
+    await asyncio.to_thread(make_keys, process)
     found = await asyncio.to_thread(run_floods, process, min(wish["seconds"], 6.0))
     rows = [
         (
@@ -296,7 +298,7 @@ OVERLOAD = 2.0
 
 
 async def _overload(url: str, process: Served | None, wish: dict[str, Any]) -> Measured:
-    await asyncio.sleep(3.0)  # the service's workers warm up beside it
+    await asyncio.sleep(WARM_UP_S)
     found = await run_overload(
         url,
         robots=wish["robots"],

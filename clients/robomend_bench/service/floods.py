@@ -19,6 +19,9 @@ HOST = b"Host: localhost\r\n"
 POST = b"POST /api/v1/robots/r1/observations HTTP/1.1\r\n" + HOST
 CHUNKED = POST + b"Content-Type: application/json\r\nTransfer-Encoding: chunked\r\n\r\n"
 
+FIRST_S = 0.5
+"""For what is paid once, for code and buffers: every kind has been there before it is measured."""
+
 FLOODS: dict[str, tuple[bytes, bytes]] = {
     "trailers": (CHUNKED + b"0\r\n", b"X-Filler: " + b"a" * 50_000 + b"\r\n"),
     "a head that does not end": (b"GET / HTTP/1.1\r\n" + HOST, b"X-Filler: " + b"a" * 50_000 + b"\r\n"),
@@ -46,9 +49,8 @@ class FloodResult:
 
 def run_floods(process: Served, seconds: float) -> dict[str, FloodResult]:
     """Send each flood for a while."""
-    # What is paid once, for code and buffers: every kind has been there before.
     for begin, more in FLOODS.values():
-        _flood(process, begin, more, 0.5)
+        _flood(process, begin, more, FIRST_S)
     return {name: _flood(process, begin, more, seconds) for name, (begin, more) in FLOODS.items()}
 
 

@@ -95,6 +95,7 @@ def settle_memory() -> None:
     gc.collect()
     gc.freeze()
     gc.set_threshold(20_000, 50, 100)
+    gc.enable()
 
 
 def tell(url: str, *, announce: bool) -> None:
@@ -157,6 +158,7 @@ async def _run(
     sockets: list[socket.socket] | None,
     figures: SharedFigures | None = None,
 ) -> int:
+    gc.disable()  # until settle_memory: a tenth of the time that loading takes
     from robomend.api.runtime import Runtime, any_key
     from robomend.api.server import check_exposure, make_server
     from robomend.repairs.repairs import make_repairs
