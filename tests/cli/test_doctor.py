@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+import shutil
 from pathlib import Path
 
 import pytest
@@ -73,3 +74,31 @@ def test_without_a_service_the_database_says_what_it_knows_of_a_robot(
     assert "nobody has reported ok(scan), which `observed` says that observers will report" in said
     _, said = said_of_the_robot(["--robot", "r2", "--data", str(tmp_path)], capsys)
     assert not [one for one in said if "nobody carries it out" in one]
+
+
+def said_of_the_growth(folder: Path, capsys: pytest.CaptureFixture[str]) -> tuple[bool, str]:
+    """Return the finding on how fast the database grows."""
+    run(["doctor", "--data", str(folder), "--format", "json"])
+    answer = capsys.readouterr().out.splitlines()[-1]  # beside the log
+    checks = json.loads(answer)["checks"]
+    [found] = [check for check in checks if check["name"] == "growth"]
+    return found["ok"], found["detail"]
+
+
+def test_how_fast_the_database_grows_is_told_for_each_robot(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert said_of_the_growth(tmp_path, capsys) == (True, "nothing is in the history yet")
+    with running(Settings(port=0, data=tmp_path)) as service:
+        service.with_robot("walker")
+        service.observe("not running(rviz)", robot="walker")
+    ok, said = said_of_the_growth(tmp_path, capsys)
+    assert ok
+    assert "walker" in said
+    assert "once what is written is what retention removes" in said
+    usage = shutil.disk_usage(tmp_path)
+    full = usage._replace(free=1000)  # bytes
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: full)
+    ok, said = said_of_the_growth(tmp_path, capsys)
+    assert not ok
+    assert "the disk is full in 0 days" in said

@@ -20,6 +20,7 @@ from robomend_bench.service import fleet, floods, stops
 from robomend_bench.service.attackers import requests
 from robomend_bench.service.command import command
 from robomend_bench.service.fleet import prepare, run_fleet
+from robomend_bench.service.growth import run_growth
 from robomend_bench.service.measure import Latency, percentile
 from robomend_bench.service.process import Served, model_text, served
 from robomend_bench.service.robots import LITERALS, RECENT, SimulatedRobot
@@ -197,3 +198,11 @@ def test_a_part_that_there_is_not_is_refused() -> None:
     answer = CliRunner().invoke(command, ["--only", "fleets"])
     assert answer.exit_code == 2
     assert "fleets" in answer.output
+
+
+def test_a_change_is_kept_in_less_than_its_diagnosis_would_take_once() -> None:
+    with served() as service:
+        found = asyncio.run(run_growth(service, robots=5, changes=100, seed=1))
+    assert found.changes == 100
+    assert not found.lost
+    assert found.bytes_a_change < 1800  # where each diagnosis was kept twice in full: 4,100

@@ -28,6 +28,7 @@ from robomend.store import (
     schema,
 )
 from robomend.store.database import Database
+from robomend.store.encoding import Common, Encoded
 from robomend.store.portable import backup, export, load
 from robomend.store.records import AuditEntry, IdempotencyKey, Quarantine, StoredAssertion, StoredAttempt
 
@@ -44,6 +45,7 @@ async def with_everything(store: Store) -> None:
     def fill(tx: Transaction) -> None:
         observations.observe(tx, "r1", asserted=[StoredAssertion("night", "ok(x) or ok(y)", "ada", 1)])
         diagnoses.record(tx, "r1", 1, {"diagnoses": []})
+        diagnoses.record(tx, "r1", 2, Encoded.around({"a": 1, "b": 2}, '{"a":1,', Common('"b":2'), "}"))
         repair = repairs.create(tx, "r1", state="running", data={"é": "∪"}, fence=fence).id
         repairs.ask(tx, repair, "cancel", by="ada", reason="")
         repairs.put_step(tx, repair, 0, state="done", data={}, fence=fence)

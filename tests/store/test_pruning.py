@@ -8,8 +8,8 @@ import time
 import pytest
 from tests.store.examples import entry, intents, observe, with_robots
 
-from robomend.store import Store, Transaction, diagnoses, events, journal, observations, repairs
-from robomend.store.pruning import prune
+from robomend.store import Store, Transaction, diagnoses, events, journal, observations, pruning, repairs
+from robomend.store.pruning import Keys, Pace, prune
 from robomend.store.records import AuditEntry, EventRange, IdempotencyKey, Pruned, Retention
 
 pytestmark = pytest.mark.anyio
@@ -111,3 +111,22 @@ async def test_others_write_between_the_slices(store: Store, monkeypatch: pytest
     assert not pruning.done()
     assert revisions == [61, 62, 63]
     assert (await pruning).observations == 60
+
+
+async def test_a_step_that_took_too_long_is_followed_by_smaller_ones(
+    store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pace, sizes = Pace(), list[int]()
+    clock = 0.0
+    monkeypatch.setattr("time.perf_counter", lambda: clock)
+
+    def slow(tx: Transaction, keys: Keys) -> None:
+        nonlocal clock
+        sizes.append(len(keys))
+        clock += 0.001 * len(keys)  # a millisecond each
+
+    assert await pace.remove(store, range(200), slow) == 200
+    most = round(1000 * pruning.STEP_S)
+    assert sizes[0] == pruning.FIRST
+    assert all(size <= most for size in sizes[1:])
+    assert sum(sizes) == 200

@@ -23,6 +23,7 @@ from robomend_bench.service.attack import make_keys, run_attack
 from robomend_bench.service.durable import run_ndjson, run_posts
 from robomend_bench.service.fleet import FleetResult, prepare, run_fleet, run_single
 from robomend_bench.service.floods import drip, run_floods
+from robomend_bench.service.growth import run_growth
 from robomend_bench.service.hostile import run_hostile
 from robomend_bench.service.measure import children, load_of_others, memory_mb
 from robomend_bench.service.overload import run_overload
@@ -42,6 +43,7 @@ PARTS = (
     "stop-under-attack",
     "strangers",
     "overload",
+    "growth",
 )
 
 Row = tuple[str, str, str]
@@ -320,6 +322,22 @@ async def _overload(url: str, process: Served | None, wish: dict[str, Any]) -> M
     ]
 
 
+GROWTH_CHANGES = 1000
+
+
+async def _growth(url: str, process: Served | None, wish: dict[str, Any]) -> Measured:
+    if process is None or not (process.data / "robomend.db").exists():
+        raise click.UsageError(
+            "part growth needs a service of its own on SQLite; leave out --url, --database"
+        )
+    robots = min(wish["robots"], 50)
+    found = await run_growth(process, robots=robots, changes=GROWTH_CHANGES, seed=wish["seed"])
+    tables = ", ".join(f"{name} {size:.0f}" for name, size in found.tables.items())
+    shown = f"{found.bytes_a_change:.0f} bytes ({tables})"
+    name = f"{found.changes} changes of {robots} robots, each diagnosed with something new: on the disk, each"
+    return asdict(found), [(name, shown, "< 1,000 bytes")]
+
+
 STOP_ROBOTS = 4
 """Under repair at a time: each has a board of its own."""
 
@@ -355,4 +373,5 @@ MEASURES: dict[str, Callable[[str, Served | None, dict[str, Any]], Coroutine[Any
     "stop-under-attack": _attack,
     "strangers": _strangers,
     "overload": _overload,
+    "growth": _growth,
 }

@@ -43,8 +43,8 @@ log = structlog.get_logger("robomend")
 ACTED = frozenset({StepState.DONE, StepState.FAILED})
 """States in which a step ends whose action was counted: one that was already there sent none."""
 
-PRUNE_S = 3600.0
-"""Between two prunings."""
+PRUNE_S = 600.0
+"""Between two prunings; the first comes with the start."""
 
 MakeRepairs = Callable[[Store, Robots, PlannerPool, OneShots, Settings], Repairs]
 
@@ -155,20 +155,14 @@ class Runtime:
             await asyncio.sleep(EVERY_S)
 
     async def _prune(self) -> None:
-        """Remove what is older than the settings keep, now and then."""
-        settings = self.settings
-        retention = Retention(
-            observations_days=settings.observations_days,
-            diagnoses_days=settings.diagnoses_days,
-            events_days=settings.events_days,
-            repairs_days=settings.repairs_days,
-        )
+        """Remove what is older than the settings keep, at the start and then now and then."""
+        retention = kept_by(self.settings)
         while True:
-            await asyncio.sleep(PRUNE_S)
             try:
                 log.info("pruned", **asdict(await pruning.prune(self.store, retention)))
             except RobomendError as error:
                 log.warning("not pruned", code=error.code, detail=str(error))
+            await asyncio.sleep(PRUNE_S)
 
     def _watch_store(self) -> None:
         def watch(name: str, text: str, read: Callable[[StoreFigures], float]) -> None:
@@ -181,6 +175,16 @@ class Runtime:
         watch("commit_seconds", "the last commit", lambda figures: figures.last_commit_s)
         watch("writes", "writes committed since the start", lambda figures: figures.writes)
         watch("commits", "transactions since the start", lambda figures: figures.commits)
+
+
+def kept_by(settings: Settings) -> Retention:
+    """Return how long what is kept."""
+    return Retention(
+        observations_days=settings.observations_days,
+        diagnoses_days=settings.diagnoses_days,
+        events_days=settings.events_days,
+        repairs_days=settings.repairs_days,
+    )
 
 
 @asynccontextmanager

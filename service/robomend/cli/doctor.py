@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 AMISS = 1
 FREE_BYTES = 100 << 20
+SHOWN = 5
+"""Robots whose growth is told, those with most."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +84,7 @@ def examine(settings: Settings) -> Iterator[Finding]:
         ("planner", _planner),
         ("disk", _disk),
         ("database", _database),
+        ("growth", _growth),
         ("keys", _keys),
         ("port", _port),
     )
@@ -184,6 +187,41 @@ def _database(settings: Settings) -> str:
             return f"{store.url} answers; events {kept.oldest} to {kept.newest}{used}"
 
     return asyncio.run(look())
+
+
+def _growth(settings: Settings) -> str:
+    """Return how fast the database grows, and when the disk is full of it."""
+    import time
+
+    from robomend.api.runtime import kept_by, opened_store
+    from robomend.store import growth
+
+    async def look() -> growth.Growth:
+        async with opened_store(settings) as store:
+            return await store.read(growth.measure, time.time_ns())
+
+    found = asyncio.run(look())
+    if not found.bytes_a_day:
+        return "nothing is in the history yet"
+    most = sorted(found.robots.items(), key=lambda item: -item[1])
+    shown = ", ".join(f"{robot} {_mb(size)}" for robot, size in most[:SHOWN])
+    more = f" and {len(most) - SHOWN} more" if len(most) > SHOWN else ""
+    said = f"{_mb(found.bytes_a_day)} a day, by the last {24 * found.days:.1f} h of history ({shown}{more})"
+    kept = found.kept(kept_by(settings))
+    if kept is not None:
+        said += f"; {_mb(kept)} once what is written is what retention removes"
+    if settings.database is not None:
+        return said
+    path = settings.data.expanduser() / "robomend.db"
+    free = shutil.disk_usage(path.parent).free
+    days = free / found.bytes_a_day
+    if kept is None or kept > free + path.stat().st_size:
+        raise Amiss(f"{said}; the disk is full in {days:.0f} days: make room, or keep less (…_days)")
+    return f"{said}; the disk would take {days:.0f} days of it"
+
+
+def _mb(size: float) -> str:
+    return f"{size / 1e6:.1f} MB" if size >= 1e5 else f"{size / 1e3:.1f} kB"
 
 
 def _keys(settings: Settings) -> str:

@@ -10,7 +10,7 @@ from typing import Any
 from robomend.diagnosis.result import healthy
 from robomend.robots.diagnoser import Diagnosed
 from robomend.store import Transaction, diagnoses
-from robomend.store.encoding import Encoded, to_json
+from robomend.store.encoding import Common, Encoded, to_json
 from robomend.store.records import StoredDiagnosis
 from robomend_client.events import Kind
 
@@ -78,7 +78,7 @@ class Current:
         tx.emit(Kind.DIAGNOSIS, robot, data)
 
     def event_data(self) -> Encoded:
-        """Return what table and event hold of it; the result's text was made with the answer."""
+        """Return what table and event hold of it; equal answers have all but revision and time in common."""
         data = {
             "revision": self.revision,
             "model_version": self.model_version,
@@ -86,7 +86,23 @@ class Current:
             "fault": self.fault,
             "expected_stopped": list(self.expected_stopped),
         }
-        if self.answer is None or self.answer.text is None:
+        if self.answer is None:
             return Encoded(data)
-        rest = to_json({name: value for name, value in data.items() if name != "result"})
-        return Encoded(data, f'{rest[:-1]},"result":{self.answer.text}}}')
+        return Encoded.around(
+            data, f'{{"revision":{self.revision},', self._common(self.answer), f"{self.answer.took or ''}}}"
+        )
+
+    def _common(self, answer: Diagnosed) -> Common:
+        of = (self.model_version, self.expected_stopped)
+        common = answer.kept_as.get(of)
+        if common is None:
+            rest = to_json(
+                {
+                    "model_version": self.model_version,
+                    "fault": self.fault,
+                    "expected_stopped": list(self.expected_stopped),
+                }
+            )
+            result = "null" if answer.took is None else answer.key
+            common = answer.kept_as[of] = Common(f'{rest[1:-1]},"result":{result}')
+        return common

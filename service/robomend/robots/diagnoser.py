@@ -20,7 +20,7 @@ import asyncio
 import time
 from collections import Counter, OrderedDict
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 from robomend.diagnosis.engines import make_engine
@@ -34,7 +34,7 @@ from robomend.oneshots.result_json import result_json, timeless
 from robomend.oneshots.warm_model import ask_engine
 from robomend.robots.readers import memory_unlimited
 from robomend.settings import Settings
-from robomend.store.encoding import to_json
+from robomend.store.encoding import Common, to_json
 from robomend_client.literals import Literal
 
 CACHED = 4096
@@ -60,14 +60,17 @@ class Diagnosed:
     fault: RobomendError | None
     json: dict[str, Any] | None
     key: str  # equal for equal answers, whatever time they took
-    text: str | None = None  # of `json`
+    took: str | None = None  # behind the key it makes the text of `json`
+    kept_as: dict[tuple[str, tuple[str, ...]], Common] = field(default_factory=dict, compare=False)
+    """What the store keeps of it, for a model version and what is not expected to run; see `Current`."""
 
     @classmethod
     def of(cls, result: DiagnosisResult) -> Diagnosed:
         """Return the answer for a result."""
         values = result_json(result)
         text = to_json(values)
-        return cls(result, None, values, timeless(text), text)
+        key = timeless(text)
+        return cls(result, None, values, key, text[len(key) :])
 
     @classmethod
     def failed(cls, fault: RobomendError) -> Diagnosed:

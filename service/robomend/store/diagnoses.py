@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from sqlalchemy import select
 
-from robomend.store import schema
-from robomend.store.encoding import checked, checked_ns, from_json, to_json
+from robomend.store import results, schema
+from robomend.store.encoding import checked, checked_ns, from_json
 from robomend.store.records import FIRST_PAGE, Json, Page, Paging, StoredDiagnosis
 from robomend.store.transaction import Transaction
 from robomend.store.view import AnyRow, View
@@ -17,12 +19,13 @@ def latest(view: View, robot: str) -> StoredDiagnosis | None:
     """Return the latest diagnosis."""
     of_robot = select(_DIAGNOSES).where(_DIAGNOSES.c.robot == checked(robot))
     row = view.first(of_robot.order_by(_DIAGNOSES.c.number.desc()))
-    return None if row is None else _diagnosis(row)
+    return None if row is None else _diagnoses(view, [row])[0]
 
 
 def page(view: View, robot: str, paging: Paging = FIRST_PAGE) -> Page[StoredDiagnosis]:
     """Return the diagnoses, newest first."""
-    return view.newest_first(_DIAGNOSES, _diagnosis, paging, _DIAGNOSES.c.robot == checked(robot))
+    rows = view.newest_first(_DIAGNOSES, _as_it_is, paging, _DIAGNOSES.c.robot == checked(robot))
+    return Page(_diagnoses(view, rows.items), rows.next)
 
 
 def between(
@@ -39,7 +42,7 @@ def between(
     rows = [row for row in newest if row.time_ns >= start_ns]
     complete = len(rows) < len(newest) or len(newest) < most
     rows += newest[len(rows) : len(rows) + 1]
-    return tuple(map(_diagnosis, reversed(rows))), complete
+    return _diagnoses(view, rows[::-1]), complete
 
 
 def record(tx: Transaction, robot: str, revision: int, result: Json, *, model_version: str = "") -> None:
@@ -51,10 +54,20 @@ def record(tx: Transaction, robot: str, revision: int, result: Json, *, model_ve
             "revision": checked_ns(revision),
             "model_version": checked(model_version),
             "time_ns": tx.now_ns,
-            "result": to_json(result),
+            **tx.waiting.kept("result", result),
         }
     )
 
 
-def _diagnosis(row: AnyRow) -> StoredDiagnosis:
-    return StoredDiagnosis(row.robot, row.revision, row.model_version, row.time_ns, from_json(row.result))
+def _diagnoses(view: View, rows: Sequence[AnyRow]) -> tuple[StoredDiagnosis, ...]:
+    text = results.texts_of(view, rows)
+    return tuple(
+        StoredDiagnosis(
+            row.robot, row.revision, row.model_version, row.time_ns, from_json(text(row.result, row.common))
+        )
+        for row in rows
+    )
+
+
+def _as_it_is(row: AnyRow) -> AnyRow:
+    return row

@@ -19,6 +19,9 @@ _CANONICAL = json.JSONEncoder(separators=(",", ":"), allow_nan=False, sort_keys=
 _ID_LETTERS = "23456789abcdefghjkmnpqrstvwxyz"  # none that look like another
 _INT64 = 2**63
 
+HOLE = "\n"
+"""Where the common piece of a text goes: compact JSON has no line breaks."""
+
 
 class Encoded(dict[str, Any]):
     """A JSON object that brings its compact text, so that tables and streams do not each make their own.
@@ -26,11 +29,37 @@ class Encoded(dict[str, Any]):
     It must not be changed after it was made.
     """
 
-    __slots__ = ("text",)
+    __slots__ = ("common", "own", "text")
 
     def __init__(self, value: Mapping[str, Any], text: str | None = None) -> None:
         super().__init__(value)
         self.text = _COMPACT.encode(value) if text is None else text
+        self.own = self.text
+        """What a row of its own keeps: all but `common`."""
+        self.common: Common | None = None
+        """A part of the text that other rows have as well."""
+
+    @classmethod
+    def around(cls, value: Mapping[str, Any], before: str, common: Common, after: str) -> Encoded:
+        """Return an object whose text is before + common + after, all three in pieces as they are."""
+        made = cls(value, f"{before}{common.text}{after}")
+        made.own, made.common = f"{before}{HOLE}{after}", common
+        return made
+
+
+class Common:
+    """A piece of JSON text that many rows have, by which the store keeps it once (results.py)."""
+
+    __slots__ = ("digest", "text")
+
+    def __init__(self, text: str) -> None:
+        self.text = text
+        self.digest = hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
+
+
+def filled(own: str, common: str) -> str:
+    """Return the text of an `Encoded` from what its row keeps and the piece that others have as well."""
+    return own.replace(HOLE, common, 1)
 
 
 def to_json(value: object) -> str:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from sqlalchemy import func, select
 
-from robomend.store import schema
-from robomend.store.encoding import checked, from_json
+from robomend.store import results, schema
+from robomend.store.encoding import Encoded, checked, from_json
 from robomend.store.records import EventRange
-from robomend.store.view import AnyRow, View
+from robomend.store.view import View
 from robomend_client.events import Event, Kind
 
 
@@ -17,7 +17,12 @@ def after(view: View, last: int, *, robot: str | None = None, limit: int = 500) 
     query = select(table).where(table.c.id > last).order_by(table.c.id).limit(limit)
     if robot is not None:
         query = query.where(table.c.robot == checked(robot))
-    return tuple(_event(row) for row in view.rows(query))
+    rows = view.rows(query)
+    text = results.texts_of(view, rows)
+    return tuple(
+        Event(row.id, row.time_ns, Kind(row.kind), row.robot, _data(text(row.data, row.common)))
+        for row in rows
+    )
 
 
 def kept(view: View) -> EventRange:
@@ -28,5 +33,5 @@ def kept(view: View) -> EventRange:
     return EventRange(oldest=newest + 1 if oldest is None else oldest, newest=newest)
 
 
-def _event(row: AnyRow) -> Event:
-    return Event(row.id, row.time_ns, Kind(row.kind), row.robot, from_json(row.data))
+def _data(text: str) -> Encoded:
+    return Encoded(from_json(text), text)

@@ -43,6 +43,7 @@ TABLES: tuple[Table, ...] = (
     schema.obs,
     schema.assertions,
     schema.observations,
+    schema.results,
     schema.diagnoses,
     schema.repairs,
     schema.repair_requests,

@@ -1,4 +1,8 @@
-"""Retention: remove what is old, a slice at a time, so that nobody waits long for a pruning.
+"""Retention: remove what is old, a little at a time, so that nobody waits long for a pruning.
+
+    look for what is old (in a reader's thread) ──► remove some by their keys (the writer) ──► rest ──┐
+              ▲                                            ▲   next time as many as fit STEP_S        │
+              └────── none left of those found ────────────┴──────────────────────────────────────────┘
 
 "Old" is by the clock, the only place where it decides; what goes is always the beginning of a log, as a hole
 in the middle would be a lie. If the clock once jumped ahead, the log is kept longer; if back, nothing younger
@@ -8,125 +12,218 @@ their journal.
 
 from __future__ import annotations
 
+import asyncio
 import time
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
-from sqlalchemy import Table, exists, select
+from sqlalchemy import ColumnElement, Table, exists, select
 
-from robomend.store import schema
+from robomend.store import results, schema
 from robomend.store.records import Pruned, Retention
 from robomend.store.store import Store
 from robomend.store.transaction import Transaction
+from robomend.store.view import View
 
-_DAY_NS = 86_400_000_000_000
+DAY_NS = results.DAY_NS
 
-Slice = Callable[[int, int, Transaction], int]
-"""Given a time and a number, remove up to so many older records, and return how many."""
+STEP_S = 0.005
+"""How long one step holds the writer, about; its COMMIT comes to that."""
+
+REST_S = 0.02
+"""Between two steps: the writer is others'."""
+
+FIRST = 50
+"""Records in the first step, before it is known how long they take."""
+
+LOOK = 2000
+"""Records looked for at once."""
+
+Keys = Sequence[Any]
+Find = Callable[[View, int], Keys]
+"""Given a time, return keys of some records that are older, at most LOOK."""
+Remove = Callable[[Transaction, Keys], None]
 
 
-async def prune(store: Store, retention: Retention, *, slice: int = 1000) -> Pruned:
-    """Remove everything that the retention does not keep, in slices of so many records."""
+async def prune(store: Store, retention: Retention, *, slice: int | None = None) -> Pruned:
+    """Remove everything that the retention does not keep.
+
+    Args:
+        slice: so many records in each step; by default what is removed in about `STEP_S`.
+    """
     now = time.time_ns()
-    work: tuple[tuple[str, Slice, float | None], ...] = (
-        ("observations", _prefix(schema.observations, "number"), retention.observations_days),
-        ("diagnoses", _old_diagnoses, retention.diagnoses_days),
-        ("events", _prefix(schema.events, "id"), retention.events_days),
-        ("repairs", _old_repairs, retention.repairs_days),
-        ("tried", _prefix(schema.tried, "number"), retention.tried_days),
-        ("tried", _prefix(schema.attempts, "number"), retention.tried_days),
-        ("audit", _prefix(schema.audit, "id"), retention.audit_days),
-        ("idempotency", _expired_keys, 0.0),
-        ("agent_actions", _old_agent_actions, retention.repairs_days),
-        ("notifications", _old_notifications, retention.events_days),
-        ("drills", _old_drills, retention.repairs_days),
-    )
+    pace = Pace(slice)
     pruned = Pruned()
-    for what, remove, days in work:
+    work: tuple[tuple[str, Find, Remove, float | None], ...] = (
+        ("observations", *_log(schema.observations, "number"), retention.observations_days),
+        ("events", *_log(schema.events, "id"), retention.events_days),
+        ("repairs", _old_repairs, _remove_repairs, retention.repairs_days),
+        ("tried", *_log(schema.tried, "number"), retention.tried_days),
+        ("tried", *_log(schema.attempts, "number"), retention.tried_days),
+        ("audit", *_log(schema.audit, "id"), retention.audit_days),
+        ("idempotency", _expired_keys, _remove_expired_keys, 0.0),
+        ("agent_actions", *_rows(schema.agent_actions, "queued_ns"), retention.repairs_days),
+        ("notifications", *_notifications(), retention.events_days),
+        ("drills", *_rows(schema.drills, "updated_ns", ~schema.drills.c.open), retention.repairs_days),
+    )
+    for what, find, remove, days in work:
         if days is None:
             continue
-        before = now - int(days * _DAY_NS)
-        while True:
-            count = await store.write(partial(remove, before, slice))
+        before = now - int(days * DAY_NS)
+        while keys := await store.read(find, before):
+            count = await pace.remove(store, keys, remove)
             pruned = replace(pruned, **{what: getattr(pruned, what) + count})
-            if count < slice:
-                break
+    if retention.diagnoses_days is not None:
+        before = now - int(retention.diagnoses_days * DAY_NS)
+        async for old, current in _old_diagnoses(store, before):
+            await pace.remove(store, current, partial(_still_used, now // DAY_NS))
+            count = await pace.remove(store, old, partial(_remove, schema.diagnoses, "number"))
+            pruned = replace(pruned, diagnoses=pruned.diagnoses + count)
+        if retention.events_days is not None:
+            unused_since = now // DAY_NS - int(max(retention.diagnoses_days, retention.events_days)) - 2
+            while keys := await store.read(_unused_results, unused_since):
+                count = await pace.remove(store, keys, partial(_remove_unused, unused_since))
+                pruned = replace(pruned, results=pruned.results + count)
     return pruned
 
 
-def _prefix(table: Table, key: str) -> Slice:
+class Pace:
+    """How much is removed in one step: what takes about `STEP_S`, and then a rest."""
+
+    def __init__(self, fixed: int | None = None) -> None:
+        self._fixed = fixed
+        self._size = fixed or FIRST
+        self.longest_s = 0.0
+
+    async def remove(self, store: Store, keys: Keys, remove: Remove) -> int:
+        """Remove the records of these keys, step by step, and return how many they are."""
+        done = 0
+        while done < len(keys):
+            some = keys[done : done + self._size]
+            took_s = await store.write(partial(self._step, some, remove))
+            done += len(some)
+            self.longest_s = max(self.longest_s, took_s)
+            if self._fixed is None:
+                self._size = max(1, min(LOOK, int(len(some) * min(2.0, STEP_S / max(took_s, 1e-6)))))
+            await asyncio.sleep(max(REST_S, 2 * took_s))
+        return done
+
+    def _step(self, keys: Keys, remove: Remove, tx: Transaction) -> float:
+        began = time.perf_counter()
+        remove(tx, keys)
+        return time.perf_counter() - began
+
+
+def _log(table: Table, key: str) -> tuple[Find, Remove]:
     """Return what removes the beginning of a log, up to the first entry that is young enough."""
     column = table.c[key]
 
-    def remove(before: int, slice: int, tx: Transaction) -> int:
-        first = tx.rows(select(column, table.c.time_ns).order_by(column).limit(slice))
-        old = 0
-        while old < len(first) and first[old].time_ns < before:
-            old += 1
-        if old:
-            tx.change(table.delete().where(column <= first[old - 1][0]))
-        return old
+    def find(view: View, before: int) -> Keys:
+        keys = []
+        for row in view.rows(select(column, table.c.time_ns).order_by(column).limit(LOOK)):
+            if row.time_ns >= before:
+                break
+            keys.append(row[0])
+        return keys
 
-    return remove
+    def remove(tx: Transaction, keys: Keys) -> None:
+        tx.change(table.delete().where(column <= keys[-1]))
 
-
-def _old_diagnoses(before: int, slice: int, tx: Transaction) -> int:
-    table = schema.diagnoses
-    newer = table.alias("newer")
-    replaced = exists().where(newer.c.robot == table.c.robot, newer.c.number > table.c.number)
-    old = (
-        select(table.c.number)
-        .where(table.c.time_ns < before, replaced)
-        .order_by(table.c.time_ns)
-        .limit(slice)
-    )
-    return _remove(tx, table, "number", [row.number for row in tx.rows(old)])
+    return find, remove
 
 
-def _old_repairs(before: int, slice: int, tx: Transaction) -> int:
-    table = schema.repairs
-    old = (
-        select(table.c.id)
-        .where(~table.c.open, table.c.updated_ns < before)
-        .order_by(table.c.number)
-        .limit(slice)
-    )
-    ids = [row.id for row in tx.rows(old)]
-    for part in (schema.repair_steps, schema.repair_requests, schema.journal):
-        _remove(tx, part, "repair", ids)
-    return _remove(tx, table, "id", ids)
+def _rows(table: Table, time_column: str, *where: ColumnElement[bool]) -> tuple[Find, Remove]:
+    """Return what removes numbered rows of which the time is past, wherever they are."""
+    number = table.c.number
+
+    def find(view: View, before: int) -> Keys:
+        old = select(number).where(table.c[time_column] < before, *where)
+        return [row.number for row in view.rows(old.order_by(number).limit(LOOK))]
+
+    return find, partial(_remove, table, "number")
 
 
-def _old_agent_actions(before: int, slice: int, tx: Transaction) -> int:
-    table = schema.agent_actions
-    old = select(table.c.number).where(table.c.queued_ns < before).order_by(table.c.number).limit(slice)
-    return _remove(tx, table, "number", [row.number for row in tx.rows(old)])
-
-
-def _old_notifications(before: int, slice: int, tx: Transaction) -> int:
+def _notifications() -> tuple[Find, Remove]:
     table = schema.notifications
-    old = select(table.c.number).where(table.c.created_ns < before, table.c.due_ns.is_(None))
-    rows = tx.rows(old.order_by(table.c.number).limit(slice))
-    return _remove(tx, table, "number", [row.number for row in rows])
+    return _rows(table, "created_ns", table.c.due_ns.is_(None))
 
 
-def _old_drills(before: int, slice: int, tx: Transaction) -> int:
-    table = schema.drills
-    ended = select(table.c.number).where(~table.c.open, table.c.updated_ns < before)
-    rows = tx.rows(ended.order_by(table.c.number).limit(slice))
-    return _remove(tx, table, "number", [row.number for row in rows])
+async def _old_diagnoses(store: Store, before: int) -> AsyncIterator[tuple[Keys, Keys]]:
+    """Yield old diagnoses, some at a time: numbers of those that go, and results of those that stay.
+
+    What stays is the latest of each robot that is there.
+    """
+
+    def look(view: View, after: int) -> tuple[list[int], list[int], int]:
+        table = schema.diagnoses
+        newer = table.alias("newer")
+        current = exists().where(schema.robots.c.id == table.c.robot) & ~exists().where(
+            newer.c.robot == table.c.robot, newer.c.number > table.c.number
+        )
+        query = select(table.c.number, table.c.time_ns, table.c.common, current.label("current"))
+        old: list[int] = []
+        used: list[int] = []
+        last = 0
+        for row in view.rows(query.where(table.c.number > after).order_by(table.c.number).limit(LOOK)):
+            if row.time_ns >= before:
+                return old, used, 0
+            last = row.number
+            if not row.current:
+                old.append(row.number)
+            elif row.common is not None:
+                used.append(row.common)
+        return old, used, last
+
+    after = -1
+    while after != 0:
+        old, used, after = await store.read(look, after)
+        yield old, used
 
 
-def _expired_keys(before: int, slice: int, tx: Transaction) -> int:
+def _still_used(today: int, tx: Transaction, keys: Keys) -> None:
+    table = schema.results
+    used = table.update().where(table.c.number.in_(keys), table.c.used_day < today)
+    tx.change(used.values(used_day=today))
+
+
+def _unused_results(view: View, since: int) -> Keys:
+    table = schema.results
+    old = select(table.c.number).where(table.c.used_day < since).order_by(table.c.used_day).limit(LOOK)
+    return [row.number for row in view.rows(old)]
+
+
+def _remove_unused(since: int, tx: Transaction, keys: Keys) -> None:
+    """Remove results, but not what was used again since it was looked for."""
+    table = schema.results
+    tx.change(table.delete().where(table.c.number.in_(keys), table.c.used_day < since))
+
+
+def _old_repairs(view: View, before: int) -> Keys:
+    table = schema.repairs
+    old = select(table.c.id).where(~table.c.open, table.c.updated_ns < before)
+    return [row.id for row in view.rows(old.order_by(table.c.number).limit(LOOK))]
+
+
+def _remove_repairs(tx: Transaction, ids: Keys) -> None:
+    for part in (schema.repair_steps, schema.repair_requests, schema.journal):
+        _remove(part, "repair", tx, ids)
+    _remove(schema.repairs, "id", tx, ids)
+
+
+def _expired_keys(view: View, before: int) -> Keys:
     table = schema.idempotency
-    old = tx.rows(select(table.c.scope, table.c.key).where(table.c.expires_ns < before).limit(slice))
-    for row in old:
-        tx.change(table.delete().where(table.c.scope == row.scope, table.c.key == row.key))
-    return len(old)
+    old = select(table.c.scope, table.c.key, table.c.expires_ns).where(table.c.expires_ns < before)
+    return [tuple(row) for row in view.rows(old.order_by(table.c.expires_ns).limit(LOOK))]
 
 
-def _remove(tx: Transaction, table: Table, key: str, values: list[object]) -> int:
-    if values:
-        tx.change(table.delete().where(table.c[key].in_(values)))
-    return len(values)
+def _remove_expired_keys(tx: Transaction, keys: Keys) -> None:
+    table = schema.idempotency
+    for scope, key, expires_ns in keys:  # a key that was used again since has another end
+        of_key = (table.c.scope == scope, table.c.key == key, table.c.expires_ns == expires_ns)
+        tx.change(table.delete().where(*of_key))
+
+
+def _remove(table: Table, key: str, tx: Transaction, values: Keys) -> None:
+    tx.change(table.delete().where(table.c[key].in_(values)))

@@ -379,7 +379,7 @@ class Retention:
     """How long what is kept, in days; None keeps for ever. What is current is always kept."""
 
     observations_days: float | None = 30.0
-    diagnoses_days: float | None = 365.0
+    diagnoses_days: float | None = 30.0
     events_days: float | None = 7.0
     repairs_days: float | None = 365.0
     tried_days: float | None = 30.0
@@ -392,6 +392,7 @@ class Pruned:
 
     observations: int = 0
     diagnoses: int = 0
+    results: int = 0
     events: int = 0
     repairs: int = 0
     tried: int = 0

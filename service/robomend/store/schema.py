@@ -12,6 +12,7 @@ A change here needs a migration in migrations/versions/ and HEAD set to it; a te
 
 from __future__ import annotations
 
+import zlib
 from typing import Any
 
 from sqlalchemy import (
@@ -21,15 +22,17 @@ from sqlalchemy import (
     Float,
     Index,
     Integer,
+    LargeBinary,
     MetaData,
     String,
     Table,
     Text,
+    TypeDecorator,
     UniqueConstraint,
     text,
 )
 
-HEAD = "0005"
+HEAD = "0006"
 """The schema version that this program reads and writes."""
 
 metadata = MetaData()
@@ -44,6 +47,32 @@ _NUMBER = BigInteger().with_variant(Integer(), "sqlite")  # SQLite counts up INT
 
 # Bytewise order on both databases, so that lists and their cursors agree whatever the server's locale is.
 _TEXT = Text().with_variant(Text(collation="C"), "postgresql")
+
+
+class _Hex(TypeDecorator[str]):
+    """Bytes, which are their hexadecimal digits to the program and in exports."""
+
+    impl = LargeBinary
+    cache_ok = True
+
+    def process_bind_param(self, value: str | None, dialect: Any) -> bytes | None:
+        return None if value is None else bytes.fromhex(value)
+
+    def process_result_value(self, value: bytes | None, dialect: Any) -> str | None:
+        return None if value is None else value.hex()
+
+
+class _Packed(TypeDecorator[str]):
+    """A text that is compressed where it lies."""
+
+    impl = LargeBinary
+    cache_ok = True
+
+    def process_bind_param(self, value: str | None, dialect: Any) -> bytes | None:
+        return None if value is None else zlib.compress(value.encode())
+
+    def process_result_value(self, value: bytes | None, dialect: Any) -> str | None:
+        return None if value is None else zlib.decompress(value).decode()
 
 
 def _name(column: str, **options: bool) -> Column[str]:
@@ -145,9 +174,16 @@ diagnoses = _numbered(
     _time("revision"),
     _name("model_version", nullable=False),
     _time("time_ns"),
-    _name("result", nullable=False),
+    _name("result", nullable=False),  # with a hole where `common` goes, if there is one
+    Column("common", BigInteger),  # a number of `results`
     Index("ix_diagnoses_robot", "robot", "number"),
-    Index("ix_diagnoses_time", "time_ns"),
+)
+
+results = _numbered(
+    "results",
+    Column("digest", _Hex(), nullable=False, unique=True),  # of data
+    Column("used_day", Integer, nullable=False, index=True),  # the latest of the rows that have its number
+    Column("data", _Packed(), nullable=False),
 )
 
 events = Table(
@@ -157,7 +193,8 @@ events = Table(
     _time("time_ns"),
     _name("kind", nullable=False),
     _name("robot"),
-    _name("data", nullable=False),
+    _name("data", nullable=False),  # with a hole where `common` goes, if there is one
+    Column("common", BigInteger),  # a number of `results`
     Index("ix_events_robot", "robot", "id"),
 )
 

@@ -24,8 +24,8 @@ from sqlalchemy import Connection, Delete, Insert, Select, Table, Update, bindpa
 from sqlalchemy.dialects import postgresql, sqlite
 
 from robomend.errors import Fenced, NotFound, StateConflict
-from robomend.store import schema
-from robomend.store.encoding import checked, checked_or_none, from_json, optional_json, to_json
+from robomend.store import results, schema
+from robomend.store.encoding import Encoded, checked, checked_or_none, from_json, optional_json, to_json
 from robomend.store.records import AuditEntry, Fence, IdempotencyKey, Json
 from robomend.store.view import AnyRow, View
 from robomend_client.events import Event, Kind
@@ -57,7 +57,8 @@ class Rows:
     once: dict[tuple[str, str], Values] = field(default_factory=dict)
     diagnoses: list[Values] = field(default_factory=list)
     audit: list[Values] = field(default_factory=list)
-    events: list[tuple[Kind, str | None, Json, str]] = field(default_factory=list)
+    events: list[tuple[Kind, str | None, Json, Values]] = field(default_factory=list)
+    common: dict[str, str] = field(default_factory=dict)  # digest -> text, of what the rows above have
 
     def absorb(self, other: Rows) -> None:
         """Take over the rows of a change that went well."""
@@ -69,6 +70,14 @@ class Rows:
         self.diagnoses += other.diagnoses
         self.audit += other.audit
         self.events += other.events
+        self.common.update(other.common)
+
+    def kept(self, column: str, data: Json) -> Values:
+        """Return the columns that keep a value; in place of its result's number stands the digest yet."""
+        if type(data) is Encoded and data.common is not None:
+            self.common[data.common.digest] = data.common.text
+            return {column: data.own, "common": data.common.digest}
+        return {column: to_json(data), "common": None}
 
 
 @cache
@@ -128,6 +137,7 @@ class Group:
         self.now_ns = now_ns
         self.rows = Rows()
         self.rows.states.update(self.lock(robots))
+        self._numbers: dict[str, int] = {}  # of results, by digest
         self.answers = self._answers(onces)
 
     def run(self, change: Callable[[Transaction], T], once: IdempotencyKey | None) -> T:
@@ -188,8 +198,9 @@ class Group:
             execute(
                 _REVISE, [{"of_robot": r, "to_revision": states[r].revision} for r in sorted(rows.revised)]
             )
+        self._give_numbers(rows.common)
         if rows.diagnoses:
-            execute(_KEEP_DIAGNOSIS, rows.diagnoses)
+            execute(_KEEP_DIAGNOSIS, [self._numbered(values) for values in rows.diagnoses])
         if rows.once:
             execute(upsert(self.kind, schema.idempotency), list(rows.once.values()))
         rows.history, rows.obs, rows.revised, rows.once, rows.diagnoses = [], {}, set(), {}, []
@@ -213,13 +224,33 @@ class Group:
         self.connection.execute(
             _KEEP_EVENT,
             [
-                {"id": e.id, "time_ns": e.time_ns, "kind": e.kind.value, "robot": e.robot, "data": row[3]}
-                for e, row in zip(events, pending, strict=True)
+                {
+                    "id": e.id,
+                    "time_ns": e.time_ns,
+                    "kind": e.kind.value,
+                    "robot": e.robot,
+                    **self._numbered(kept),
+                }
+                for e, (_, _, _, kept) in zip(events, pending, strict=True)
             ],
         )
         if self.kind == "postgresql":
             self.connection.execute(_NOTIFY, {"c": CHANNEL, "id": str(last)})
         return events
+
+    def _give_numbers(self, common: dict[str, str]) -> None:
+        """Keep the results that are not yet, and learn their numbers."""
+        new = {digest: text for digest, text in common.items() if digest not in self._numbers}
+        if new:
+            self._numbers.update(results.number(self.connection, new, self.now_ns))
+
+    def _numbered(self, values: Values) -> Values:
+        digest = values["common"]
+        return values if digest is None else {**values, "common": self._numbers[digest]}
+
+    def forget_numbers(self) -> None:
+        """Some of the results were taken back."""
+        self._numbers.clear()
 
     def _count(self, counter: str, by: int) -> int:
         return int(self.connection.execute(_COUNT, {"counter": counter, "by": by}).scalar_one())
@@ -245,7 +276,7 @@ class Transaction(View):
 
     def emit(self, kind: Kind, robot: str | None, data: Json) -> None:
         """Append to the event log; the id is given at the commit."""
-        self.waiting.events.append((kind, checked_or_none(robot), data, to_json(data)))
+        self.waiting.events.append((kind, checked_or_none(robot), data, self.waiting.kept("data", data)))
 
     def note(self, entry: AuditEntry) -> None:
         """Append to the audit log; id and time are filled in."""
@@ -350,5 +381,6 @@ class Transaction(View):
     def undo(self) -> None:
         """Take back what was written at once; the rows in memory go with this object."""
         if self._saved:
+            self._group.forget_numbers()
             self._connection.exec_driver_sql("ROLLBACK TO SAVEPOINT change")
             self._connection.exec_driver_sql("RELEASE SAVEPOINT change")

@@ -1,6 +1,7 @@
 """Databases as older versions left them: killed, not closed, with every kind of record in them.
 
     0002.sqlite.sql, 0002.postgresql.sql   by robomend 0.1.0 before its first release
+    0005.sqlite.sql, 0005.postgresql.sql   the same, brought up to date and written to by a later one
 
 When the schema changes, add what the version before wrote (SQLite: `.dump`; PostgreSQL: `pg_dump --inserts`),
 and leave the files that are here as they are.
@@ -27,10 +28,11 @@ BEFORE_SIGN_INS = "DROP TABLE sign_ins; UPDATE alembic_version SET version_num =
 
 def lay(url: str, version: str) -> None:
     """Put the database of that schema at the URL, which is an empty one."""
+    left = version if (HERE / f"{version}.sqlite.sql").exists() else "0002"
     change = BEFORE_SIGN_INS if version == "0001" else CHANGES.get(version, "")
     if url.startswith("sqlite"):
         with closing(sqlite3.connect(url.removeprefix("sqlite:///"))) as lite:
-            lite.executescript((HERE / "0002.sqlite.sql").read_text(encoding="utf-8") + change)
+            lite.executescript((HERE / f"{left}.sqlite.sql").read_text(encoding="utf-8") + change)
     else:
         with psycopg.connect(url, autocommit=True) as server:
-            server.execute((HERE / "0002.postgresql.sql").read_bytes() + change.encode())
+            server.execute((HERE / f"{left}.postgresql.sql").read_bytes() + change.encode())

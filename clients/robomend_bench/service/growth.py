@@ -1,0 +1,65 @@
+"""What a change costs to keep: the SQLite file before and after some, table by table."""
+
+from __future__ import annotations
+
+import sqlite3
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+
+from robomend_bench.service.fleet import prepare, run_fleet
+from robomend_bench.service.process import Served
+from robomend_bench.service.robots import SimulatedRobot
+
+CHANGES_A_SECOND = 50.0
+"""Few enough for a busy machine: what counts is the file, not the time."""
+
+
+@dataclass(frozen=True, slots=True)
+class Growth:
+    """Bytes of the file."""
+
+    robots: int
+    changes: int
+    bytes_a_change: float
+    tables: dict[str, float]  # a change, with their indexes; where SQLite tells it
+    lost: tuple[str, ...]
+
+
+async def run_growth(served: Served, *, robots: int, changes: int, seed: int) -> Growth:
+    """Let robots report so many changes in all, each diagnosed with something new."""
+    path = served.data / "robomend.db"
+    fleet = [SimulatedRobot(f"r{n}", seed, faults=3) for n in range(robots)]
+    await prepare(served.url, fleet)
+    before, tables_before, rows_before = _sizes(path)
+    rate_hz = CHANGES_A_SECOND / robots
+    run = await run_fleet(served.url, fleet, rate_hz=rate_hz, seconds=changes / CHANGES_A_SECOND, seed=seed)
+    after, tables, rows = _sizes(path)
+    count = max(1, rows - rows_before)
+    grown = {name: (size - tables_before.get(name, 0)) / count for name, size in tables.items()}
+    return Growth(
+        robots,
+        count,
+        round((after - before) / count, 1),
+        {name: round(size, 1) for name, size in sorted(grown.items()) if size > 0},
+        run.lost,
+    )
+
+
+def _sizes(path: Path) -> tuple[int, dict[str, int], int]:
+    """Return the bytes of the file after a checkpoint, of its tables, and how many batches it has."""
+    with closing(sqlite3.connect(path, timeout=30.0)) as database:
+        database.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        [pages] = database.execute("PRAGMA page_count").fetchone()
+        [size] = database.execute("PRAGMA page_size").fetchone()
+        [batches] = database.execute("SELECT count(*) FROM observations").fetchone()
+        of_index = dict(database.execute("SELECT name, tbl_name FROM sqlite_master"))
+        tables: dict[str, int] = {}
+        try:
+            parts = database.execute("SELECT name, sum(pgsize) FROM dbstat GROUP BY name").fetchall()
+        except sqlite3.OperationalError:  # a SQLite that was built without this table
+            parts = []
+        for name, taken in parts:
+            table = of_index.get(name, name)
+            tables[table] = tables.get(table, 0) + taken
+        return pages * size, tables, batches

@@ -1,0 +1,89 @@
+"""What diagnoses say, once for all rows that say the same.
+
+Robots of one model meet each other's states, and a robot its own of before: of a diagnosis and its event, all
+but the revision and the time is a text that is in the table `results` already. The rows have its number.
+
+A result stays as long as a row may have its number: `used_day` is the latest day on which one was written,
+and grows only, whatever the clock does. Pruning (pruning.py) moves it on for rows that stay though they are
+old, and removes what was not used for longer than any row is kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+
+from sqlalchemy import Connection, Insert, Integer, bindparam, func, select
+from sqlalchemy.dialects import postgresql, sqlite
+
+from robomend.errors import StoreError
+from robomend.store import schema
+from robomend.store.encoding import filled
+from robomend.store.view import AnyRow, View
+
+DAY_NS = 86_400_000_000_000
+_SOME = 500
+
+_RESULTS = schema.results
+_NEWEST = select(func.coalesce(func.max(_RESULTS.c.used_day), 0)).scalar_subquery()
+_FIND = select(_RESULTS.c.digest, _RESULTS.c.number, _RESULTS.c.used_day, _NEWEST.label("newest")).where(
+    _RESULTS.c.digest.in_(bindparam("digests", expanding=True))
+)
+_TEXTS = select(_RESULTS.c.number, _RESULTS.c.data).where(
+    _RESULTS.c.number.in_(bindparam("numbers", expanding=True))
+)
+
+
+def _keep(kind: str) -> Insert:
+    """Return the statement that keeps a result, or says that it is used today."""
+    later = func.max if kind == "sqlite" else func.greatest
+    values = {
+        "digest": bindparam("of_digest"),
+        "data": bindparam("text"),
+        "used_day": later(_NEWEST, bindparam("today", type_=Integer)),
+    }
+    if kind == "sqlite":
+        lite = sqlite.insert(_RESULTS).values(values)
+        return lite.on_conflict_do_update(["digest"], set_={"used_day": lite.excluded.used_day})
+    postgres = postgresql.insert(_RESULTS).values(values)
+    used = func.greatest(_RESULTS.c.used_day, postgres.excluded.used_day)
+    return postgres.on_conflict_do_update(index_elements=["digest"], set_={"used_day": used})
+
+
+_KEEP = {kind: _keep(kind) for kind in ("sqlite", "postgresql")}
+
+
+def number(connection: Connection, texts: Mapping[str, str], now_ns: int) -> dict[str, int]:
+    """Return the number of each text, by its digest; what is not there yet is kept."""
+    today = now_ns // DAY_NS
+    numbers: dict[str, int] = {}
+    digests = sorted(texts)  # one order, so that instances do not wait for each other in a circle
+    for start in range(0, len(digests), _SOME):
+        some = digests[start : start + _SOME]
+        rows = connection.execute(_FIND, {"digests": some}).all()
+        numbers.update((row.digest, row.number) for row in rows if row.used_day >= max(today, row.newest))
+        if missing := [digest for digest in some if digest not in numbers]:
+            connection.execute(
+                _KEEP[connection.dialect.name],
+                [{"of_digest": digest, "text": texts[digest], "today": today} for digest in missing],
+            )
+            found = connection.execute(_FIND, {"digests": missing})
+            numbers.update((row.digest, row.number) for row in found)
+    return numbers
+
+
+def texts_of(view: View, rows: Iterable[AnyRow]) -> Callable[[str, int | None], str]:
+    """Return what makes the text of one of these rows, from what it keeps itself and its result's number."""
+    numbers = sorted({row.common for row in rows if row.common is not None})
+    found: dict[int, str] = {}
+    for start in range(0, len(numbers), _SOME):
+        some = numbers[start : start + _SOME]
+        found.update((row.number, row.data) for row in view.rows(_TEXTS.params(numbers=some)))
+
+    def whole(own: str, common: int | None) -> str:
+        if common is None:
+            return own
+        if common not in found:
+            raise StoreError(f"the result {common} of a diagnosis is missing in the database")
+        return filled(own, found[common])
+
+    return whole
