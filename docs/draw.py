@@ -11,6 +11,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from robomend.batches import states as batches
 from robomend.drills import states as drills
 from robomend.repairs import states
 from robomend.robots import states as held
@@ -26,6 +27,7 @@ DIAGRAMS = {
         drills.INITIAL,
         together=("what may be planted", drills.MAYBE_PLANTED),
     ),
+    "batch": diagram(batches.BATCH, batches.INITIAL),
     "held": diagram(held.HELD, held.Held.UNREAD),
     "search": diagram(held.SEARCH, held.Search.IDLE),
 }
