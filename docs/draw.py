@@ -11,6 +11,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from robomend.batches import states as batches
 from robomend.cli.schema import FILES, schema_name, schema_text
 from robomend.drills import states as drills
 from robomend.repairs import states
@@ -28,6 +29,7 @@ DIAGRAMS = {
         drills.INITIAL,
         together=("what may be planted", drills.MAYBE_PLANTED),
     ),
+    "batch": diagram(batches.BATCH, batches.INITIAL),
     "held": diagram(held.HELD, held.Held.UNREAD),
     "search": diagram(held.SEARCH, held.Search.IDLE),
 }

@@ -21,7 +21,7 @@ from robomend_batch.one_log import RESULTS, Record
 from robomend_batch.parts import SCHEMA_VERSION
 
 NAME = "manifest.json"
-OURS = (NAME, "logs.ndjson", "results.ndjson", "report.html")
+OURS = (NAME, "logs.ndjson", "results.ndjson", "results.parquet", "report.html")
 """The files of a folder of results, beside the parts."""
 
 EVERY_S = 1.0

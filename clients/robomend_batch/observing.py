@@ -29,8 +29,12 @@ class Observing:
     lenient: frozenset[Atom]
 
 
-def load_observers(file: Path) -> Observing:
+def load_observers(file: Path, *, code: bool = True) -> Observing:
     """Return the observers of a file.
+
+    Args:
+        file: see the module.
+        code: whether it may name kinds of a FILE.py, which is run.
 
     Raises:
         InputError: with file, line and key.
@@ -40,6 +44,8 @@ def load_observers(file: Path) -> Observing:
         if not any(name in top for name in SECTIONS):
             tree = read_tree(file.read_text("utf-8-sig"), aliases=True)
             top = Section(Mapping({"observers": tree}, 1), str(file), "")
+        if not code:
+            _refuse_code(top)
         specs = (*(topic.observer for topic in read_topics(top)), *read_observers(top, file.resolve().parent))
         lenient = read_lenient(top)
     except ConfigError as error:
@@ -47,6 +53,12 @@ def load_observers(file: Path) -> Observing:
     if not specs:
         raise InputError(f"{file}: it names no observers, neither in `topics:` nor in `observers:`")
     return Observing(specs, lenient)
+
+
+def _refuse_code(top: Section) -> None:
+    for _, section in top.sections("observers"):
+        if ":" in section.text("kind"):
+            raise section.error("kind", "a FILE.py is not run here: name a kind that is installed")
 
 
 def check_declared(observing: Observing, vocabulary: Vocabulary, unknown: Unknown, file: Path) -> None:

@@ -43,6 +43,7 @@ class Setup:
     observers: Path | None = None
     by_header: bool = False
     together_s: float | None = None  # one explanation for so long; inf: for a segment; None: for each state
+    code: bool = True  # whether observers may be those of a FILE.py
 
 
 class Diagnoser:
@@ -51,7 +52,9 @@ class Diagnoser:
     def __init__(self, setup: Setup) -> None:
         self.setup = setup
         self._answers = Answers(opened(setup.system.cnf), setup.options)
-        self._observing = None if setup.observers is None else load_observers(setup.observers)
+        self._observing = (
+            None if setup.observers is None else load_observers(setup.observers, code=setup.code)
+        )
 
     def close(self) -> None:
         """Free the solvers."""

@@ -9,12 +9,14 @@ from dataclasses import dataclass
 from hashlib import sha256
 from importlib.metadata import version
 from io import BytesIO
+from pathlib import Path
 from typing import Any
 
 from robomend_batch.errors import FULL, DiskFull
 from robomend_batch.manifest import Manifest, alone_in, keep_parts, open_manifest, stamp, write_beside
 from robomend_batch.observing import digest
 from robomend_batch.one_log import RESULTS, Record, Setup
+from robomend_batch.parts import PART, schema
 from robomend_batch.pool import in_this_process, in_workers
 from robomend_batch.progress import Progress
 
@@ -66,6 +68,7 @@ def run(
     *,
     overwrite: bool = False,
     ndjson: bool = True,
+    parquet: bool = False,
     workers: int = 0,
     progress: Callable[[int, int], Progress] = Progress,
 ) -> Summary:
@@ -76,6 +79,7 @@ def run(
         names: of the files.
         overwrite: replace the results of another run.
         ndjson: write results.ndjson as well.
+        parquet: write results.parquet as well.
         workers: processes; 0: none but this one.
         progress: made with the number of files and their bytes.
 
@@ -85,7 +89,9 @@ def run(
     """
     with alone_in(setup.out):
         try:
-            return _run(setup, names, overwrite, ndjson, workers, progress)
+            summary = _run(setup, names, overwrite, ndjson, workers, progress)
+            _write_parquet(setup.out, summary.records, parquet)
+            return summary
         except OSError as error:
             if error.errno in FULL:
                 raise DiskFull(f"{setup.out}: {error.strerror}") from error
@@ -143,4 +149,19 @@ def _write_lists(manifest: Manifest, records: list[Record], ndjson: bool) -> Non
                 text = BytesIO()  # so that a full disk is an OSError with its number
                 pl.read_parquet(manifest.out / RESULTS / part).write_ndjson(text)
                 file.write(text.getbuffer())
+    os.replace(beside, results)
+
+
+def _write_parquet(out: Path, records: list[Record], wanted: bool) -> None:
+    """Write all intervals as results.parquet, part by part, in the order of the logs."""
+    results = out / "results.parquet"
+    parts = [out / RESULTS / part for record in records for part in record["parts"]]
+    if not wanted:
+        results.unlink(missing_ok=True)
+        return
+    import polars as pl
+
+    beside = results.with_name("results.parquet.tmp")
+    frames = pl.scan_parquet(parts, glob=False) if parts else pl.LazyFrame(schema=schema())
+    frames.sink_parquet(beside, compression="zstd", statistics=True, row_group_size=PART, maintain_order=True)
     os.replace(beside, results)

@@ -84,6 +84,15 @@ class Span(click.ParamType[float]):
 )
 @click.option("--overwrite", is_flag=True, help="OUT holds results of another run: replace them.")
 @click.option("--ndjson/--no-ndjson", default=True, show_default=True, help="Write results.ndjson as well.")
+@click.option(
+    "--parquet/--no-parquet", default=False, show_default=True, help="Write results.parquet as well."
+)
+@click.option(
+    "--code/--no-code",
+    default=True,
+    show_default=True,
+    help="Run observers of FILE.py; else they are refused.",
+)
 @click.option("--fail-on-fault", is_flag=True, help="Exit with 1 if any log shows a fault.")
 @click.option("--quiet", "-q", is_flag=True, help="No progress on stderr.")
 def command(logs: tuple[str, ...], model: str, out: Path, **given: Any) -> int:
@@ -107,7 +116,9 @@ def command(logs: tuple[str, ...], model: str, out: Path, **given: Any) -> int:
         click.echo(f"bad: {name}: {reason}", err=True)
     observers = given["observers"]
     if observers is not None:
-        check_declared(load_observers(observers), system.vocabulary, given["unknown"], observers)
+        check_declared(
+            load_observers(observers, code=given["code"]), system.vocabulary, given["unknown"], observers
+        )
     summary = run(
         Setup(
             system,
@@ -117,10 +128,12 @@ def command(logs: tuple[str, ...], model: str, out: Path, **given: Any) -> int:
             observers,
             given["time"] == "header",
             given["together"],
+            given["code"],
         ),
         names,
         overwrite=given["overwrite"],
         ndjson=given["ndjson"],
+        parquet=given["parquet"],
         workers=min(usable_cores(), len(names)) if given["workers"] is None else given["workers"],
         progress=lambda count, size: Progress(count, size, quiet=given["quiet"]),
     )

@@ -157,6 +157,21 @@ class Settings(BaseModel):
     planner_workers: int = Field(1, ge=1, le=64, description="processes for planning")
     one_shots: int = Field(8, ge=1, description="one-shots that may wait for a worker; more are a 503")
 
+    batch_folder: Path | None = Field(
+        None, description="logs below it may be named by who asks for a batch; unset: uploads only"
+    )
+    batches_at_once: int = Field(1, ge=1, le=64, description="batches that run; each is processes of its own")
+    batch_workers: int = Field(1, ge=1, le=256, description="processes of one batch")
+    batch_nice: int = Field(5, ge=0, le=19, description="how far its processes give way to the service")
+    batches_waiting: int = Field(20, ge=1, le=1000, description="batches that wait or run; more are a 503")
+    batches_kept: int = Field(50, ge=1, le=10_000, description="batches that ended, with their results")
+    batches_days: float = Field(30.0, gt=0, description="a batch that ended is kept this long")
+    batch_hours: float = Field(12.0, gt=0, le=8760, description="a batch may run this long; then it is ended")
+    max_batch_bytes: int = Field(
+        4 << 30, ge=1 << 10, description="of an upload (more is a 413), and of each file of results"
+    )
+    max_batch_logs: int = Field(1000, ge=1, le=10_000, description="log files of a batch; more are a 422")
+
     max_streams: int = Field(1000, ge=1, description="open event streams; more are a 503")
     max_waiters: int = Field(2000, ge=1, description="requests in a long poll; more are a 503")
     requests_per_s: float = Field(5000.0, gt=0, description="per key, sustained; more is a 429")

@@ -159,6 +159,20 @@ STEPS = (
         reason="",
     ),
     Step(("POST", "/ui/notifications"), "notification.test", Role.ADMIN, {"recipient": "duty"}, reason=""),
+    Step(
+        rule("POST", "/batches"),
+        "batch.create",
+        body={"model": "tedusar", "logs": ["a.ndjson"]},
+        in_body=True,
+    ),
+    Step(rule("DELETE", "/batches/{batch}"), "batch.cancel"),
+    Step(
+        ("POST", "/ui/batches"),
+        "batch.create",
+        body={"model": "tedusar", "paths": "a.ndjson"},
+        in_body=True,
+    ),
+    Step(("POST", "/ui/batches/{batch}"), "batch.cancel", body={}, in_body=True),
     Step(rule("POST", "/stop"), "stop.set", body={}, in_body=True),
     Step(rule("DELETE", "/stop"), "stop.lifted"),
     Step(("POST", "/ui/stop"), "stop.set", body={}, in_body=True),
@@ -213,6 +227,8 @@ class Walk:
             until(lambda: "r1" in ownership.held, "nobody owns r1")
             entry = Quarantine("r1", "jaguar", "three failures", 3, 1, None)
             self._write(lambda tx: attempts.put_quarantine(tx, entry, fence=ownership.held["r1"]))
+        elif step.rule == rule("POST", "/batches"):
+            self.service.run(self.service.runtime.batches.close())  # it is to be cancelled before it is done
         elif step.said == "robot.delete" or step.rule == ("POST", "/ui/robots/{robot}/repairs"):
             until(self._no_repair_is_open, "a repair is open")
 
@@ -237,6 +253,8 @@ class Walk:
         body = {**step.body, "reason": step.reason} if step.in_body else step.body
         path = template.format(**self.places)
         sent: dict[str, Any] = {"data": body} if step.form else {"json": body}
+        if step.rule == ("POST", "/ui/batches"):
+            sent["files"] = {"observers": ("", b"")}  # a form with files, of which none was chosen
         if step.rule == ("POST", "/ui/sign-out"):
             head["Content-Type"] = "application/x-www-form-urlencoded"  # of an empty body
         answer = self.service.http.request(method, path, headers=head, params=params, **sent)
@@ -246,6 +264,9 @@ class Walk:
             self.places["repair"] = self.newest_repair()
         elif step.said == "drill.create":
             self.places["drill"] = answer.json()["id"]
+        elif step.said == "batch.create":
+            where = answer.headers["location"]
+            self.places["batch"] = where.rpartition("/")[2]
 
     def drill(self) -> dict[str, Any]:
         """Return the drill that was asked for."""
@@ -272,7 +293,9 @@ class Walk:
 
 @pytest.fixture(scope="module")
 def walk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Walk]:
-    values = {"port": 0, "data": tmp_path_factory.mktemp("audit")}
+    folder = tmp_path_factory.mktemp("logs")
+    (folder / "a.ndjson").write_text("")
+    values = {"port": 0, "data": tmp_path_factory.mktemp("audit"), "batch_folder": folder}
     told = {"notify": [NOBODY], "webhook_hosts": ["127.0.0.1:1"]}
     with running(Settings.model_validate({**values, **told}), repairs=True) as service:
         yield Walk(service)

@@ -76,6 +76,7 @@ async def test_an_export_holds_everything_and_comes_back_on_either_kind(
     assert tables == {table.name for table in portable.TABLES}
     assert tables == set(schema.metadata.tables) - {
         "alembic_version",
+        "batch_jobs",  # their files are not in the export
         "instances",
         "notifications",
         "sign_ins",

@@ -22,6 +22,8 @@ from robomend.api.gate import Admission, Admitter
 from robomend.api.openapi import DESCRIPTION, TAGS, complete
 from robomend.api.routers import (
     actions,
+    batch_pages,
+    batches,
     board,
     control,
     diagnosis,
@@ -58,6 +60,7 @@ ROUTERS = (
     plans,
     repairs,
     drills,
+    batches,
     board,
     control,
     events,
@@ -73,6 +76,7 @@ ROUTERS = (
     robot_pages,
     model_pages,
     record_pages,
+    batch_pages,
 )
 
 CONTROLLED = frozenset({f"{API}/stop", "/healthz", "/readyz"})

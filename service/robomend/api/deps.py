@@ -18,6 +18,7 @@ from robomend.api.schemas.base import MAX_INT, NAME
 from robomend.api.shedding import LoadShedding
 from robomend.api.store_probe import StoreProbe
 from robomend.api.streams import Hub
+from robomend.batches.batches import Batches
 from robomend.drills.drills import Drills
 from robomend.errors import PreconditionRequired
 from robomend.metrics import Metrics
@@ -48,6 +49,7 @@ class Parts:
     probe: StoreProbe
     shedding: LoadShedding
     notifier: Notifier
+    batches: Batches
 
 
 # Dependencies are coroutines even where they wait for nothing: the framework would hand plain functions to a
@@ -92,6 +94,7 @@ RobotPath = Annotated[str, Path(pattern=NAME, description="the robot's id", exam
 ModelPath = Annotated[str, Path(pattern=NAME, description="the model's name", examples=["tedusar"])]
 RepairPath = Annotated[str, Path(pattern=r"^[A-Za-z0-9_.\-]{1,64}$", examples=["r-7k2m9x4q"])]
 DrillPath = Annotated[str, Path(pattern=r"^[A-Za-z0-9_.\-]{1,64}$", examples=["d-7k2m9x4q"])]
+BatchPath = Annotated[str, Path(pattern=r"^[A-Za-z0-9_.\-]{1,64}$", examples=["b-7k2m9x4qhj"])]
 ActionPath = Annotated[str, Path(pattern=r"^[A-Za-z0-9_.:\-]{1,128}$", examples=["r-7k2m9x4q:2"])]
 
 

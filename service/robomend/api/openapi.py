@@ -22,6 +22,7 @@ TAGS = [
     {"name": "diagnosis", "description": "Why it misbehaves, and what to look at next"},
     {"name": "repair", "description": "Plans and repairs, and a person's yes or no"},
     {"name": "drill", "description": "Faults that are planted on purpose, watched, and undone"},
+    {"name": "batches", "description": "Recorded logs, diagnosed in processes of their own"},
     {"name": "board", "description": "The power board's channels"},
     {"name": "agent", "description": "The robot's side of repair: it pulls actions and reports"},
     {"name": "control", "description": "The global stop, and quarantine"},

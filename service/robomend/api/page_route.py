@@ -72,12 +72,7 @@ async def read_form(request: Request, most: int = FORM_BYTES) -> Mapping[str, st
 
     Every route that changes something calls it: it refuses forms that may be on somebody else's page.
     """
-    site = request.headers.get("sec-fetch-site")
-    told = site == "same-origin" or (site is None and "origin" in request.headers)
-    if foreign(request.scope) is not None:
-        raise Problem(403, "this form is on a page of another origin", code="cross-origin")
-    if not told and "authorization" not in request.headers:  # no browser sends that on its own
-        raise Problem(400, "a form must say whose page it is on, as browsers do (Origin, Sec-Fetch-Site)")
+    check_ours(request)
     check_content_type(request, FORM)
     body = b"".join([chunk async for chunk in read_chunks(request, most, FORM_S, 4096.0)])
     try:
@@ -85,6 +80,16 @@ async def read_form(request: Request, most: int = FORM_BYTES) -> Mapping[str, st
     except ValueError as error:
         raise Problem(400, "the form is not as a browser sends it") from error
     return {name: value.replace("\r\n", "\n") for name, value in fields}
+
+
+def check_ours(request: Request) -> None:
+    """Refuse a form that may be on somebody else's page; for whoever reads one without `read_form`."""
+    site = request.headers.get("sec-fetch-site")
+    told = site == "same-origin" or (site is None and "origin" in request.headers)
+    if foreign(request.scope) is not None:
+        raise Problem(403, "this form is on a page of another origin", code="cross-origin")
+    if not told and "authorization" not in request.headers:  # no browser sends that on its own
+        raise Problem(400, "a form must say whose page it is on, as browsers do (Origin, Sec-Fetch-Site)")
 
 
 def page(request: Request, template: str, status: int = 200, **values: Any) -> Response:

@@ -21,6 +21,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from robomend import errors
+from robomend.batches.batches import BatchUnavailable
 
 log = structlog.get_logger("robomend.api")
 
@@ -38,6 +39,7 @@ STATUS: dict[type[errors.RobomendError], int] = {
     errors.PreconditionRequired: 428,
     errors.Refused: 403,
     errors.BackendError: 502,
+    BatchUnavailable: 503,
     errors.SolverError: 503,
     errors.WorkerDied: 503,
     errors.WorkerTimeout: 503,

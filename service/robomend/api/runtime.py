@@ -19,6 +19,7 @@ from robomend.api.loop_watch import LoopWatch
 from robomend.api.shedding import LoadShedding
 from robomend.api.store_probe import StoreProbe
 from robomend.api.streams import Hub
+from robomend.batches.batches import Batches
 from robomend.drills.drills import Drills
 from robomend.drills.parts import DrillParts
 from robomend.errors import RobomendError
@@ -68,6 +69,7 @@ class Runtime:
         self.drills = Drills(
             DrillParts(self.store, self.robots, self.repairs.agents, self.repairs.switch, settings)
         )
+        self.batches = Batches(self.store, settings)
         self.watch = LoopWatch(self.metrics)
         self.probe = StoreProbe(self.store)
         shedding = LoadShedding(
@@ -86,6 +88,7 @@ class Runtime:
             self.probe,
             shedding,
             self.notifier,
+            self.batches,
         )
         self.app: FastAPI = create_app(self.parts, lifespan=self.lifespan)
         self._watch_store()
@@ -123,6 +126,8 @@ class Runtime:
             await self.notifier.start()
             stack.push_async_callback(self.drills.close)
             await self.drills.start()
+            stack.push_async_callback(self.batches.close)
+            await self.batches.start()
             stack.callback(self.end_waits)
             await self._learn_keys()
             self._begin_counting()

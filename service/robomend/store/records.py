@@ -212,6 +212,22 @@ class StoredDrill:
 
 
 @dataclass(frozen=True, slots=True)
+class StoredBatchJob:
+    """Logs that are diagnosed behind HTTP. Their files are in a folder that has a name of its own, its place:
+    whoever works with that folder carries the job out.
+    """
+
+    id: str  # e.g. "b-7k2m9x4q"
+    number: int  # order of creation
+    place: str
+    state: str
+    open: bool  # something is still to be done: what a restart takes up again
+    data: Json  # model, logs, options, by, how far it is, …
+    created_ns: int
+    updated_ns: int
+
+
+@dataclass(frozen=True, slots=True)
 class StepRecord:
     """How far a step of a repair came; `data` is the execution's report."""
 

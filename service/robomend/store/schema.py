@@ -32,7 +32,7 @@ from sqlalchemy import (
     text,
 )
 
-HEAD = "0006"
+HEAD = "0007"
 """The schema version that this program reads and writes."""
 
 metadata = MetaData()
@@ -359,6 +359,18 @@ notifications = _numbered(
     _name("answer", nullable=False),
     Index("ix_notifications_key", "key", "recipient"),
     Index("ix_notifications_due", "due_ns", postgresql_where=_DUE, sqlite_where=_DUE),
+)
+
+batch_jobs = _numbered(
+    "batch_jobs",
+    _name("id", nullable=False, unique=True),
+    _name("place", nullable=False),  # whose folder has its files
+    _name("state", nullable=False),
+    Column("open", Boolean, nullable=False),
+    _name("data", nullable=False),
+    _time("created_ns"),
+    _time("updated_ns"),
+    Index("ix_batch_jobs_open", "place", postgresql_where=_OPEN, sqlite_where=_OPEN),
 )
 
 agent_actions = _numbered(

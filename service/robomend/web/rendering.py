@@ -27,6 +27,7 @@ STATIC = HERE / "static"
 NAVIGATION = (
     ("/", "Robots", "all"),
     ("/ui/repairs", "Repairs", "all"),
+    ("/ui/batches", "Batches", "all"),
     ("/ui/models", "Models", "all"),
     ("/ui/what-if", "What if", "all"),
     ("/ui/audit", "Audit", "admin"),
