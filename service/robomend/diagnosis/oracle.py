@@ -175,16 +175,25 @@ class Oracle:
         Raises:
             OutOfTime: the deadline passed, or the clock was stopped.
         """
+        answer = self.quickly(assumptions, SHORT_CONFLICTS, SHORT_PROPAGATIONS)
+        if answer is None:
+            answer = self._long(assumptions)
+        return answer
+
+    def quickly(self, assumptions: list[int], conflicts: int, propagations: int) -> bool | None:
+        """Return the same, None where it takes more than that.
+
+        Raises:
+            OutOfTime: the deadline passed, or the clock was stopped.
+        """
         clock = self._clock
         if clock.stopped or (clock.deadline is not None and perf_counter() >= clock.deadline):
             raise OutOfTime
         inner = self._inner
-        inner.conf_budget(SHORT_CONFLICTS)
-        inner.prop_budget(SHORT_PROPAGATIONS)
-        answer = inner.solve_limited(assumptions)
-        if answer is None:
-            answer = self._long(assumptions)
-        return answer is True
+        inner.conf_budget(conflicts)
+        inner.prop_budget(propagations)
+        answer: bool | None = inner.solve_limited(assumptions)
+        return answer
 
     def _long(self, assumptions: list[int]) -> bool:
         clock, inner = self._clock, self._inner
