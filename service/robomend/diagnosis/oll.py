@@ -16,7 +16,7 @@ that not both of its branches have one. So many nodes break this as there are ab
 
 As long as cores come by propagation alone, they cost some 20 µs each and are not relaxed: where a diagnosis
 is known (`incumbent`), half of the questions need no more. The first answer that is not such a core ends
-this. From then on each core is relaxed, so that what the suppositions allow costs what was paid, and the first
+this. Then each core is relaxed, so that what the suppositions allow costs what was paid, and the first
 model is a minimum. Models on the way would be dear: most of a model is deciding what does not matter.
 
 Cores are taken as they come: making them smaller costs more calls than it saves (measured: 5-20 × on

@@ -168,6 +168,7 @@ class Oracle:
         self.model = inner.get_model
         self.set_phases = inner.set_phases
         self.propagate = inner.propagate
+        self.variables = inner.nof_vars  # the highest that it has met
 
     def sat(self, assumptions: list[int]) -> bool:
         """Return whether the clauses have a model under the assumptions.
