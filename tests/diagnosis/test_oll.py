@@ -13,7 +13,9 @@ from robomend.diagnosis.oracle import Deadline
 
 CANDIDATES = 8
 conflicts = st.lists(
-    st.sets(st.integers(1, CANDIDATES), min_size=1, max_size=4).map(frozenset), min_size=1, max_size=10
+    st.sets(st.integers(1, CANDIDATES), min_size=1, max_size=CANDIDATES).map(frozenset),
+    min_size=1,
+    max_size=10,
 )
 
 
@@ -56,6 +58,20 @@ def test_whatever_the_incumbent_the_first_is_a_smallest_one(
 def test_an_incumbent_of_the_least_size_is_the_answer() -> None:
     family = [frozenset({1, 2, 3}), frozenset({3, 4}), frozenset({5, 6})]
     assert list(searched(family).minimum([], incumbent=[3, 6])) == [[3, 6]]
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.lists(conflicts, min_size=2, max_size=4))
+def test_what_a_search_leaves_behind_does_not_change_the_next(families: list[list[frozenset[int]]]) -> None:
+    selectors = list(range(CANDIDATES + 1, CANDIDATES + 1 + len(families)))
+    clauses = [
+        [-selector, *(-candidate for candidate in sorted(conflict))]
+        for selector, family in zip(selectors, families, strict=True)
+        for conflict in family
+    ]
+    search = CoreGuided(clauses, CANDIDATES, selectors[-1], Deadline(), "minisat22")
+    for selector, family in zip(selectors, families, strict=True):
+        assert set(map(frozenset, search.minimum([selector]))) == smallest(family)
 
 
 def test_an_incumbent_that_is_too_large_for_what_is_asked_is_not_told() -> None:

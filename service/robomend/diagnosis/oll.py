@@ -1,25 +1,31 @@
-"""Minimum-cardinality diagnoses by a core-guided search (OLL) on a persistent solver.
+"""Minimum-cardinality diagnoses by a core-guided search on a persistent solver.
 
 Suppose that every candidate is healthy. Each unsatisfiable core says that at least one of its members is
-not, so pay for one and allow one; a totalizer over the core says what a second would cost:
+not, so pay for one and *relax* the core: suppose that no second one is (PMRES):
 
-    suppose all healthy ──► sat? no ──► core: pay 1, stop supposing its members ──► sat? …
-                              │ yes
+    suppose all healthy ──► easy core? pay 1, stop supposing its members ──► easy core? …
+                              │ no
                               ▼
-        cost of the model = paid?  no ──► totalizers over the cores, suppose "at most one of each", again
-                              │ yes
+        relax these cores, ask in earnest ──► core: pay 1, relax it, again
+                              │ sat
                               ▼
         minimum; block it, keep the suppositions, ask again: the other diagnoses of this size
 
-The payments are a lower bound and the model's own cost an upper one, so most searches end before the first
-totalizer. Cores are taken as they come: making them smaller costs more calls than it saves (measured: 5-20 ×
-on ISCAS-85).
+A core is relaxed by a tree over it: a node knows whether a member below it is abnormal, and it is supposed
+that not both of its branches have one. So many nodes break this as there are abnormal members, less one.
 
-The solver outlives the search. What a search adds is either implied definitions or guarded by a literal that
-is dropped afterwards; when such leftovers outweigh the model, the solver is built anew.
+As long as cores come by propagation alone, they cost some 20 µs each and are not relaxed: where a diagnosis
+is known (`incumbent`), half of the questions need no more. The first answer that is not such a core ends
+this. Then each core is relaxed, so that what the suppositions allow costs what was paid, and the first
+model is a minimum. Models on the way would be dear: most of a model is deciding what does not matter.
+
+Cores are taken as they come: making them smaller costs more calls than it saves (measured: 5-20 × on
+ISCAS-85). The solver outlives the search. What a search adds is either implied definitions or guarded by a
+literal that is dropped afterwards; when such leftovers outweigh the model, the solver is built anew.
 
 Sources:
-    A. Morgado, C. Dodaro, J. Marques-Silva. Core-guided MaxSAT with soft cardinality constraints. CP 2014.
+    N. Narodytska, F. Bacchus. Maximum satisfiability using core-guided MaxSAT resolution. AAAI 2014 (there
+        the tree is a chain).
     A. Ignatiev, A. Morgado, J. Marques-Silva. RC2: an efficient MaxSAT solver. JSAT 11, 2019.
 """
 
@@ -27,14 +33,16 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterator, Sequence
 
-from pysat.card import ITotalizer
-
 from robomend.diagnosis.oracle import Deadline, Oracle
 from robomend.model.cnf import Clause
 
 RESET_CLAUSES = 500
 """Leftover clauses that are tolerated, or twice the model's own if those are more: they slow each question
 down, and a solver is built in the time of one or two. With 20,000, c499 and c1355 took twice as long."""
+
+EASY_CONFLICTS = 10
+EASY_PROPAGATIONS = 1.5
+"""Of an easy core, the latter for each variable of the model."""
 
 
 class MinimumTooLarge(Exception):
@@ -60,7 +68,7 @@ class CoreGuided:
     ) -> None:
         self._clauses = clauses
         self.candidates = candidates
-        self._variables = variables
+        self.variables = variables
         self._clock = clock
         self._name = solver
         self._oracle: Oracle | None = None
@@ -107,7 +115,7 @@ class CoreGuided:
             self.close()
         if self._oracle is None:
             self._oracle = Oracle(self._clauses, self._clock, self._name)
-            self.top = self._variables
+            self.top = self.variables
             self._leftover = 0
         return self._oracle
 
@@ -119,7 +127,7 @@ class CoreGuided:
 
 
 class _CoreSearch:
-    """One search: the suppositions, what was paid, the totalizers."""
+    """One search: the suppositions, and what was paid."""
 
     def __init__(
         self,
@@ -134,18 +142,18 @@ class _CoreSearch:
         self._assumptions = assumptions
         self._at_least, self._at_most = bounds
         self._candidates = [c for c in range(1, owner.candidates + 1) if c not in fixed]
-        self._supposed: dict[int, tuple[ITotalizer, int] | None] = dict.fromkeys(self._candidates)
-        self._totalizers: list[ITotalizer] = []
+        self._supposed = dict.fromkeys(self._candidates)  # in the order in which the solver is told
         self._paid = 0
         self._added = 0
         self._guard = 0
 
     def run(self, incumbent: list[int] | None) -> Iterator[list[int]]:
         """Yield the minimum, then, if it is not the incumbent, the others of its size."""
-        pending: list[list[int]] = []
-        found: list[int] = []
+        pending: list[list[int]] = []  # cores that are not relaxed
+        easy = True
         while True:
-            while not self._oracle.sat([*self._assumptions, *self._supposed]):
+            sat = self._easily_sat() if easy else self._oracle.sat([*self._assumptions, *self._supposed])
+            if sat is False:
                 core = self._pay()
                 if not core:
                     return
@@ -154,14 +162,20 @@ class _CoreSearch:
                 if incumbent is not None and self._paid >= len(incumbent):
                     yield incumbent
                     return
-                pending.append(core)
-            found = self._abnormal()
-            if len(found) <= max(self._paid, self._at_least):
-                break  # the model costs no more than must be paid
-            if incumbent is not None and len(found) < len(incumbent):
-                incumbent = found
-            self._relax(pending)
-            pending = []
+                if easy:
+                    pending.append(core)
+                else:
+                    self._relax(core)
+                continue
+            if sat:
+                found = self._abnormal()
+                if not easy or len(found) <= max(self._paid, self._at_least):
+                    break  # the model costs no more than must be paid
+                if incumbent is not None and len(found) < len(incumbent):
+                    incumbent = found
+            easy = False
+            while pending:
+                self._relax(pending.pop())
         if self._at_most is not None and len(found) > self._at_most:
             raise MinimumTooLarge
         yield found
@@ -169,7 +183,8 @@ class _CoreSearch:
             return
         # With all cores relaxed, what the suppositions allow costs what was paid. Once they are satisfiable
         # again, paid = size and each model is another minimum; a core beyond that says that there is none.
-        self._relax(pending)
+        for core in pending:
+            self._relax(core)
         size = len(found)
         self._guard = self._owner.new_variable()
         while True:
@@ -179,9 +194,13 @@ class _CoreSearch:
                 core = self._pay()
                 if not core or self._paid > size:
                     return
-                self._relax([core])
+                self._relax(core)
             found = self._abnormal()
             yield found
+
+    def _easily_sat(self) -> bool | None:
+        propagations = int(EASY_PROPAGATIONS * self._owner.variables)
+        return self._oracle.quickly([*self._assumptions, *self._supposed], EASY_CONFLICTS, propagations)
 
     def _abnormal(self) -> list[int]:
         model = self._oracle.model() or []
@@ -191,43 +210,30 @@ class _CoreSearch:
         """Take the core of the last answer out of the suppositions, and pay for one of its members."""
         core = [literal for literal in self._oracle.core() or () if literal in self._supposed]
         for literal in core:
-            totalizer = self._supposed.pop(literal)
-            if totalizer is not None:
-                self._allow_one_more(*totalizer)
+            del self._supposed[literal]
         self._paid += 1
         return core
 
-    def _allow_one_more(self, totalizer: ITotalizer, allowed: int) -> None:
-        """The core says that more than `allowed` of its inputs are abnormal: suppose at most one more."""
-        if allowed + 1 >= len(totalizer.lits):
-            return
-        if allowed + 1 >= len(totalizer.rhs):
-            totalizer.increase(ubound=allowed + 1, top_id=self._owner.top)
-            self._owner.top = max(self._owner.top, totalizer.top_id)
-            if totalizer.nof_new:
-                self._define(totalizer.cnf.clauses[-totalizer.nof_new :])
-        self._supposed[-totalizer.rhs[allowed + 1]] = (totalizer, allowed + 1)
-
-    def _relax(self, cores: list[list[int]]) -> None:
-        """Count the abnormal members of each core, and suppose that there is only one."""
-        for core in cores:
-            if len(core) == 1:
-                continue
-            totalizer = ITotalizer(lits=[-literal for literal in core], ubound=1, top_id=self._owner.top)
-            self._owner.top = max(self._owner.top, totalizer.top_id)
-            self._define(totalizer.cnf.clauses)
-            self._supposed[-totalizer.rhs[1]] = (totalizer, 1)
-            self._totalizers.append(totalizer)
-
-    def _define(self, clauses: list[list[int]]) -> None:
-        for clause in clauses:
-            self._oracle.add(clause)
-        self._added += len(clauses)
+    def _relax(self, core: list[int]) -> None:
+        """Suppose that no second member of the core is abnormal, one supposition less than it has members."""
+        add, new_variable = self._oracle.add, self._owner.new_variable
+        level = [-literal for literal in core]
+        while len(level) > 1:
+            above = level[-1:] if len(level) % 2 else []
+            for one, other in zip(level[::2], level[1::2], strict=False):
+                both = new_variable()
+                add([-one, -other, both])
+                self._supposed[-both] = None
+                if len(level) > 2:
+                    either = new_variable()
+                    add([-one, either])
+                    add([-other, either])
+                    above.append(either)
+            level = above
+        self._added += 3 * len(core)
 
     def retire(self) -> int:
-        """Drop the guard and the totalizers' memory; return how many clauses stay behind in the solver."""
+        """Drop the guard; return how many clauses stay behind in the solver."""
         if self._guard:
             self._oracle.add([-self._guard])
-        for totalizer in self._totalizers:
-            totalizer.delete()
         return self._added

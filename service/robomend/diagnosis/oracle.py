@@ -168,9 +168,21 @@ class Oracle:
         self.model = inner.get_model
         self.set_phases = inner.set_phases
         self.propagate = inner.propagate
+        self.variables = inner.nof_vars  # the highest that it has met
 
     def sat(self, assumptions: list[int]) -> bool:
         """Return whether the clauses have a model under the assumptions.
+
+        Raises:
+            OutOfTime: the deadline passed, or the clock was stopped.
+        """
+        answer = self.quickly(assumptions, SHORT_CONFLICTS, SHORT_PROPAGATIONS)
+        if answer is None:
+            answer = self._long(assumptions)
+        return answer
+
+    def quickly(self, assumptions: list[int], conflicts: int, propagations: int) -> bool | None:
+        """Return the same, None where it takes more than that.
 
         Raises:
             OutOfTime: the deadline passed, or the clock was stopped.
@@ -179,12 +191,10 @@ class Oracle:
         if clock.stopped or (clock.deadline is not None and perf_counter() >= clock.deadline):
             raise OutOfTime
         inner = self._inner
-        inner.conf_budget(SHORT_CONFLICTS)
-        inner.prop_budget(SHORT_PROPAGATIONS)
-        answer = inner.solve_limited(assumptions)
-        if answer is None:
-            answer = self._long(assumptions)
-        return answer is True
+        inner.conf_budget(conflicts)
+        inner.prop_budget(propagations)
+        answer: bool | None = inner.solve_limited(assumptions)
+        return answer
 
     def _long(self, assumptions: list[int]) -> bool:
         clock, inner = self._clock, self._inner

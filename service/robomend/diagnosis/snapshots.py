@@ -41,6 +41,9 @@ DEFAULTS = Options()
 HEAD_START_S = 0.5
 """For the search in any order, which mostly finds all diagnoses by then."""
 
+FEW = 3
+"""Snapshots that refute most of the candidates that any does: those that refuted the last ones come first."""
+
 
 class SnapshotEngine:
     """Diagnoses of many snapshots over one model, kept warm. One call at a time, as every engine."""
@@ -172,23 +175,46 @@ class _SnapshotSearch:
         self._what_if = what_if
         self._health = list(range(1, len(cnf.components) + 1))
         self._forced = mask_of(what_if.abnormal)
+        self._variables = cnf.variables
 
     def find_conflict(self, abnormal: int) -> int | None:
         """Return a minimal conflict that these components do not hit; None: they explain each snapshot."""
         healthy = outside(self._health, abnormal)
         healthy += [-variable for variable in self._what_if.abnormal]
-        for position, observed in enumerate(self._snapshots):
-            if self._oracle.sat([*observed.numbers, *healthy]):
-                continue
-            self._snapshots.insert(0, self._snapshots.pop(position))
-            core = self._oracle.core() or ()
-            known = self._conflicts.minimise(self._oracle, core, observed, self._what_if)
-            if not known.mask:
-                self.contradiction = (known, observed)
-                raise _Contradiction
-            self.known.append((known, observed))
-            return known.mask
-        return None
+        position = self._refuting(healthy)
+        if position is None:
+            return None
+        observed = self._snapshots.pop(position)
+        self._snapshots.insert(0, observed)
+        core = self._oracle.core() or ()
+        known = self._conflicts.minimise(self._oracle, core, observed, self._what_if)
+        if not known.mask:
+            self.contradiction = (known, observed)
+            raise _Contradiction
+        self.known.append((known, observed))
+        return known.mask
+
+    def _refuting(self, healthy: list[int]) -> int | None:
+        """Return the position of a snapshot that clashes with this; the oracle then knows a core of it.
+
+        What the first ones do not refute, mostly none does: then one literal says all of it for the others,
+        and a call takes two thirds of the time.
+        """
+        oracle, selector = self._oracle, 0
+        try:
+            for position, observed in enumerate(self._snapshots):
+                if position == FEW:
+                    selector = max(self._variables, oracle.variables()) + 1
+                    for literal in healthy:
+                        oracle.add([-selector, literal])
+                if selector and oracle.sat([selector, *observed.numbers]):
+                    continue
+                if not oracle.sat([*observed.numbers, *healthy]):
+                    return position
+            return None
+        finally:
+            if selector:
+                oracle.add([-selector])
 
     def run(self, found: list[int], options: Options, clock: Deadline) -> StoppedBy | None:
         """Put the diagnoses into `found`; return why the search ended before all were found."""

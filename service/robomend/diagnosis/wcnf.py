@@ -101,7 +101,7 @@ def _header(rest: str, file: str | None, line: int) -> tuple[int, int]:
 
 def _integers(text: str, file: str | None, line: int) -> list[int]:
     try:
-        numbers = list(map(int, text.split()))
+        numbers = [*map(int, text.split())]
     except ValueError:
         raise ModelError(f"expected integers that end in 0, not {text.strip()[:60]!r}", file, line) from None
     if len(numbers) < 2 or numbers.pop() != 0 or 0 in numbers:
@@ -123,14 +123,16 @@ def _compiled(
     observed = sorted(set(map(abs, seen)) - set(health))
     rest = sorted((mentioned | set(range(1, variables + 1))) - set(health) - set(observed))
     renamed = {old: new for new, old in enumerate([*health, *observed, *rest], 1)}
-    signed = renamed | {-old: -new for old, new in renamed.items()}
+    renumber = (renamed | {-old: -new for old, new in renamed.items()}).__getitem__
     components = tuple(str(variable) for variable in health)
     is_health = set(health)
     abnormal = {-variable: place for place, variable in enumerate(health)}
     origins = []
     for clause in hard:
-        places = [abnormal[literal] for literal in clause if literal in abnormal]
-        origins.append(places[0] if places else len(health))
+        place = abnormal.get(clause[0]) if clause else None  # where it mostly is
+        if place is None:
+            place = next((abnormal[literal] for literal in clause if literal in abnormal), len(health))
+        origins.append(place)
     rules = [
         Rule(f"the clauses of component {component}", f"component {component}") for component in components
     ]
@@ -146,7 +148,7 @@ def _compiled(
             name=name,
             components=components,
             atoms=tuple(Atom("v", (str(variable),)) for variable in observed),
-            clauses=tuple([tuple([signed[literal] for literal in clause]) for clause in hard]),
+            clauses=tuple([tuple(map(renumber, clause)) for clause in hard]),
             origins=tuple(origins),
             rules=tuple(rules),
             variables=len(renamed),

@@ -17,7 +17,7 @@ from tests.diagnosis.netlists import (
 )
 
 from robomend.diagnosis.circuits import toplevel
-from robomend.diagnosis.circuits.cones import find_cones
+from robomend.diagnosis.circuits.cones import by_output, find_cones
 from robomend.diagnosis.circuits.flips import Flips
 from robomend.diagnosis.circuits.netlist import recover
 from robomend.diagnosis.engines import make_engine
@@ -53,6 +53,21 @@ def test_gates_that_no_observed_net_depends_on_are_in_no_cone() -> None:
     netlist = recover(fork.cnf)
     assert netlist is not None
     assert find_cones(netlist, [netlist.gates[0].output]).seen == (0,)
+
+
+def test_the_gates_behind_few_inputs_come_first() -> None:
+    gates = {"a": ("AND", ["x", "y"]), "b": ("OR", ["a", "z"]), "c": ("NOT", ["y"]), "d": ("AND", ["c", "z"])}
+    netlist = recover(netlist_model(["x", "y", "z"], gates).cnf)
+    assert netlist is not None
+    net = {list(gates)[gate.component - 1]: gate.output for gate in netlist.gates}
+
+    def listed(*observed: str) -> list[str]:
+        nets = [net[name] for name in observed]
+        top = by_output(netlist, find_cones(netlist, nets), nets)
+        return [list(gates)[netlist.gates[index].component - 1] for index in top]
+
+    assert listed("b", "c", "d") == ["c", "d", "b"]
+    assert listed("b", "d") == ["d", "b"]
 
 
 @pytest.mark.parametrize(("name", "tops"), [("c17", 4), ("c432", 59), ("c1908", 160), ("c7552", 545)])

@@ -28,6 +28,8 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import reduce
+from operator import or_
 
 from robomend.diagnosis.circuits.netlist import Netlist
 
@@ -76,6 +78,34 @@ def find_cones(netlist: Netlist, observed: Iterable[int]) -> Cones:
     cones = {top: tuple(reversed(cone)) for top, cone in members.items()}
     seen = tuple(index for index in range(len(gates)) if above[index] != UNSEEN)
     return Cones(tuple(sorted(cones)), cones, seen)
+
+
+def by_output(netlist: Netlist, cones: Cones, observed: Iterable[int]) -> list[int]:
+    """Return the top-level gates: first those behind the output with the fewest inputs, and so on.
+
+    A solver that is told in this order that they are healthy meets the conflicts of one output before it
+    looks at the others: fewer gates are in them, and they are found sooner.
+
+    Args:
+        observed: nets that gates drive.
+    """
+    gates, driver = netlist.gates, netlist.driver()
+    inputs = {net: 1 << position for position, net in enumerate(netlist.sources)}
+    for gate in gates:
+        inputs[gate.output] = reduce(or_, [inputs.get(net, 0) for net in gate.inputs], 0)
+    left = set(range(len(gates)))
+    listed: list[int] = []
+    for output in sorted(observed, key=lambda net: (inputs[net].bit_count(), net)):
+        behind: list[int] = []
+        todo = [driver[output]]
+        while todo:
+            index = todo.pop()
+            if index in left:
+                left.remove(index)
+                behind.append(index)
+                todo += [driver[net] for net in gates[index].inputs if net in driver]
+        listed += sorted(behind)
+    return [index for index in listed if index in cones.members]
 
 
 def _common(above: list[int], depth: list[int], one: int, other: int) -> int:

@@ -24,7 +24,7 @@ from operator import or_
 
 from pysat.process import Processor
 
-from robomend.diagnosis.circuits.cones import find_cones
+from robomend.diagnosis.circuits.cones import by_output, find_cones
 from robomend.diagnosis.circuits.flips import Flips, Values, compiled, values_of
 from robomend.diagnosis.circuits.incumbent import find_incumbent
 from robomend.diagnosis.circuits.netlist import Netlist
@@ -74,6 +74,7 @@ class TopLevel:
         self._functions: dict[str, Callable[..., int]] = {}
         self._guided: CoreGuided | None = None
         self._number: dict[int, int] = {}
+        self._candidate: dict[int, int] = {}  # top-level gate -> its number in the top-level CNF
 
     # --- top-level diagnoses ----------------------------------------------------------------------
 
@@ -128,9 +129,12 @@ class TopLevel:
         assumptions = [
             number[net] if value else -number[net] for net, value in values.items() if net in number
         ]
-        known = None if incumbent is None else [position + 1 for position in incumbent]
+        known = None
+        if incumbent is not None:
+            known = [self._candidate[self.cones.top[position]] for position in incumbent]
+        in_order = tuple(self._candidate)
         for found in guided.minimum(assumptions, at_least, at_most, incumbent=known):
-            yield tuple(self.cones.top[candidate - 1] for candidate in found)
+            yield tuple(sorted([in_order[candidate - 1] for candidate in found]))
 
     def small_subset_minimal(self, values: dict[int, bool], size: int, smaller: set[int]) -> Iterator[Top]:
         """Yield the subset-minimal diagnoses of 1 or 2 gates, of all gates; `smaller`: those of size 1."""
@@ -223,7 +227,9 @@ class TopLevel:
             return self._guided
         gates, cnf = self.netlist.gates, self._cnf
         n = len(cnf.components)
-        candidate = {gates[index].component: order for order, index in enumerate(self.cones.top, 1)}
+        in_order = by_output(self.netlist, self.cones, self._checks)
+        self._candidate = {gate: number for number, gate in enumerate(in_order, 1)}
+        candidate = {gates[gate].component: number for gate, number in self._candidate.items()}
         seen = {gates[index].component for index in self.cones.seen}
         clauses: list[list[int]] = []
         for clause in cnf.clauses:
