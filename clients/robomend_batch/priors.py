@@ -81,7 +81,8 @@ def wilson(k: int, n: int, confidence: float) -> tuple[float, float]:
 
 
 def of_export(file: Path) -> Confirmed:
-    """Return what a service's history confirms: the repairs that helped, by robot and day (UTC).
+    """Return what a service's history confirms: the repairs that helped, by robot and day (UTC); none that
+    answered a drill.
 
     Days on which a robot reported nothing are none.
     """
@@ -91,7 +92,8 @@ def of_export(file: Path) -> Confirmed:
     for _, table, row in export_rows(file, frozenset({"observations", "tried"}), end):
         day = f"{row['robot']} {row['time_ns'] // DAY_NS}"
         days.add(day)
-        if table == "tried" and row["helped"]:
+        # A drill's fault was planted: it says nothing of how often a component breaks.
+        if table == "tried" and row["helped"] and json.loads(row["data"]).get("drill") is None:
             for component in json.loads(row["bad"]):
                 faults.setdefault(component, set()).add(day)
     if not end.whole:

@@ -48,6 +48,7 @@ class DrilledRobot:
     folder: Path
     source: str = MODEL
     keep: bool = False
+    unwatched: frozenset[str] = frozenset()  # topics that no observer watches
     config: dict[str, Any] = field(default_factory=dict)
     processes: dict[str, subprocess.Popen[bytes]] = field(default_factory=dict)
     port: int = 0
@@ -120,6 +121,7 @@ class DrilledRobot:
         agent |= {"bus": {"listen": bus}, "when_agent_ends": "keep" if self.keep else "stop"}
         # That this computer is busy is no fault of the robot: only silence is.
         agent["rate"] |= {"silence_s": 1.5}
+        agent["topics"] = {name: one for name, one in agent["topics"].items() if name not in self.unwatched}
         for topic in agent["topics"].values():
             topic |= {"rate_hz": RATE_HZ, "tolerance_hz": RATE_HZ - 1.0}
         (self.folder / "agent.json").write_text(json.dumps(agent))
@@ -134,7 +136,7 @@ class DrilledRobot:
         published = {topic for node in model.nodes.values() for topic in node.publishes}
         observed = [f"on({name})" for name, one in model.hardware.items() if one.channel is not None]
         observed += [f"running({name})" for name in model.nodes]
-        observed += [f"ok({topic})" for topic in sorted(published)]
+        observed += [f"ok({topic})" for topic in sorted(published - self.unwatched)]
         return {
             "model": model.name,
             "policy": "auto",

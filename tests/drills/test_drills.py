@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from typing import Any
 
+import httpx
 import pytest
 from tests.drills.drilled_robot import DrilledRobot
 from tests.waiting import until
@@ -123,8 +124,49 @@ def test_a_fault_of_the_emulated_board_is_cleared_after_a_kill_of_the_service(ro
     assert "restarted" in ended["cut_short"]
 
 
+def counted(robot: DrilledRobot) -> list[str]:
+    """Return the metrics of repairs."""
+    text = httpx.get(f"{robot.url}/metrics", timeout=20).text
+    return sorted(line for line in text.splitlines() if line.startswith("robomend_repair_changes_total"))
+
+
+def test_repairs_that_do_not_help_against_a_planted_fault_put_nothing_into_quarantine(
+    robot: DrilledRobot,
+) -> None:
+    """The bus loses the topic whatever is restarted."""
+    before = counted(robot)
+    drill = robot.start_drill("topic-dropped", "lidar_node", bound_s=12.0, topic="scan")
+    ended = robot.ended(drill["id"])
+    assert ended["undone"], ended
+    assert ended["seen"]["acts"]
+    assert ended["seen"]["repaired_s"] is None
+    with robot.client as client:
+        assert client.quarantine("r1") == {}
+        [repair] = client.repairs("r1", limit=1)["items"]
+        past = client.history("r1", kind="repair", limit=1)["items"]
+    assert repair["drill"] == past[0]["data"]["drill"] == drill["id"]
+    assert counted(robot) == before
+
+
+def test_each_state_of_a_drill_is_an_event_and_an_entry_of_the_audit_log(robot: DrilledRobot) -> None:
+    drill = robot.start_drill("node-killed", "mapping")
+    robot.ended(drill["id"])
+    with robot.client as client:
+        audited = [one for one in client.audit("r1", limit=200)["items"] if one["subject"] == drill["id"]]
+        seen = []
+        for event in client.events(robot="r1", after=0):
+            if event.kind == "drill" and event.data["id"] == drill["id"]:
+                seen.append(event.data["state"])
+                if event.data["finished_ns"] is not None:
+                    break
+    states = ["waiting", "planting", "planted", "undoing", "recovering", "done"]
+    assert sorted(set(seen), key=states.index) == states
+    assert seen == sorted(seen, key=states.index)
+    wanted = ["drill.create", *(f"drill.{state}" for state in states[1:])]
+    assert [one["action"] for one in reversed(audited)] == wanted
+
+
 def test_a_drill_leaves_no_trace_in_what_is_remembered_of_real_faults(robot: DrilledRobot) -> None:
-    """Also of repairs that fail again and again, which would put the component into quarantine."""
     configured(robot, limits={"attempts_per_hour": 1, "rounds": 5})
     try:
         with robot.client as client:

@@ -59,6 +59,21 @@ def test_a_repair_that_needs_a_person_is_told_once(state: str) -> None:
     assert notice.repair == "r-1"
 
 
+def test_a_drill_is_told_of_only_where_a_person_is_needed() -> None:
+    drill = {"id": "d-1", "state": "failed", "reason": "it is undone, and the robot is not healthy: base"}
+    notice = told(Kind.DRILL, drill)
+    assert (notice.about, notice.repair) == ("escalated", None)
+    assert "base" in notice.lines[0]
+    for other in ({"state": "done"}, {"state": "cancelled"}, {"asked": "abandon"}):
+        assert notice_of(event(Kind.DRILL, {**drill, **other})) is None
+
+
+def test_a_repair_of_a_planted_fault_asks_for_a_yes_and_needs_nobody_afterwards() -> None:
+    assert told(Kind.REPAIR, {**WAITING, "drill": "d-1"}).about == "approval"
+    for state in ("escalated", "failed"):
+        assert notice_of(event(Kind.REPAIR, {**WAITING, "state": state, "drill": "d-1"})) is None
+
+
 def test_a_robot_of_which_nothing_is_known_is_told() -> None:
     data = {"what": "health", "state": "unknown", "unknown": ["on(jaguar)", "ok(odom)"]}
     notice = told(Kind.ROBOT, data)

@@ -147,7 +147,7 @@ class Robot:
             action = await self.repairs.orders("r1", host=None, wait_s=5.0)
             if action is None:
                 continue
-            [parameter] = action["parameters"]
+            parameter = action["parameters"][0]
             self.ids.append(action["id"])
             await self.repairs.feedback(action["id"], code=0, message="begun")
             code = await self.spoil(self, action["name"], parameter) if self.spoil else None

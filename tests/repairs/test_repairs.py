@@ -112,6 +112,29 @@ async def test_a_stuck_relay_ends_with_a_person_told_the_cause(tmp_path: Path) -
     assert "stop_node(base_node)" not in robot.done
 
 
+async def test_repairs_of_a_planted_fault_that_keep_failing_set_nothing_aside(tmp_path: Path) -> None:
+    async def in_vain(robot: Robot, name: str, parameter: str) -> int | None:
+        return 0 if name == "start_node" else None
+
+    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
+        robot.spoil = in_vain
+        await robot.settled()
+        bounds = {"bound_s": 60.0, "detect_s": 30.0}
+        drill = await runtime.drills.create(
+            "r1", fault="node-killed", component="mapping", topic=None, **bounds, by="ann", reason=""
+        )
+        repair = await the_repair(runtime)
+        async with asyncio.timeout(60):
+            while (ended := await runtime.drills.drill(drill["id"]))["finished_ns"] is None:
+                await asyncio.sleep(0.05)
+        quarantined = await runtime.repairs.quarantined("r1")
+        remembered = await runtime.store.read(attempts.tried, "r1")
+    assert (repair["drill"], repair["state"]) == (drill["id"], "escalated"), ended
+    assert robot.done.count("start_node(mapping)") >= 3
+    assert (ended["state"], ended["undone"]) == ("done", True)
+    assert (quarantined, remembered) == ({}, ())
+
+
 async def test_a_released_component_is_tried_again(tmp_path: Path) -> None:
     stuck = True
 

@@ -45,8 +45,14 @@ def history(tmp_path_factory: pytest.TempPathFactory) -> Path:
         assert fence is not None
 
         def repaired(tx: Transaction) -> None:
-            for bad, helped in ((("jaguar",), True), (("hokuyo",), False), (("jaguar",), True)):
-                tried = StoredAttempt("r1", bad, ("power_up(jaguar)",), helped, True, None, tx.now_ns)
+            for bad, helped, of_drill in (
+                ("jaguar", True, {}),
+                ("hokuyo", False, {}),
+                ("jaguar", True, {}),
+                ("hokuyo", True, {"drill": "d-1"}),
+            ):
+                acts, now_ns = (f"power_up({bad})",), tx.now_ns
+                tried = StoredAttempt("r1", (bad,), acts, helped, True, None, now_ns, of_drill)
                 attempts.remember(tx, tried, fence=fence)
 
         await store.write(repaired)
@@ -69,6 +75,17 @@ def test_the_history_of_a_service_is_diagnosed_robot_by_robot(history: Path, tmp
     ]
 
 
+def test_what_was_observed_during_a_drill_is_no_fault_of_the_robot(history: Path, tmp_path: Path) -> None:
+    lines = history.read_text().splitlines(keepends=True)
+    for open_, ends_s, first_until_s in ((False, 16, 18.0), (True, 11, 10.0), (False, 11, 12.0)):
+        row = {"robot": "r1", "open": open_, "created_ns": 11 * SECOND, "updated_ns": ends_s * SECOND}
+        drilled = tmp_path / f"{open_}{ends_s}.ndjson"
+        line = json.dumps({"table": "drills", "row": row}, separators=(",", ":"))  # as an export has it
+        drilled.write_text("".join([*lines[:-1], f"{line}\n", lines[-1]]))
+        assert batch_run(tmp_path / drilled.stem, drilled) == 0
+        assert spans(tmp_path / drilled.stem)[0] == (10.0, first_until_s, "healthy", [[]])
+
+
 def test_a_history_that_is_cut_off_is_diagnosed_up_to_there(history: Path, tmp_path: Path) -> None:
     lines = history.read_text().splitlines(keepends=True)
     at = next(number for number, line in enumerate(lines) if '"observations"' in line)
@@ -84,7 +101,7 @@ def test_the_days_on_which_repairs_helped_make_the_priors(history: Path, capsys:
     days = found["jaguar"]["occasions"]
     assert days in (2, 3)  # of two robots; midnight may have passed
     assert found["jaguar"]["faults"] == 1  # two repairs of one day
-    assert found["hokuyo"]["faults"] == 0  # it did not help
+    assert found["hokuyo"]["faults"] == 0  # it did not help, but where its fault was planted
     assert found["jaguar"]["prior"] == pytest.approx(1.5 / (days + 1))
     assert found["hokuyo"]["prior"] == pytest.approx(0.5 / (days + 1))
 

@@ -190,6 +190,22 @@ def count(component: str, fence: Fence, tx: Transaction) -> None:
     attempts.count(tx, "r1", component, "r-1", fence=fence)
 
 
+async def test_many_drills_do_not_crowd_out_what_was_tried_of_real_faults(store: Store) -> None:
+    fence = await own(store)
+
+    def attempt(number: int, drill: str | None) -> StoredAttempt:
+        of_drill = {} if drill is None else {"drill": drill}
+        return StoredAttempt("r1", ("jaguar",), (), False, True, None, number, of_drill)
+
+    real = [attempt(number, None) for number in range(3)]
+    drilled = [attempt(number, f"d-{number % 2}") for number in range(120)]
+    for each in (*real, *drilled):
+        await store.write(partial(remember, each, fence))
+    assert await store.read(attempts.tried, "r1") == tuple(reversed(real))
+    of_one = await store.read(lambda view: attempts.tried(view, "r1", drill="d-1"))
+    assert of_one == (*reversed(drilled[1::2]), *reversed(real))
+
+
 async def test_memory_quarantine_and_attempts(store: Store) -> None:
     fence = await own(store)
     tried = [

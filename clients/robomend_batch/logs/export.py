@@ -5,15 +5,18 @@
     …
     {"end": true, "rows": 4711}
 
-Its rows are those of the store (robomend.store.portable, and encoding.py for `data`); the store itself is not
-imported, as that would need a database's libraries.
+What was observed while a drill was open is left out: its fault was planted. The rows are those of the store
+(robomend.store.portable, and encoding.py for `data`); the store itself is not imported, as that would need a
+database's libraries.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -62,9 +65,23 @@ def export_rows(
                 raise LogRefused(f"no line of an export: {error!r}", place) from error
 
 
+def drilled_spans(path: Path) -> dict[str, list[tuple[int, float]]]:
+    """Return from and until which nanosecond each robot had drills; they come after what is observed."""
+    found: dict[str, list[tuple[int, float]]] = {}
+    with path.open(encoding="utf-8", errors="replace") as file:
+        for text in file:
+            if '"drills"' in text[:40]:  # the others are not even read as JSON
+                with suppress(ValueError, KeyError, TypeError):
+                    row = json.loads(text)["row"]
+                    until = inf if row["open"] else row["updated_ns"]
+                    found.setdefault(str(row["robot"]), []).append((row["created_ns"], until))
+    return found
+
+
 def read_export(path: Path, opened: Opened) -> Blocks:
     """Yield the blocks of an export; LogRefused if it cannot be read."""
     gathered: dict[str, Gathered] = {}
+    drilled = drilled_spans(path)
     end = ExportEnd()
     rows = 0
     for place, _, row in export_rows(path, frozenset({"observations"}), end):
@@ -73,6 +90,8 @@ def read_export(path: Path, opened: Opened) -> Blocks:
             raise LogRefused(f"more than {MOST_LOGS} robots", place)
         words, into = opened.words(robot), gathered.setdefault(robot, Gathered())
         for predicate, arguments, positive, _, time_ns, *rest in json.loads(row["data"])["e"]:
+            if any(first <= time_ns <= last for first, last in drilled.get(robot, ())):
+                continue
             literal = Literal(Atom(predicate, tuple(arguments)), positive)
             expires_ns = rest[0] if rest and rest[0] is not None else FOREVER
             into.add(time_ns, words.settings(str(literal), place), expires_ns)

@@ -3,6 +3,7 @@
 event                                                    about        told again
 repair   a plan, or a question, waits for a yes          approval     for another plan or question
 repair   it ended, and a person is needed                escalated    for another repair
+drill    it ended, and left the robot unhealthy          escalated    for another drill
 robot    nothing is known of it                          unknown      after an hour
 stop     the global stop was set, or lifted              stop         each time
 """
@@ -16,13 +17,14 @@ from dataclasses import dataclass
 from typing import Any
 from urllib.parse import quote
 
+from robomend.drills.states import DrillState
 from robomend.moments import rfc3339
 from robomend.repairs.states import RepairState
 from robomend_client.events import Event, Kind
 
 Json = Mapping[str, Any]
 
-KINDS = frozenset({Kind.REPAIR, Kind.ROBOT, Kind.STOP})
+KINDS = frozenset({Kind.REPAIR, Kind.DRILL, Kind.ROBOT, Kind.STOP})
 """Of events that may be told of."""
 
 TOLD = frozenset({RepairState.AWAITING_APPROVAL, RepairState.ESCALATED, RepairState.FAILED})
@@ -64,6 +66,8 @@ def notice_of(event: Event) -> Notice | None:
     """Return what people are told of an event; None: nothing."""
     if event.kind is Kind.REPAIR:
         return _of_repair(event)
+    if event.kind is Kind.DRILL:
+        return _of_drill(event)
     if event.kind is Kind.ROBOT:
         return _of_robot(event)
     return _of_stop(event) if event.kind is Kind.STOP else None
@@ -115,10 +119,21 @@ def _of_repair(event: Event) -> Notice | None:
         lines += [f"plan: {_listed(plan, '; ')}"] if plan else []
         asked = json.dumps([data.get("round"), plan, diagnosis.get("bad"), reason]).encode()
         key = f"approval:{repair}:{hashlib.sha256(asked).hexdigest()[:16]}"
+    elif data.get("drill") is not None:  # its fault was planted, and is undone: nobody is needed for it
+        return None
     else:
         about, key, what = "escalated", f"escalated:{repair}", "a repair ended, and a person is needed"
     lines += [f"reason: {reason}"] if reason else []
     return Notice(about, key, event.robot, repair, event.time_ns, f"{event.robot}: {what}", tuple(lines))
+
+
+def _of_drill(event: Event) -> Notice | None:
+    data = event.data
+    if "asked" in data or data.get("state") != DrillState.FAILED:
+        return None
+    drill, lines = str(data.get("id")), (f"reason: {_short(data.get('reason') or '')}",)
+    title = f"{event.robot}: a drill ended, and a person is needed"
+    return Notice("escalated", f"drill:{drill}", event.robot, None, event.time_ns, title, lines)
 
 
 def _of_robot(event: Event) -> Notice | None:

@@ -37,7 +37,7 @@ def remembered(view: View, robot: str, patience: Patience) -> Remembered:
     drill = drills.open_of(view, robot)
     now_of = None if drill is None else drill.id
     # A drill's attempts say nothing of real faults, nor of another drill's.
-    records = [one for one in attempts.tried(view, robot) if one.data.get("drill") in {None, now_of}]
+    records = attempts.tried(view, robot, drill=now_of)
     return Remembered(
         tuple(map(_attempt_of, records)),
         tuple(

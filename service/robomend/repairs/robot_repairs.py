@@ -156,6 +156,9 @@ class RobotRepairs:
             open_ones = repairs.page(tx, self._robot, Paging(limit=1), open_only=True).items
             if open_ones:
                 return open_ones[0]  # a person was faster
+            last = repairs.page(tx, self._robot, Paging(limit=1)).items
+            if drill is not None and last and last[0].data.get("drill") == drill.id:
+                return None  # its repair has ended, and that ends it
             return new_repair(tx, self._robot, state.config.policy, fence=self.fence)
 
         begun = await self._needs.store.write(begin, robots=(self._robot,))

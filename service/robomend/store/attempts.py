@@ -19,10 +19,23 @@ from robomend.store.view import AnyRow, View
 _TRIED, _ATTEMPTS, _QUARANTINE = schema.tried, schema.attempts, schema.quarantine
 
 
-def tried(view: View, robot: str, *, limit: int = 100) -> tuple[StoredAttempt, ...]:
-    """Return what the latest attempts came to, newest first."""
-    query = select(_TRIED).where(_TRIED.c.robot == checked(robot))
-    return tuple(_attempt(row) for row in view.rows(query.order_by(_TRIED.c.number.desc()).limit(limit)))
+MOST_LOOKED_AT = 2_000
+"""Attempts of one robot, to find those that count."""
+
+
+def tried(view: View, robot: str, *, limit: int = 100, drill: str | None = None) -> tuple[StoredAttempt, ...]:
+    """Return what the latest attempts came to, newest first; of drills only those of `drill`.
+
+    An hour of drills does not make us forget what was tried of real faults before.
+    """
+    query = select(_TRIED).where(_TRIED.c.robot == checked(robot)).order_by(_TRIED.c.number.desc())
+    found: list[StoredAttempt] = []
+    for most in (limit, MOST_LOOKED_AT):
+        read = [_attempt(row) for row in view.rows(query.limit(most))]
+        found = [one for one in read if one.data.get("drill") in {None, drill}][:limit]
+        if len(found) == limit or len(read) < most:
+            break
+    return tuple(found)
 
 
 def remember(tx: Transaction, attempt: StoredAttempt, *, fence: Fence) -> None:
