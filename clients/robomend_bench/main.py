@@ -33,6 +33,7 @@ OTHERS = {
     "robots": ("robomend_bench.robots.command", "the robot's side: observers, and an agent under a service"),
     "batch": ("robomend_bench.batch.command", "logs to diagnoses: rows, messages, workers, memory"),
     "faults": ("robomend_bench.faults.command", "the score: faults planted into simulated robots"),
+    "demo": ("robomend_bench.demo", "needless acts of the demo on a busy computer"),
     "isolability": ("robomend_bench.isolability", "which faults can be told apart, on generated robots"),
 }
 """Commands of their own: module and summary."""

@@ -11,7 +11,7 @@ from robomend.diagnosis.result import Conflict, Diagnosis, DiagnosisResult
 from robomend.entry import Entry
 from robomend.planning.choice import Candidate, choose
 from robomend.planning.plan import Outcome, Plan
-from robomend.repairs.account import MOST, grounds, outcome
+from robomend.repairs.account import MOST, account, grounds, outcome
 from robomend_client.literals import fails, holds
 
 NO_PLAN = Plan(Outcome.UNSOLVABLE, (), 0.0, "asp", frozenset(), (), (), (), 0.0)
@@ -44,6 +44,97 @@ def test_the_outcome_is_what_is_known_of_the_symptoms_then() -> None:
     assert outcome(round_, {entry.atom: entry}) == [{"literal": "ok(scan)", "since_ns": 5, "onset_ns": None}]
 
 
+def test_the_outcome_names_what_does_not_hold_and_was_no_symptom_when_the_round_began() -> None:
+    """A mute successor: its predecessor did not run, it runs, and says nothing."""
+    round_ = {"symptoms": [{"literal": "not running(driver)"}]}
+    entries = [
+        Entry(holds("running", "driver"), "agent", 9, None, 5),
+        Entry(fails("ok", "scan"), "agent", 9, None, 8, 4),
+        Entry(holds("ok", "odom"), "agent", 9, None, 8),
+    ]
+    found = outcome(round_, {entry.atom: entry for entry in entries})
+    assert [one["literal"] for one in found] == ["running(driver)", "not ok(scan)"]
+    many = [Entry(fails("ok", f"t{n}"), "agent", 9, None, 8, 4) for n in range(30)]
+    assert len(outcome(round_, {entry.atom: entry for entry in many})) == MOST
+
+
+S = 10**9
+STEP = {"text": "start_node(driver)", "cost": 4.0, "sent_ns": 6 * S, "ended_ns": 11 * S, "state": "failed"}
+ROUND = {
+    "began_ns": 5 * S,
+    "diagnosis": {"bad": ["driver"], "good": []},
+    "why": "driver: helps with probability 1 at cost 4",
+    "plan": [
+        {**STEP, "message": "… not seen within 5 s", "seen": ["running(driver)"], "missing": ["ok(scan)"]}
+    ],
+    "ending": "effect-missing",
+    "reason": "start_node(driver) answered 'done', but ok(scan) was not seen within 5 s",
+    "helped": False,
+    "after": [{"literal": "running(driver)", "since_ns": 10 * S, "onset_ns": 7 * S}],
+}
+REPAIR = {
+    "id": "r-1",
+    "robot": "r1",
+    "created_ns": S,
+    "updated_ns": 12 * S,
+    "finished_ns": 12 * S,
+    "state": "escalated",
+    "reason": "as the test says",
+    "waiting_for": [],
+}
+
+
+def test_each_round_has_its_time_and_what_was_waited_for_before_it() -> None:
+    waits = [
+        {"from_ns": 2 * S, "until_ns": 5 * S, "round": 1, "why": "for observers", "names": ["ok(scan)"]},
+        {
+            "from_ns": 11 * S,
+            "until_ns": None,
+            "round": 2,
+            "why": "until ok(scan) is seen",
+            "names": ["ok(scan)"],
+        },
+    ]
+    told = account({**REPAIR, "rounds": [ROUND], "waits": waits})
+    assert told == [
+        "00:00:01.000 repair r-1 of r1 begins",
+        "00:00:02.000 waiting for observers: ok(scan), for 3.0 s",
+        "00:00:05.000 round 1: driver blamed",
+        "  chosen: driver: helps with probability 1 at cost 4",
+        "  start_node(driver): sent 00:00:06.000, ended 00:00:11.000, failed (its action answered 'done'); "
+        "seen: running(driver); not seen: ok(scan)",
+        "  seen after it: running(driver) since 00:00:07.000",  # not since its newest evidence
+        "  it did not help: start_node(driver) answered 'done', but ok(scan) was not seen within 5 s",
+        "00:00:11.000 waiting until ok(scan) is seen: ok(scan)",
+        "00:00:12.000 escalated: as the test says",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("ending", "helped", "words"),
+    [
+        ("done", True, "it helped: as it was"),
+        ("done", False, "it did not help: as it was"),
+        (
+            "mismatch",
+            True,
+            "it helped, as nothing blames driver any more, and was not done to its end: as it was",
+        ),
+        ("mismatch", False, "it did not help: as it was"),
+    ],
+)
+def test_whether_a_round_helped_and_whether_it_was_done_are_two_things(
+    ending: str, helped: bool, words: str
+) -> None:
+    done = {**ROUND, "ending": ending, "helped": helped, "reason": "as it was"}
+    assert account({**REPAIR, "rounds": [done]})[-2] == f"  {words}"
+
+
+def test_the_record_of_an_older_version_is_told_too() -> None:
+    old = {name: value for name, value in ROUND.items() if name != "began_ns"}
+    assert account({**REPAIR, "rounds": [old]})[1] == "round 1: driver blamed"
+
+
 @pytest.mark.anyio
 async def test_a_repair_tells_symptoms_conflicts_rivals_acts_and_what_was_seen_after_them(
     tmp_path: Path,
@@ -60,10 +151,10 @@ async def test_a_repair_tells_symptoms_conflicts_rivals_acts_and_what_was_seen_a
     assert repair["state"] == "repaired", repair["reason"]
     text = "\n".join(told)
     assert told[0].endswith(f"repair {repair['id']} of r1 begins")
-    assert "round 1: lidar_node blamed (weight 0.5)" in text
+    assert " round 1: lidar_node blamed (weight 0.5)" in text
     assert "  symptom not ok(scan) since " in text
     assert "  conflict: " in text
-    assert "  not chosen (weight 0.5): lidar: helps with probability 1 at cost 29; dearer, for 29" in text
+    assert "  not chosen (weight 0.5): lidar: helps with probability 1 at cost 29; dearer than 4" in text
     assert "  start_node(lidar_node): sent " in text
     assert "  seen after it: ok(scan) since " in text
     assert "  it helped" in text

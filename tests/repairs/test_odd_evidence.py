@@ -21,6 +21,7 @@ class WithAgent(Robot):
     """Its agent reports with a lifetime, and says that it observes; `since`: what its verdicts rest on."""
 
     asks = True
+    skew_s = 0  # how far its clock is ahead of the service's
 
     async def report(self) -> None:
         if self.silent:
@@ -35,7 +36,7 @@ class WithAgent(Robot):
                 observes={"ok(scan)": (0.1, 0.1), "ok(map)": (0.1, 0.1)},
                 settled=None,
             )
-        sentences, now_ns = self.sentences(), CLOCK.now_ns()
+        sentences, now_ns = self.sentences(), CLOCK.now_ns() + self.skew_s * S
         since = self.since(sentences, now_ns)
         await self.robots.observe(
             "r1", Batch(sentences, source="agent", time_ns=now_ns, since=since, lifetime_s=2.0)
@@ -88,6 +89,36 @@ async def test_evidence_from_before_there_was_a_robot_is_taken_and_confirms_noth
     repair = await mended(tmp_path, Ancient)
     assert repair["state"] == "escalated"
     assert "ok(map)" in repair["reason"]
+
+
+@pytest.mark.parametrize("skew", [-300, -10, 30])
+async def test_clocks_of_robot_and_service_may_be_far_apart(tmp_path: Path, skew: int) -> None:
+    class Skewed(WithAgent):
+        skew_s = skew
+
+    repair = await mended(tmp_path, Skewed)
+    assert repair["state"] == "repaired", repair["reason"]
+
+
+async def test_a_robot_whose_clock_is_minutes_behind_is_not_called_repaired_on_old_evidence(
+    tmp_path: Path,
+) -> None:
+    class Skewed(WithAgent):
+        """What it says of the map rests on what was there before the node ended, by its own clock."""
+
+        skew_s = -300
+        seen_ns = 0
+
+        def sentences(self) -> list[str]:
+            return [one.removeprefix("not ") if "(map)" in one else one for one in super().sentences()]
+
+        def since(self, sentences: Sequence[str], now_ns: int) -> Sequence[int | None]:
+            self.seen_ns = self.seen_ns or now_ns
+            return [self.seen_ns if "(map)" in one else now_ns for one in sentences]
+
+    repair = await mended(tmp_path, Skewed)
+    assert repair["state"] == "escalated"
+    assert "nobody could confirm ok(map)" in repair["reason"]
 
 
 async def test_a_settle_for_an_agent_that_is_gone_ends_and_the_reason_says_who_is_silent(

@@ -61,7 +61,7 @@ async def test_silence_that_the_model_blames_nobody_for_is_told_at_the_end(tmp_p
             repair = await the_repair(runtime)
     assert (repair["state"], repair["reason"]) == (
         "repaired",
-        "every observation is what a healthy robot would show; "
+        "no component is blamed any more; "
         "not ok(map), not ok(pose): still seen, and the model blames nobody for it",
     )
 

@@ -61,6 +61,17 @@ def test_a_clock_that_is_ahead_is_followed_at_once_and_one_that_is_behind_when_t
     assert clocks.offset_ns("behind", NOW - 80 * S, NOW + 10 * S) == 90 * S
 
 
+def test_a_lifetime_is_one_by_the_services_clock() -> None:
+    for skew_s in (-300, -10, 0, 30):  # how far the source is ahead
+        clocks = SourceClocks()
+        for number in range(ENOUGH):
+            arrival = NOW + number * S
+            clocks.offset_ns("agent", arrival + skew_s * S, arrival)
+        end = arrival + skew_s * S + clocks.behind_ns("agent") + 2 * S + clocks.lives_on_ns("agent")
+        assert end == arrival + 2 * S
+        assert clocks.lives_on_ns("another") == 0
+
+
 def test_a_batch_that_waited_on_a_disk_stays_old() -> None:
     clocks = SourceClocks()
     for number in range(8):

@@ -2,7 +2,7 @@
 
     grounds   what a round's choice rests on, written when it begins: symptoms with their times, conflicts,
               the rivals that were weighed and did not win
-    outcome   what is known of the symptoms when it ends, and since when
+    outcome   what is known of the symptoms when it ends, and what else does not hold then, and since when
     account   all of it as lines
 
 Nothing here looks at the robot as it is now: an account says the same whenever it is read.
@@ -17,6 +17,7 @@ from typing import Any
 from robomend.diagnosis.result import DiagnosisResult
 from robomend.entry import Entry
 from robomend.planning.choice import Choice
+from robomend.repairs.execution_values import Ending
 from robomend.repairs.states import StepState
 from robomend_client.literals import Atom
 
@@ -60,17 +61,23 @@ def grounds(result: DiagnosisResult, choice: Choice, entries: Iterable[Entry]) -
 
 
 def outcome(round_: Json, entry_of: Mapping[Atom, Entry]) -> list[dict[str, Any]]:
-    """Return what is known of a round's symptoms now; of one that nobody reports any more, nothing."""
+    """Return what is known of a round's symptoms now, and what else does not hold; of a symptom that nobody
+    reports any more, nothing.
+    """
     told = {symptom["literal"].removeprefix("not ") for symptom in round_.get("symptoms", ())}
     found = {str(atom): entry for atom, entry in entry_of.items()}
-    return [_seen(found[atom]) for atom in sorted(told & found.keys())]
+    new = sorted(atom for atom, entry in found.items() if not entry.positive and atom not in told)
+    return [_seen(found[atom]) for atom in (*sorted(told & found.keys()), *new[:MOST])]
 
 
 def account(repair: Json) -> list[str]:
     """Return a repair, as HTTP shows it, as lines: what was seen, why this, what was done, and then."""
     lines = [f"{_clock(repair['created_ns'])} repair {repair['id']} of {repair['robot']} begins"]
+    waits = repair.get("waits", ())
     for number, done in enumerate(repair["rounds"], start=1):
+        lines += (waited(wait) for wait in waits if wait["round"] == number)
         lines += _round(number, done)
+    lines += (waited(wait) for wait in waits if wait["round"] > len(repair["rounds"]))
     if repair["waiting_for"]:
         lines.append(f"waiting for {', '.join(repair['waiting_for'])}")
     at = repair["finished_ns"] or repair["updated_ns"]
@@ -79,7 +86,8 @@ def account(repair: Json) -> list[str]:
 
 
 def _round(number: int, done: Json) -> list[str]:
-    lines = [f"round {number}: {', '.join(done['diagnosis']['bad'])} blamed{_weight(done.get('weight'))}"]
+    at = f"{_clock(done['began_ns'])} " if done.get("began_ns") else ""
+    lines = [f"{at}round {number}: {', '.join(done['diagnosis']['bad'])} blamed{_weight(done.get('weight'))}"]
     lines += [f"  symptom {_observed(symptom)}" for symptom in done.get("symptoms", ())]
     if done.get("symptoms_left_out"):
         lines.append(f"  and {done['symptoms_left_out']} more symptoms")
@@ -90,8 +98,7 @@ def _round(number: int, done: Json) -> list[str]:
         lines.append(f"  {_step(step)}")
     lines += [f"  seen after it: {_observed(one)}" for one in done.get("after", ())]
     if done["ending"] is not None:
-        helped = "it helped" if done.get("helped") else "it did not help"
-        lines.append(f"  {helped}: {done.get('reason') or done['ending']}")
+        lines.append(f"  {how_it_ended(done)}")
     return lines
 
 
@@ -103,10 +110,25 @@ def not_chosen(rival: Json, done: Json) -> str:
 
 
 def since(seen: Json) -> int | None:
-    """Return since when what was seen is so, nanoseconds: what is bad since it turned bad."""
-    bad = seen["literal"].startswith("not ")
-    found: int | None = (seen["onset_ns"] if bad else None) or seen["since_ns"]
+    """Return since when what was seen is so, nanoseconds: what goes on being so rests on younger evidence."""
+    found: int | None = seen["onset_ns"] or seen["since_ns"]
     return found
+
+
+def how_it_ended(done: Json) -> str:
+    """Return how a round ended, in words; whether it helped and whether all of it was done are two things."""
+    why, bad = done.get("reason") or done["ending"], " and ".join(done["diagnosis"]["bad"])
+    if not done.get("helped"):
+        return f"it did not help: {why}"
+    if done["ending"] == Ending.DONE:
+        return f"it helped: {why}"
+    return f"it helped, as nothing blames {bad} any more, and was not done to its end: {why}"
+
+
+def waited(wait: Json) -> str:
+    """Say what was waited for before a round, and for how long."""
+    lasted = f", for {(wait['until_ns'] - wait['from_ns']) / 1e9:.1f} s" if wait.get("until_ns") else ""
+    return f"{_clock(wait['from_ns'])} waiting {wait['why']}: {', '.join(wait['names'])}{lasted}"
 
 
 def _lost(rival: Json, done: Json) -> str:
@@ -116,7 +138,8 @@ def _lost(rival: Json, done: Json) -> str:
     weight = done.get("weight")
     if weight is not None and rival["weight"] < weight:
         return "; less probable"
-    return f"; dearer, for {rival['cost']:g}" if rival["cost"] > sum(s["cost"] for s in done["plan"]) else ""
+    cost = sum(step["cost"] for step in done["plan"])
+    return f"; dearer than {cost:g}" if rival["cost"] > cost else ""
 
 
 def _step(step: Json) -> str:
@@ -131,6 +154,8 @@ def _step(step: Json) -> str:
 
 
 def _said(step: Json) -> str:
+    if step.get("missing"):
+        return " (its action answered 'done')"  # what was not seen of it follows
     return f" ({step['message']})" if step.get("message") else ""
 
 

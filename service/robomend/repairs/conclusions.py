@@ -20,6 +20,8 @@ from robomend_client.literals import Atom
 BadSets = frozenset[tuple[str, ...]]
 """The diagnoses' bad sets: what a repair gave up on is not tried again until they change."""
 
+ALL_WELL = "every observation is what a healthy robot would show"
+
 NAMED = 5
 """Literals that a reason lists; the rest is counted."""
 
@@ -49,17 +51,18 @@ def situation_of(state: Robot) -> BadSets | None:
     return frozenset(state.current.bad_sets or ()) or None
 
 
-def nobodys_fault(state: Robot) -> str:
-    """Return, in words, what is silent although nothing is wrong.
+def well(reason: str, state: Robot) -> str:
+    """Return the reason of a repair that ends well, with what is silent although nothing is wrong.
 
     Topics that wait for an input from outside, or for each other, are nobody's fault; a person should hear of
-    it all the same.
+    it all the same, and not that every observation is as it should be.
     """
     literals = (literal for literal in state.literals() if literal.atom.predicate == "ok")
     seen = sorted(str(literal) for literal in literals if not literal.positive)
     if not seen:
-        return ""
-    return f"; {named(seen)}: still seen, and the model blames nobody for it"
+        return reason
+    words = "no component is blamed any more" if reason == ALL_WELL else reason
+    return f"{words}; {named(seen)}: still seen, and the model blames nobody for it"
 
 
 def named(what: Sequence[object]) -> str:
@@ -90,7 +93,7 @@ def conclusion(last: Turn, signals: Signals, written: Json) -> tuple[RepairTrigg
     why = last.execution.reason if last.execution is not None else ""
     match last.outcome:
         case TurnOutcome.HEALTHY:
-            return RepairTrigger.HEALTHY, "every observation is what a healthy robot would show"
+            return RepairTrigger.HEALTHY, ALL_WELL
         case TurnOutcome.HALTED | TurnOutcome.NOT_APPROVED:
             return RepairTrigger.HALTED, signals.reason or why or NO_REASON
         case TurnOutcome.NOTHING_TO_TRY:

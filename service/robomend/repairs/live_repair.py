@@ -114,7 +114,7 @@ class LiveRepair:
             if stands_no_more(found.diagnosis.bad, await self._newest()):
                 return None
             self._in_doubt = in_doubt(found.diagnosis.bad, result)
-            self._first = await self._record.begin_round(found, result, self._state.obs.entries())
+            self._first = await self._record.begin_round(found, result, self._state.sight.entries())
         return found
 
     async def _would_choose(self, result: DiagnosisResult, literals: Iterable[Literal]) -> Choice:
@@ -222,5 +222,5 @@ class LiveRepair:
             helped=helped,
             tried=tried,
             quarantined=left_alone,
-            entries=self._state.obs.entries(),
+            entries=self._state.sight.entries(),
         )

@@ -7,6 +7,7 @@ over, the store refuses (Fenced) and the case ends at once, without sending anyt
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -14,7 +15,7 @@ from typing import Any
 from robomend.diagnosis.result import DiagnosisResult
 from robomend.entry import Entry
 from robomend.planning.choice import Choice
-from robomend.repairs.account import grounds, outcome
+from robomend.repairs.account import MOST, grounds, outcome
 from robomend.repairs.execution_values import StepReport, Withheld
 from robomend.repairs.repair_json import repair_json, report_json, step_json, step_number
 from robomend.repairs.signals import NO_REASON
@@ -150,7 +151,8 @@ class RepairRecord:
         """
         before = self.state
         state = after(REPAIR, before, what)
-        data = {**self._data, **changes, "reason": reason}
+        waits = _waits(self._data, what, reason, changes.get("waiting_for", ()))
+        data = {**self._data, **changes, "waits": waits, "reason": reason}
         entry = AuditEntry(
             actor=by,
             action=f"repair.{state}",
@@ -192,7 +194,8 @@ class RepairRecord:
         bad, good = choice.diagnosis.bad, result.good(choice.diagnosis)
         diagnosis = {"bad": list(bad), "good": list(good)}
         steps = [step_json(step, first) for step in plan.steps]
-        rounds.append({"diagnosis": diagnosis, "plan": steps, "why": why, "ending": None, **rests_on})
+        new = {"began_ns": time.time_ns(), "diagnosis": diagnosis, "plan": steps, "why": why, "ending": None}
+        rounds.append({**new, **rests_on})
         self._why = "; ".join((why, *rests_on["conflicts"]))
         await self.update(
             RepairTrigger.PLANNED,
@@ -342,6 +345,25 @@ class RepairRecord:
         repairs.put_step(tx, self.id, number, state=str(report.state), data=data, fence=self.fence)
         told_of = {"repair": self.id, "round": self._data.get("round"), **data, **told}
         tx.emit(Kind.ACTION, self.robot, told_of)
+
+
+def _waits(written: Json, what: RepairTrigger, why: str, names: Sequence[str]) -> list[Json]:
+    """Return what a repair has waited for, after this has happened: each with the round that it came before.
+
+    One that goes on for fewer and fewer is one wait, for all that it began with.
+    """
+    now_ns, waits = time.time_ns(), list(written.get("waits", ()))
+    open_ = waits[-1] if waits and waits[-1]["until_ns"] is None else None
+    waiting = what in {RepairTrigger.UNHEARD, RepairTrigger.LOOKS_FIRST}
+    if open_ is not None:
+        if waiting and open_["why"] == why:
+            return waits
+        waits[-1] = {**open_, "until_ns": now_ns}
+    if waiting and len(waits) < MOST:
+        number = len(written.get("rounds", ())) + 1
+        wait = {"from_ns": now_ns, "until_ns": None, "round": number, "why": why, "names": list(names)[:MOST]}
+        waits.append(wait)
+    return waits
 
 
 def approval(by: str, steps: Iterable[str]) -> dict[str, object]:

@@ -74,6 +74,7 @@ def repair_json(repair: StoredRepair, steps: Sequence[StepRecord] = ()) -> dict[
         "unreachable": data.get("unreachable", []),
         "left_off": sorted(data.get("left_off") or ()),
         "waiting_for": data.get("waiting_for", []),
+        "waits": data.get("waits", []),
         "probe": data.get("probe"),
         "reason": data.get("reason", ""),
         "by": data.get("by"),

@@ -23,9 +23,9 @@ from robomend.repairs.conclusions import (
     conclusion,
     end_of,
     in_doubt,
-    nobodys_fault,
     situation_of,
     unconfirmed,
+    well,
 )
 from robomend.repairs.dependencies import Dependencies
 from robomend.repairs.executors.registry import executors
@@ -188,8 +188,7 @@ class RobotRepairs:
             end, reason = conclusion(last, signals, record.data)
             if end is RepairTrigger.HEALTHY:
                 silent = state.sight.confirmed_by_silence()
-                reason = unconfirmed(silent) if silent else reason
-                reason += nobodys_fault(state)
+                reason = well(unconfirmed(silent) if silent else reason, state)
                 state.sight.unconfirmed.clear()
         except StoreError:
             raise  # the repair stays open and is entered again

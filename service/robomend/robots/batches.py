@@ -152,7 +152,7 @@ async def read_batches(
         at_ns, _ = _times(batch, now_ns)
         rests_on = evidence.of(source, at_ns, now_ns, len(batch.observations), batch.since, batch.onset)
         batch = batch.later(evidence.clocks.behind_ns(source))
-        at_ns, expires_ns = _times(batch, now_ns)
+        at_ns, expires_ns = _times(batch, now_ns, evidence.clocks.lives_on_ns(source))
         for sentence in batch.unknown:
             try:
                 for literal in parse(sentence, vocabulary, unknown=unknown):
@@ -210,13 +210,14 @@ def _set_back_ns(batch: Batch) -> int:
     return ahead_ns
 
 
-def _times(batch: Batch, now_ns: int) -> tuple[int, int | None]:
-    """Return when a batch was observed, and until when it may be believed."""
+def _times(batch: Batch, now_ns: int, lives_on_ns: int = 0) -> tuple[int, int | None]:
+    """Return when a batch was observed, and until when it may be believed, by our clock."""
     at_ns = now_ns if batch.time_ns is None else batch.time_ns
     if at_ns > now_ns + AHEAD_NS:
         ahead_s = (at_ns - now_ns) / 1e9
         raise InputError(f"time: {at_ns} is {ahead_s:.0f} s ahead of this service's clock; 60 are allowed")
-    return at_ns, None if batch.lifetime_s is None else at_ns + round(batch.lifetime_s * 1e9)
+    lifetime_ns = None if batch.lifetime_s is None else round(batch.lifetime_s * 1e9) + lives_on_ns
+    return at_ns, None if lifetime_ns is None else at_ns + lifetime_ns
 
 
 async def stored_assertion(

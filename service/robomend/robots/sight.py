@@ -92,6 +92,12 @@ class Sight:
         literals = self._robot.literals()
         return tuple(literal for literal in literals if literal.atom not in left) if left else literals
 
+    def entries(self) -> tuple[Entry, ...]:
+        """Return the entries of what is known now, and rests on nothing from before an act."""
+        now_ns, left = CLOCK.now_ns(), frozenset(self.not_confirmed())
+        entries = self._robot.obs.entries()
+        return tuple(entry for entry in entries if entry.atom not in left and entry.fresh(now_ns))
+
     def onsets(self) -> dict[Atom, int]:
         """Return what does not hold now, with its last good sample where that is known."""
         now_ns, entries = CLOCK.now_ns(), self._robot.obs.entries()

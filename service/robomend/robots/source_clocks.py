@@ -37,12 +37,13 @@ MOST_SOURCES = 64
 class SourceClocks:
     """The sources of one robot."""
 
-    __slots__ = ("_behind", "_delays", "_robot")
+    __slots__ = ("_behind", "_delays", "_offsets", "_robot")
 
     def __init__(self, robot: str = "") -> None:
         self._robot = robot
         self._delays: OrderedDict[str, deque[int]] = OrderedDict()
         self._behind: dict[str, int] = {}  # sources that are far behind
+        self._offsets: dict[str, int] = {}  # of each, as it was found last
 
     def offset_ns(self, source: str, time_ns: int, arrival_ns: int) -> int:
         """Take a batch's stamp and its arrival; return what brings the source's times to our clock."""
@@ -50,7 +51,9 @@ class SourceClocks:
         if delays is None:
             delays = self._delays[source] = deque(maxlen=LATEST)
             while len(self._delays) > MOST_SOURCES:
-                self._behind.pop(self._delays.popitem(last=False)[0], None)
+                oldest, _ = self._delays.popitem(last=False)
+                self._behind.pop(oldest, None)
+                self._offsets.pop(oldest, None)
         delays.append(arrival_ns - time_ns)
         least = min(delays)
         if least > 0:
@@ -58,7 +61,16 @@ class SourceClocks:
             if len(alike) < ENOUGH or alike[-1] - least > SPREAD_NS:
                 least = 0
         self._note(source, least if least > FAR_NS else 0)
+        self._offsets[source] = least
         return least
+
+    def lives_on_ns(self, source: str) -> int:
+        """Return what is added to the end of what a source says, so that its lifetime is one by our clock.
+
+        Else what comes from a clock that is behind by more than it is dead on arrival, and what comes from
+        one that is ahead outlives its source. Where times are brought to our clock, it is in there already.
+        """
+        return self._offsets.get(source, 0) - self.behind_ns(source)
 
     def behind_ns(self, source: str) -> int:
         """Return how far a source is behind our clock; 0 where it is not far."""

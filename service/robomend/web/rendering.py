@@ -18,7 +18,7 @@ from urllib.parse import urlencode
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from robomend.repairs.account import not_chosen, since
+from robomend.repairs.account import how_it_ended, not_chosen, since, waited
 from robomend.web.words import duration, layers, listed, repair_state
 
 HERE = Path(__file__).resolve().parent
@@ -85,7 +85,7 @@ def _environment() -> Environment:
     )
     environment.filters.update(listed=listed, repair_state=repair_state, layers=layers, json=in_json)
     environment.filters.update(name=name, time=time, percent=percent, amount=amount, duration=duration)
-    environment.filters.update(since=since, not_chosen=not_chosen)
+    environment.filters.update(since=since, not_chosen=not_chosen, how_it_ended=how_it_ended, waited=waited)
     environment.globals.update(static=static_address, fleet_address=fleet_address, navigation=NAVIGATION)
     return environment
 

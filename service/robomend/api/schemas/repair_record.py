@@ -66,6 +66,7 @@ class Rival(Out):
 class RepairRound(Out):
     """One round of a repair: what it rested on, what was done, how it ended."""
 
+    began_ns: int | None = None
     diagnosis: BadAndGood
     plan: list[RepairStep]
     why: str = Field(description="the choice in words")
@@ -77,7 +78,19 @@ class RepairRound(Out):
     conflicts: list[str] = Field(default=[])
     weight: float | None = None
     rivals: list[Rival] = Field(default=[])
-    after: list[SeenSymptom] = Field(default=[], description="of the symptoms, at its end")
+    after: list[SeenSymptom] = Field(
+        default=[], description="of the symptoms, at its end, and what else did not hold then"
+    )
+
+
+class RepairWait(Out):
+    """What a repair waited for, and how long."""
+
+    from_ns: int
+    until_ns: int | None = Field(description="null: it still does")
+    round: int = Field(description="before which round")
+    why: str = Field(examples=["for verdicts that are about to come"])
+    names: list[str] = Field(description="what was to be reported", examples=[["ok(scan)"]])
 
 
 class WantedProbe(Out):
@@ -102,6 +115,7 @@ class RepairOut(Out):
     unreachable: list[str]
     left_off: list[str] = Field(description="components that it switched off and did not bring back")
     waiting_for: list[str] = Field(description="literals that nobody has reported yet")
+    waits: list[RepairWait] = Field(default=[], description="what it has waited for so far, the first ten")
     probe: WantedProbe | None
     reason: str
     drill: str | None = Field(description="the drill that it answers", examples=["d-7k2m9x4q"])
