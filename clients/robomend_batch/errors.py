@@ -9,6 +9,12 @@ from robomend.errors import BackendError
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
+class SchedulerFailed(BackendError):
+    """A Dask cluster cannot do the work."""
+
+    code = "scheduler-failed"
+
+
 class DiskFull(BackendError):
     """Results cannot be written."""
 

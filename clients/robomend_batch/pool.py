@@ -159,14 +159,15 @@ def _work(setup: Setup, pipe: Connection, threads: int) -> None:
     diagnoser = Diagnoser(setup)
     try:
         while (name := pipe.recv()) is not None:
-            pipe.send(_told(diagnoser, name))
+            pipe.send(told_of(diagnoser, name))
     except (EOFError, BrokenPipeError):
         return
     finally:
         diagnoser.close()
 
 
-def _told(diagnoser: Diagnoser, name: str) -> tuple[str, Any]:
+def told_of(diagnoser: Diagnoser, name: str) -> tuple[str, Any]:
+    """Return what became of a file: done, full or failed, with its records or the reason."""
     try:
         return "done", diagnoser.diagnose(name)
     except OSError as error:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from hashlib import sha256
 from importlib.metadata import version
@@ -70,6 +70,7 @@ def run(
     ndjson: bool = True,
     parquet: bool = False,
     workers: int = 0,
+    scheduler: str | None = None,
     progress: Callable[[int, int], Progress] = Progress,
 ) -> Summary:
     """Diagnose logs into a folder.
@@ -81,15 +82,17 @@ def run(
         ndjson: write results.ndjson as well.
         parquet: write results.parquet as well.
         workers: processes; 0: none but this one.
+        scheduler: the address of a Dask cluster, in place of them.
         progress: made with the number of files and their bytes.
 
     Raises:
         AnotherRun: the folder holds something else.
+        SchedulerFailed: the cluster cannot do it; the same call goes on.
         DiskFull: the results cannot be written; the same call goes on.
     """
     with alone_in(setup.out):
         try:
-            summary = _run(setup, names, overwrite, ndjson, workers, progress)
+            summary = _run(setup, names, overwrite, ndjson, workers, scheduler, progress)
             _write_parquet(setup.out, summary.records, parquet)
             return summary
         except OSError as error:
@@ -104,6 +107,7 @@ def _run(
     overwrite: bool,
     ndjson: bool,
     workers: int,
+    scheduler: str | None,
     progress: Callable[[int, int], Progress],
 ) -> Summary:
     manifest = open_manifest(setup.out, settings_of(setup), setup.system.source, names, overwrite=overwrite)
@@ -112,7 +116,7 @@ def _run(
     shown = progress(len(left), sum(size for size, _ in stamps.values()))
     lost: list[Record] = []
     try:
-        done = in_workers(setup, left, workers) if workers else in_this_process(setup, left)
+        done = _diagnosed(setup, left, workers, scheduler)
         for name, records in done:
             if not any(record["state"] == "lost" for record in records):  # the same command tries those again
                 manifest.finish(name, stamps[name], records)
@@ -130,6 +134,16 @@ def _run(
     keep_parts(setup.out, frozenset(part for record in records for part in record["parts"]))
     _write_lists(manifest, records, ndjson)
     return Summary(records)
+
+
+def _diagnosed(
+    setup: Setup, names: list[str], workers: int, scheduler: str | None
+) -> Iterator[tuple[str, list[Record]]]:
+    if scheduler is not None and names:
+        from robomend_batch.cluster import in_cluster  # of the extra `dask`
+
+        return in_cluster(setup, names, scheduler)
+    return in_workers(setup, names, workers) if workers else in_this_process(setup, names)
 
 
 def _write_lists(manifest: Manifest, records: list[Record], ndjson: bool) -> None:

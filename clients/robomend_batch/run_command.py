@@ -82,6 +82,11 @@ class Span(click.ParamType[float]):
     type=click.IntRange(min=0, max=256),
     help="Processes; default: as many as cores, and no more than logs. 0: none but this one.",
 )
+@click.option(
+    "--scheduler",
+    metavar="tcp://HOST:PORT",
+    help="An existing Dask cluster in place of processes of this computer; its workers see the same files.",
+)
 @click.option("--overwrite", is_flag=True, help="OUT holds results of another run: replace them.")
 @click.option("--ndjson/--no-ndjson", default=True, show_default=True, help="Write results.ndjson as well.")
 @click.option(
@@ -110,6 +115,8 @@ def command(logs: tuple[str, ...], model: str, out: Path, **given: Any) -> int:
     from robomend_batch.progress import Progress
     from robomend_batch.run import run
 
+    if given["scheduler"] is not None and given["workers"] is not None:
+        raise click.UsageError("--scheduler and --workers: one or the other")
     system = load(model)
     names, problems = find_logs(logs)
     for name, reason in problems:
@@ -135,6 +142,7 @@ def command(logs: tuple[str, ...], model: str, out: Path, **given: Any) -> int:
         ndjson=given["ndjson"],
         parquet=given["parquet"],
         workers=min(usable_cores(), len(names)) if given["workers"] is None else given["workers"],
+        scheduler=given["scheduler"],
         progress=lambda count, size: Progress(count, size, quiet=given["quiet"]),
     )
     tell(summary, out)

@@ -1,0 +1,251 @@
+"""An existing Dask cluster in place of processes of this computer: `--scheduler tcp://…`.
+
+    run ──► file ──► scheduler ──► worker: the file is read there ──► records and parts ──► run: OUT
+
+A worker reads the log by the same path as here, so it must see it; it needs nothing of OUT, as what it found
+comes back whole. A worker that dies costs the file that it had in hand, which the scheduler gives to another.
+If the scheduler dies, what came back is kept, and the same command goes on.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import logging
+import os
+import pickle
+import socket
+import tempfile
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from robomend_batch.errors import FULL, DiskFull, SchedulerFailed
+from robomend_batch.manifest import stamp
+from robomend_batch.observing import digest
+from robomend_batch.one_log import RESULTS, Diagnoser, Record, Setup
+from robomend_batch.pool import lost, told_of
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+CONNECT_S = 10.0
+WORKERS_S = 60.0
+"""Without a single worker, a run is given up."""
+LOOK_S = 2.0
+
+_AGAIN = "what came back is kept, and the same command goes on with another"
+
+AHEAD = 4
+"""Files that are handed out for each thread of the cluster."""
+
+START = "start one: `dask scheduler`, and on each computer `dask worker tcp://HOST:8786 --nthreads 1`"
+
+PACKAGES = ("robomend", "polars", "numpy", "rosbags", "mcap", "distributed")
+"""Results, or what travels, depend on their versions."""
+
+Task = tuple[str, Any, dict[str, bytes]]
+"""Kind of outcome, what was told, and the parts by their names."""
+
+
+def in_cluster(setup: Setup, names: Sequence[str], address: str) -> Iterator[tuple[str, list[Record]]]:
+    """Diagnose files on the workers of a scheduler; yield each as it is done.
+
+    Raises:
+        SchedulerFailed: it cannot be reached, has no workers, other versions, or does not see the files.
+        DiskFull: a worker, or this computer, has no room for the results.
+    """
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what is wrong is said once, by us
+    client = _connected(address)
+    try:
+        _check_versions(client, address)
+        yield from _run(client, setup, names, address)
+    except (OSError, RuntimeError, TimeoutError) as error:
+        if isinstance(error, OSError) and error.errno in FULL:
+            raise
+        raise SchedulerFailed(f"the scheduler at {address} is gone: {error}; {_AGAIN}") from error
+    finally:
+        with contextlib.suppress(OSError, RuntimeError, TimeoutError):  # it may be gone
+            client.close(timeout=CONNECT_S)
+
+
+def _connected(address: str) -> Client:
+    try:
+        from distributed import Client
+    except ImportError:
+        raise SchedulerFailed("--scheduler needs distributed: pip install 'robomend[batch,dask]'") from None
+    try:
+        client = Client(address, timeout=CONNECT_S)
+    except (OSError, ValueError, TimeoutError) as error:
+        raise SchedulerFailed(f"no Dask scheduler is reached at {address}: {START}") from error
+    try:
+        client.wait_for_workers(1, timeout=CONNECT_S)
+    except TimeoutError:
+        client.close(timeout=CONNECT_S)
+        raise SchedulerFailed(f"the scheduler at {address} has no workers: {START}") from None
+    return client
+
+
+def _check_versions(client: Client, address: str) -> None:
+    """Refuse workers that would read or answer otherwise than we do."""
+    ask = _asks_versions(PACKAGES)
+    ours = ask()
+    for worker, theirs in client.run(ask, on_error="return").items():
+        if isinstance(theirs, BaseException):
+            raise SchedulerFailed(f"worker {worker} cannot be asked for its versions: {theirs}")
+        differ = [
+            f"{name} {theirs.get(name)} (here {ours[name]})"
+            for name in ours
+            if theirs.get(name) != ours[name]
+        ]
+        if differ:
+            said = ", ".join(differ)
+            raise SchedulerFailed(
+                f"worker {worker} of {address} has {said}: install the same on all computers"
+            )
+
+
+def _asks_versions(packages: tuple[str, ...]) -> Callable[[], dict[str, str]]:
+    """Return a function that travels by its code: a worker may lack this module."""
+
+    def ask() -> dict[str, str]:
+        import platform
+        from importlib.metadata import PackageNotFoundError, version
+
+        found = {"python": ".".join(platform.python_version_tuple()[:2])}
+        for package in packages:
+            try:
+                found[package] = version(package)
+            except PackageNotFoundError:
+                found[package] = "none"
+        return found
+
+    return ask
+
+
+def _run(
+    client: Client, setup: Setup, names: Sequence[str], address: str
+) -> Iterator[tuple[str, list[Record]]]:
+    from distributed import wait
+
+    observers = None if setup.observers is None else setup.observers.resolve()
+    work = pickle.dumps((replace(setup, observers=observers), digest(observers)))
+    waiting, gone_s = list(reversed(names)), 0.0
+    open_ones: dict[Future[Task], str] = {}
+    while waiting or open_ones:
+        threads = sum(client.nthreads().values()) if client.status == "running" else 0
+        while waiting and len(open_ones) < AHEAD * max(threads, 1):
+            name = waiting.pop()
+            future = client.submit(diagnose, work, name, stamp(name), os.getcwd(), pure=False, retries=0)
+            open_ones[future] = name
+        try:
+            done = wait(list(open_ones), timeout=LOOK_S, return_when="FIRST_COMPLETED").done
+        except TimeoutError:
+            gone_s = 0.0 if threads else gone_s + LOOK_S
+            if gone_s >= WORKERS_S:
+                raise SchedulerFailed(f"the scheduler at {address} has lost its workers: {START}") from None
+            done = set()
+        for future in sorted(done, key=lambda one: open_ones[one]):
+            name = open_ones.pop(future)
+            yield name, _records(future, name, setup, address)
+
+
+def _records(future: Future[Task], name: str, setup: Setup, address: str) -> list[Record]:
+    """Return what became of a file, its parts written."""
+    from distributed import KilledWorker
+
+    if future.status in {"cancelled", "lost"}:
+        raise SchedulerFailed(f"the scheduler at {address} is gone: {_AGAIN}")
+    try:
+        kind, told, parts = future.result(timeout=CONNECT_S)
+    except KilledWorker as error:
+        return [lost(name, f"it cost {error.allowed_failures + 1} workers of the cluster")]
+    except Exception as error:  # of a worker's own code, or of the way here: one file is lost
+        if type(error).__name__ in {"FutureCancelledError", "CancelledError", "TimeoutError"}:
+            raise SchedulerFailed(f"the scheduler at {address} is gone: {_AGAIN}") from error
+        return [lost(name, f"{type(error).__name__}: {error}")]
+    if kind == "unseen":
+        raise SchedulerFailed(str(told))
+    if kind == "full":
+        raise DiskFull(str(told))
+    if kind == "failed":
+        return [lost(name, str(told))]
+    for part, data in parts.items():
+        file = setup.out / RESULTS / part
+        beside = file.with_suffix(f".{os.getpid()}.tmp")
+        beside.write_bytes(data)
+        os.replace(beside, file)
+    records: list[Record] = told
+    return records
+
+
+# --- in a worker
+
+_ALONE = threading.Lock()
+"""A worker may have several threads; solvers and the working directory are for one at a time."""
+
+_DIAGNOSERS: dict[str, tuple[Diagnoser, tempfile.TemporaryDirectory[str]]] = {}
+
+
+def diagnose(work: bytes, name: str, stamped: tuple[int, int], folder: str) -> Task:
+    """Diagnose one file, in a worker.
+
+    Args:
+        work: the setup and the observers' digest, pickled.
+        name: of the file, as it is called in the results.
+        stamped: its size and time, where the run is.
+        folder: to which the name is relative.
+    """
+    with _ALONE:
+        path = Path(folder, name)
+        if stamp(str(path)) != stamped:
+            why = "sees another file" if path.exists() else "does not see the file"
+            return "unseen", f"worker {socket.gethostname()} {why} {path}: {_SAME}", {}
+        before = os.getcwd()
+        try:
+            os.chdir(folder if os.path.isdir(folder) else before)
+            diagnoser, parts = _diagnoser(work)
+            kind, told = told_of(diagnoser, name)
+            found = {part.name: part.read_bytes() for part in sorted(parts.glob("*.parquet"))}
+            for part in parts.iterdir():
+                part.unlink()
+            return kind, told, found
+        except _Unseen as error:
+            return "unseen", str(error), {}
+        except OSError as error:
+            if error.errno in FULL:
+                return "full", f"worker {socket.gethostname()}: {error}", {}
+            raise
+        finally:
+            os.chdir(before)
+
+
+_SAME = "mount it there under the same path"
+
+
+class _Unseen(Exception):
+    """The worker lacks a file."""
+
+
+def _diagnoser(work: bytes) -> tuple[Diagnoser, Path]:
+    """Return the diagnoser of a run, made once, and the folder that it writes to."""
+    key = hashlib.sha256(work).hexdigest()
+    if key not in _DIAGNOSERS:
+        while _DIAGNOSERS:  # of another run
+            _, (old, its_folder) = _DIAGNOSERS.popitem()
+            old.close()
+            its_folder.cleanup()
+        setup, expected = pickle.loads(work)
+        if setup.observers is not None and (
+            not setup.observers.is_file() or digest(setup.observers) != expected
+        ):
+            raise _Unseen(
+                f"worker {socket.gethostname()} does not see {setup.observers}, or another: {_SAME}"
+            )
+        own = tempfile.TemporaryDirectory(prefix="robomend-batch-")
+        (Path(own.name) / RESULTS).mkdir()
+        _DIAGNOSERS[key] = Diagnoser(replace(setup, out=Path(own.name))), own
+    diagnoser, own = _DIAGNOSERS[key]
+    return diagnoser, Path(own.name) / RESULTS
