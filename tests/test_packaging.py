@@ -10,6 +10,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from tests.release import looked_into
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -55,6 +56,11 @@ def names(wheel: Path) -> set[str]:
 def test_no_file_is_in_both_distributions(wheels: dict[str, Path]) -> None:
     assert names(wheels["robomend"]) & names(wheels["robomend_client"]) == set()
     assert {name.split("/")[0] for name in names(wheels["robomend_client"])} == {"robomend_client"}
+
+
+@pytest.mark.parametrize("name", ["robomend", "robomend_client"])
+def test_a_wheel_carries_licence_and_readme(wheels: dict[str, Path], name: str) -> None:
+    looked_into(wheels[name])
 
 
 def test_the_wheel_carries_encodings_and_domains(wheels: dict[str, Path]) -> None:

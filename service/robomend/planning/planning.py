@@ -155,7 +155,7 @@ class _PartSearch:
     def __init__(self, options: PlanOptions) -> None:
         self._planner = make_planner(options.planner)
         self._deadline = None if options.timeout_s is None else time.monotonic() + options.timeout_s
-        self.used = options.planner
+        self.used = self._planner.name
 
     def solve(self, part: Part) -> PartAnswer:
         """Return the answer for a part: exact for small ones, in stages for large ones where that works."""

@@ -73,6 +73,9 @@ PLANNERS = Registry[Callable[[], Planner]](
 def make_planner(name: str) -> Planner:
     """Return the planner of this name, the same one each time.
 
+    The default one needs Unified Planning, which an installation may leave out (docs/deploy/README.md): then
+    it is the fallback, and a plan says that it is the fallback's.
+
     Raises:
         OptionRefused: no planner has this name, or it is not installed.
         SolverError: a third party's planner could not be loaded.
@@ -80,5 +83,9 @@ def make_planner(name: str) -> Planner:
     planner = PLANNERS.load(name)
     try:
         return planner()
+    except SolverError as error:
+        if name != DEFAULT or not isinstance(error.__cause__, ModuleNotFoundError):
+            raise
+        return make_planner(FALLBACK)
     except TypeError as error:
         raise SolverError(f"planner {name!r} could not be made: {error}") from error

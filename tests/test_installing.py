@@ -1,0 +1,236 @@
+"""What an installation may leave out, what the container's steps do, and what a release is held to."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import sysconfig
+import tomllib
+import zipfile
+from pathlib import Path
+
+import pytest
+from tests import release
+from tests.api.conftest import TEDUSAR
+from tests.api.test_process import command, served
+
+from robomend_client.rest import Client
+
+ROOT = Path(__file__).resolve().parents[1]
+DEPLOY = ROOT / "docs" / "deploy"
+
+LEFT_OUT = ("numpy", "scipy", "networkx", "unified_planning", "up_pyperplan", "pyperplan", "ConfigSpace")
+BLOCKER = f"""
+import sys
+
+class Blocked:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in {LEFT_OUT}:
+            raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
+
+sys.meta_path.insert(0, Blocked())
+"""
+SEEN = ("-o", "not on(jaguar)", "-o", "not ok(odom)")
+
+
+# --- without Unified Planning and what comes with it
+
+
+@pytest.fixture
+def lean(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every Python that is started from here finds none of LEFT_OUT, worker processes as well."""
+    folder = tmp_path / "lean"
+    folder.mkdir()
+    (folder / "sitecustomize.py").write_text(BLOCKER)
+    monkeypatch.setenv("PYTHONPATH", str(folder))
+    done = subprocess.run([sys.executable, "-c", "import numpy"], capture_output=True, timeout=60)
+    assert b"No module named 'numpy'" in done.stderr
+
+
+def said(*arguments: str) -> str:
+    done = subprocess.run(command(*arguments), capture_output=True, text=True, timeout=100)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.mark.usefixtures("lean")
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (("diagnose", "examples/tedusar.yaml", *SEEN, "--format", "json"), '"bad":["jaguar"]'),
+        (("plan", "examples/tedusar.yaml", *SEEN, "--format", "json"), '"planner": "asp"'),
+        (("model", "check", "examples/tedusar.yaml", "--isolability"), "can be detected"),
+        (("doctor", "--data", "data"), "planner: solved by asp"),
+    ],
+)
+def test_without_unified_planning_a_command_answers_and_the_plan_says_whose_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...], expected: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("ROBOMEND_PORT", "0")
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    assert expected in said(*arguments)
+
+
+@pytest.mark.usefixtures("lean")
+def test_without_unified_planning_the_service_diagnoses_and_plans(tmp_path: Path) -> None:
+    with served(tmp_path) as (_, url), Client(url) as client:
+        client.put_model("tedusar", TEDUSAR)
+        client.put_robot("r1", {"model": "tedusar", "policy": "observe"})
+        revision = client.observe("r1", ["not on(jaguar)", "not ok(odom)"])["revision"]
+        result = client.diagnosis("r1", wait_s=30, after=revision - 1)["result"]
+        assert result is not None
+        assert result["diagnoses"][0]["bad"] == ["jaguar"]
+        plan = client.plan("r1", bad=["jaguar"])["plan"]
+        assert (plan["planner"], plan["steps"][0]["name"]) == ("asp", "power_up")
+
+
+@pytest.mark.usefixtures("lean")
+def test_without_unified_planning_agent_and_board_begin() -> None:
+    for program in ("robomend_client.agent.main", "robomend_board.main"):
+        code = f"from {program} import main; main(['--help'])"
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+        assert (done.returncode, "usage" in done.stdout.lower()) == (0, True), done.stderr
+
+
+def test_the_lean_list_is_every_dependency_but_unified_planning() -> None:
+    wanted = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["dependencies"]
+    own = ("robomend-client", "unified-planning", "up-pyperplan")
+    client = tomllib.loads((ROOT / "clients" / "pyproject.toml").read_text())["project"]["dependencies"]
+    lines = [line for line in (DEPLOY / "lean.txt").read_text().splitlines() if not line.startswith("#")]
+    assert lines == [line for line in wanted if not line.startswith(own)]
+    assert {re.split(r"\W", line)[0] for line in client} <= {re.split(r"\W", line)[0] for line in lines}
+
+
+# --- the container
+
+
+def steps() -> list[tuple[str, str]]:
+    """Return the instructions of the Containerfile, each with its words."""
+    text = re.sub(r"\\\n\s*", "", (DEPLOY / "Containerfile").read_text())
+    lines = [line for line in text.splitlines() if line and not line.startswith("#")]
+    return [(line.partition(" ")[0], line.partition(" ")[2]) for line in lines]
+
+
+@pytest.mark.timeout(400)
+def test_the_steps_of_the_container_give_a_service_that_refuses_to_stand_open(tmp_path: Path) -> None:
+    """The build's RUN and the ENTRYPOINT with its CMD, as they stand, in a folder instead of /opt/robomend.
+
+    Dependencies are those of this environment: tests/test_packaging.py installs them for real. What is not
+    tested is what needs a registry or a container: FROM, COPY --from, USER, VOLUME.
+    """
+    given = steps()
+    source, installed, data = tmp_path / "src", tmp_path / "robomend", tmp_path / "data"
+    places = {"/opt/robomend": str(installed), "/var/lib/robomend": str(data)}
+
+    def here(text: str) -> str:
+        for place, folder in places.items():
+            text = text.replace(place, folder)
+        return text
+
+    [copied] = [words for word, words in given if word == "COPY" and not words.startswith("--from")]
+    assert copied == ". ."
+    left = shutil.ignore_patterns(".*", "*.egg-info", "__pycache__", "report", "site", "dist")
+    shutil.copytree(ROOT, source, ignore=left)
+    build = next(words for word, words in given if word == "RUN" and "pip install" in words)
+    make, install = here(build).split(" && ")
+    subprocess.run([sys.executable, *shlex.split(make)[1:]], check=True, timeout=120)
+    [packages] = installed.glob("lib/python3*/site-packages")
+    (packages / "borrowed.pth").write_text(f"{sysconfig.get_paths()['purelib']}\n")
+    # What builds the wheels is borrowed as well, and dependencies are not looked up anew.
+    quick = [*shlex.split(install), "--no-deps", "--no-build-isolation", "--no-compile"]
+    done = subprocess.run(quick, cwd=source, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    words = dict(given)
+    entry, arguments = json.loads(here(words["ENTRYPOINT"])), json.loads(here(words["CMD"]))
+    asked = subprocess.run(
+        [*entry, *arguments, "--port", "0"], cwd=tmp_path, capture_output=True, text=True, timeout=100
+    )
+    assert asked.returncode == 2
+    assert "robomend keys create" in asked.stderr
+    _, _, probe = words["HEALTHCHECK"].partition("CMD ")
+    with served(tmp_path) as (_, url):
+        looked = [
+            sys.executable,
+            *(one.replace("http://127.0.0.1:8600", url) for one in json.loads(probe)[1:]),
+        ]
+        assert subprocess.run(looked, timeout=60).returncode == 0
+
+
+def test_the_container_names_only_files_that_are_there_and_ports_that_are_served() -> None:
+    given = dict(steps())
+    assert given["EXPOSE"] == "8600"
+    assert given["USER"] in next(words for word, words in steps() if words.startswith("useradd"))
+    assert shlex.split(given["VOLUME"])[0] in given["CMD"]
+
+
+# --- the release
+
+
+def made_up(folder: Path, **texts: str) -> release.Release:
+    """Return a tree of two distributions that is ready, but for the texts given by name."""
+    files = {
+        "pyproject": '[project]\nversion = "1.2"\ndependencies = ["robomend-client == 1.2"]\n',
+        "client": '[project]\nversion = "1.2"\n',
+        "changes": "# Changelog\n\n## 1.2 (unreleased)\n",
+    } | texts
+    (folder / "clients").mkdir()
+    (folder / "pyproject.toml").write_text(files["pyproject"])
+    (folder / "clients" / "pyproject.toml").write_text(files["client"])
+    (folder / "CHANGELOG.md").write_text(files["changes"])
+    return release.Release(folder, folder)
+
+
+def test_the_points_of_a_release_that_is_ready_hold(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    points = {name: release.POINTS[name] for name in ("version", "changes")}
+    assert release.walk(made_up(tmp_path), points)
+    assert capsys.readouterr().out == "ok     version: 1.2\nok     changes: 1.2 (unreleased)\n"
+
+
+@pytest.mark.parametrize(
+    ("texts", "complaint"),
+    [
+        ({"client": '[project]\nversion = "1.1"\n'}, "version: robomend is 1.2, robomend-client 1.1"),
+        ({"pyproject": '[project]\nversion = "1.2"\ndependencies = []\n'}, "does not pin robomend-client"),
+        ({"changes": "## 1.1\n"}, "changes: CHANGELOG.md has no section of 1.2"),
+    ],
+)
+def test_what_is_amiss_before_a_release_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], texts: dict[str, str], complaint: str
+) -> None:
+    points = {name: release.POINTS[name] for name in ("version", "changes")}
+    assert not release.walk(made_up(tmp_path, **texts), points)
+    assert complaint in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("names", "complaint"),
+    [
+        ({"a-1.dist-info/METADATA": "Description-Content-Type: text/markdown\n\n# robomend\n"}, "no LICENSE"),
+        ({"a-1.dist-info/METADATA": "", "a-1.dist-info/licenses/LICENSE": ""}, "no README"),
+    ],
+)
+def test_a_wheel_without_licence_or_readme_is_amiss(
+    tmp_path: Path, names: dict[str, str], complaint: str
+) -> None:
+    wheel = tmp_path / "a.whl"
+    with zipfile.ZipFile(wheel, "w") as archive:
+        for name, text in names.items():
+            archive.writestr(name, text)
+    with pytest.raises(release.Amiss, match=complaint):
+        release.looked_into(wheel)
+
+
+def test_only_the_check_list_is_walked() -> None:
+    with pytest.raises(SystemExit):
+        release.main([])
+
+
+def test_the_clients_licence_is_ours() -> None:
+    assert (ROOT / "clients" / "LICENSE").read_bytes() == (ROOT / "LICENSE").read_bytes()
