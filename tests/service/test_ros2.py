@@ -1,16 +1,22 @@
-"""A real service, a real agent, a real ROS 2 robot: what the robot is told, and what it tells."""
+"""A real service, a real agent, a robot with ROS 2 over DDS or zenoh: what it is told, and what it tells."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import pytest
 from tests.api.test_process import served
 from tests.clients.running_agent import agent, config
 from tests.node_process import NodeProcess
-from tests.ros2 import robot
+from tests.ros2 import Ros2Robot
+from tests.ros2 import robot as ros2_robot
 from tests.waiting import until
+from tests.zenoh_robot import ZenohRobot
+from tests.zenoh_robot import robot as zenoh_robot
 
 from robomend_client.rest.sync import Client
 
@@ -27,8 +33,20 @@ def heard(watcher: NodeProcess, topic: str) -> list[Any]:
     return [line["value"] for line in tuple(watcher.heard) if line["heard"] == topic]
 
 
-def test_a_robot_is_told_its_diagnosis_and_heard(tmp_path: Path) -> None:
-    with robot(tmp_path) as ros, served(tmp_path) as (_, url), Client(url) as client:
+@contextmanager
+def robot(over: str, folder: Path) -> Iterator[tuple[Ros2Robot | ZenohRobot, dict[str, Any]]]:
+    """A robot, and the agent's section for it."""
+    if over == "ros2":
+        with ros2_robot(folder) as real:
+            yield real, {"domain": real.domain, "discovery": "localhost"}
+    else:
+        with zenoh_robot(folder) as spoken:
+            yield spoken, {"connect": [spoken.endpoint]}
+
+
+@pytest.mark.parametrize("over", ["ros2", "zenoh"])
+def test_a_robot_is_told_its_diagnosis_and_heard(over: str, tmp_path: Path) -> None:
+    with robot(over, tmp_path) as (ros, keys), served(tmp_path) as (_, url), Client(url) as client:
         client.put_model("bot", json.dumps(MODEL))
         client.put_robot("tedusar", {"model": "bot", "policy": "observe"})
         laser, watcher = ros.node("laser"), ros.node("watcher")
@@ -40,9 +58,9 @@ def test_a_robot_is_told_its_diagnosis_and_heard(tmp_path: Path) -> None:
         watcher.do("publish", topic="/observations", value=said, rate=10, **STRING)
         laser.do("publish", topic="/observations", value={"data": "why?"}, rate=10, **STRING)
         sections: dict[str, Any] = {
-            "ros2": {"domain": ros.domain, "discovery": "localhost", "observations_s": 3},
-            "topics": {"scan": {"from": "ros2", "first_s": 60}},
-            "observers": {"laser": {"kind": "node", "from": "ros2", "preset": "ros2"}},
+            over: {**keys, "observations_s": 3},
+            "topics": {"scan": {"from": over, "first_s": 60}},
+            "observers": {"laser": {"kind": "node", "from": over, "preset": "ros2"}},
         }
 
         def obs() -> dict[str, str]:
@@ -62,8 +80,8 @@ def test_a_robot_is_told_its_diagnosis_and_heard(tmp_path: Path) -> None:
 
         with agent(config(tmp_path, url, {}, **sections)):
             until(lambda: {"not ok(temp_cpu1)", "ok(map)", "ok(scan)"} <= obs().keys(), "all sentences", 60)
-            assert obs()["ok(map)"] == "ROS /observations"
-            assert obs()["ok(scan)"] == "agent onboard"  # no echo of our own
+            until(lambda: obs().get("ok(map)") == "ROS /observations", "who said so", 60)
+            until(lambda: obs().get("ok(scan)") == "agent onboard", "no echo of our own", 60)
             until(
                 lambda: any("ok(scan)" in m["data"] for m in heard(watcher, "/observations")), "ok(scan)", 60
             )

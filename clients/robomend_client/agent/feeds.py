@@ -33,7 +33,11 @@ OWN = ("processes", "host")
 EXTRAS = {name: f"pip install 'robomend-client[{name}]'" for name in ("ros1", "ros2", "zenoh")}
 """Feeds that are installed apart, and how."""
 
-NEEDS = {"ros1": ("rosbags",), "ros2": ("cyclonedds", "rosbags")}
+NEEDS = {
+    "ros1": ("rosbags",),
+    "ros2": ("cyclonedds", "rosbags"),
+    "zenoh": ("zenoh", "xxhash", "rosbags"),
+}
 """The modules that come with it."""
 
 Deliver = Callable[[str, object, "int | None"], None]
@@ -98,7 +102,11 @@ class BrokenFeed(Exception):
 FEEDS = Registry[Callable[..., Feed]](
     "origin of samples",
     "robomend.feeds",
-    {"ros1": "robomend_client.bridges.ros1:Ros1", "ros2": "robomend_client.bridges.ros2:Ros2"},
+    {
+        "ros1": "robomend_client.bridges.ros1.feed:Ros1",
+        "ros2": "robomend_client.bridges.ros2.feed:Ros2",
+        "zenoh": "robomend_client.bridges.zenoh.feed:Zenoh",
+    },
     unknown=UnknownFeed,
     broken=BrokenFeed,
 )

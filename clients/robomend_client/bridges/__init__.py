@@ -3,9 +3,11 @@ only when the agent's file has its section.
 
 ros1/          ROS 1: the master's XML-RPC and TCPROS, spoken on asyncio
 ros2/          ROS 2: DDS, through the wheel cyclonedds
+zenoh/         ROS 2 over zenoh: through the wheel eclipse-zenoh
 
 What they have in common:
 
+base.py        a bridge to ROS in general        processes.py   who has a connection open here
 names.py       the model's names and ROS's       problems.py    what is wrong outside, told once
 fields.py      fields of messages                statuses.py    a diagnosis as diagnostic statuses
 sentences.py   sentences to literals (pure)      listening.py   others' /observations

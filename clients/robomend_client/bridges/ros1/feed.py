@@ -10,17 +10,15 @@ from __future__ import annotations
 
 import asyncio
 import os
-import re
-from collections.abc import Callable, Coroutine, Sequence
+from collections.abc import Callable, Coroutine
 from pathlib import Path
 from typing import Any
 
 from robomend_client.actions import BY_COMPONENT
 from robomend_client.agent.feeds import AgentParts, Deliver, split
+from robomend_client.bridges.base import ALL_DIAGNOSTICS, DIAGNOSTICS, NAME, NODES, RosBridge
 from robomend_client.bridges.fields import UnreadableMessage, value_at
 from robomend_client.bridges.listening import Listening
-from robomend_client.bridges.names import Names, resolved
-from robomend_client.bridges.problems import Problems
 from robomend_client.bridges.ros1 import formats
 from robomend_client.bridges.ros1.action_client import RosAction
 from robomend_client.bridges.ros1.action_server import POWER, ActionServer
@@ -29,19 +27,15 @@ from robomend_client.bridges.ros1.messages import MessageReaders
 from robomend_client.bridges.ros1.node import RosNode
 from robomend_client.bridges.ros1.subscription import Publisher
 from robomend_client.bridges.ros1.xmlrpc import OutOfReach, address_of
-from robomend_client.bridges.telling import Telling, ToldTopic
-from robomend_client.observers import Change
+from robomend_client.bridges.telling import ToldTopic
 from robomend_client.python310 import end
 from robomend_client.yaml_reader import Section
 
-NODES, DIAGNOSTICS, BOARD = "nodes", "diagnostics", "board"
-"""Sources that are more than a topic's messages or a field of them."""
+BOARD = "board"
+"""A source, beside those of every bridge."""
 
 WHOLE = {DIAGNOSTICS: ("diagnostics", "status"), BOARD: ("board_measurments", "channel")}
 """Of these the topic, and the field that observers get."""
-
-ALL_DIAGNOSTICS = "/diagnostics"
-"""In any namespace: the aggregator knows none."""
 
 TELLS: dict[str, tuple[str, Callable[..., bytes | None]]] = {
     "observations": (formats.OBSERVATIONS, formats.observations),
@@ -50,17 +44,14 @@ TELLS: dict[str, tuple[str, Callable[..., bytes | None]]] = {
     "board_measurments": (formats.BOARD, formats.board),
 }
 
-NAME = re.compile(r"/?[A-Za-z][A-Za-z0-9_/]*\Z")
 MASTER_URI = "http://localhost:11311/"
 
 
-class Ros1:
+class Ros1(RosBridge):
     """The feed `ros1`."""
 
     def __init__(self, section: Section, base: Path, sources: frozenset[str]) -> None:
-        self.name = section.optional("name")
-        if self.name is not None and not NAME.match(self.name):
-            raise section.error("name", f"must be of letters, digits, _ and /, not {self.name!r}")
+        super().__init__(section, "ROS 1", TELLS)
         self.master_uri = section.text("master", os.environ.get("ROS_MASTER_URI") or MASTER_URI)
         try:
             address_of(self.master_uri)
@@ -68,24 +59,12 @@ class Ros1:
             raise section.error("master", str(error)) from error
         own = os.environ.get("ROS_HOSTNAME") or os.environ.get("ROS_IP")
         self.address = section.optional("address") or own
-        self.names = Names(section.text("namespace", "/"), section.section("names").words())
         self.ping_s = section.number("ping_s", 0.6, least=0.05, most=60)
         self.ping_timeout_s = section.number("ping_timeout_s", 1.0, least=0.05, most=60)
-        given = section.texts("publish")
-        self.publishes = given if "publish" in section else tuple(TELLS)
-        for topic in self.publishes:
-            if topic not in TELLS:
-                raise section.error("publish", f"must be of {', '.join(TELLS)}, not {topic!r}")
-        self.hears = section.flag("hear_observations", True)
-        self.lifetime_s = section.number("observations_s", 10.0, least=0.5, most=86400)
-        self.ignored = (*section.texts("ignore"), "/robomend*")
         self.serves = section.texts("serve")
         for name in self.serves:
             if not NAME.match(name):
                 raise section.error("serve", f"must be names of actions, not {name!r}")
-        self.problems = Problems("ROS 1")
-        self._parts: AgentParts | None = None
-        self._telling: Telling | None = None
         self._readers = MessageReaders()
         self._topics: dict[str, list[tuple[str, str]]] = {}  # topic -> sources, each with its field
         for source in sorted(sources - {NODES}):
@@ -96,20 +75,9 @@ class Ros1:
             self._topics.setdefault(name, []).append((source, field))
         self._watches_nodes = NODES in sources
 
-    def attach(self, parts: AgentParts) -> None:
-        """Be a part of this agent; without one, the bridge only feeds observers."""
-        self._parts = parts
-
-    def changed(self, changes: Sequence[Change]) -> None:
-        """Tell the robot what the agent's observers have found."""
-        if self._telling is not None:
-            self._telling.changed(changes)
-
     async def run(self, deliver: Deliver) -> None:
         """Be a node of the master, and deliver what it hears, until cancelled."""
-        agent = "" if self._parts is None else "_" + re.sub(r"[^A-Za-z0-9_]", "_", self._parts.agent)
-        name = resolved(self.name or f"robomend{agent}")
-        node = RosNode(name, self.master_uri, self.address, self.problems)
+        node = RosNode(self.node_name, self.master_uri, self.address, self.problems)
         liveness = self._liveness(node, deliver) if self._watches_nodes else None
         for topic, wanted in self._topics.items():
             hears = _Hearing(self, topic, wanted, deliver, liveness)
@@ -127,11 +95,8 @@ class Ros1:
 
     def _with(self, node: RosNode, parts: AgentParts) -> list[Coroutine[Any, Any, None]]:
         """Return what else there is to do as a part of an agent."""
-        topics = {name: self.names.ros(name) for name in self.publishes}
-        if "diagnostics" in topics:
-            topics["diagnostics"] = ALL_DIAGNOSTICS
-        self._telling = Telling(parts, self.problems, {n: _topic(node, n, t) for n, t in topics.items()})
-        work = [self._telling.run()]
+        topics = {name: _topic(node, name, self.told_topic(name)) for name in self.publishes}
+        work = [self.tell_by(parts, topics).run()]
         served = (*(name for name in parts.executors.names if name not in BY_COMPONENT), *POWER)
         for name in self.serves:
             if name not in served:
@@ -143,8 +108,7 @@ class Ros1:
             if isinstance(executor, RosAction):
                 executor.attach(node)
         if self.hears:
-            args = (self.problems, self.lifetime_s, self.ignored, "ros1-observations")
-            listening = Listening(parts, self.names, *args)
+            listening = self.listening(parts, "ros1-observations")
 
             def said(publisher: Publisher, body: bytes) -> None:
                 self._said(listening, publisher, body)

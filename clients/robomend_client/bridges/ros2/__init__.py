@@ -10,9 +10,6 @@ request to a service: DDS vendors do not agree on those.
     messages.py    messages by their definitions      formats.py      the messages that go out
     processes.py   whose process a participant is     liveness.py     who runs
     graph.py       the graph, for a first model
-    feed.py        the section `ros2:`, and what observers get
+    base.py        what observers get; the bridge over zenoh derives from it, too
+    feed.py        the section `ros2:`
 """
-
-from robomend_client.bridges.ros2.feed import Ros2
-
-__all__ = ["Ros2"]

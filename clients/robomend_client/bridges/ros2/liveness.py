@@ -11,8 +11,9 @@ from __future__ import annotations
 
 import asyncio
 
+from robomend_client.bridges.processes import Process
 from robomend_client.bridges.ros2.discovered import Discovered, Participant
-from robomend_client.bridges.ros2.processes import Process, find
+from robomend_client.bridges.ros2.processes import find
 
 
 class Liveness:

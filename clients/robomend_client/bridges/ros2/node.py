@@ -12,15 +12,13 @@ from dataclasses import dataclass
 
 from robomend_client.bridges.problems import Problems
 from robomend_client.bridges.ros2 import entities
+from robomend_client.bridges.ros2.base import LOOK_S, POLL_S
 from robomend_client.bridges.ros2.cdr import BadCdr
 from robomend_client.bridges.ros2.dds import Dds, RawReader, RawWriter
 from robomend_client.bridges.ros2.discovered import Discovered
 from robomend_client.bridges.ros2.entities import Entities, NodeEntities
 from robomend_client.bridges.ros2.names import wire_topic, wire_type
 from robomend_client.bridges.ros2.topics import ListenedTopic, OnSample
-
-POLL_S = 0.04
-LOOK_S = 0.1
 
 
 @dataclass

@@ -1,0 +1,74 @@
+"""What the bridges to ROS have in common: their keys in the agent's file, and their place in the agent."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Mapping, Sequence
+
+from robomend_client.agent.feeds import AgentParts
+from robomend_client.bridges.listening import Listening
+from robomend_client.bridges.names import Names, resolved
+from robomend_client.bridges.problems import Problems
+from robomend_client.bridges.telling import Telling, ToldTopic
+from robomend_client.observers import Change
+from robomend_client.yaml_reader import Section
+
+NODES, DIAGNOSTICS = "nodes", "diagnostics"
+"""Sources that are more than a topic's messages or a field of them."""
+
+ALL_DIAGNOSTICS = "/diagnostics"
+"""In any namespace: the aggregator knows none."""
+
+NAME = re.compile(r"/?[A-Za-z][A-Za-z0-9_/]*\Z")
+
+
+class RosBridge:
+    """A node of the robot, which the agent is."""
+
+    def __init__(self, section: Section, where: str, tells: Collection[str]) -> None:
+        """`where` is what the bridge leads to, for the log; `tells` is all that it can tell the robot."""
+        self.name = section.optional("name")
+        if self.name is not None and not NAME.match(self.name):
+            raise section.error("name", f"must be of letters, digits, _ and /, not {self.name!r}")
+        self.names = Names(section.text("namespace", "/"), section.section("names").words())
+        given = section.texts("publish")
+        self.publishes = given if "publish" in section else tuple(tells)
+        for topic in self.publishes:
+            if topic not in tells:
+                raise section.error("publish", f"must be of {', '.join(tells)}, not {topic!r}")
+        self.hears = section.flag("hear_observations", True)
+        self.lifetime_s = section.number("observations_s", 10.0, least=0.5, most=86400)
+        self.ignored = (*section.texts("ignore"), "/robomend*")
+        self.problems = Problems(where)
+        self._parts: AgentParts | None = None
+        self._telling: Telling | None = None
+
+    def attach(self, parts: AgentParts) -> None:
+        """Be a part of this agent; without one, the bridge only feeds observers."""
+        self._parts = parts
+
+    def changed(self, changes: Sequence[Change]) -> None:
+        """Tell the robot what the agent's observers have found."""
+        if self._telling is not None:
+            self._telling.changed(changes)
+
+    # --- for those who derive from it --------------------------------------------------------------------
+
+    @property
+    def node_name(self) -> str:
+        """Our own node's, with its slash."""
+        agent = "" if self._parts is None else "_" + re.sub(r"[^A-Za-z0-9_]", "_", self._parts.agent)
+        return resolved(self.name or f"robomend{agent}")
+
+    def told_topic(self, what: str) -> str:
+        """Return the topic on which something is told."""
+        return ALL_DIAGNOSTICS if what == DIAGNOSTICS else self.names.ros(what)
+
+    def tell_by(self, parts: AgentParts, topics: Mapping[str, ToldTopic]) -> Telling:
+        """Tell the robot on these topics from now on; the caller runs what is returned."""
+        self._telling = Telling(parts, self.problems, topics)
+        return self._telling
+
+    def listening(self, parts: AgentParts, folder: str) -> Listening:
+        """Return what takes in the sentences of others; the caller runs it."""
+        return Listening(parts, self.names, self.problems, self.lifetime_s, self.ignored, folder)

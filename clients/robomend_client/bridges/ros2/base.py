@@ -1,0 +1,236 @@
+"""What the bridges to ROS 2 have in common, over DDS and over zenoh: messages in, for whoever wants them.
+
+topics ──► ticks and fields ──┐
+nodes ──► table ──────────────┼──► observers
+/diagnostics ──► statuses ────┘
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import time
+from collections.abc import Awaitable, Callable, Coroutine, Hashable, Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any, ClassVar, Protocol
+
+from robomend_client.agent.feeds import AgentParts, Deliver, split
+from robomend_client.bridges.base import ALL_DIAGNOSTICS, DIAGNOSTICS, NODES, RosBridge
+from robomend_client.bridges.fields import UnreadableMessage, value_at
+from robomend_client.bridges.listening import Listening
+from robomend_client.bridges.ros2 import formats
+from robomend_client.bridges.ros2.messages import MessageReaders, folders_of
+from robomend_client.bridges.ros2.names import ros_type
+from robomend_client.bridges.ros2.stamps import Ages
+from robomend_client.bridges.telling import Outgoing, ToldTopic
+from robomend_client.python310 import end
+from robomend_client.yaml_reader import Section
+
+TELLS: dict[str, tuple[str, Callable[..., bytes | None]]] = {
+    "observations": (formats.STRING, formats.observations),
+    "diagnosis": (formats.STRING, formats.diagnosis),
+    "diagnostics": (formats.DIAGNOSTICS, formats.diagnostics),
+}
+
+HIGHEST_DOMAIN = 232
+POLL_S = 0.04
+"""How often it is looked whether messages have come in."""
+
+LOOK_S = 0.1
+"""How often it is looked who is there."""
+
+TABLE_S = 0.5
+"""How often it is told which nodes run, changed or not."""
+
+MOST_UNTOLD = 3
+"""Whoever was found and has not told its nodes after so many times discovery_s will not do so."""
+
+MOST_WRITERS = 4096
+
+LookAtNodes = Callable[[], Awaitable["Mapping[str, bool] | None"]]
+"""Returns which nodes run; None: nobody knows now."""
+
+
+@dataclass(frozen=True)
+class Message:
+    """A message as it came."""
+
+    data: bytes
+    wire_type: str  # std_msgs::msg::dds_::String_
+    type_hash: str  # as its publisher tells it, or nothing
+    writer: Hashable  # whose stamps are comparable
+    node: str  # its publisher's; nothing, until that is known
+    stamp_ns: int | None  # by its writer's clock
+
+
+OnMessage = Callable[[Message], None]
+
+
+class Ros2Node(Protocol):
+    """Our node on the robot's network."""
+
+    def subscribe(self, topic: str, on_message: OnMessage) -> None:
+        """Listen to a topic."""
+
+    def publish(self, topic: str, kind: str) -> Outgoing:
+        """Offer a topic."""
+        ...
+
+
+class Ros2Bridge(RosBridge):
+    """All that does not depend on how the messages come."""
+
+    folder: ClassVar[str]
+    """Where others' sentences wait, in the agent's state directory."""
+
+    def __init__(self, section: Section, base: Path, sources: frozenset[str], where: str) -> None:
+        super().__init__(section, where, TELLS)
+        self.domain = _domain(section)
+        self.discovery_s = section.number("discovery_s", 3.0, least=0.1, most=60)
+        self.messages = tuple(base / folder for folder in section.texts("messages"))
+        self._readers = MessageReaders(folders_of(os.environ, self.messages))
+        self._ages: dict[Hashable, Ages] = {}
+        self._topics: dict[str, list[tuple[str, str]]] = {}  # topic -> sources, each with its field
+        for source in sorted(sources - {NODES}):
+            if source == DIAGNOSTICS:
+                self._topics.setdefault(ALL_DIAGNOSTICS, []).append((source, "status"))
+            else:
+                topic, field = split(source)
+                self._topics.setdefault(self.names.ros(topic), []).append((source, field))
+        self._watches_nodes = NODES in sources
+        self._looks = any(field for wanted in self._topics.values() for _, field in wanted)
+
+    async def import_reader(self) -> None:
+        """Import what reads messages, if somebody looks into them."""
+        if self._looks:
+            await asyncio.to_thread(import_module, "rosbags.typesys")
+
+    async def be(
+        self,
+        node: Ros2Node,
+        work: Coroutine[Any, Any, None],
+        look: LookAtNodes,
+        untold: Callable[[], bool],
+        deliver: Deliver,
+    ) -> None:
+        """Be this node, and deliver what it hears, until cancelled.
+
+        Args:
+            work: the node's own.
+            untold: says whether there is somebody who has not told its nodes yet.
+        """
+        for topic, wanted in self._topics.items():
+            node.subscribe(topic, self._hearing(topic, wanted, deliver))
+        works = [work]
+        if self._watches_nodes:
+            works.append(self._tables(look, untold, deliver))
+        if self._parts is not None:
+            works += self._with(node, self._parts)
+        tasks = [asyncio.create_task(part) for part in works]
+        try:
+            await asyncio.gather(*tasks)
+        finally:
+            await end(tasks)
+
+    # --- as a part of an agent ---------------------------------------------------------------------------
+
+    def _with(self, node: Ros2Node, parts: AgentParts) -> list[Coroutine[Any, Any, None]]:
+        """Return what else there is to do as a part of an agent."""
+        topics = {}
+        for name in self.publishes:
+            kind, message = TELLS[name]
+            topics[name] = ToldTopic(node.publish(self.told_topic(name), kind), message)
+        work = [self.tell_by(parts, topics).run()]
+        if self.hears:
+            listening = self.listening(parts, self.folder)
+            node.subscribe(self.names.ros("observations"), lambda message: self._said(listening, message))
+            work.append(listening.run())
+        return work
+
+    def _said(self, listening: Listening, message: Message) -> None:
+        """Somebody has said something on /observations: in `data`, or in a list `obs`."""
+        if not message.node or listening.ignores(message.node):
+            return
+        try:
+            value = self._value(message)
+            found = value_at(value, "obs" if hasattr(value, "obs") else "data")
+        except UnreadableMessage as error:
+            self.problems.tell(f"/observations by {message.node}", str(error))
+            return
+        listening.heard(message.node, map(str, found if isinstance(found, list) else [found]))
+
+    # --- what observers get ----------------------------------------------------------------------------
+
+    async def _tables(self, look: LookAtNodes, untold: Callable[[], bool], deliver: Deliver) -> None:
+        """Say which nodes run: at once when one begins or ends, and now and then."""
+        await asyncio.sleep(self.discovery_s)  # whoever was not found by then is not there
+        told_by = time.monotonic() + MOST_UNTOLD * self.discovery_s
+        while untold() and time.monotonic() < told_by:
+            await asyncio.sleep(LOOK_S)
+        said: dict[str, bool] | None = None
+        said_s = 0.0
+        while True:
+            found = await look()
+            if found is not None:
+                table = {self.names.ours(name): runs for name, runs in found.items()}
+                if table != said or time.monotonic() - said_s >= TABLE_S:
+                    deliver(NODES, table, None)
+                    said, said_s = table, time.monotonic()
+            await asyncio.sleep(LOOK_S)
+
+    def _hearing(self, topic: str, wanted: list[tuple[str, str]], deliver: Deliver) -> OnMessage:
+        looks = any(field for _, field in wanted)
+
+        def heard(message: Message) -> None:
+            time_ns = self._made_ns(message)
+            value = self._read(topic, message) if looks else None
+            for source, field in wanted:
+                if not field:
+                    deliver(source, None, time_ns)
+                elif value is not None:
+                    try:
+                        part = value_at(value, field)
+                    except UnreadableMessage as error:
+                        self._tell(f"{topic} by {{}}, {field}", message, str(error))
+                    else:
+                        deliver(source, part, time_ns)
+
+        return heard
+
+    def _read(self, topic: str, message: Message) -> Any:
+        try:
+            value = self._value(message)
+        except UnreadableMessage as error:
+            self._tell(f"messages of {topic} by {{}}", message, str(error))
+            return None
+        self.problems.over(f"messages of {topic} by {message.node}")
+        return value
+
+    def _value(self, message: Message) -> Any:
+        return self._readers.read(ros_type(message.wire_type), message.type_hash, message.data)
+
+    def _tell(self, place: str, message: Message, why: str) -> None:
+        """Tell what is wrong with a node's messages, as soon as it has a name: more of them will come."""
+        if message.node:
+            self.problems.tell(place.format(message.node), why)
+
+    def _made_ns(self, message: Message) -> int:
+        """Return when a message was made, by the agent's clock."""
+        now_ns = time.time_ns() if self._parts is None else self._parts.clock.now_ns()
+        if message.stamp_ns is None:
+            return now_ns
+        if len(self._ages) >= MOST_WRITERS:
+            self._ages.clear()  # of writers that have gone, most of them
+        ages = self._ages.setdefault(message.writer, Ages())
+        return now_ns - ages.age_ns(message.stamp_ns, now_ns)
+
+
+def _domain(section: Section) -> int:
+    said = os.environ.get("ROS_DOMAIN_ID", "")
+    default = int(said) if said.isdecimal() and int(said) <= HIGHEST_DOMAIN else 0
+    found = section.number("domain", default, least=0, most=HIGHEST_DOMAIN)
+    if found != int(found):
+        raise section.error("domain", f"must be a whole number, not {found:g}")
+    return int(found)

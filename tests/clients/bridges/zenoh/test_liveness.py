@@ -1,0 +1,81 @@
+"""Nodes that begin, end, are killed and frozen; and a network that goes away."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+
+from tests.clients.bridges.hearing import Heard
+from tests.clients.bridges.zenoh.listening import hearing
+from tests.zenoh_robot import ZenohRobot
+
+
+async def runs(heard: Heard, node: str, wanted: bool) -> None:
+    await heard.until(
+        lambda: heard.count("nodes") and heard.last("nodes").get(node, False) is wanted, f"{node}: {wanted}"
+    )
+
+
+def test_nodes_that_begin_end_freeze_and_are_killed(zenoh_robot: ZenohRobot) -> None:
+    laser = zenoh_robot.node("laser")
+    laser.do("also", name="camera", namespace="/front")
+    laser.do("also", name="x" * 200)
+
+    async def test() -> None:
+        async with hearing(zenoh_robot, "nodes") as heard:
+            for node in ("laser", "front/camera", "x" * 200):
+                await runs(heard, node, True)
+            await asyncio.to_thread(laser.do, "no_longer", name="camera")
+            await runs(heard, "front/camera", False)
+            assert heard.last("nodes")["laser"] is True
+            laser.signal(signal.SIGSTOP)
+            await runs(heard, "laser", False)
+            laser.signal(signal.SIGCONT)
+            await runs(heard, "laser", True)
+            laser.kill()
+            await runs(heard, "laser", False)
+            await asyncio.to_thread(zenoh_robot.node, "laser")
+            await runs(heard, "laser", True)
+            assert heard.log == []
+
+    asyncio.run(test())
+
+
+def test_a_router_that_goes_stops_no_node_and_nobody_at_all_says_nothing_of_any(
+    zenoh_robot: ZenohRobot,
+) -> None:
+    zenoh_robot.node("laser")
+
+    async def test() -> None:
+        async with hearing(zenoh_robot, "nodes") as heard:
+            await runs(heard, "laser", True)
+            await asyncio.to_thread(zenoh_robot.stop_router)
+            await heard.more("nodes", 3)  # nodes talk to each other without it
+            assert heard.last("nodes")["laser"] is True
+            zenoh_robot.nodes["laser"].kill()
+            await heard.told("nobody answers at unixsock-stream/")
+            assert heard.last("nodes")["laser"] is True  # the last that was known; its lifetime ends it
+            tables = heard.count("nodes")
+            await asyncio.to_thread(zenoh_robot.start_router)
+            await asyncio.to_thread(zenoh_robot.node, "laser")
+            await heard.told("the network: well again")
+            await heard.until(lambda: heard.count("nodes") > tables, "a table")
+            await runs(heard, "laser", True)
+            assert all(table["laser"] for table in heard.values["nodes"])
+
+    asyncio.run(test())
+
+
+def test_without_a_router_no_node_is_said_not_to_run(zenoh_robot: ZenohRobot) -> None:
+    zenoh_robot.stop_router()
+
+    async def test() -> None:
+        async with hearing(zenoh_robot, "nodes") as heard:
+            await heard.told("nobody answers at unixsock-stream/")
+            assert heard.count("nodes") == 0
+            assert len(heard.log) == 1
+            await asyncio.to_thread(zenoh_robot.start_router)
+            await asyncio.to_thread(zenoh_robot.node, "laser")
+            await runs(heard, "laser", True)
+
+    asyncio.run(test())
