@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import httpx
 import pytest
 from tests.api.conftest import TEDUSAR, running
 from tests.api.test_process import served
@@ -41,6 +42,24 @@ def test_a_plan_says_what_would_be_done_and_what_stands_in_the_way(tmp_path: Pat
         assert (killed["promise"], killed["by"]) == ("told", "agent")
         assert "protected" in faults["node-killed", "jaguar_node"]["refused"]
         assert "no `board`" in faults["device-off", "hokuyo"]["refused"]
+
+        polled: dict[str, Any] = {
+            "agent": "onboard",
+            "wait_s": 0,
+            "can": ["plant_fault:hokuyo_node", "plant_fault:scan"],
+            "observes": [{"atom": "ok(map)", "detection_s": 0.5, "settling_s": 0.5}],
+        }
+        assert httpx.post(f"{url}/api/v1/robots/r1/actions/next", json=polled, timeout=20).status_code == 204
+        [agent] = client.robot("r1").value["agents"]
+        assert (agent["agent"], agent["observes"]) == ("onboard", ["ok(map)"])
+        _, plan = planned(url, capsys)
+        named = {(f["kind"], f["component"], f["topic"]): f for f in plan["faults"]}
+        killed = named["node-killed", "hokuyo_node", None]
+        assert "not ok(map)" in killed["shows"]  # nobody else says that it is observed
+        assert (killed["refused"], killed["observers"]) == (None, {"ok(map)": "agent onboard"})
+        assert named["topic-dropped", "hokuyo_node", "scan"]["refused"] is None
+        nobodys = (("node-frozen", "hector_mapping", None), ("topic-delayed", "hector_mapping", "map"))
+        assert all("nobody could plant it" in named[fault]["refused"] for fault in nobodys)
 
         client.stop("lunch")
         client.observe("r1", ["not ok(scan)"])
