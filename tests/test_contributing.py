@@ -55,3 +55,33 @@ def test_the_client_is_tested_on_every_python_that_it_promises() -> None:
     assert job["steps"][-1]["run"] == "./dev clients ${{ matrix.python }}"
     assert f"set -- {' '.join(promised)}\n" in (ROOT / "dev").read_text()
     assert project["requires-python"] == f">={promised[0]}"
+
+
+SILENCED = re.compile(r"#\s*(?:noqa|type:\s*ignore)\b(?P<rest>.*)")
+
+
+def unexplained(text: str) -> list[int]:
+    """Return the lines that silence a check without a reason beside it."""
+    found = []
+    for number, line in enumerate(text.splitlines(), 1):
+        silenced = SILENCED.search(line)
+        if silenced and not re.search(r"#\s*\S", silenced["rest"]):
+            found.append(number)
+    return found
+
+
+def test_every_check_that_is_silenced_has_its_reason_beside_it() -> None:
+    places = ("service", "clients", "board_emulator", "tests", "docs", "examples")
+    files = sorted(file for place in places for file in (ROOT / place).rglob("*.py"))
+    assert len(files) > 1000
+    assert [
+        f"{file.relative_to(ROOT)}:{number}"
+        for file in files
+        if file != Path(__file__)
+        for number in unexplained(file.read_text(encoding="utf-8"))
+    ] == []
+
+
+def test_a_silenced_check_without_a_reason_is_found() -> None:
+    text = "a = 1  # type: ignore[misc]\nb = 2  # noqa: E731\nc = 3  # noqa: E731  # a reason\nd = 4\n"
+    assert unexplained(text) == [1, 2]

@@ -36,7 +36,7 @@ def result(*blamed: str, conflicts: int = 0, **more: object) -> DiagnosisResult:
         for number in range(conflicts)
     )
     known: dict[str, object] = {"complete": True, "stopped_by": None, "elapsed_s": 0.001, **more}
-    return DiagnosisResult(components, diagnoses, conflicts=found, **known)  # type: ignore[arg-type]
+    return DiagnosisResult(components, diagnoses, conflicts=found, **known)  # type: ignore[arg-type]  # fields by name
 
 
 def test_many_alike_are_counted_and_the_next_step_is_said() -> None:
@@ -155,7 +155,8 @@ def wide() -> Iterator[list[str]]:
     yield lines("not ok(cmd_vel)", "not ok(objects)", "not ok(joint_states)")
     yield told(result(" ".join(f"component_{number}" for number in range(1000))))
     yield told(result(*(f"{'x' * 70}_{number} y" for number in range(8))))
-    yield lines(*(f"not running({node})" for node in MANIPULATOR.parts.nodes), everything=True)  # type: ignore[union-attr]
+    assert MANIPULATOR.parts is not None
+    yield lines(*(f"not running({node})" for node in MANIPULATOR.parts.nodes), everything=True)
 
 
 def test_no_line_is_wider_than_a_terminal() -> None:

@@ -83,6 +83,27 @@ def result(library: Library, *row: Literal) -> DiagnosisResult:
     return answer
 
 
+def test_a_rows_grounds_are_what_its_minimal_conflicts_rest_on() -> None:
+    cnf = load_text(
+        "robomend: 1\nhardware: {lidar: {channel: 1}}\n"
+        "nodes: {driver: {drives: [lidar], publishes: {scan: []}}, mapping: {publishes: {map: [scan]}}}\n"
+    ).cnf
+    scan, map_, runs = holds("ok", "scan"), holds("ok", "map"), holds("running", "driver")
+    library = Library(cnf, [literal.atom for literal in (scan, map_, runs)], PLAIN)
+
+    def grounds(*row: Literal) -> set[Literal]:
+        [code] = library.grounds(library.code(row)).tolist()
+        return set(library.literals(code))
+
+    assert grounds(scan, map_, runs) == set()
+    assert grounds(-scan, map_, runs) == {-scan}
+    assert grounds(-scan, -map_, -runs) == {-runs}  # that the driver is to blame needs nothing else
+    assert grounds(scan, -map_, -runs) == {scan, -map_, -runs}
+    together = library.grounds(np.concatenate([library.code([scan]), library.code([-scan])]))
+    assert [set(library.literals(code)) for code in together.tolist()] == [set(), {-scan}]
+    library.close()
+
+
 @settings(deadline=None, max_examples=150)
 @given(systems(), options, st.data())
 def test_random_systems_are_answered_as_by_an_engine(

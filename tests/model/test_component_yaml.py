@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import dataclass
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robomend.errors import ModelError
+from robomend.model import component_yaml
+from robomend.model.components import Component
 from robomend.model.loading import load_model, load_text
 from robomend.resources import resource
 from robomend_client.literals import Atom
-from robomend_client.yaml_tree import MAX_NESTING
+from robomend_client.yaml_tree import MAX_NESTING, read_tree
 
 FULL = """\
 robomend: 1
@@ -229,3 +234,32 @@ def test_a_damaged_five_key_file_raises_model_errors_only(at: int, cut: int, put
 @pytest.mark.parametrize("example", ["tedusar.yaml", "tedusar_spare.yaml", "mobile_manipulator.yaml"])
 def test_the_examples_load_without_a_warning(example: str) -> None:
     assert load_model(resource("examples", example)).warnings == ()
+
+
+@dataclass(frozen=True, slots=True)
+class Door(Component):
+    """A kind that somebody has added."""
+
+    section = "doors"
+    what = "door"
+    state = "closed"
+    lost = ("open",)
+
+    floor: int | None = None
+    opens: tuple[str, ...] = ()
+    locked: bool = False
+
+
+def test_components_of_an_added_kind_have_the_keys_of_its_class(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(component_yaml, "OTHER_KINDS", (Door,))
+    monkeypatch.setattr(component_yaml, "MODEL_KEYS", (*component_yaml.MODEL_KEYS, "doors"))
+
+    def doors(text: str) -> Iterable[object]:
+        return component_yaml.read_model(read_tree(f"robomend: 1\ndoors: {text}\n")).others["doors"].values()
+
+    assert list(doors("{front: {floor: 2, opens: [hall, yard], prior: 0.1}, back: {locked: true}}")) == [
+        Door("front", floor=2, opens=("hall", "yard"), prior=0.1, line=2),
+        Door("back", locked=True, line=2),
+    ]
+    with pytest.raises(ModelError, match="flor"):
+        doors("{front: {flor: 2}}")

@@ -9,10 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robomend.model.cnf import HealthCnf
+from robomend.model.cnf import HealthCnf, Output
 from robomend.model.compiling import compile_robot
 from robomend.model.components import ComponentModel, Hardware, Node, Topic, Value
 from robomend.model.loading import load_text
+from robomend.model.schemes import outputs
+from robomend_client.literals import holds
 
 Words = frozenset[str]
 
@@ -126,6 +128,25 @@ def test_inputs_of_a_driver_count_only_when_asked() -> None:
         "nodes: {n: {drives: [a], inputs_matter: true, publishes: {t: [cmd]}}}"
     )
     assert clause("ab(n)", "ab(a)", "not ok(cmd)", "ok(t)") in found
+
+
+def test_a_failure_silences_what_the_node_publishes_and_of_a_device_what_all_publish_that_it_powers() -> None:
+    nodes = (
+        Node("driver", ("a",), {"t": ("cmd",)}),
+        Node("careful", ("a",), {"u": ("cmd",)}, inputs_matter=True),
+        Node("user", (), {"v": ("t",)}),
+    )
+    devices = {"a": Hardware("a", 1, fed_by=("psu",)), "psu": Hardware("psu")}
+    model = ComponentModel("robot", devices, {node.name: node for node in nodes}, {})
+    cmd, t, u, v = (holds("ok", name).atom for name in ("cmd", "t", "u", "v"))
+    by_driver, by_careful = Output(t, "driver"), Output(u, "careful", (cmd,))
+    assert outputs(model) == {
+        "driver": (by_driver,),
+        "careful": (by_careful,),
+        "user": (Output(v, "user", (t,)),),
+        "a": (by_driver, by_careful),
+        "psu": (by_driver, by_careful),
+    }
 
 
 def test_power_is_a_chain_and_who_gets_none_is_not_to_blame() -> None:

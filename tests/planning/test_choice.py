@@ -11,6 +11,7 @@ from tests.planning.candidates import SECOND, candidate, plan, tried
 
 from robomend.diagnosis.result import Diagnosis
 from robomend.planning.choice import Candidate, Look, choose, common_part
+from robomend.planning.plan import Outcome
 from robomend.planning.quarantine import quarantined
 from robomend.planning.tried import Attempt, Patience, attempt, weights
 from robomend_client.literals import Atom
@@ -176,6 +177,16 @@ def test_nothing_is_chosen_when_no_action_helps_and_the_reason_says_so() -> None
     assert choice.plan is None
     assert choice.reason == "no known repair: imu: no known action makes it good"
     assert choose([]).reason == "nothing is diagnosed bad"
+
+
+def test_what_has_no_plan_because_it_is_left_alone_is_told_as_that_and_anything_else_as_it_is() -> None:
+    left_alone = replace(plan(0), excluded=("a",))
+    aside, other = (Candidate(Diagnosis((name,)), left_alone) for name in ("a", "b"))
+    assert choose([aside, other]).reason == (
+        "no known repair: nothing to do about b; a left alone for a while, as its repairs keep failing"
+    )
+    late = Candidate(Diagnosis(("c",)), replace(plan(0), outcome=Outcome.GAVE_UP))
+    assert choose([late]).reason == "no known repair: no plan for c was found in time"
 
 
 def test_part_of_a_diagnosis_is_repaired_when_the_rest_cannot_be() -> None:

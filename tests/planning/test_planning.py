@@ -65,6 +65,15 @@ def test_the_papers_own_domain_only_switches_the_device_on(planner: str) -> None
     assert texts(plan_for(TEDUSAR, [fails("on", "jaguar")], ["jaguar"], options)) == ["power_up(jaguar)"]
 
 
+def test_each_diagnosis_is_planned_for_and_those_after_the_time_have_no_answer() -> None:
+    seen = [fails("on", "jaguar")]
+    for timeout_s in (None, 60.0):
+        both = plans_for(TEDUSAR, seen, [["jaguar"], ["jaguar_node"]], PlanOptions(timeout_s=timeout_s))
+        assert [plan.outcome for plan in both] == [Outcome.SOLVED] * 2
+    late = plans_for(TEDUSAR, seen, [["jaguar"], ["jaguar_node"]], PlanOptions(timeout_s=0.0))
+    assert late[1].outcome is Outcome.GAVE_UP
+
+
 def test_a_healthy_robot_needs_no_plan(planner: str) -> None:
     plan = plan_for(TEDUSAR, [], [], PlanOptions(planner=planner))
     assert (plan.outcome, plan.steps, plan.cost) == (Outcome.SOLVED, (), 0)

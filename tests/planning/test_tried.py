@@ -2,11 +2,26 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from tests.planning.candidates import SECOND, candidate, plan, tried
 
 from robomend.diagnosis.result import Diagnosis
 from robomend.planning.choice import choose
 from robomend.planning.tried import Patience, attempt, leading, repaired_by, weights
+
+
+def test_the_page_names_the_numbers() -> None:
+    page = " ".join((Path(__file__).parents[2] / "docs" / "planning.md").read_text().split())
+    patience = Patience()
+    numbers = {1: "One", 2: "Two", 3: "Three", 6: "six"}
+    assert f"For up to {numbers[patience.leading]} leading diagnoses" in page
+    assert f"{numbers[patience.attempts]} failures in a row put a component in quarantine" in page
+    assert f"for {patience.backoff_s / 60:g} minutes, doubled by each further failure, up to a day" in page
+    assert patience.max_backoff_s == 24 * 3600
+    assert f"allows actions ({patience.relapses})" in page
+    assert (patience.relapse_s, patience.memory_s) == (60, 3600)  # "within a minute", "for an hour"
+    assert (patience.seen_factor, patience.unseen_factor) == (1 / 10, 1 / 2)  # "to a tenth", "to a half"
 
 
 def test_a_restart_that_came_with_the_power_cycle_counts_against_the_driver_too() -> None:

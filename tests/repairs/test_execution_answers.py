@@ -13,7 +13,7 @@ from tests.repairs.lidar_robot import POWER_LOST, QUICK, Robot, run, setting, st
 from tests.waiting import for_ever
 
 from robomend.repairs.execution import execute
-from robomend.repairs.execution_values import Ending, Timing
+from robomend.repairs.execution_values import Ending, Timing, timings
 from robomend_client.actions import FAILED, REFUSED, TIMED_OUT, Action, ActionResult
 
 pytestmark = pytest.mark.anyio
@@ -91,6 +91,23 @@ def test_the_page_names_the_bounds_of_an_action_that_says_nothing_of_them() -> N
     assert told["timeout_s"] == timing.action_timeout_s
     assert told["effect_timeout_s"] == timing.effect_timeout_s
     assert told["retries"] == timing.retries
+
+
+def test_what_must_not_be_repeated_is_retried_only_where_that_is_said() -> None:
+    asked: dict[str, dict[str, object]] = {
+        "calibrate": {"timeout_s": 5.0},
+        "home": {"retries": 2, "timeout_s": None},
+        "jog": {},
+    }
+    found = timings(asked, {"calibrate", "home", "reset"})
+    assert {name: timing.retries for name, timing in found.items()} == {
+        "calibrate": 0,
+        "home": 2,
+        "reset": 0,
+        "jog": Timing().retries,
+    }
+    assert found["calibrate"].action_timeout_s == 5.0
+    assert found["home"].action_timeout_s == Timing().action_timeout_s
 
 
 async def test_retries_wait_twice_as_long_each_time() -> None:

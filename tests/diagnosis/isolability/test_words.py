@@ -50,6 +50,14 @@ def test_what_cannot_be_told_apart_is_told_with_what_to_watch() -> None:
     assert words in sentences(found, system)
 
 
+def test_the_whole_is_told_first_with_how_many_faults_there_are_to_tell() -> None:
+    first, *_ = sentences(asked(robot(), "ok(image)", "running(camera_driver)", "ok(objects)"), robot())
+    said = "3 observables at hand: of 5 single faults 3 can be detected, 2 of these told from every other"
+    assert first.startswith(said)
+    nothing, *_ = sentences(asked(robot(), "running(lidar_driver)"), robot())
+    assert "1 observables at hand: of 5 single faults 1 can be detected, 1 of these told" in nothing
+
+
 def test_of_two_observables_the_cheaper_is_told() -> None:
     text = CAMERA.replace("RULES", '"not ab(camera) -> ok(link)"').replace("RELATED", "")
     system = load_text(text + "properties: {link: {cost: 0.5}}\n")

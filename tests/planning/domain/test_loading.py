@@ -110,6 +110,8 @@ REFUSED = {
     ),
     "a fact without brackets": (extension("(:init jaguar)"), 2, "expected a fact such as"),
     "a fact without a name": (extension("(:init ())"), 2, "expected a fact such as"),
+    "a name and nothing else": (extension("(:action a)"), 2, "has no :effect"),
+    "no name": (extension("(:action)"), 2, "expected (:action NAME"),
     "no effect": (extension("(:action a :parameters (?h - hardware))"), 2, "has no :effect"),
     "an effect of nothing": (
         extension("(:action a :parameters () :effect (increase (total-cost) 5))"),

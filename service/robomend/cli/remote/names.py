@@ -72,5 +72,5 @@ def offered(ctx: click.Context, incomplete: str, offers: Offers) -> list[Complet
     try:
         with Client(url, key, timeout_s=COMPLETION_S, retry=NEVER) as client:
             return [item for item in offers(client) if item.value.startswith(incomplete)][:OFFERED]
-    except Exception:  # noqa: BLE001 - a traceback in the middle of a command line helps nobody
+    except Exception:  # noqa: BLE001  # a traceback in the middle of a command line helps nobody
         return []

@@ -1,0 +1,35 @@
+"""What can be read off a formula without solving anything."""
+
+from __future__ import annotations
+
+import pytest
+
+from robomend.errors import ObservationError
+from robomend.model.formulas import And, Leaf, Not, Or, Truth, conjuncts
+from robomend.model.sentences import MAX_DEPTH, parse
+from robomend_client.literals import holds
+
+P, Q, R = holds("p"), holds("q"), holds("r")
+
+
+def test_a_conjunction_of_literals_at_any_depth_is_its_literals() -> None:
+    assert conjuncts(And((Leaf(P), And((Not(Leaf(Q)), Not(Not(Leaf(R)))))))) == (P, -Q, R)
+
+
+def test_anything_richer_is_no_conjunction() -> None:
+    either = Or((Leaf(P), Leaf(Q)))
+    for formula in (
+        either,
+        And((Leaf(R), either)),
+        And((either, Leaf(R))),
+        Not(And((Leaf(P),))),
+        Truth(True),
+    ):
+        assert conjuncts(formula) is None
+
+
+def test_a_sentence_is_nested_so_deep_and_no_deeper() -> None:
+    assert conjuncts(parse("not " * (MAX_DEPTH // 2) + "p")) == (P,)
+    for deep in ("not " * 10 * MAX_DEPTH + "p", "(" * 10 * MAX_DEPTH + "p" + ")" * 10 * MAX_DEPTH):
+        with pytest.raises(ObservationError, match=f"nested deeper than {MAX_DEPTH}"):
+            parse(deep)
