@@ -18,6 +18,7 @@ from robomend.observations.language import parse
 from robomend_bench.service import command as command_module
 from robomend_bench.service import fleet, floods, stops
 from robomend_bench.service.attackers import requests
+from robomend_bench.service.beside_bare import run_beside_bare
 from robomend_bench.service.command import command
 from robomend_bench.service.fleet import prepare, run_fleet
 from robomend_bench.service.growth import run_growth
@@ -206,3 +207,10 @@ def test_a_change_is_kept_in_less_than_its_diagnosis_would_take_once() -> None:
     assert found.changes == 100
     assert not found.lost
     assert found.bytes_a_change < 1800  # where each diagnosis was kept twice in full: 4,100
+
+
+def test_the_service_is_measured_beside_a_bare_handler_in_turns(service: Served) -> None:
+    found = asyncio.run(run_beside_bare(service, robots=3, rate_hz=5, seconds=1, turns=2, seed=1))
+    assert found.errors == 0
+    assert len(found.service_ms) == len(found.bare_ms) == 2
+    assert min(*found.service_ms, *found.bare_ms) >= 0

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import statistics
 import sys
 import tempfile
 from collections.abc import Callable, Coroutine
@@ -20,6 +21,7 @@ import click
 
 from robomend_bench.parts import wanted
 from robomend_bench.service.attack import make_keys, run_attack
+from robomend_bench.service.beside_bare import run_beside_bare
 from robomend_bench.service.durable import run_ndjson, run_posts
 from robomend_bench.service.fleet import FleetResult, prepare, run_fleet, run_single
 from robomend_bench.service.floods import drip, run_floods
@@ -44,6 +46,7 @@ PARTS = (
     "strangers",
     "overload",
     "growth",
+    "beside-bare",
 )
 
 Row = tuple[str, str, str]
@@ -119,7 +122,7 @@ def run_parts(
             found, more = _run(_stop(arguments, wish))
         else:
             with reached(url, arguments) as (reachable, process):
-                found, more = _run(MEASURES[part](reachable, process, wish))
+                found, more = _run(MEASURES[part](reachable, process, wish | {"database": database}))
         results[part] = found
         rows += more
     return results, rows
@@ -338,6 +341,31 @@ async def _growth(url: str, process: Served | None, wish: dict[str, Any]) -> Mea
     return asdict(found), [(name, shown, "< 1,000 bytes")]
 
 
+BARE_TURNS = 7
+BARE_PER_S = 150.0
+"""Changes: few enough for a machine that others use, where more would be refused."""
+
+
+async def _beside_bare(url: str, process: Served | None, wish: dict[str, Any]) -> Measured:
+    if process is None:
+        raise click.UsageError("part beside-bare needs a service of its own; leave out --url")
+    await asyncio.sleep(3.0)  # the service's workers have warmed up
+    robots = min(wish["robots"], 100)
+    found = await run_beside_bare(
+        process,
+        robots=robots,
+        rate_hz=BARE_PER_S / robots,
+        seconds=min(wish["seconds"], 60.0) / BARE_TURNS,
+        turns=BARE_TURNS,
+        seed=wish["seed"],
+        database=wish["database"] or "",
+    )
+    service, bare = (statistics.median(times) for times in (found.service_ms, found.bare_ms))
+    shown = f"{service:.2f} and {bare:.2f} ms: ×{found.ratio:.2f} ({found.errors} errors)"
+    name = f"processor time a change at {found.asked_per_s:g}/s: the service, and a bare handler"
+    return asdict(found) | {"ratio": found.ratio}, [(name, shown, "×1.5; PostgreSQL ×2")]
+
+
 STOP_ROBOTS = 4
 """Under repair at a time: each has a board of its own."""
 
@@ -374,4 +402,5 @@ MEASURES: dict[str, Callable[[str, Served | None, dict[str, Any]], Coroutine[Any
     "strangers": _strangers,
     "overload": _overload,
     "growth": _growth,
+    "beside-bare": _beside_bare,
 }

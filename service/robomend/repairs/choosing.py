@@ -13,6 +13,7 @@ import time
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
+from weakref import WeakKeyDictionary
 
 from robomend.diagnosis.probes import ProbeResult
 from robomend.diagnosis.result import DiagnosisResult
@@ -30,7 +31,7 @@ from robomend.planning.policy import HOUR_NS, NODE_ACTIONS, POWER_ACTIONS, Polic
 from robomend.planning.tried import Patience
 from robomend.repairs.left_off import NOTHING, LeftOff, unknown
 from robomend.repairs.remembering import Remembered, remembered
-from robomend.robots.configuration import policy_of, protected_of
+from robomend.robots.configuration import RobotConfig, policy_of, protected_of
 from robomend.robots.readers import Readers
 from robomend.robots.robot import Robot
 from robomend.store import Store, attempts
@@ -62,6 +63,9 @@ class Chooser:
         self._planners = planners
         self._one_shots = one_shots
         self._kept_s = -KEEP_S
+        self._policies: WeakKeyDictionary[Robot, tuple[RobotConfig, ComponentModel | None, Policy]] = (
+            WeakKeyDictionary()
+        )
         self.patience = patience or Patience()
 
     def keep_ready(self, state: Robot) -> None:
@@ -74,8 +78,12 @@ class Chooser:
             self._planners.start()
 
     def policy(self, state: Robot) -> Policy:
-        """Return the robot's policy, with what the model and its board protect."""
-        return policy_of(state.config, state.system.parts)
+        """Return the robot's policy, with what the model and its board protect; asked at each diagnosis."""
+        config, parts = state.config, state.system.parts
+        known = self._policies.get(state)
+        if known is None or known[0] is not config or known[1] is not parts:
+            known = self._policies[state] = (config, parts, policy_of(config, parts))
+        return known[2]
 
     async def actions(self, state: Robot) -> tuple[str, ...]:
         """Return the action names of the robot's repair domain."""

@@ -13,7 +13,7 @@
     results.py       what diagnoses say, once for all rows that say the same
     preconditions.py what the writer of a model or robot has seen of it
     database.py      connections, and what differs between SQLite and PostgreSQL
-    writer.py        one thread that commits in groups
+    writer.py        one thread that commits in groups;  prepared.py  what each group runs, without ceremony
     tail.py          the event log as it grows, in this and other processes
     session.py       the instance's lock and its ear;  ownership.py  one owner per robot, with fencing numbers
     portable.py      export, import and backup;  pruning.py  retention;  growth.py  how fast it grows

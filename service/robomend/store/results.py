@@ -18,6 +18,7 @@ from sqlalchemy.dialects import postgresql, sqlite
 from robomend.errors import StoreError
 from robomend.store import schema
 from robomend.store.encoding import filled
+from robomend.store.prepared import select_in
 from robomend.store.view import AnyRow, View
 
 DAY_NS = 86_400_000_000_000
@@ -25,9 +26,8 @@ _SOME = 500
 
 _RESULTS = schema.results
 _NEWEST = select(func.coalesce(func.max(_RESULTS.c.used_day), 0)).scalar_subquery()
-_FIND = select(_RESULTS.c.digest, _RESULTS.c.number, _RESULTS.c.used_day, _NEWEST.label("newest")).where(
-    _RESULTS.c.digest.in_(bindparam("digests", expanding=True))
-)
+_LOOK = "SELECT digest, number, used_day, (SELECT max(used_day) FROM results) FROM results WHERE digest"
+_FIND = {"sqlite": f"{_LOOK} IN ({{keys}})", "postgresql": f"{_LOOK} = ANY(%s)"}
 _TEXTS = select(_RESULTS.c.number, _RESULTS.c.data).where(
     _RESULTS.c.number.in_(bindparam("numbers", expanding=True))
 )
@@ -59,15 +59,16 @@ def number(connection: Connection, texts: Mapping[str, str], now_ns: int) -> dic
     digests = sorted(texts)  # one order, so that instances do not wait for each other in a circle
     for start in range(0, len(digests), _SOME):
         some = digests[start : start + _SOME]
-        rows = connection.execute(_FIND, {"digests": some}).all()
-        numbers.update((row.digest, row.number) for row in rows if row.used_day >= max(today, row.newest))
+        for digest, found, used_day, newest in select_in(connection, _FIND, [*map(bytes.fromhex, some)]):
+            if used_day >= max(today, newest):
+                numbers[digest.hex()] = found
         if missing := [digest for digest in some if digest not in numbers]:
             connection.execute(
                 _KEEP[connection.dialect.name],
                 [{"of_digest": digest, "text": texts[digest], "today": today} for digest in missing],
             )
-            found = connection.execute(_FIND, {"digests": missing})
-            numbers.update((row.digest, row.number) for row in found)
+            for digest, found, _, _ in select_in(connection, _FIND, [*map(bytes.fromhex, missing)]):
+                numbers[digest.hex()] = found
     return numbers
 
 

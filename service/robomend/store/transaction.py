@@ -26,6 +26,7 @@ from sqlalchemy.dialects import postgresql, sqlite
 from robomend.errors import Fenced, NotFound, StateConflict
 from robomend.store import results, schema
 from robomend.store.encoding import Encoded, checked, checked_or_none, from_json, optional_json, to_json
+from robomend.store.prepared import Prepared, select_in
 from robomend.store.records import AuditEntry, Fence, IdempotencyKey, Json
 from robomend.store.view import AnyRow, View
 from robomend_client.events import Event, Kind
@@ -101,18 +102,29 @@ _REVISE = (
     .where(schema.robot_state.c.robot == bindparam("of_robot"))
     .values(revision=bindparam("to_revision"))
 )
+
+
+def _inserts(table: Table) -> Prepared:
+    columns = [column.name for column in table.columns if column.name != "number"]
+    return Prepared(lambda _: table.insert(), columns)
+
+
 # Made once: building a statement costs several times as much as running it.
-_KEEP_BATCH = schema.observations.insert()
-_KEEP_DIAGNOSIS = schema.diagnoses.insert()
+_KEEP_BATCH = _inserts(schema.observations)
+_KEEP_DIAGNOSIS = _inserts(schema.diagnoses)
+_KEEP_EVENT = _inserts(schema.events)
+_KEEP_OBS = Prepared(lambda kind: upsert(kind, schema.obs), schema.obs.columns.keys())
+_KEEP_REVISION = Prepared(lambda _: _REVISE)
 _KEEP_AUDIT = schema.audit.insert()
-_KEEP_EVENT = schema.events.insert()
-_STATES = (
-    select(schema.robot_state, schema.robots.c.id)
-    .outerjoin(schema.robots, schema.robots.c.id == schema.robot_state.c.robot)
-    .where(schema.robot_state.c.robot.in_(bindparam("names", expanding=True)))
-    .order_by(schema.robot_state.c.robot)
-    .with_for_update(of=schema.robot_state)
-)
+_LOOK_AT_ROBOTS = """
+    SELECT robot_state.robot, revision, fence, owner, robots.id IS NOT NULL
+    FROM robot_state LEFT JOIN robots ON robots.id = robot_state.robot
+"""
+_STATES = {
+    "sqlite": f"{_LOOK_AT_ROBOTS} WHERE robot_state.robot IN ({{keys}}) ORDER BY robot_state.robot",
+    "postgresql": f"{_LOOK_AT_ROBOTS} WHERE robot_state.robot = ANY(%s) ORDER BY robot_state.robot"
+    " FOR UPDATE OF robot_state",
+}
 _ANSWERS = select(schema.idempotency).where(
     schema.idempotency.c.key.in_(bindparam("keys", expanding=True)),
     schema.idempotency.c.expires_ns > bindparam("now_ns"),
@@ -123,6 +135,7 @@ _COUNT = (
     .values(value=schema.counters.c.value + bindparam("by"))
     .returning(schema.counters.c.value)
 )
+_NEXT = Prepared(lambda _: _COUNT)
 _NOTIFY = text("SELECT pg_notify(:c, :id)")
 
 
@@ -169,8 +182,10 @@ class Group:
         names = sorted({checked(robot) for robot in robots})
         found: dict[str, LockedRobot] = {}
         for start in range(0, len(names), 500):
-            for row in self.connection.execute(_STATES, {"names": names[start : start + 500]}):
-                found[row.robot] = LockedRobot(row.revision, row.fence, row.owner, row.id is not None)
+            for robot, revision, fence, owner, there in select_in(
+                self.connection, _STATES, names[start : start + 500]
+            ):
+                found[robot] = LockedRobot(revision, fence, owner, bool(there))
         return found
 
     def _answers(self, onces: Iterable[IdempotencyKey]) -> dict[tuple[str, str], tuple[str, str]]:
@@ -186,21 +201,20 @@ class Group:
         """Write the rows that have no id yet to get: all but audit and events."""
         execute = self.connection.execute
         if rows.history:
-            execute(_KEEP_BATCH, rows.history)
+            _KEEP_BATCH.run(self.connection, rows.history)
         kept = [values for values in rows.obs.values() if values is not None]
         if kept:
-            execute(upsert(self.kind, schema.obs), kept)
+            _KEEP_OBS.run(self.connection, kept)
         if len(kept) < len(rows.obs):
             gone = [key for key, values in rows.obs.items() if values is None]
             execute(_FORGET, [{"of_robot": robot, "of_atom": atom} for robot, atom in gone])
         if rows.revised:
             states = rows.states
-            execute(
-                _REVISE, [{"of_robot": r, "to_revision": states[r].revision} for r in sorted(rows.revised)]
-            )
+            revised = [{"of_robot": r, "to_revision": states[r].revision} for r in sorted(rows.revised)]
+            _KEEP_REVISION.run(self.connection, revised)
         self._give_numbers(rows.common)
         if rows.diagnoses:
-            execute(_KEEP_DIAGNOSIS, [self._numbered(values) for values in rows.diagnoses])
+            _KEEP_DIAGNOSIS.run(self.connection, [self._numbered(values) for values in rows.diagnoses])
         if rows.once:
             execute(upsert(self.kind, schema.idempotency), list(rows.once.values()))
         rows.history, rows.obs, rows.revised, rows.once, rows.diagnoses = [], {}, set(), {}, []
@@ -221,8 +235,8 @@ class Group:
             Event(id_, self.now_ns, kind, robot, data)
             for id_, (kind, robot, data, _) in enumerate(pending, last - len(pending) + 1)
         )
-        self.connection.execute(
-            _KEEP_EVENT,
+        _KEEP_EVENT.run(
+            self.connection,
             [
                 {
                     "id": e.id,
@@ -253,7 +267,7 @@ class Group:
         self._numbers.clear()
 
     def _count(self, counter: str, by: int) -> int:
-        return int(self.connection.execute(_COUNT, {"counter": counter, "by": by}).scalar_one())
+        return int(_NEXT.value(self.connection, {"counter": counter, "by": by}))
 
 
 class Transaction(View):

@@ -1,0 +1,108 @@
+"""Processor time a change, beside that of a bare handler with the same group commit, in turns.
+
+On a machine that others use, times of the wall say little; processor time says more, and its ratio in turns
+the most: what slows one down slows down the other.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from robomend_bench.service.fleet import prepare
+from robomend_bench.service.measure import cpu_s
+from robomend_bench.service.process import Served
+from robomend_bench.service.robots import SimulatedRobot, body
+from robomend_bench.service.wire import Connection, connect, follow, request
+
+ANSWERS_S = 30.0
+
+
+@dataclass(frozen=True, slots=True)
+class BesideBare:
+    """Milliseconds of the processor a change, in each turn."""
+
+    asked_per_s: float
+    service_ms: tuple[float, ...]
+    bare_ms: tuple[float, ...]
+    errors: int
+
+    @property
+    def ratio(self) -> float:
+        """The median of the ratios of the turns."""
+        return statistics.median(s / b for s, b in zip(self.service_ms, self.bare_ms, strict=True))
+
+
+@contextmanager
+def bare(database: str) -> Iterator[tuple[str, int]]:
+    """Run the bare handler; yield its URL and process."""
+    with tempfile.TemporaryDirectory(prefix="robomend-bench-") as folder:
+        arguments = [folder, *([database] if database else [])]
+        process = subprocess.Popen(
+            [sys.executable, "-m", "robomend_bench.service.bare", *arguments], stdout=subprocess.PIPE
+        )
+        assert process.stdout is not None
+        try:
+            yield json.loads(process.stdout.readline())["url"], process.pid
+        finally:
+            process.kill()
+            process.wait(30)
+            process.stdout.close()
+
+
+async def run_beside_bare(
+    served: Served, *, robots: int, rate_hz: float, seconds: float, turns: int, seed: int, database: str = ""
+) -> BesideBare:
+    """Post the same kind of changes to both, at the same rate, first to the one and then to the other."""
+    fleet = [SimulatedRobot(f"r{n}", seed, faults=3) for n in range(robots)]
+    await prepare(served.url, fleet)
+    stream = await follow(served.url, lambda _: None)  # diagnoses are published to somebody
+    found: dict[bool, list[float]] = {True: [], False: []}
+    errors = 0
+    with bare(database) as (url, pid):
+        sides = {True: (served.url, served.pid), False: (url, pid)}
+        connections = {side: [await connect(where) for _ in fleet] for side, (where, _) in sides.items()}
+        for turn in range(turns + 1):
+            for side in (True, False) if turn % 2 else (False, True):
+                before = cpu_s(sides[side][1])
+                count, bad = await _post(fleet, connections[side], rate_hz, seconds)
+                await asyncio.sleep(0.2)
+                errors += bad
+                if turn:  # the first warms up
+                    found[side].append(1e3 * (cpu_s(sides[side][1]) - before) / max(1, count))
+        for each in (*connections[True], *connections[False]):
+            each.close()
+    stream.close()
+    return BesideBare(robots * rate_hz, tuple(found[True]), tuple(found[False]), errors)
+
+
+async def _post(
+    fleet: list[SimulatedRobot], connections: list[Connection], rate_hz: float, seconds: float
+) -> tuple[int, int]:
+    """Post changes on time; return how many were accepted, and how many not."""
+    answers = {True: 0, False: 0}
+    every_s = 1 / (rate_hz * len(fleet))
+    asked = round(seconds / every_s)
+    began = time.perf_counter()
+    for number in range(asked):
+        while (left := began + number * every_s - time.perf_counter()) > 0:
+            await asyncio.sleep(left)
+        robot = fleet[number % len(fleet)]
+        wire = request("POST", robot.path, body(robot.change()))
+
+        def answered(status: int, _: bytes) -> None:
+            answers[status == 200] += 1
+
+        connections[number % len(fleet)].send(wire, answered)
+    async with asyncio.timeout(ANSWERS_S):
+        while sum(answers.values()) < asked:
+            await asyncio.sleep(0.01)
+    return answers[True], answers[False]
