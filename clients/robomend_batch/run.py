@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from hashlib import sha256
@@ -185,5 +186,13 @@ def _write_parquet(out: Path, records: list[Record], wanted: bool) -> None:
 
     beside = results.with_name("results.parquet.tmp")
     frames = pl.scan_parquet(parts, glob=False) if parts else pl.LazyFrame(schema=schema())
-    frames.sink_parquet(beside, compression="zstd", statistics=True, row_group_size=PART, maintain_order=True)
+    try:
+        frames.sink_parquet(
+            beside, compression="zstd", statistics=True, row_group_size=PART, maintain_order=True
+        )
+    except pl.exceptions.PolarsError as error:  # it has the number of the system's error in its text only
+        number = re.search(r"os error (\d+)", str(error))
+        if number is None:
+            raise
+        raise OSError(int(number[1]), os.strerror(int(number[1]))) from error
     os.replace(beside, results)
