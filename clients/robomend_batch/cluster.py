@@ -26,6 +26,7 @@ from robomend_batch.errors import FULL, DiskFull, SchedulerFailed
 from robomend_batch.manifest import stamp
 from robomend_batch.observing import digest
 from robomend_batch.one_log import RESULTS, Diagnoser, Record, Setup
+from robomend_batch.parts import write_piece
 from robomend_batch.pool import lost, told_of
 
 if TYPE_CHECKING:
@@ -131,7 +132,7 @@ def _run(
     from distributed import wait
 
     observers = None if setup.observers is None else setup.observers.resolve()
-    work = pickle.dumps((replace(setup, observers=observers), digest(observers)))
+    work = pickle.dumps((replace(setup, observers=observers, ndjson=False), digest(observers)))
     waiting, gone_s = list(reversed(names)), 0.0
     open_ones: dict[Future[Task], str] = {}
     while waiting or open_ones:
@@ -176,6 +177,7 @@ def _records(future: Future[Task], name: str, setup: Setup, address: str) -> lis
         file = setup.out / RESULTS / part
         beside = file.with_suffix(f".{os.getpid()}.tmp")
         beside.write_bytes(data)
+        write_piece(file, ())
         os.replace(beside, file)
     records: list[Record] = told
     return records

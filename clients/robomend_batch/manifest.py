@@ -18,7 +18,7 @@ from typing import Any
 
 from robomend.errors import InputError
 from robomend_batch.one_log import RESULTS, Record
-from robomend_batch.parts import SCHEMA_VERSION
+from robomend_batch.parts import PIECE, SCHEMA_VERSION
 
 NAME = "manifest.json"
 OURS = (NAME, "logs.ndjson", "results.ndjson", "results.parquet", "report.html")
@@ -160,7 +160,8 @@ def keep_parts(out: Path, wanted: frozenset[str]) -> None:
     """Remove parts that belong to no log that is done, and what a killed run left beside."""
     folder = out / RESULTS
     for file in folder.iterdir() if folder.is_dir() else ():
-        if file.suffix == ".tmp" or (file.suffix == ".parquet" and file.name not in wanted):
+        part = file.with_suffix(".parquet").name if file.suffix == PIECE else file.name
+        if file.suffix == ".tmp" or (file.suffix in {".parquet", PIECE} and part not in wanted):
             file.unlink(missing_ok=True)
 
 

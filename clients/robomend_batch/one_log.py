@@ -18,7 +18,7 @@ from robomend_batch.answers import Answers
 from robomend_batch.logs.blocks import Advance, Restart, Shown
 from robomend_batch.logs.kinds import READERS, kind_of
 from robomend_batch.observing import Observing, load_observers
-from robomend_batch.parts import PartFiles, Parts
+from robomend_batch.parts import PartFiles, Parts, write_piece
 from robomend_batch.problems import LogRefused, Problems
 from robomend_batch.track import Stretch, Track
 from robomend_batch.windows import Windows
@@ -43,6 +43,7 @@ class Setup:
     observers: Path | None = None
     by_header: bool = False
     together_s: float | None = None  # one explanation for so long; inf: for a segment; None: for each state
+    ndjson: bool = False  # the lines of results.ndjson are written beside the parts
     code: bool = True  # whether observers may be those of a FILE.py
 
 
@@ -98,7 +99,7 @@ class _Logs:
         if found is None:
             name = f"{self._name}#{log}" if log else self._name
             words = Words(self._setup.system.vocabulary, self._setup.unknown, self.problems)
-            files = PartFiles(self._setup.out / RESULTS, file_name(name))
+            files = PartFiles(self._setup.out / RESULTS, file_name(name), ndjson=self._setup.ndjson)
             found = self._logs[log] = _Log(name, words, files, self._answers, self._setup.together_s)
         return found
 
@@ -109,7 +110,9 @@ class _Logs:
         """Remove what was written: the file is refused as a whole."""
         for log in self._logs.values():
             for part in log.files.written:
-                (self._setup.out / RESULTS / part).unlink(missing_ok=True)
+                file = self._setup.out / RESULTS / part
+                write_piece(file, ())
+                file.unlink(missing_ok=True)
 
     def finish(self, kind: str) -> list[Record]:
         for log in self._logs.values():

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from hashlib import sha256
 from importlib.metadata import version
 from io import BytesIO
 from pathlib import Path
+from shutil import copyfileobj
 from typing import Any
 
 from robomend_batch.errors import FULL, DiskFull
 from robomend_batch.manifest import Manifest, alone_in, keep_parts, open_manifest, stamp, write_beside
 from robomend_batch.observing import digest
 from robomend_batch.one_log import RESULTS, Record, Setup
-from robomend_batch.parts import PART, schema
+from robomend_batch.parts import PART, PIECE, schema
 from robomend_batch.pool import in_this_process, in_workers
 from robomend_batch.progress import Progress
 
@@ -116,7 +118,7 @@ def _run(
     shown = progress(len(left), sum(size for size, _ in stamps.values()))
     lost: list[Record] = []
     try:
-        done = _diagnosed(setup, left, workers, scheduler)
+        done = _diagnosed(replace(setup, ndjson=ndjson), left, workers, scheduler)
         for name, records in done:
             if not any(record["state"] == "lost" for record in records):  # the same command tries those again
                 manifest.finish(name, stamps[name], records)
@@ -160,8 +162,15 @@ def _write_lists(manifest: Manifest, records: list[Record], ndjson: bool) -> Non
     with beside.open("wb") as file:
         for record in records:
             for part in record["parts"]:
+                table = manifest.out / RESULTS / part
+                piece = table.with_suffix(PIECE)
+                if piece.exists():
+                    with piece.open("rb") as lines:
+                        copyfileobj(lines, file, 1 << 20)
+                    piece.unlink()
+                    continue
                 text = BytesIO()  # so that a full disk is an OSError with its number
-                pl.read_parquet(manifest.out / RESULTS / part).write_ndjson(text)
+                pl.read_parquet(table).write_ndjson(text)
                 file.write(text.getbuffer())
     os.replace(beside, results)
 
@@ -177,5 +186,13 @@ def _write_parquet(out: Path, records: list[Record], wanted: bool) -> None:
 
     beside = results.with_name("results.parquet.tmp")
     frames = pl.scan_parquet(parts, glob=False) if parts else pl.LazyFrame(schema=schema())
-    frames.sink_parquet(beside, compression="zstd", statistics=True, row_group_size=PART, maintain_order=True)
+    try:
+        frames.sink_parquet(
+            beside, compression="zstd", statistics=True, row_group_size=PART, maintain_order=True
+        )
+    except pl.exceptions.PolarsError as error:  # it has the number of the system's error in its text only
+        number = re.search(r"os error (\d+)", str(error))
+        if number is None:
+            raise
+        raise OSError(int(number[1]), os.strerror(int(number[1]))) from error
     os.replace(beside, results)

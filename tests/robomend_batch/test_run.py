@@ -373,3 +373,21 @@ def test_its_help_is_there() -> None:
     assert done.returncode == 0
     for option in ("--model", "--out", "--unknown", "--overwrite", "--fail-on-fault"):
         assert option in done.stdout
+
+
+def test_one_parquet_of_all_logs_says_so_when_there_is_no_room_for_it(tmp_path: Path) -> None:
+    said = ("ok(odom)", "not ok(odom)", "ok(scan)", "not ok(scan)", "not on(jaguar)", "on(jaguar)")
+    log = [(at * (1 + at % 7) / 3 + at * 9, said[at * at % 17 % 6]) for at in range(3000)]
+    line = [str(ndjson(tmp_path / "a.ndjson", *log)), "--no-ndjson"]
+    out = tmp_path / "out"
+    assert batch_run(out, *line) == 0
+    program = [*PROGRAM, "run", *line, "--model", TEDUSAR, "--out", str(out), "--quiet", "--parquet"]
+    part = next((out / "results").glob("*.parquet"))
+    room = part.stat().st_size // 1024 - 1  # no file may be larger, as on a disk that is full
+    assert room > (out / "manifest.json").stat().st_size // 1024 + 1
+    limited = ["bash", "-c", 'ulimit -f "$0"; exec "$@"', str(room), *program]
+    full = subprocess.run(limited, capture_output=True, text=True, timeout=60)
+    assert (full.returncode, "make room" in full.stderr) == (3, True), full.stderr
+    assert subprocess.run(program, capture_output=True, timeout=60).returncode == 0
+    whole = pl.read_parquet(out / "results.parquet")
+    assert whole.equals(pl.read_parquet(part))
