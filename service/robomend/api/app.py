@@ -30,6 +30,7 @@ from robomend.api.routers import (
     events,
     history,
     model_pages,
+    model_reports,
     models,
     notifications,
     observations,
@@ -72,6 +73,7 @@ ROUTERS = (
     pages,
     robot_pages,
     model_pages,
+    model_reports,
     record_pages,
 )
 
