@@ -3,7 +3,8 @@
 ;; A robot with two laser scanners, both powered; one driver reads one of them. When power-cycling the first
 ;; does not bring its scans back, the driver is pointed at the second and restarted.
 ;;
-;; Use it as a robot's `domain`; say who carries it out under `actions`: docs/repair.md.
+;; Its names are those of examples/two_lidars.yaml. Use it as a robot's `domain`; say who carries it out
+;; under `actions`: docs/repair.md.
 
 (define (domain robot-repair)
   (:predicates

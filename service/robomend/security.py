@@ -155,6 +155,8 @@ RULES: dict[tuple[str, str], frozenset[Role] | None] = {
     ("GET", "/ui/models"): READ,
     ("POST", "/ui/models"): ACT,
     ("GET", "/ui/models/{name}"): READ,
+    ("GET", "/ui/models/{name}/compare"): READ,
+    ("GET", "/ui/models/{name}/isolability"): READ,
     ("GET", "/ui/what-if"): READ,
     ("GET", "/ui/audit"): frozenset({Role.ADMIN}),
     ("GET", "/ui/keys"): frozenset({Role.ADMIN}),

@@ -374,3 +374,19 @@ async def test_the_global_stop_stays(store: Store) -> None:
     assert (stop.active, stop.by, stop.reason) == (True, "ada", "smoke")
     assert await store.read(global_stop.get) == stop
     assert not (await store.write(lambda tx: global_stop.put(tx, False, by="ada", reason="aired"))).active
+
+
+async def test_the_newest_repair_of_each_robot_is_found_for_many_at_once(
+    store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(repairs, "AT_ONCE", 2)
+    begun: dict[str, str] = {}
+    for robot in ("r1", "r2", "r3"):
+        fence = await own(store, robot)
+        for _ in range(2):
+            begun[robot] = (await begin(store, fence)).id
+    await own(store, "idle")
+    asked = ("r1", "r2", "r3", "idle", "nobody")
+    found = await store.read(repairs.newest, asked)
+    assert {robot: repair.id for robot, repair in found.items()} == begun
+    assert await store.read(repairs.newest, ()) == {}

@@ -74,3 +74,24 @@ def test_any_name_makes_well_formed_svg_that_stays_inside(
         assert 0 <= float(rect.get("x", "0")) <= width
         assert 0 <= float(rect.get("y", "0")) <= height
     assert len([kind for kind in classes(root) if kind == "action"]) == len(bars)
+
+
+def test_a_label_that_does_not_fit_its_bar_stands_beside_it() -> None:
+    bars = (
+        ActionBar(0, 0.2, "start_node(mapper)"),
+        ActionBar(1, 4, "power_up(base)"),
+        ActionBar(4.9, 5, "stop(a)"),
+    )
+    root = drawn(Timeline("t", "", (), bars, (), 5.0))
+    texts = {text.text: text for text in root.iter(f"{SVG}text")}
+    rects = [one for one in root.iter(f"{SVG}rect") if one.get("class") == "action"]
+
+    def edges(rect: ET.Element) -> tuple[float, float]:
+        left = float(rect.get("x", ""))
+        return left, left + float(rect.get("width", ""))
+
+    (_, right), (left, _), (last, _) = map(edges, rects)
+    short, long, late = (texts[bar.label] for bar in bars)
+    assert float(short.get("x", "")) > right
+    assert left < float(long.get("x", "")) < left + 10
+    assert (float(late.get("x", "")) < last, late.get("text-anchor")) == (True, "end")

@@ -32,6 +32,7 @@ from robomend.api.routers import (
     events,
     history,
     model_pages,
+    model_reports,
     models,
     notifications,
     observations,
@@ -75,6 +76,7 @@ ROUTERS = (
     pages,
     robot_pages,
     model_pages,
+    model_reports,
     record_pages,
     batch_pages,
 )

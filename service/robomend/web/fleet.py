@@ -181,12 +181,11 @@ class Fleet:
 
 def _newest_repairs(view: View, wanted: Sequence[str]) -> dict[str, dict[str, Any]]:
     """Return the newest repair of each robot that has one, with the steps of those that run."""
-    newest = {}
-    for robot in wanted:
-        for repair in repairs.page(view, robot, Paging(limit=1)).items:
-            steps = repairs.steps(view, repair.id) if repair.state == RepairState.RUNNING else ()
-            newest[robot] = repair_json(repair, steps)
-    return newest
+    found = {}
+    for robot, repair in repairs.newest(view, wanted).items():
+        steps = repairs.steps(view, repair.id) if repair.state == RepairState.RUNNING else ()
+        found[robot] = repair_json(repair, steps)
+    return found
 
 
 def line_of(robot: Robot, repair: dict[str, Any] | None) -> Line:

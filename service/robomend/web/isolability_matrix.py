@@ -19,6 +19,7 @@ FONT = "font-family='system-ui, Segoe UI, Roboto, Helvetica, Arial, sans-serif'"
 
 CELL, LETTER = 14, 6.2  # pixels
 TOP, MARGIN = 64, 16
+LEGEND = 170  # of one mark and its words; four stand side by side
 MOST_ROWS = 200
 """Faults in one figure; what is left out is said in it."""
 
@@ -31,7 +32,8 @@ def isolability_matrix(
     names = [" + ".join(fault) for fault in faults[:count]]
     wide = max([len(name) for name in names], default=0) * LETTER + 12
     left, top = MARGIN + wide, TOP + wide
-    width, height = left + count * CELL + MARGIN, top + count * CELL + 56
+    width = max(left + count * CELL, MARGIN + 3.5 * LEGEND, MARGIN + len(title) * 8) + MARGIN
+    height = top + count * CELL + 56
     out = [
         f"<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 {width:.0f} {height:.0f}' "
         f"width='{width:.0f}' height='{height:.0f}' role='img' {FONT} font-size='11' fill='{INK}'>",
@@ -58,7 +60,7 @@ def isolability_matrix(
     for place, (mark, words) in enumerate(
         (("-", "never"), ("~", "by some of what it shows"), ("+", "whatever it shows"), ("?", "not known"))
     ):
-        x = MARGIN + place * 170
+        x = MARGIN + place * LEGEND
         out += [_cell(mark, x, y), f"<text x='{x + 20:.1f}' y='{y + 11:.1f}'>{words}</text>"]
     out.append(
         f"<text x='{MARGIN}' y='{y + 28:.1f}' fill='{MUTED}'>in italics: cannot be detected at all</text>"

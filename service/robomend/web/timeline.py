@@ -82,11 +82,18 @@ def lanes(actions: Iterable[ActionBar], per_second: float) -> list[tuple[int, Ac
     free: list[float] = []
     placed = []
     for action in sorted(actions, key=lambda a: (a.start_s, a.end_s, a.label)):
-        needs = max(action.end_s, action.start_s + (6.4 * len(action.label) + 14) / per_second)
+        wide_s = _wide(action.label) / per_second
+        inside = action.end_s - action.start_s >= wide_s
+        needs = action.end_s + (0.0 if inside else wide_s)
         lane = next((i for i, until in enumerate(free) if until <= action.start_s), len(free))
         free[lane : lane + 1] = [needs]
         placed.append((lane, action))
     return placed
+
+
+def _wide(label: str) -> float:
+    """Return how many pixels a label takes: inside its bar if that is as long, else beside it."""
+    return 6.4 * len(label) + 14
 
 
 def svg(timeline: Timeline) -> str:
@@ -143,12 +150,13 @@ def svg(timeline: Timeline) -> str:
             f"height='{LANE - 6}' rx='3' fill='{colour}' fill-opacity='0.22'/>"
         )
         out.append(f"<rect x='{left}' y='{y + 2}' width='3' height='{LANE - 6}' fill='{colour}'/>")
-        flip = left + 6.4 * len(action.label) + 14 > WIDTH
-        out.append(
-            _text(
-                left + (-5 if flip else 7), y + 14, action.label, size=11, anchor="end" if flip else "start"
-            )
-        )
+        wide = _wide(action.label)
+        if right - left >= wide:
+            out.append(_text(left + 7, y + 14, action.label, size=11))
+        elif right + wide <= WIDTH:
+            out.append(_text(max(right, left + 3) + 5, y + 14, action.label, size=11))
+        else:
+            out.append(_text(left - 5, y + 14, action.label, size=11, anchor="end"))
     for index, (component, spans) in enumerate(timeline.rows):
         middle = rows_top + ROW * index + ROW / 2
         out.append(_text(16, middle + 4, component, size=12))
