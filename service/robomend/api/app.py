@@ -43,6 +43,7 @@ from robomend.api.routers import (
     robots,
     root,
     session,
+    sovd,
     status,
 )
 from robomend.security import API
@@ -57,6 +58,7 @@ ROUTERS = (
     models,
     plans,
     repairs,
+    sovd,
     drills,
     board,
     control,
