@@ -83,6 +83,8 @@ def test_nothing_is_sent_without_the_policy_or_a_person() -> None:
 
 
 OTHER_WORDS = {
+    # SOVD's states of an execution
+    *((place, word) for place in ("api/sovd.py", "api/schemas/sovd.py") for word in ("running", "failed")),
     ("repairs/execution_values.py", "failed"),  # of the sentence on a result
     ("repairs/execution_values.py", "done"),  # how an execution ends
     ("api/schemas/drill.py", "done"),  # what a person says

@@ -41,7 +41,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 from robomend_client.agent.executors.kinds import ActionSpec, read_actions
-from robomend_client.agent.feeds import BUS, EXTRAS, BrokenFeed, Feed, UnknownFeed, is_own, load_feed
+from robomend_client.agent.feeds import BUS, SECTIONS, BrokenFeed, Feed, UnknownFeed, is_own, load_feed
 from robomend_client.agent.usage import Usage
 from robomend_client.bus import parse_address
 from robomend_client.literals import Atom
@@ -252,7 +252,7 @@ def _feeds(top: Section, base: Path, observers: Iterable[ObserverSpec]) -> tuple
                 raise section.error("from", f"{source} comes from {origins[source]} for another observer")
             if spec.origin != BUS:
                 wanted.setdefault(spec.origin, set()).add(source)
-    for origin in EXTRAS:
+    for origin in SECTIONS:
         if origin in top:
             wanted.setdefault(origin, set())
     feeds = []

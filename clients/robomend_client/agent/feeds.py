@@ -5,7 +5,7 @@
 
 A bridge (ROS 1, ROS 2, zenoh) is a feed, too. To add one, write a class of the shape of Feed and name it as
 an entry point `robomend.feeds`; its section in the agent's file has the same name. It is loaded only when
-an observer wants it, or, of those in EXTRAS, when its section is there.
+an observer wants it, or, of those in SECTIONS, when its section is there.
 """
 
 from __future__ import annotations
@@ -32,6 +32,9 @@ OWN = ("processes", "host")
 
 EXTRAS = {name: f"pip install 'robomend-client[{name}]'" for name in ("ros1", "ros2", "zenoh")}
 """Feeds that are installed apart, and how."""
+
+SECTIONS = (*EXTRAS, "medkit")
+"""Feeds that are loaded when their section is there, wanted or not."""
 
 NEEDS = {
     "ros1": ("rosbags",),
@@ -106,6 +109,7 @@ FEEDS = Registry[Callable[..., Feed]](
         "ros1": "robomend_client.bridges.ros1.feed:Ros1",
         "ros2": "robomend_client.bridges.ros2.feed:Ros2",
         "zenoh": "robomend_client.bridges.zenoh.feed:Zenoh",
+        "medkit": "robomend_client.bridges.medkit.feed:Medkit",
     },
     unknown=UnknownFeed,
     broken=BrokenFeed,

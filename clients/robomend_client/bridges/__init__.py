@@ -3,6 +3,7 @@ only when the agent's file has its section.
 
 ros1/          ROS 1: the master's XML-RPC and TCPROS, spoken on asyncio
 ros2/          ROS 2: DDS, through the wheel cyclonedds
+medkit/        ros2_medkit: a gateway's faults, and its restart
 zenoh/         ROS 2 over zenoh: through the wheel eclipse-zenoh
 
 What they have in common:

@@ -46,6 +46,7 @@ from robomend.api.routers import (
     robots,
     root,
     session,
+    sovd,
     status,
 )
 from robomend.security import API
@@ -60,6 +61,7 @@ ROUTERS = (
     models,
     plans,
     repairs,
+    sovd,
     drills,
     batches,
     board,

@@ -21,6 +21,7 @@ TAGS = [
     {"name": "observations", "description": "What was observed comes in; OBS can be read"},
     {"name": "diagnosis", "description": "Why it misbehaves, and what to look at next"},
     {"name": "repair", "description": "Plans and repairs, and a person's yes or no"},
+    {"name": "sovd", "description": "A robot's diagnoses and repairs for tools that read SOVD"},
     {"name": "drill", "description": "Faults that are planted on purpose, watched, and undone"},
     {"name": "batches", "description": "Recorded logs, diagnosed in processes of their own"},
     {"name": "board", "description": "The power board's channels"},

@@ -31,6 +31,7 @@ KINDS = Registry[Callable[..., ActionExecutor]](
         "process": f"{ROOM}.program:Program",
         "systemd": f"{ROOM}.systemd:Units",
         "reset_usb": f"{ROOM}.usb:ResetUsb",
+        "medkit": "robomend_client.bridges.medkit.restart:Restart",
         "ros_action": "robomend_client.bridges.ros1.action_client:RosAction",
     },
 )

@@ -1,0 +1,106 @@
+"""/robots/{robot}/sovd: a robot for tools that read SOVD and ros2_medkit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Path, Response
+
+from robomend.api import sovd
+from robomend.api.deps import Parts, PartsDep, PrincipalDep, RepairPath, RobotPath
+from robomend.api.documented import problems
+from robomend.api.gate import GuardedRoute
+from robomend.api.schemas.base import Component, Items
+from robomend.api.schemas.sovd import (
+    SovdEntity,
+    SovdExecution,
+    SovdExecutionBody,
+    SovdFault,
+    SovdOperation,
+)
+from robomend.errors import NotFound, StateConflict
+from robomend.security import API
+
+MOST_EXECUTIONS = 100
+
+ComponentPath = Annotated[Component, Path(description="a component's name", examples=["jaguar"])]
+
+router = APIRouter(prefix=f"{API}/robots/{{robot}}/sovd", tags=["sovd"], route_class=GuardedRoute)
+
+
+@router.get("/components", responses=problems(404, 409))
+async def list_sovd_components(robot: RobotPath, parts: PartsDep) -> Items[SovdEntity]:
+    """List the robot's components; a conflict while there is no diagnosis."""
+    result, _ = await _diagnosis(parts, robot)
+    return Items(items=sovd.entities(robot, result))
+
+
+@router.get("/apps", responses=problems(404))
+async def list_sovd_apps(robot: RobotPath, parts: PartsDep) -> Items[SovdEntity]:
+    """List nothing: nodes are components, too."""
+    await parts.robots.diagnosed(robot)
+    return Items(items=[])
+
+
+@router.get("/faults", responses=problems(404, 409))
+async def list_sovd_faults(robot: RobotPath, parts: PartsDep) -> Items[SovdFault]:
+    """List the components that the diagnoses blame; a conflict while there is no diagnosis."""
+    return Items(items=sovd.faults(*await _diagnosis(parts, robot)))
+
+
+@router.get("/components/{component}/faults", responses=problems(404, 409))
+async def list_sovd_faults_of_component(
+    robot: RobotPath, component: ComponentPath, parts: PartsDep
+) -> Items[SovdFault]:
+    """List the fault of one component, if it is blamed."""
+    result, time_ns = await _diagnosis(parts, robot)
+    if component not in (entity.id for entity in sovd.entities(robot, result)):
+        raise NotFound(f"robot {robot} has no component {component!r}")
+    found = sovd.faults(result, time_ns)
+    return Items(items=[fault for fault in found if fault.reporting_sources == [component]])
+
+
+@router.get("/operations", responses=problems(404))
+async def list_sovd_operations(robot: RobotPath, parts: PartsDep) -> Items[SovdOperation]:
+    """List what can be asked for: a repair."""
+    await parts.robots.diagnosed(robot)
+    return Items(items=[sovd.OPERATION])
+
+
+@router.post("/operations/repair/executions", status_code=202, responses=problems(404, 409, body=True))
+async def create_sovd_execution(
+    robot: RobotPath,
+    body: SovdExecutionBody,
+    parts: PartsDep,
+    principal: PrincipalDep,
+    response: Response,
+) -> SovdExecution:
+    """Ask for a repair, under the robot's policy like any other; a conflict while one is open."""
+    wanted = body.parameters
+    repair = await parts.repairs.create(robot, bad=wanted.bad, by=principal.name, reason=wanted.reason)
+    response.headers["Location"] = f"{sovd.root(robot)}/operations/repair/executions/{repair['id']}"
+    return sovd.execution(repair)
+
+
+@router.get("/operations/repair/executions", responses=problems(404))
+async def list_sovd_executions(robot: RobotPath, parts: PartsDep) -> Items[SovdExecution]:
+    """List the robot's newest repairs."""
+    found = await parts.repairs.repairs(robot, before=None, limit=MOST_EXECUTIONS)
+    return Items(items=[sovd.execution(repair) for repair in found])
+
+
+@router.get("/operations/repair/executions/{repair}", responses=problems(404))
+async def get_sovd_execution(robot: RobotPath, repair: RepairPath, parts: PartsDep) -> SovdExecution:
+    """Return one repair of this robot."""
+    found = await parts.repairs.repair(repair)
+    if found["robot"] != robot:
+        raise NotFound(f"robot {robot} has no repair {repair!r}")
+    return sovd.execution(found)
+
+
+async def _diagnosis(parts: Parts, robot: str) -> tuple[Mapping[str, Any], int]:
+    current = (await parts.robots.diagnosed(robot)).current
+    if current is None or current.result is None:
+        raise StateConflict(f"robot {robot} has no diagnosis now: that nothing is blamed would not be known")
+    return current.result, current.time_ns
