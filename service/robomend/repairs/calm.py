@@ -130,10 +130,10 @@ class Calm:
                 now_ns,
                 {atom.args[0] for atom in young if not state.sight.seen_off(atom)},
             )
-            topics = [e.atom for e in said if e.positive and e.atom.predicate not in OBSERVED_FACTS]
-            risen = ((atom, state.sight.rose_ns(atom)) for atom in topics)
+            topics = [e for e in said if e.atom.predicate == "ok" and e.atom.args]
+            risen = ((e.atom, state.sight.rose_ns(e.atom)) for e in topics if e.positive)
             back = returning(
-                [entry for entry in said if entry.atom in bad and entry.atom.predicate not in OBSERVED_FACTS],
+                [entry for entry in topics if entry.atom in bad],
                 {atom.args[0]: since for atom, since in risen if since is not None},
                 partial(needed, parts),
                 lambda atom: state.sight.delays(atom).settling_ns,
