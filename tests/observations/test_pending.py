@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from robomend.entry import Entry
-from robomend.observations.pending import SLACK_NS, newest_onset, pending, starting
+from robomend.observations.pending import SLACK_NS, newest_onset, pending, returning, starting
 from robomend_client.literals import Atom, Literal
 
 S = 10**9
@@ -109,3 +109,21 @@ def test_what_was_good_since_its_cause_was_first_heard_of_need_not_wait_for_it_t
     # It may have begun just then: what was silent all the while, or never good, may come up yet.
     assert silent(("driver",), 9 * S)
     assert silent(("driver",), None)
+
+
+def test_what_rests_on_something_that_is_back_may_be_back_too() -> None:
+    """A fault went by itself: the scan is good since 20 s, and the map's observer needs 2 s to judge anew."""
+
+    def pending_at(now: int, onset: int | None, risen: dict[str, int]) -> dict[Atom, int]:
+        symptoms = [bad(MAP, time=19 * S, onset=onset), bad(ODOM, time=19 * S, onset=onset)]
+        return returning(symptoms, risen, lambda _: {"map": {"scan"}}, lambda _: 2 * S, now)
+
+    end = 22 * S + SLACK_NS
+    assert pending_at(21 * S, 15 * S, {"scan": 20 * S}) == {MAP: end}
+    assert pending_at(21 * S, None, {"scan": 20 * S}) == {MAP: end}
+    assert pending_at(end - 1, 15 * S, {"scan": 20 * S}) == {MAP: end}
+    assert pending_at(end, 15 * S, {"scan": 20 * S}) == {}
+    # It fell silent when the scan was back already: that is another fault.
+    assert pending_at(21 * S, 20 * S + 1, {"scan": 20 * S}) == {}
+    assert pending_at(21 * S, 15 * S, {"pose": 20 * S}) == {}
+    assert returning([], {"scan": 20 * S}, lambda _: {}, lambda _: 2 * S, 21 * S) == {}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from robomend.model.loading import load_text
-from robomend.planning.influence import influenced, touched
+from robomend.planning.influence import influenced, needed, touched
 from robomend.planning.prediction import theory_of
 from robomend_client.literals import Atom
 
@@ -32,6 +32,17 @@ def test_what_rests_on_a_component_is_touched_circles_included() -> None:
     assert touched(parts, ["supply"]) == {"supply", "lidar", "scan", "map", "pose"}
     assert touched(parts, ["localizer"]) == {"localizer", "pose", "map"}
     assert touched(parts, ["arm_driver"]) == {"arm_driver", "joints"}
+
+
+def test_what_a_topic_needs_is_found_against_the_arrows_circles_included() -> None:
+    parts = load_text(MODEL).parts
+    assert parts is not None
+    assert needed(parts, ["map", "scan", "joints", "driver"]) == {
+        "map": {"scan", "pose", "map"},
+        "scan": set(),
+        "joints": set(),
+        "driver": set(),
+    }
 
 
 def test_only_what_somebody_observes_counts_and_rules_are_followed() -> None:

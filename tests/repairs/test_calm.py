@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
+from tests.repairs.robot import CONFIG, MODEL, service
 
+from robomend.api.runtime import Runtime
 from robomend.diagnosis.result import Diagnosis, DiagnosisResult
 from robomend.planning.choice import Choice
 from robomend.repairs.calm import Calm
+from robomend.robots.batches import Batch
+from robomend.robots.clock import CLOCK
 from robomend_client.literals import Atom, Literal
 
 pytestmark = pytest.mark.anyio
 
+S = 10**9
 SCAN, MAP = Atom("ok", ("scan",)), Atom("ok", ("map",))
 
 
@@ -52,3 +58,35 @@ async def test_health_would_change_it() -> None:
 
 async def test_where_no_diagnosis_was_found_in_time_one_waits_for_more() -> None:
     assert await calm(diagnosed())._may_change(diagnosed(), [SCAN])
+
+
+async def test_what_rests_on_a_topic_that_is_back_by_itself_is_given_time_to_come_back(
+    tmp_path: Path,
+) -> None:
+    async def said(runtime: Runtime, now_ns: int, **verdicts: tuple[bool, float]) -> None:
+        """Report topics, good or bad, and for how long they have been so."""
+        batch = Batch(
+            [f"ok({topic})" if good else f"not ok({topic})" for topic, (good, _) in verdicts.items()],
+            source="agent",
+            time_ns=now_ns,
+            since=[now_ns - round(long_s * S) for _, long_s in verdicts.values()],
+            onset=[None if good else now_ns - round(long_s * S) for good, long_s in verdicts.values()],
+        )
+        await runtime.robots.observe("r1", batch)
+
+    config = {**CONFIG, "policy": "observe", "detection_s": 60.0}
+    async with service(tmp_path) as runtime:
+        await runtime.robots.models.put("small", MODEL, format=None, expected=None, by="test")
+        await runtime.robots.put_robot("r1", config, expected=None, by="test")
+        state = await runtime.robots.memory.robot("r1")
+        now_ns = CLOCK.now_ns()
+        nobody = cast(Any, None)
+        calm = Calm(state, nobody, nobody, frozenset(), nobody, nobody, nobody, 0.0)
+
+        await said(runtime, now_ns - 200 * S, scan=(True, 1), map=(True, 1))
+        await said(runtime, now_ns - 90 * S, scan=(False, 10), map=(False, 10))
+        assert MAP not in calm._pending()
+        await said(runtime, now_ns - 5 * S, scan=(True, 2))
+        pending = calm._pending()
+        assert pending[MAP] > now_ns + 50 * S
+        assert SCAN not in pending

@@ -4,7 +4,8 @@ An observer needs time to notice. When `not ok(scan)` comes, `ok(path)` may stil
 from before the fault, or another topic may have stopped whose silence nobody has noticed yet. So each verdict
 is pending until its observer had its detection time, from the newest onset of a symptom on. And what has just
 been started is silent until it has begun: its symptoms are pending for as long as starting may take, or until
-it was heard once.
+it was heard once. A fault that went by itself is over bit by bit: what rests on something that is back may be
+back, too, and its observer has not judged yet.
 
 Pure: times are integer nanoseconds by the service's clock.
 """
@@ -77,6 +78,37 @@ def starting(
                 continue
             if up_ns is None or entry.onset_ns is None or entry.onset_ns < up_ns:
                 found[atom] = max(end, found.get(atom, 0))
+    return found
+
+
+def returning(
+    symptoms: Collection[Entry],
+    risen_ns: Mapping[str, int],
+    needed: Callable[[Collection[str]], Mapping[str, Collection[str]]],
+    settling_ns: Callable[[Atom], int],
+    now_ns: int,
+) -> dict[Atom, int]:
+    """Return those of the symptoms that may be over, as what they rest on has come back, with until when.
+
+    Args:
+        symptoms: what does not hold.
+        risen_ns: topic that is good -> since when it is.
+        needed: names -> for each of them the topics that it rests on.
+        settling_ns: what an observer needs to judge anew.
+    """
+    times = {entry.atom: settling_ns(entry.atom) + SLACK_NS for entry in symptoms}
+    slowest_ns = max(times.values(), default=0)
+    risen = {topic: since for topic, since in risen_ns.items() if since + slowest_ns > now_ns}
+    if not risen:
+        return {}
+    needs = needed({name for atom in times for name in atom.args})
+    found: dict[Atom, int] = {}
+    for entry in symptoms:
+        inputs = {topic for name in entry.atom.args for topic in needs.get(name, ())} & risen.keys()
+        # What fell silent after its input was back, did not wait for it.
+        back = [risen[topic] for topic in inputs if entry.onset_ns is None or entry.onset_ns < risen[topic]]
+        if back and max(back) + times[entry.atom] > now_ns:
+            found[entry.atom] = max(back) + times[entry.atom]
     return found
 
 

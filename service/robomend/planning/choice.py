@@ -189,7 +189,7 @@ def _weigh(
     if failures:
         seen = sum(attempt.effect_seen for attempt in failures)
         times = "once" if len(failures) == 1 else f"{len(failures)} times"
-        reason += f"; repaired {times} before without help, effect seen {seen} of {len(failures)}"
+        reason += f"; repaired {times} before without help; its acts worked {seen} of {len(failures)} times"
     return Alternative(one.diagnosis, plan, chance, helps, score, len(failures), reason)
 
 

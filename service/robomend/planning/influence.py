@@ -20,13 +20,31 @@ def touched(parts: ComponentModel, acted_on: Iterable[str]) -> frozenset[str]:
     """Return the components acted on, what hangs on them, and the topics and values that rest on them."""
     acted = set(acted_on)
     begun = published(parts, acted)
-    rests_on: dict[str, set[str]] = {}
-    for node in parts.nodes.values():
-        for topic, inputs in node.publishes.items():
-            rests_on.setdefault(topic, set()).update(inputs)
-    topics = begun | _growing(begun, rests_on)
+    topics = begun | _growing(begun, _inputs(parts))
     values = {name for name, value in parts.values.items() if value.topic in topics}
     return frozenset(acted | _hung_on(parts, acted) | topics | values)
+
+
+def needed(parts: ComponentModel, topics: Iterable[str]) -> dict[str, frozenset[str]]:
+    """Return for each of the topics those that it needs, directly or by way of others."""
+    inputs, found = _inputs(parts), {}
+    for topic in topics:
+        before, pending = set[str](), [topic]
+        while pending:
+            new = inputs.get(pending.pop(), set()) - before
+            before |= new
+            pending += new
+        found[topic] = frozenset(before)
+    return found
+
+
+def _inputs(parts: ComponentModel) -> dict[str, set[str]]:
+    """Return topic -> its inputs, whoever publishes it."""
+    found: dict[str, set[str]] = {}
+    for node in parts.nodes.values():
+        for topic, inputs in node.publishes.items():
+            found.setdefault(topic, set()).update(inputs)
+    return found
 
 
 def published(parts: ComponentModel, acted_on: Iterable[str]) -> frozenset[str]:

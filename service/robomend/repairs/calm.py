@@ -14,11 +14,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Awaitable, Callable, Collection, Iterable
+from functools import partial
 
 from robomend.diagnosis.result import DiagnosisResult
-from robomend.observations.pending import newest_onset, pending, starting
+from robomend.observations.pending import newest_onset, pending, returning, starting
 from robomend.planning.choice import Choice
-from robomend.planning.influence import published, touched
+from robomend.planning.influence import needed, published, touched
 from robomend.planning.prediction import OBSERVED_FACTS
 from robomend.repairs.record import RepairRecord
 from robomend.repairs.signals import Signals
@@ -129,6 +130,16 @@ class Calm:
                 now_ns,
                 {atom.args[0] for atom in young if not state.sight.seen_off(atom)},
             )
+            topics = [e for e in said if e.atom.predicate == "ok" and e.atom.args]
+            risen = ((e.atom, state.sight.rose_ns(e.atom)) for e in topics if e.positive)
+            back = returning(
+                [entry for entry in topics if entry.atom in bad],
+                {atom.args[0]: since for atom, since in risen if since is not None},
+                partial(needed, parts),
+                lambda atom: state.sight.delays(atom).settling_ns,
+                now_ns,
+            )
+            found |= {atom: max(end, found.get(atom, 0)) for atom, end in back.items()}
         return found
 
     async def _may_change(self, result: DiagnosisResult, left: Collection[Atom]) -> bool:

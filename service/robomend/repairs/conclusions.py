@@ -127,7 +127,8 @@ def _tried(rounds: Sequence[Json]) -> str:
     """Return what the rounds that did not help came to: each end once, with how often, the last one first."""
     counts = Counter(map(_in_vain, reversed(rounds)))
     told = [f"{reason} ({count} times)" if count > 1 else reason for reason, count in counts.items()]
-    return "".join(f"{one}; " for one in told)
+    first = "tried, the last first: " if len(told) > 1 else ""
+    return first + "".join(f"{one}; " for one in told)
 
 
 def _in_vain(one: Json) -> str:

@@ -175,6 +175,11 @@ class Sight:
         """Return whether something was ever heard to be off, or not to run: if so, its beginning was seen."""
         return atom in self._off
 
+    def rose_ns(self, atom: Atom) -> int | None:
+        """Return since when something that holds is known to, as it began to; None: nobody knows."""
+        times = self._rose.get(atom)
+        return None if times is None else times[0]
+
     def good_ns(self, entry: Entry) -> tuple[int, ...]:
         """Return times since when something that holds is known to: from when it was news, and from now."""
         now_ns = () if entry.since_ns is None else (entry.since_ns,)
