@@ -147,4 +147,5 @@ def test_every_file_of_the_migrations_is_in_the_package() -> None:
         "0004_notifications.py",
         "0005_drills.py",
         "0006_results.py",
+        "0007_batch_jobs.py",
     ]
