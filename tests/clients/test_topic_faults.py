@@ -9,6 +9,7 @@ import pytest
 from robomend_client.agent import topic_faults
 from robomend_client.agent.broker import Broker, TopicMessage
 from robomend_client.agent.topic_faults import DELAYED, DROPPED, TopicFaults
+from robomend_client.python310 import timeout
 
 pytestmark = pytest.mark.anyio
 
@@ -44,7 +45,7 @@ async def test_a_delayed_topic_comes_in_bunches_and_in_order(monkeypatch: pytest
         before = len(heard.topics)
         heard.publish("scan", "odom", "/scan")
         assert heard.topics[before:] == ["odom"]
-        async with asyncio.timeout(30):
+        async with timeout(30):
             while len(heard.topics) < before + 3:
                 await asyncio.sleep(0.005)
         assert heard.topics[before:] == ["odom", "scan", "/scan"]

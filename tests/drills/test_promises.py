@@ -33,7 +33,7 @@ def generated(rng: random.Random) -> tuple[str, frozenset[str]]:
 
 
 @pytest.mark.timeout(3600)
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", range(16))
 def test_what_is_promised_to_be_told_apart_is(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], seed: int, long: bool
 ) -> None:

@@ -23,7 +23,14 @@ from robomend.drills.parts import DrillParts
 from robomend.drills.permission import check, fault_of
 from robomend.drills.record import DrillRecord
 from robomend.drills.states import DrillState, DrillTrigger
-from robomend.drills.watching import Gone, Watching, healthy_for, left_off_by, repair_of
+from robomend.drills.watching import (
+    Gone,
+    Watching,
+    acted_on_by_repair,
+    healthy_for,
+    left_off_by,
+    repair_of,
+)
 from robomend.errors import InputError, NotFound, RobomendError, StateConflict, StoreError
 from robomend.planning.faults import AGENTS_FAULTS, EMULATED, FaultKind, drivers_of, taken_by
 from robomend.repairs.agent_queue import wait_for
@@ -336,14 +343,16 @@ class OneDrill:
             await self._record.update(DrillTrigger.WELL, reason="undone, and the robot is healthy")
 
     async def _bring_back(self, state: Robot) -> None:
-        """Restart the drivers of a device, which lost their connection with its power; switch on and start
-        what the repair had switched off or stopped when the drill was over.
+        """Restart the drivers of devices that lost their power by the fault or by its repair: they lost their
+        connection. Switch on and start what the repair had switched off or stopped when the drill was over.
         """
         parts, needs, record = state.system.parts, self._needs, self._record
         if parts is None:
             return
         left = await needs.store.read(lambda view: left_off_by(view, record.robot))
-        drivers = drivers_of(parts, taken_by(parts, record.kind, record.component))
+        acted = await needs.store.read(lambda view: acted_on_by_repair(view, record))
+        taken = taken_by(parts, record.kind, record.component) | acted
+        drivers = drivers_of(parts, taken & parts.hardware.keys())
         acts = [("power_up", name) for name in sorted(left & parts.hardware.keys())]
         acts += [("stop_node", name) for name in sorted(drivers)]
         acts += [("start_node", name) for name in sorted(drivers | (left & parts.nodes.keys()))]

@@ -157,6 +157,13 @@ def of_board(atom: Atom) -> bool:
     return atom.predicate == "on" or (atom.predicate == "ok" and atom.args[:1] == ("current",))
 
 
+def acted_on_by_repair(view: View, record: DrillRecord) -> frozenset[str]:
+    """Return the components that the repair which answers a drill has acted on."""
+    repair = repair_of(view, record)
+    steps = () if repair is None else repairs.steps(view, repair.id)
+    return frozenset(name for step in steps if step.data.get("sent_ns") for name in step.data["parameters"])
+
+
 def meant_by(parts: ComponentModel, components: Collection[str]) -> frozenset[str]:
     """Return what a repair of components acts on: them, their drivers, and what is tied to these."""
     meant = {*components, *drivers_of(parts, components)}

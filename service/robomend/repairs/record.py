@@ -20,13 +20,14 @@ from robomend.repairs.execution_values import StepReport, Withheld
 from robomend.repairs.repair_json import repair_json, report_json, step_json, step_number
 from robomend.repairs.signals import NO_REASON
 from robomend.repairs.states import ENDS, INITIAL, REPAIR, RepairState, RepairTrigger
-from robomend.store import Store, Transaction, attempts, drills, global_stop, journal, repairs
+from robomend.store import Store, Transaction, View, attempts, drills, global_stop, journal, repairs
 from robomend.store.records import (
     AuditEntry,
     Fence,
     Paging,
     Quarantine,
     StoredAttempt,
+    StoredDrill,
     StoredRepair,
 )
 from robomend.transitions import after
@@ -78,6 +79,12 @@ def new_repair(
     after_ = {"bad": data["wanted"]} if asked else None
     tx.note(AuditEntry(by, "repair.create", repair.id, robot, why, after=after_))
     return repair
+
+
+def answered(view: View, drill: StoredDrill) -> bool:
+    """Return whether a drill had its repair: when that has ended, the drill ends, too."""
+    found = repairs.page(view, drill.robot, Paging(limit=1)).items
+    return bool(found) and not found[0].open and found[0].data.get("drill") == drill.id
 
 
 class RepairRecord:

@@ -32,7 +32,7 @@ from robomend.repairs.executors.registry import executors
 from robomend.repairs.left_off import in_words
 from robomend.repairs.live_repair import LiveRepair
 from robomend.repairs.reasons import IDLE_S, ReasonsToRepair
-from robomend.repairs.record import LOOP, RepairRecord, new_repair
+from robomend.repairs.record import LOOP, RepairRecord, answered, new_repair
 from robomend.repairs.reentry import Reentry
 from robomend.repairs.signals import Declined, Requests, Signals
 from robomend.repairs.states import RepairTrigger
@@ -151,14 +151,11 @@ class RobotRepairs:
 
         def begin(tx: Transaction) -> StoredRepair | None:
             drill = drills.open_of(tx, self._robot)
-            if drill is not None and not drill.watched:
-                return None  # it has its hands at the robot; its next state wakes us
+            if drill is not None and (not drill.watched or answered(tx, drill)):
+                return None  # it has its hands at the robot, or will; its next state wakes us
             open_ones = repairs.page(tx, self._robot, Paging(limit=1), open_only=True).items
             if open_ones:
                 return open_ones[0]  # a person was faster
-            last = repairs.page(tx, self._robot, Paging(limit=1)).items
-            if drill is not None and last and last[0].data.get("drill") == drill.id:
-                return None  # its repair has ended, and that ends it
             return new_repair(tx, self._robot, state.config.policy, fence=self.fence)
 
         begun = await self._needs.store.write(begin, robots=(self._robot,))
