@@ -108,6 +108,7 @@ class Form:
     _value: bytearray = field(default_factory=bytearray)
     _field: str | None = None
     _text: bytearray = field(default_factory=bytearray)
+    _texts_size: int = 0
     _file: IO[bytes] | None = None
 
     def __post_init__(self) -> None:
@@ -191,8 +192,9 @@ class Form:
             self.size += end - start
         elif self._field is not None:
             self._text.extend(data[start:end])
-            if len(self._text) > self.most_text:
-                raise Problem(413, f"{self._field[:80]!r} has more than {self.most_text} bytes")
+            self._texts_size += end - start
+            if self._texts_size > self.most_text:
+                raise Problem(413, f"the fields beside the logs have more than {self.most_text} bytes")
 
     def _part_ended(self) -> None:
         self.close()
