@@ -65,9 +65,8 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def batching(tmp_path_factory: pytest.TempPathFactory, logs: Path) -> Iterator[Service]:
     """A service with a model and a folder of logs."""
     data = tmp_path_factory.mktemp("data")
-    with running(
-        Settings(port=0, data=data, batch_folder=logs, max_batch_bytes=1 << 20, batch_nice=0)
-    ) as service:
+    small = {"max_batch_bytes": 1 << 20, "max_model_bytes": 500 << 10}
+    with running(Settings(port=0, data=data, batch_folder=logs, batch_nice=0, **small)) as service:
         service.api("PUT", "/models/tedusar", json={"source": TEDUSAR})
         yield service
 

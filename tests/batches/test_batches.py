@@ -21,7 +21,7 @@ def lines(text: str) -> list[dict[str, Any]]:
 def left(service: Service) -> list[str]:
     """Return the folders of batches."""
     root = service.runtime.settings.data / "batches"
-    return sorted(path.name for path in root.iterdir() if path.is_dir())
+    return sorted(path.name for path in root.iterdir() if path.is_dir()) if root.exists() else []
 
 
 def test_uploaded_logs_are_diagnosed_as_by_the_command(batching: Service, tmp_path: Path) -> None:
@@ -101,9 +101,12 @@ def test_what_is_not_below_the_folder_is_refused(batching: Service, named: str, 
         (form(("/tmp/a.ndjson", SCAN)), 403),
         (form(("C:\\a.ndjson", SCAN), ("a\\b.ndjson", SCAN)), 403),
         (form(("-o.ndjson", SCAN)), 422),
+        (form(("größe∪.ndjson", SCAN)), 422),
+        (form(("a.ndjson", SCAN), **{"größe∪": "3"}), 422),
         (form(("polars.py", SCAN)), 422),
         (form(("a.ndjson", SCAN), ("a.ndjson", SCAN)), 422),
         (form(("a.ndjson", "x" * (1 << 20))), 413),
+        (form(("a.ndjson", SCAN), observers="x" * (600 << 10)), 413),
         (form(("a.ndjson", SCAN), model="none"), 404),
         (form(("a.ndjson", SCAN), model=""), 422),
         (form(("a.ndjson", SCAN), limit="many"), 422),

@@ -108,6 +108,7 @@ class Form:
     _value: bytearray = field(default_factory=bytearray)
     _field: str | None = None
     _text: bytearray = field(default_factory=bytearray)
+    _texts_size: int = 0
     _file: IO[bytes] | None = None
 
     def __post_init__(self) -> None:
@@ -152,7 +153,7 @@ class Form:
         self._field = None
 
     def _header_ended(self) -> None:
-        self._headers[self._header.decode("latin-1").lower()] = self._value.decode("utf-8", "replace")
+        self._headers[self._header.decode("latin-1").lower()] = self._value.decode("latin-1")
         self._header.clear()
         self._value.clear()
 
@@ -191,8 +192,9 @@ class Form:
             self.size += end - start
         elif self._field is not None:
             self._text.extend(data[start:end])
-            if len(self._text) > self.most_text:
-                raise Problem(413, f"{self._field[:80]!r} has more than {self.most_text} bytes")
+            self._texts_size += end - start
+            if self._texts_size > self.most_text:
+                raise Problem(413, f"the fields beside the logs have more than {self.most_text} bytes")
 
     def _part_ended(self) -> None:
         self.close()
