@@ -149,6 +149,7 @@ RULES: dict[tuple[str, str], frozenset[Role] | None] = {
     ("GET", "/openapi.json"): EVERYONE,
     ("GET", "/"): READ,
     ("GET", "/ui/robots/{robot}"): READ,
+    ("GET", "/ui/robots/{robot}/drills"): READ,
     ("POST", "/ui/robots/{robot}/observations"): ACT,
     ("POST", "/ui/robots/{robot}/repairs"): ACT,
     ("POST", "/ui/robots/{robot}/release"): ACT,

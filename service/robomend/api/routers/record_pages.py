@@ -1,5 +1,5 @@
-"""/ui/repairs, /ui/audit, /ui/keys, /ui/notifications: what was, who did what and why, whose keys there are,
-and who is told.
+"""/ui/repairs, drills, /ui/audit, /ui/keys, /ui/notifications: what was, who did what and why, whose keys
+there are, and who is told.
 """
 
 from __future__ import annotations
@@ -9,10 +9,11 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Request
 from starlette.responses import Response
 
-from robomend.api.deps import PagingDep, PartsDep, PrincipalDep
+from robomend.api.deps import PagingDep, PartsDep, PrincipalDep, RobotPath
 from robomend.api.page_route import PageRoute, back, page, read_form
 from robomend.api.routers.notifications import tried
 from robomend.api.schemas.base import NAME
+from robomend.api.schemas.drill import DrillOut
 from robomend.api.shell import shell, wanted_parts
 from robomend.store import api_keys, audit, notifications, repairs
 
@@ -32,6 +33,18 @@ async def repairs_page(
     found = await parts.store.read(repairs.page, robot, paging) if "repairs" in wanted else None
     around = shell(request, parts, principal, wanted)
     return page(request, "repairs.html", **around, found=found, of_robot=robot, cursor=paging.cursor)
+
+
+@router.get("/ui/robots/{robot}/drills")
+async def drills_page(
+    request: Request, robot: RobotPath, parts: PartsDep, principal: PrincipalDep, paging: PagingDep
+) -> Response:
+    """List a robot's drills, newest first, with what became of each."""
+    found = await parts.drills.drills(robot, before=paging.cursor, limit=paging.limit)
+    drills = [DrillOut.model_validate(drill) for drill in found]
+    older = drills[-1].id if len(drills) == paging.limit else None
+    around = shell(request, parts, principal, wanted_parts(request, ("stop",)))
+    return page(request, "drills.html", **around, robot=robot, drills=drills, next=older)
 
 
 @router.get("/ui/audit")
