@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.diagnosis.test_guided import families, minimal_hitting_sets
 
+from robomend.diagnosis.core_guided import MinimumTooLarge
 from robomend.diagnosis.masks import mask_of
-from robomend.diagnosis.oll import MinimumTooLarge
 from robomend.diagnosis.oracle import Deadline, OutOfTime
 from robomend.diagnosis.parts import (
     IndependentPart,

@@ -26,8 +26,8 @@ from typing import Any
 import clingo
 
 from robomend.diagnosis.base import BaseEngine
+from robomend.diagnosis.core_guided import MinimumTooLarge
 from robomend.diagnosis.observed import SignedObs, Supposed
-from robomend.diagnosis.oll import MinimumTooLarge
 from robomend.diagnosis.oracle import OutOfTime
 from robomend.diagnosis.result import Options
 from robomend.diagnosis.search import Bad, NoDiagnosis, SearchState, by_size

@@ -15,6 +15,7 @@ from time import perf_counter
 
 from robomend.diagnosis.conflicts import Conflicts
 from robomend.diagnosis.consistency import Consistency
+from robomend.diagnosis.core_guided import MinimumTooLarge
 from robomend.diagnosis.explanations import Cleared
 from robomend.diagnosis.justification import Justification
 from robomend.diagnosis.masks import mask_of
@@ -26,7 +27,6 @@ from robomend.diagnosis.observed import (
     check_options,
     supposed,
 )
-from robomend.diagnosis.oll import MinimumTooLarge
 from robomend.diagnosis.oracle import Deadline, Oracle, OutOfTime, solver_name
 from robomend.diagnosis.ranking import rank
 from robomend.diagnosis.reasons import Reasons

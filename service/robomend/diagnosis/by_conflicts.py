@@ -21,10 +21,10 @@ from operator import or_
 from robomend.diagnosis.by_solver import BySolver
 from robomend.diagnosis.conflicts import Conflicts, Known
 from robomend.diagnosis.consistency import Consistency
+from robomend.diagnosis.core_guided import MinimumTooLarge
 from robomend.diagnosis.hitting import HittingSets, TooManyNodes
 from robomend.diagnosis.masks import mask_of, members, outside
 from robomend.diagnosis.observed import NOTHING_SUPPOSED, SignedObs, Supposed
-from robomend.diagnosis.oll import MinimumTooLarge
 from robomend.diagnosis.oracle import OutOfTime
 from robomend.diagnosis.parts import IndependentPart, independent, list_diagnoses, minimal, smallest
 from robomend.diagnosis.ranking import by_probability, odds_against, size_then_odds

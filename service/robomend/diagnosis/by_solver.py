@@ -1,8 +1,8 @@
 """Diagnoses of any model by SAT: core-guided to the minimum, then size by size.
 
 It takes over where conflicts are too many or too wide for a search of hitting sets, and where a circuit is no
-netlist. The minimum comes first (oll.py), all of its size if they are wanted; larger subset-minimal diagnoses
-follow size by size (layered.py), until the solver says that there is none besides those found.
+netlist. The minimum comes first (core_guided.py), all of its size if they are wanted; larger subset-minimal
+diagnoses follow size by size (layered.py), until the solver says that there is none besides those found.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from contextlib import closing
 from functools import cached_property
 
 from robomend.diagnosis.consistency import Consistency
+from robomend.diagnosis.core_guided import CoreGuided, MinimumTooLarge
 from robomend.diagnosis.layered import Layered
 from robomend.diagnosis.observed import SignedObs, Supposed
-from robomend.diagnosis.oll import CoreGuided, MinimumTooLarge
 from robomend.diagnosis.result import Options
 from robomend.diagnosis.search import Bad, NoDiagnosis, SearchState
 

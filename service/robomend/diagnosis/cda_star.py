@@ -34,9 +34,9 @@ from dataclasses import dataclass
 from heapq import heappop, heappush
 
 from robomend.diagnosis.base import BaseEngine, costs_of_blame, refuse_order_of_probability
+from robomend.diagnosis.core_guided import MinimumTooLarge
 from robomend.diagnosis.masks import bits, mask_of, members, outside
 from robomend.diagnosis.observed import SignedObs, Supposed
-from robomend.diagnosis.oll import MinimumTooLarge
 from robomend.diagnosis.oracle import OutOfTime
 from robomend.diagnosis.result import Options
 from robomend.diagnosis.search import NoDiagnosis, SearchState

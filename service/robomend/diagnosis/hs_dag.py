@@ -21,8 +21,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from robomend.diagnosis.base import BaseEngine
+from robomend.diagnosis.core_guided import MinimumTooLarge
 from robomend.diagnosis.observed import SignedObs, Supposed
-from robomend.diagnosis.oll import MinimumTooLarge
 from robomend.diagnosis.result import Options
 from robomend.diagnosis.search import Bad, NoDiagnosis, SearchState
 

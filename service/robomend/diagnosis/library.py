@@ -25,9 +25,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robomend.diagnosis.by_conflicts import COUNTED
+from robomend.diagnosis.core_guided import MinimumTooLarge
 from robomend.diagnosis.engines import DEFAULT, make_engine
 from robomend.diagnosis.observed import check_options
-from robomend.diagnosis.oll import MinimumTooLarge
 from robomend.diagnosis.oracle import Deadline, OutOfTime
 from robomend.diagnosis.parts import IndependentPart, independent, list_diagnoses, minimal
 from robomend.diagnosis.ranking import rank, size_then_odds

@@ -17,8 +17,8 @@ from pysat.examples.rc2 import RC2
 from pysat.formula import WCNF
 
 from robomend.diagnosis.base import BaseEngine, costs_of_blame, refuse_order_of_probability
+from robomend.diagnosis.core_guided import MinimumTooLarge
 from robomend.diagnosis.observed import SignedObs, Supposed
-from robomend.diagnosis.oll import MinimumTooLarge
 from robomend.diagnosis.oracle import Deadline
 from robomend.diagnosis.result import Options
 from robomend.diagnosis.search import NoDiagnosis, SearchState

@@ -24,10 +24,10 @@ from heapq import heappop, heappush
 from itertools import islice, product
 from math import prod
 
+from robomend.diagnosis.core_guided import MinimumTooLarge
 from robomend.diagnosis.guided import CheapestHittingSets
 from robomend.diagnosis.hitting import HittingSets, TooManyNodes, no_more_conflicts
 from robomend.diagnosis.masks import bits, members
-from robomend.diagnosis.oll import MinimumTooLarge
 from robomend.diagnosis.oracle import Deadline, OutOfTime
 from robomend.diagnosis.result import Options
 from robomend.diagnosis.search import Row, SearchState

@@ -1,7 +1,7 @@
 """What a search hands to the engine, and the events that end it.
 
     LimitReached      raised by answer.add when enough were found           stopped_by "limit"
-    MinimumTooLarge   raised by the search: larger ones exist (oll.py)      stopped_by "size"
+    MinimumTooLarge   raised by the search: larger ones exist (core_guided.py)      stopped_by "size"
     OutOfTime         raised by the oracle or the clock                     stopped_by "time"
     NoDiagnosis       raised by the search: nothing explains OBS            ContradictoryModel; in what-if,
     none

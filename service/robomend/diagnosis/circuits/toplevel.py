@@ -28,8 +28,8 @@ from robomend.diagnosis.circuits.cones import by_output, find_cones
 from robomend.diagnosis.circuits.flips import Flips, Values, compiled, values_of
 from robomend.diagnosis.circuits.incumbent import find_incumbent
 from robomend.diagnosis.circuits.netlist import Netlist
+from robomend.diagnosis.core_guided import CoreGuided, MinimumTooLarge
 from robomend.diagnosis.masks import bits
-from robomend.diagnosis.oll import CoreGuided, MinimumTooLarge
 from robomend.diagnosis.oracle import Deadline
 from robomend.model.cnf import HealthCnf
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robomend.diagnosis.oll import CoreGuided, MinimumTooLarge
+from robomend.diagnosis.core_guided import CoreGuided, MinimumTooLarge
 from robomend.diagnosis.oracle import Deadline
 
 CANDIDATES = 8
