@@ -31,6 +31,12 @@ def form(*logs: tuple[str, str | bytes], **fields: str) -> dict[str, Any]:
     return {"files": [("logs", (name, text)) for name, text in logs], "data": {"model": "tedusar", **fields}}
 
 
+def left(service: Service) -> list[str]:
+    """Return the folders of batches."""
+    root = service.runtime.settings.data / "batches"
+    return sorted(path.name for path in root.iterdir() if path.is_dir()) if root.exists() else []
+
+
 def ended(service: Service, batch: str) -> dict[str, Any]:
     """Wait for the end of a batch and return it."""
     seen: dict[str, Any] = {}

@@ -10,18 +10,12 @@ from typing import Any
 import polars as pl
 import pytest
 from tests.api.conftest import TEDUSAR, Service, StartService
-from tests.batches.conftest import SCAN, ended, form
+from tests.batches.conftest import SCAN, ended, form, left
 from tests.robomend_batch.running import batch_run
 
 
 def lines(text: str) -> list[dict[str, Any]]:
     return [json.loads(line) for line in text.splitlines()]
-
-
-def left(service: Service) -> list[str]:
-    """Return the folders of batches."""
-    root = service.runtime.settings.data / "batches"
-    return sorted(path.name for path in root.iterdir() if path.is_dir()) if root.exists() else []
 
 
 def test_uploaded_logs_are_diagnosed_as_by_the_command(batching: Service, tmp_path: Path) -> None:

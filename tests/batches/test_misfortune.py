@@ -15,7 +15,7 @@ import httpx
 import pytest
 from tests.api.conftest import TEDUSAR, Service, StartService
 from tests.api.test_process import alive, command, served
-from tests.batches.conftest import ENDS, SCAN, ended, form
+from tests.batches.conftest import ENDS, SCAN, ended, form, left
 from tests.robomend_batch.running import batch_run
 from tests.robomend_batch.test_kill import many_logs
 from tests.waiting import until
@@ -113,15 +113,14 @@ def test_cancelling_ends_its_processes(batching: Service, many: Path) -> None:
 
 
 def test_an_upload_that_is_cut_off_leaves_nothing(batching: Service) -> None:
-    root = batching.runtime.settings.data / "batches"
-    before = sorted(root.iterdir()) if root.exists() else []
+    before = left(batching)
     address = httpx.URL(batching.url)
     with socket.create_connection((address.host, address.port or 80)) as line:
         part = b'--x\r\nContent-Disposition: form-data; name="logs"; filename="a.ndjson"\r\n\r\nabc'
         head = "POST /api/v1/batches HTTP/1.1\r\nHost: localhost\r\nContent-Length: 500000\r\n"
         line.sendall(head.encode() + b"Content-Type: multipart/form-data; boundary=x\r\n\r\n" + part)
-        until(lambda: sorted(root.iterdir()) != before, "it comes in")
-    until(lambda: sorted(root.iterdir()) == before, "nothing of it is left")
+        until(lambda: left(batching) != before, "it comes in")
+    until(lambda: left(batching) == before, "nothing of it is left")
 
 
 def test_a_full_disk_is_said_and_leaves_nothing(tmp_path: Path) -> None:
