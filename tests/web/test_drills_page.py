@@ -21,7 +21,6 @@ def test_a_robots_drills_are_listed_with_their_state(service: Service, look: Loo
     body = {"fault": "node-killed", "component": "hokuyo_node", "reason": "<b>x</b>"}
     answer = service.api("POST", "/robots/drilled/drills", json=body)
     assert answer.status_code == 202, answer.text
-    page.reload()
     row = page.get_by_role("row").filter(has_text="node-killed")
     expect(row).to_contain_text("hokuyo_node")
     expect(row).to_contain_text("local")

@@ -43,7 +43,7 @@ async def drills_page(
     found = await parts.drills.drills(robot, before=paging.cursor, limit=paging.limit)
     drills = [DrillOut.model_validate(drill) for drill in found]
     older = drills[-1].id if len(drills) == paging.limit else None
-    around = shell(request, parts, principal, wanted_parts(request, ("stop",)))
+    around = shell(request, parts, principal, wanted_parts(request, ("stop", "drills")))
     return page(request, "drills.html", **around, robot=robot, drills=drills, next=older)
 
 

@@ -1,7 +1,7 @@
 // The event stream: it tells which parts to fetch, and the page tells how it is. What may be old is shown as old.
 import { refresh, refreshFor, whenLost } from "./parts.js";
 
-const KINDS = ["observations", "diagnosis", "repair", "action", "board", "robot", "model", "batch", "stop"];
+const KINDS = ["observations", "diagnosis", "repair", "action", "board", "robot", "model", "batch", "drill", "stop"];
 const AGAIN_MS = 2000; // between two tries
 const HIDDEN_MS = 20000; // a page that nobody sees holds no connection: browsers have six for a host
 const SETTLES_MS = 1500; // what an event tells of may show a moment later
