@@ -125,6 +125,13 @@ STEPS = (
     Step(rule("POST", "/actions/{action}/result"), "action.reported", Role.ADMIN, {"code": 0}, reason=""),
     Step(rule("POST", "/robots/{robot}/repairs"), "repair.create", body={}, in_body=True),
     Step(rule("POST", "/repairs/{repair}"), "repair.cancel", body={"decision": "cancel"}, in_body=True),
+    Step(
+        rule("POST", "/robots/{robot}/sovd/operations/repair/executions"),
+        "repair.create",
+        body={},
+        in_body=True,
+    ),
+    Step(rule("POST", "/repairs/{repair}"), "repair.cancel", body={"decision": "cancel"}, in_body=True),
     Step(("POST", "/ui/robots/{robot}/repairs"), "repair.create", body={}, in_body=True),
     Step(("POST", "/ui/repairs/{repair}"), "repair.cancel", body={"decision": "cancel"}, in_body=True),
     Step(

@@ -178,7 +178,9 @@ def test_the_poll_says_what_the_agent_can_do_and_what_it_sees(service: ServiceDo
         eventually(lambda: service.polls, "a poll")
         poll = service.polls[0]
         assert poll["can"] == [
-            *(f"{name}:laser" for name in ("start_node", "stop_node", "plant_fault", "undo_fault")),
+            "start_node:laser",
+            "stop_node:laser",
+            *(f"{name}:{what}" for name in ("plant_fault", "undo_fault") for what in ("laser", "scan")),
             "home",
         ]
         assert {entry["atom"]: entry["detection_s"] for entry in poll["observes"]} == {
