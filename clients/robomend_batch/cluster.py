@@ -63,7 +63,6 @@ def in_cluster(setup: Setup, names: Sequence[str], address: str) -> Iterator[tup
         SchedulerFailed: it cannot be reached, has no workers, other versions, or does not see the files.
         DiskFull: a worker, or this computer, has no room for the results.
     """
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what is wrong is said once, by us
     client = _connected(address)
     try:
         _check_versions(client, address)
@@ -83,6 +82,8 @@ def _connected(address: str) -> Client:
         from distributed import Client
     except ImportError:
         raise SchedulerFailed("--scheduler needs distributed: pip install 'robomend[batch,dask]'") from None
+    for logger in ("distributed", "distributed.client"):  # both have levels of their own
+        logging.getLogger(logger).setLevel(logging.CRITICAL)  # what is wrong is said once, by us
     try:
         client = Client(address, timeout=CONNECT_S)
     except (OSError, ValueError, TimeoutError) as error:
