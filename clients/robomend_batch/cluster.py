@@ -19,6 +19,7 @@ import pickle
 import socket
 import tempfile
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -140,10 +141,15 @@ def _run(
 
     observers = None if setup.observers is None else setup.observers.resolve()
     work = pickle.dumps((replace(setup, observers=observers, ndjson=False), digest(observers)))
-    waiting, gone_s = list(reversed(names)), 0.0
+    waiting, seen_s = list(reversed(names)), time.monotonic()
     open_ones: dict[Future[Task], str] = {}
     while waiting or open_ones:
-        threads = sum(client.nthreads().values()) if client.status == "running" else 0
+        connected = client.status == "running"
+        threads = sum(client.nthreads(callback_timeout=CONNECT_S).values()) if connected else 0
+        if threads:
+            seen_s = time.monotonic()
+        elif time.monotonic() - seen_s >= WORKERS_S:
+            raise SchedulerFailed(f"the scheduler at {address} has lost its workers: {START}")
         while waiting and len(open_ones) < AHEAD * max(threads, 1):
             name = waiting.pop()
             future = client.submit(diagnose, work, name, stamp(name), os.getcwd(), pure=False, retries=0)
@@ -151,9 +157,6 @@ def _run(
         try:
             done = wait(list(open_ones), timeout=LOOK_S, return_when="FIRST_COMPLETED").done
         except TimeoutError:
-            gone_s = 0.0 if threads else gone_s + LOOK_S
-            if gone_s >= WORKERS_S:
-                raise SchedulerFailed(f"the scheduler at {address} has lost its workers: {START}") from None
             done = set()
         for future in sorted(done, key=lambda one: open_ones[one]):
             name = open_ones.pop(future)

@@ -156,7 +156,7 @@ def test_killed_workers_and_a_killed_scheduler_lose_only_what_was_in_hand(
         before = parts(out)
         until(lambda: parts(out) >= before + 2, "another worker goes on", 90)
         os.killpg(cluster.scheduler.pid, signal.SIGKILL)
-        assert going.wait(90) == 3, (tmp_path / "said.txt").read_text()
+        assert going.wait(100) == 3, (tmp_path / "said.txt").read_text()
         said = (tmp_path / "said.txt").read_text()
         assert "the same command goes on" in said
         assert "Traceback" not in said
