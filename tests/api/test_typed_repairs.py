@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from pydantic import BaseModel
 from tests.api.conftest import TEDUSAR, Service, running
+from tests.api.test_moments import each_is_told
 from tests.waiting import until
 
 from robomend.api.schemas.plans import ChoiceOut
@@ -31,7 +32,7 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
 def described(kind: type[BaseModel], answer: dict[str, Any]) -> None:
     """See that nothing comes that is not described, and that what is described fits."""
     read = kind.model_validate_json(json.dumps(answer), strict=True).model_dump(
-        mode="json", exclude_unset=True
+        mode="json", exclude_unset=True, by_alias=True
     )
     assert read == answer
 
@@ -72,6 +73,8 @@ def test_a_repair_is_as_described_from_beginning_to_end(service: Service) -> Non
     described(RepairOut, ended)
     assert ended["created"].endswith("Z")
     assert ended["created"] <= ended["finished"]
+    assert each_is_told(ended) > 10  # of steps, symptoms and waits as well
+    assert each_is_told(service.api("GET", "/repairs").json()) > 10
 
 
 def find(service: Service, repair: str) -> dict[str, Any]:

@@ -19,6 +19,7 @@ from robomend.api.schemas.session import SessionOut
 from robomend.diagnosis.probes import ProbeResult
 from robomend.diagnosis.result import DiagnosisResult, Options
 from robomend.model.system import System
+from robomend.moments import rfc3339, with_texts
 from robomend.oneshots.result_json import result_json
 from robomend.robots.batches import Acknowledged
 from robomend.robots.boards import WiredBoard
@@ -168,6 +169,7 @@ def diagnosis_response(state: Robot) -> Response:
         "revision": 0 if current is None else current.revision,
         "model_version": None if current is None else current.model_version,
         "time_ns": None if current is None else current.time_ns,
+        "time": None if current is None else rfc3339(current.time_ns),
         "result": None if current is None else current.result,
         "fault": None if current is None else current.fault,
         "expected_stopped": [] if current is None else current.expected_stopped,
@@ -273,7 +275,8 @@ def _history_line(
         "revision": item.revision,
         "by": item.by,
         "observations": [
-            {"literal": str(e.literal), "source": e.source, "time_ns": e.time_ns} for e in item.entries
+            with_texts({"literal": str(e.literal), "source": e.source, "time_ns": e.time_ns})
+            for e in item.entries
         ],
         "asserted": {assertion.name: assertion.sentence for assertion in item.asserted},
         "withdrawn": list(item.withdrawn),

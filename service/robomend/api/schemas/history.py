@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
-from robomend.api.schemas.base import Out
+from robomend.api.schemas.base import Moment, Out, moment_of
 
 
 class AuditOut(Out):
@@ -12,6 +12,7 @@ class AuditOut(Out):
 
     id: int
     time_ns: int
+    time: Moment = moment_of("time_ns")
     actor: str
     action: str
     subject: str
@@ -26,4 +27,5 @@ class HistoryLine(Out):
 
     kind: Literal["observations", "diagnosis", "repair"]
     time_ns: int
+    time: Moment = moment_of("time_ns")
     data: dict[str, Any]

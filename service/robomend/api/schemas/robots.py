@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from robomend.api.schemas.base import Component, In, ModelName, Out, Sentence
+from robomend.api.schemas.base import Component, In, ModelName, Moment, Out, Sentence, moment_of
 
 
 class ExpectedCurrentBody(In):
@@ -157,7 +157,9 @@ class RobotOut(Out):
     config: RobotBody
     etag: str
     created_ns: int
+    created: Moment = moment_of("created_ns")
     updated_ns: int
+    updated: Moment = moment_of("updated_ns")
     revision: int = Field(description="of OBS; each accepted batch raises it")
     model_version: str | None = None
     healthy: bool | None = Field(default=None, description="null: not diagnosed yet")
@@ -184,3 +186,4 @@ class RobotLine(Out):
     policy: str
     etag: str
     updated_ns: int
+    updated: Moment = moment_of("updated_ns")
