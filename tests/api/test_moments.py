@@ -70,7 +70,7 @@ def test_each_moment_of_the_document_has_its_text(service: Service) -> None:
         for field in schema.get("properties", {})
         if field.endswith("_ns") and field not in DURATIONS
     ]
-    assert {"RepairOut", "AuditOut", "CurrentDiagnosis", "StepFeedback"} <= {name for name, _ in moments}
+    assert {"RepairOut", "AuditedStop", "CurrentDiagnosis", "StepFeedback"} <= {name for name, _ in moments}
     for name, field in moments:
         fields, required = schemas[name]["properties"], schemas[name].get("required", [])
         text = field.removesuffix("_ns")

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from robomend.api.schemas.base import Component, In, ModelName, Moment, Out, Sentence, moment_of
+from robomend.api.schemas.drill import DrillOut
 
 
 class ExpectedCurrentBody(In):
@@ -167,7 +168,7 @@ class RobotOut(Out):
         default="unknown", description="silence is not health: what should be observed and is not, is unknown"
     )
     unknown: list[str] = Field(default=[], description="what of `observed` is not known now")
-    drill: dict[str, Any] | None = Field(
+    drill: DrillOut | None = Field(
         default=None, description="the drill that is open: what is planted, and how it is undone"
     )
     agents: list[AgentOut] = Field(
