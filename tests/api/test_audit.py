@@ -6,12 +6,16 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 from tests.api.conftest import TEDUSAR, Service, running, sign_in
+from tests.api.test_typed_repairs import described
 from tests.waiting import until
 
+from robomend.api.schemas.audit import AuditOut
+from robomend.drills.states import DrillState
+from robomend.repairs.states import RepairState
 from robomend.robots.batches import Batch
 from robomend.robots.clock import CLOCK
 from robomend.security import API, RULES, Role
@@ -321,10 +325,39 @@ def test_each_change_has_its_name_and_its_reason(walk: Walk) -> None:
         until(noted, f"{step.said} is not in the audit log")
         entry = noted()
         assert entry is not None
+        as_described(entry)
         assert (step.said, entry["actor"]) == (step.said, walk.name(step.role))
         assert (step.said, entry["reason"]) == (step.said, step.reason)
         if "{robot}" in step.rule[1] or "{action}" in step.rule[1]:
             assert entry["robot"] == "r1"
+
+
+def as_described(entry: dict[str, Any]) -> None:
+    """See that one type is that of the entry's action, and that nothing comes that it does not describe."""
+    kinds = get_args(AuditOut.model_fields["root"].annotation)
+    [kind] = [
+        kind for kind in kinds if entry["action"] in kind.model_json_schema()["properties"]["action"]["enum"]
+    ]
+    described(kind, entry)
+
+
+def test_each_entry_is_as_described(walk: Walk) -> None:
+    for entry in walk.log():
+        as_described(entry)
+
+
+def test_each_state_has_its_entry_described() -> None:
+    actions = [
+        action
+        for kind in get_args(AuditOut.model_fields["root"].annotation)
+        for action in kind.model_json_schema()["properties"]["action"]["enum"]
+    ]
+    assert len(actions) == len(set(actions))
+    said = {step.said for step in STEPS}
+    assert {*said, *(f"repair.{one}" for one in RepairState), *(f"drill.{one}" for one in DrillState)} - {
+        "repair.waiting",
+        "drill.waiting",
+    } <= set(actions)
 
 
 def keyed(service: Service, role: Role) -> tuple[str, dict[str, str]]:

@@ -9,11 +9,14 @@ from typing import Any
 import pytest
 from pydantic import BaseModel
 from tests.api.conftest import TEDUSAR, Service, running
+from tests.api.test_moments import answered, each_is_told
 from tests.waiting import until
 
+from robomend.api.schemas.history import HistoryLine
 from robomend.api.schemas.plans import ChoiceOut
 from robomend.api.schemas.repair_record import RepairOut
 from robomend.moments import rfc3339
+from robomend.repairs.states import RepairState
 from robomend.settings import Settings
 
 WRONG = ["not ok(scan)", "not running(hokuyo_node)", "on(hokuyo)", "on(jaguar)"]
@@ -31,7 +34,7 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
 def described(kind: type[BaseModel], answer: dict[str, Any]) -> None:
     """See that nothing comes that is not described, and that what is described fits."""
     read = kind.model_validate_json(json.dumps(answer), strict=True).model_dump(
-        mode="json", exclude_unset=True
+        mode="json", exclude_unset=True, by_alias=True
     )
     assert read == answer
 
@@ -72,11 +75,36 @@ def test_a_repair_is_as_described_from_beginning_to_end(service: Service) -> Non
     described(RepairOut, ended)
     assert ended["created"].endswith("Z")
     assert ended["created"] <= ended["finished"]
+    assert each_is_told(ended) > 10  # of steps, symptoms and waits as well
+    assert each_is_told(service.api("GET", "/repairs").json()) > 10
 
 
 def find(service: Service, repair: str) -> dict[str, Any]:
     found: dict[str, Any] = service.api("GET", f"/repairs/{repair}").json()
     return found
+
+
+@pytest.mark.parametrize("kind", ["observations", "diagnosis", "repair"])
+def test_the_history_is_as_described(service: Service, kind: str) -> None:
+    body = {"observations": ["ok(odom)"], "assertions": {"a": "ok(map) or ok(odom)"}}
+    service.api("POST", "/robots/r1/observations", json=body)
+    service.diagnosis("r1", after=0, wait_s=10)
+    until(lambda: ids(service, "/robots/r1/history", kind=kind), f"there is no {kind} yet", 60)
+    for item in service.api("GET", "/robots/r1/history", params={"kind": kind}).json()["items"]:
+        described(HistoryLine, item)
+        assert item["kind"] == kind
+        assert each_is_told(item)
+
+
+def test_a_repair_reads_the_same_in_the_history(service: Service) -> None:
+    repair_of(service, *RepairState)
+
+    def alike() -> bool:
+        past = service.api("GET", "/robots/r1/history", params={"kind": "repair", "limit": 1}).json()["items"]
+        now = service.api("GET", "/robots/r1/repairs", params={"limit": 1}).json()["items"]
+        return bool([line["data"] for line in past] == now)
+
+    until(alike, "they differ", 60)  # it may go on between the two
 
 
 @pytest.mark.parametrize("pddl", [True, False])
@@ -101,6 +129,10 @@ def test_no_answer_is_an_untyped_object(service: Service) -> None:
                 schema = response.get("content", {}).get("application/json", {}).get("schema", {})
                 bare = schema.get("type") == "object" and schema.get("additionalProperties") in (None, True)
                 assert not bare or (path == "/version-info"), f"{method} {path} {status}"
+    for name, schema in answered(document).items():
+        for field, kind in schema.get("properties", {}).items():
+            bare = [one for one in kind.get("anyOf", [kind]) if one.get("additionalProperties") is True]
+            assert not bare or field == "options", f"{name}.{field}"  # of an executor: its own
 
 
 def ids(service: Service, path: str, **query: str) -> list[Any]:

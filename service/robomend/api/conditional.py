@@ -1,7 +1,7 @@
 """Answers that a client has already: ETag and 304 for what is read (RFC 9110, 13.1.2), and HEAD.
 
-Each JSON answer to a GET is named by what is in it. A client that polls sends the name back as If-None-Match
-and gets a 304 without a body while nothing has changed. What it saves is the way, not the work.
+Each answer to a GET in JSON or NDJSON is named by what is in it. A client that polls sends the name back as
+If-None-Match and gets a 304 without a body while nothing has changed. What it saves is the way, not the work.
 
 A robot's own ETag names its configuration, which a PUT replaces; how the robot is changes without it, so it
 is no reason for a 304.
@@ -21,6 +21,9 @@ WHOLE = re.compile(rf"{API}(?:/(?!robots/[^/]+\Z).*)?\Z")
 
 WITHOUT_HEAD = ("/events", "/actions/next")
 """Ends of paths that answer without end, or change something."""
+
+NAMED = (b"application/json", b"application/x-ndjson")
+"""Media types of answers that are named."""
 
 NOT_KEPT = (b"cache-control", b"private, no-cache")
 """Unless a route says otherwise: keys decide who may read, and the next moment may be another."""
@@ -47,9 +50,7 @@ class Conditional:
     async def __call__(self, message: Message) -> None:
         if message["type"] == "http.response.start":
             headers = dict(message.get("headers", ()))
-            if message["status"] != 200 or not headers.get(b"content-type", b"").startswith(
-                b"application/json"
-            ):
+            if message["status"] != 200 or not headers.get(b"content-type", b"").startswith(NAMED):
                 await self._send(message)
                 return
             if b"cache-control" not in headers:

@@ -20,6 +20,7 @@ from fastapi.routing import APIRoute
 from starlette.requests import Request
 from starlette.responses import Response
 
+from robomend.api import lists
 from robomend.api.body import StrictRequest
 from robomend.api.origin import foreign
 from robomend.api.problems import Problem
@@ -255,12 +256,16 @@ _UNKNOWN = "this key is unknown or revoked"
 
 
 class GuardedRoute(APIRoute):
-    """A route behind the gate, whose body is read strictly. Every route of the service is one."""
+    """A route behind the gate, whose body is read strictly and whose lists come as asked.
+
+    Every route of the service is one.
+    """
 
     def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
         handle = super().get_route_handler()
         rule = (next(iter(sorted(self.methods or ()))), self.path_format)
         takes_json = self.body_field is not None
+        answers_with_list = lists.is_list(self.response_model)
 
         async def guarded(request: Request) -> Response:
             gate: Admitter = request.app.state.gate
@@ -273,7 +278,8 @@ class GuardedRoute(APIRoute):
                 else:
                     await strict.read(_limit(gate.settings, rule))
                 return await handle(strict)
-            return await handle(request)
+            answer = await handle(request)
+            return await lists.as_asked(request, answer) if answers_with_list else answer
 
         return guarded
 

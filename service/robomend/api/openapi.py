@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from typing import Any
 
+from robomend.api import lists
 from robomend.api.problems import MEDIA_TYPE
 from robomend.api.sign_in import PLAIN, SECURE
 from robomend.security import API, EVERYONE, RULES
@@ -12,8 +13,8 @@ from robomend.security import API, EVERYONE, RULES
 DESCRIPTION = """Finds out why a robot misbehaves, repairs it, and looks whether it worked.
 
 Observations come in, minimal diagnoses come out; repairs are planned, approved and carried out. Lists are
-`{"items": [...], "next": ...}`; errors are problem details (RFC 9457) with a stable `code`; what was
-acknowledged is on disk."""
+`{"items": [...], "next": ...}`, or NDJSON for who asks; errors are problem details (RFC 9457) with a stable
+`code`; what was acknowledged is on disk."""
 
 TAGS = [
     {"name": "models", "description": "System descriptions, versioned; a robot follows its model"},
@@ -61,6 +62,7 @@ def complete(document: dict[str, Any]) -> dict[str, Any]:
             answers = operation.get("responses", {})
             if method == "get" and "application/json" in answers.get("200", {}).get("content", {}):
                 answers["304"] = {"description": "If-None-Match names this version: the client has it"}
+                lists.describe(operation)
             for status, response in answers.items():
                 if status[0] in "45":
                     _as_problem(response)

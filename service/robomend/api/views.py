@@ -8,9 +8,8 @@ from typing import Any
 
 from starlette.responses import Response
 
-from robomend.api.schemas.base import Items
 from robomend.api.schemas.diagnosis import ProbeOut, ProbesOut
-from robomend.api.schemas.history import AuditOut, HistoryLine
+from robomend.api.schemas.drill import DrillOut
 from robomend.api.schemas.models import ModelOut, VersionOut
 from robomend.api.schemas.observations import AssertionOut, ObservedLiteral, ObsOut
 from robomend.api.schemas.repair import BoardOut, ChannelOut
@@ -19,7 +18,9 @@ from robomend.api.schemas.session import SessionOut
 from robomend.diagnosis.probes import ProbeResult
 from robomend.diagnosis.result import DiagnosisResult, Options
 from robomend.model.system import System
+from robomend.moments import rfc3339, with_texts
 from robomend.oneshots.result_json import result_json
+from robomend.repairs.repair_json import repair_json
 from robomend.robots.batches import Acknowledged
 from robomend.robots.boards import WiredBoard
 from robomend.robots.clock import CLOCK
@@ -31,8 +32,8 @@ from robomend.settings import Settings
 from robomend.store import Store, View, diagnoses, drills, observations, repairs, robots
 from robomend.store.records import (
     AuditEntry,
-    Page,
     Paging,
+    StepRecord,
     StoredBatch,
     StoredDiagnosis,
     StoredDrill,
@@ -111,7 +112,7 @@ def robot_out(state: Robot, findings: Sequence[str], drill: Mapping[str, Any] | 
             )
             for said in state.sight.declared.agents()
         ],
-        drill=None if drill is None else dict(drill),
+        drill=None if drill is None else DrillOut.model_validate(drill),
     )
 
 
@@ -168,6 +169,7 @@ def diagnosis_response(state: Robot) -> Response:
         "revision": 0 if current is None else current.revision,
         "model_version": None if current is None else current.model_version,
         "time_ns": None if current is None else current.time_ns,
+        "time": None if current is None else rfc3339(current.time_ns),
         "result": None if current is None else current.result,
         "fault": None if current is None else current.fault,
         "expected_stopped": [] if current is None else current.expected_stopped,
@@ -225,60 +227,79 @@ def board_out(board: WiredBoard) -> BoardOut:
     )
 
 
-def audit_out(entry: AuditEntry) -> AuditOut:
-    """Return an entry of the audit log."""
-    return AuditOut(
-        id=entry.id,
-        time_ns=entry.time_ns,
-        actor=entry.actor,
-        action=entry.action,
-        subject=entry.subject,
-        robot=entry.robot,
-        reason=entry.reason,
-        before=None if entry.before is None else dict(entry.before),
-        after=None if entry.after is None else dict(entry.after),
-    )
+def audit_json(entry: AuditEntry) -> dict[str, Any]:
+    """Return an entry of the audit log; AuditOut only describes it."""
+    # Of the stop alone: elsewhere a name may be somebody's own, as of a program's options.
+    with_times = with_texts if entry.action.startswith("stop.") else _as_it_is
+    return {
+        "id": entry.id,
+        "time_ns": entry.time_ns,
+        "time": rfc3339(entry.time_ns),
+        "actor": entry.actor,
+        "action": entry.action,
+        "subject": entry.subject,
+        "robot": entry.robot,
+        "reason": entry.reason,
+        "before": with_times(entry.before),
+        "after": with_times(entry.after),
+    }
 
 
-async def history_page(store: Store, robot: str, kind: str, paging: Paging) -> Items[HistoryLine]:
-    """Return a page of one kind of a robot's history, newest first; NotFound if there is no such robot."""
+def _as_it_is(value: Any) -> Any:
+    return value
 
-    def look(view: View) -> tuple[Page[Any], Sequence[StoredDrill]]:
+
+async def history_json(store: Store, robot: str, kind: str, paging: Paging) -> dict[str, Any]:
+    """Return a page of one kind of a robot's history, newest first; NotFound if there is no such robot.
+
+    HistoryLine only describes it.
+    """
+
+    def look(view: View) -> tuple[list[dict[str, Any]], str | None]:
         robots.get(view, robot)
         if kind == "diagnosis":
-            page = diagnoses.page(view, robot, paging)
-            times = [item.time_ns for item in page.items]
-            return page, drills.between(view, robot, min(times), max(times)) if times else ()
+            found = diagnoses.page(view, robot, paging)
+            times = [item.time_ns for item in found.items]
+            drilled = drills.between(view, robot, min(times), max(times)) if times else ()
+            return [_diagnosis_line(item, drilled) for item in found.items], found.next
         if kind == "repair":
-            return repairs.page(view, robot, paging), ()
-        return observations.history(view, robot, paging), ()
+            begun = repairs.page(view, robot, paging)
+            return [_repair_line(item, repairs.steps(view, item.id)) for item in begun.items], begun.next
+        batches = observations.history(view, robot, paging)
+        return [_batch_line(item) for item in batches.items], batches.next
 
-    page, drilled = await store.read(look)
-    return Items(items=[_history_line(item, drilled) for item in page.items], next=page.next)
+    items, following = await store.read(look)
+    return {"items": items, "next": following}
 
 
-def _history_line(
-    item: StoredBatch | StoredDiagnosis | StoredRepair, drilled: Sequence[StoredDrill]
-) -> HistoryLine:
-    if isinstance(item, StoredDiagnosis):
-        at = item.time_ns
-        during = [d.id for d in drilled if d.created_ns <= at and (d.open or at <= d.updated_ns)]
-        data = {"revision": item.revision, "model_version": item.model_version, **item.result}
-        data["drill"] = during[0] if during else None
-        return HistoryLine(kind="diagnosis", time_ns=item.time_ns, data=data)
-    if isinstance(item, StoredRepair):
-        data = {"id": item.id, "state": item.state, **item.data}
-        return HistoryLine(kind="repair", time_ns=item.created_ns, data=data)
+def _diagnosis_line(item: StoredDiagnosis, drilled: Sequence[StoredDrill]) -> dict[str, Any]:
+    at = item.time_ns
+    during = [d.id for d in drilled if d.created_ns <= at and (d.open or at <= d.updated_ns)]
+    data = {"revision": item.revision, "model_version": item.model_version, **item.result}
+    data["drill"] = during[0] if during else None
+    return _line("diagnosis", at, data)
+
+
+def _repair_line(item: StoredRepair, steps: Sequence[StepRecord]) -> dict[str, Any]:
+    return _line("repair", item.created_ns, with_texts(repair_json(item, steps)))
+
+
+def _batch_line(item: StoredBatch) -> dict[str, Any]:
     data = {
         "revision": item.revision,
         "by": item.by,
         "observations": [
-            {"literal": str(e.literal), "source": e.source, "time_ns": e.time_ns} for e in item.entries
+            with_texts({"literal": str(e.literal), "source": e.source, "time_ns": e.time_ns})
+            for e in item.entries
         ],
         "asserted": {assertion.name: assertion.sentence for assertion in item.asserted},
         "withdrawn": list(item.withdrawn),
     }
-    return HistoryLine(kind="observations", time_ns=item.time_ns, data=data)
+    return _line("observations", item.time_ns, data)
+
+
+def _line(kind: str, time_ns: int, data: dict[str, Any]) -> dict[str, Any]:
+    return {"kind": kind, "time_ns": time_ns, "time": rfc3339(time_ns), "data": data}
 
 
 def engine_options(

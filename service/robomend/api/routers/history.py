@@ -5,31 +5,33 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 from fastapi import APIRouter, Query
+from starlette.responses import JSONResponse
 
 from robomend.api.deps import PartsDep, RobotPath, SpanDep
 from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
+from robomend.api.schemas.audit import AuditOut
 from robomend.api.schemas.base import NAME, Items
-from robomend.api.schemas.history import AuditOut, HistoryLine
-from robomend.api.views import audit_out, history_page
+from robomend.api.schemas.history import HistoryLine
+from robomend.api.views import audit_json, history_json
 from robomend.security import API
 from robomend.store import audit
 
 router = APIRouter(prefix=API, tags=["history"], route_class=GuardedRoute)
 
 
-@router.get("/robots/{robot}/history", responses=problems(404))
+@router.get("/robots/{robot}/history", response_model=Items[HistoryLine], responses=problems(404))
 async def get_history(
     robot: RobotPath,
     parts: PartsDep,
     paging: SpanDep,
     kind: Literal["observations", "diagnosis", "repair"] = "observations",
-) -> Items[HistoryLine]:
+) -> JSONResponse:
     """Return accepted batches, diagnoses or repairs over time, newest first."""
-    return await history_page(parts.store, robot, kind, paging)
+    return JSONResponse(await history_json(parts.store, robot, kind, paging))
 
 
-@router.get("/audit", responses=problems())
+@router.get("/audit", response_model=Items[AuditOut], responses=problems())
 async def get_audit(
     parts: PartsDep,
     paging: SpanDep,
@@ -38,7 +40,7 @@ async def get_audit(
     action: Annotated[
         str | None, Query(max_length=100, description="what was done", examples=["robot.put"])
     ] = None,
-) -> Items[AuditOut]:
+) -> JSONResponse:
     """Return the audit log, newest first, of everything or of one robot, actor or action."""
     page = await parts.store.read(audit.page, paging, robot=robot, actor=actor, action=action)
-    return Items(items=[audit_out(entry) for entry in page.items], next=page.next)
+    return JSONResponse({"items": [audit_json(entry) for entry in page.items], "next": page.next})

@@ -16,6 +16,7 @@ from robomend.api.gate import GuardedRoute
 from robomend.api.schemas.base import Items
 from robomend.api.schemas.repair import DecisionBody, RepairBody
 from robomend.api.schemas.repair_record import RepairOut
+from robomend.moments import with_texts
 from robomend.repairs.repair_json import repair_json
 from robomend.repairs.states import RepairState
 from robomend.security import API
@@ -35,7 +36,7 @@ async def create_repair(
 ) -> JSONResponse:
     """Ask for a repair of the diagnosis `bad`, or of the best choice; a conflict while one is open."""
     repair = await parts.repairs.create(robot, bad=body.bad, by=principal.name, reason=body.reason)
-    return JSONResponse(dict(repair), 202, {"Location": f"{API}/repairs/{repair['id']}"})
+    return JSONResponse(with_texts(repair), 202, {"Location": f"{API}/repairs/{repair['id']}"})
 
 
 @router.get("/robots/{robot}/repairs", response_model=Items[RepairOut], responses=problems(404))
@@ -52,7 +53,7 @@ async def list_repairs(
         until_ns=paging.until_ns,
     )
     more = len(found) == paging.limit
-    items = [dict(repair) for repair in found]
+    items = [with_texts(repair) for repair in found]
     return JSONResponse({"items": items, "next": items[-1]["id"] if more else None})
 
 
@@ -67,7 +68,7 @@ async def list_all_repairs(
 
     def look(view: View) -> dict[str, object]:
         found = repairs.page(view, None, paging, open_only=open_only, state=state)
-        items = [repair_json(repair, repairs.steps(view, repair.id)) for repair in found.items]
+        items = [with_texts(repair_json(one, repairs.steps(view, one.id))) for one in found.items]
         return {"items": items, "next": found.next}
 
     return JSONResponse(await parts.store.read(look))
@@ -76,7 +77,7 @@ async def list_all_repairs(
 @router.get("/repairs/{repair}", response_model=RepairOut, responses=problems(404))
 async def get_repair(repair: RepairPath, parts: PartsDep) -> JSONResponse:
     """Return a repair with its diagnosis, plan and steps."""
-    return JSONResponse(dict(await parts.repairs.repair(repair)))
+    return JSONResponse(with_texts(await parts.repairs.repair(repair)))
 
 
 @router.post("/repairs/{repair}", response_model=RepairOut, responses=problems(404, 409, body=True))
@@ -85,4 +86,4 @@ async def decide(
 ) -> JSONResponse:
     """Approve a repair that awaits it, or cancel one that has not ended."""
     ask = parts.repairs.approve if body.decision == "approve" else parts.repairs.cancel
-    return JSONResponse(dict(await ask(repair, by=principal.name, reason=body.reason)))
+    return JSONResponse(with_texts(await ask(repair, by=principal.name, reason=body.reason)))

@@ -6,9 +6,11 @@ words of the literature; AB(c) is `bad` here, as in the paper.
 
 from __future__ import annotations
 
-from typing import Annotated, Generic, TypeVar
+from typing import Annotated, Any, Generic, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field
+
+from robomend.moments import rfc3339
 
 T = TypeVar("T")
 
@@ -37,10 +39,22 @@ class In(BaseModel):
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True, strict=True)
 
 
+def _with_moments(schema: dict[str, Any]) -> None:
+    """A moment's text is there wherever its nanoseconds are."""
+    required = schema.get("required", [])
+    texts = (name.removesuffix("_ns") for name in list(required) if name.endswith("_ns"))
+    required.extend(text for text in texts if text not in required)
+
+
 class Out(BaseModel):
     """An answer; new fields may come, so clients skip those that they do not know."""
 
-    model_config = ConfigDict(frozen=True)
+    model_config = ConfigDict(frozen=True, json_schema_extra=_with_moments)
+
+
+def moment_of(nanoseconds: str, **told: Any) -> Any:
+    """Return a field that says as text what the field `nanoseconds`, which stands before it, says."""
+    return Field(default_factory=lambda known: rfc3339(known.get(nanoseconds)), **told)
 
 
 class ProblemBody(Out):

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from robomend.api.schemas.base import In, ModelName, Nanoseconds, Out, Reason
+from robomend.api.schemas.base import In, ModelName, Moment, Nanoseconds, Out, Reason, moment_of
 from robomend.batches.asked import TOGETHER, BatchOptions
 
 Pattern = Annotated[str, Field(min_length=1, max_length=1000, examples=["night/**/*.mcap"])]
@@ -92,6 +92,10 @@ class BatchOut(Out):
     faulty: int = Field(description="logs that show a fault")
     message: str = Field(description="what was wrong, as robomend-batch says it")
     created_ns: Nanoseconds
+    created: Moment = moment_of("created_ns")
     updated_ns: Nanoseconds
+    updated: Moment = moment_of("updated_ns")
     started_ns: Nanoseconds | None
+    started: Moment | None = moment_of("started_ns")
     finished_ns: Nanoseconds | None
+    finished: Moment | None = moment_of("finished_ns")

@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from robomend.api.schemas.base import Component, In, ModelName, Out, Sentence
+from robomend.api.schemas.base import Component, In, ModelName, Moment, Out, Sentence, moment_of
 from robomend.api.schemas.robots import DiagnosisOptionsBody
 
 
@@ -81,6 +81,7 @@ class CurrentDiagnosis(Out):
     revision: int
     model_version: str | None
     time_ns: int | None
+    time: Moment | None = moment_of("time_ns")
     result: ResultOut | None = Field(
         description="null: there is none; `fault` says why, or nothing was diagnosed yet"
     )

@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from robomend.api.schemas.base import Component, In, Nanoseconds, Out, Reason
+from robomend.api.schemas.base import Component, In, Moment, Nanoseconds, Out, Reason, moment_of
 
 
 class DrillBody(In):
@@ -75,6 +75,10 @@ class DrillOut(Out):
     reason: str
     by: str
     planted_ns: Nanoseconds | None
+    planted: Moment | None = moment_of("planted_ns")
     created_ns: Nanoseconds
+    created: Moment = moment_of("created_ns")
     updated_ns: Nanoseconds
+    updated: Moment = moment_of("updated_ns")
     finished_ns: Nanoseconds | None
+    finished: Moment | None = moment_of("finished_ns")

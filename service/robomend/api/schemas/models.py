@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from robomend.api.schemas.base import In, Out
+from robomend.api.schemas.base import In, Moment, Out, moment_of
 
 
 class ModelBody(In):
@@ -33,6 +33,7 @@ class ModelOut(Out):
     components: list[str]
     warnings: list[str]
     created_ns: int
+    created: Moment = moment_of("created_ns")
     by: str
 
 
@@ -44,4 +45,5 @@ class VersionOut(Out):
     number: int
     format: str
     created_ns: int
+    created: Moment = moment_of("created_ns")
     by: str

@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from robomend.api.schemas.base import Nanoseconds, Out
+from robomend.api.schemas.base import Moment, Nanoseconds, Out, moment_of
 
 
 class RecipientOut(Out):
@@ -41,6 +41,7 @@ class NotificationOut(Out):
     title: str = Field(examples=["tedusar-1: a plan waits for a yes"])
     text: str = Field(examples=["diagnosis: jaguar\nplan: power_up(jaguar)"])
     created_ns: Nanoseconds
+    created: Moment = moment_of("created_ns")
     state: Literal["waiting", "delivered", "given-up"]
     tries: int = Field(examples=[1])
     answer: str = Field(description="to the last try", examples=["answered 200"])

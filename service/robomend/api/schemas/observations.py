@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import ConfigDict, Field, TypeAdapter
 from pydantic.dataclasses import dataclass
 
-from robomend.api.schemas.base import MAX_INT, Nanoseconds, Out, Sentence
+from robomend.api.schemas.base import MAX_INT, Moment, Nanoseconds, Out, Sentence, moment_of
 from robomend.robots.batches import Batch
 
 
@@ -99,9 +99,13 @@ class ObservedLiteral(Out):
     literal: str = Field(examples=["not ok(scan)"])
     source: str
     time_ns: int
+    time: Moment = moment_of("time_ns")
     expires_ns: int | None = None
+    expires: Moment | None = moment_of("expires_ns")
     since_ns: int | None = Field(None, description="the beginning of what it rests on, by our clock")
+    since: Moment | None = moment_of("since_ns")
     onset_ns: int | None = Field(None, description="the last good sample before it turned bad")
+    onset: Moment | None = moment_of("onset_ns")
     confirmed: bool = Field(True, description="false: from before an act that may have changed it")
     fresh: bool = Field(description="false: it has outlived its lifetime and is unknown")
     used: bool = Field(description="false: no rule of the model mentions it")
@@ -114,7 +118,9 @@ class AssertionOut(Out):
     sentence: str
     source: str
     time_ns: int
+    time: Moment = moment_of("time_ns")
     expires_ns: int | None = None
+    expires: Moment | None = moment_of("expires_ns")
 
 
 class ObsOut(Out):

@@ -6,7 +6,17 @@ from typing import Literal
 
 from pydantic import Field
 
-from robomend.api.schemas.base import MAX_INT, Component, In, ModelName, Out, Reason, Sentence
+from robomend.api.schemas.base import (
+    MAX_INT,
+    Component,
+    In,
+    ModelName,
+    Moment,
+    Out,
+    Reason,
+    Sentence,
+    moment_of,
+)
 from robomend.api.schemas.robots import ExpectedBody
 
 
@@ -145,6 +155,7 @@ class StopOut(Out):
     by: str | None = None
     reason: str = ""
     since_ns: int | None = None
+    since: Moment | None = moment_of("since_ns")
     written: bool = Field(default=True, description="false: not on disk yet; a restart would not know of it")
     detail: str = Field(default="", description="what that means, where it is not written")
 
@@ -168,4 +179,5 @@ class BoardOut(Out):
     state: str = Field(examples=["connected"])
     reason: str
     time_ns: int
+    time: Moment = moment_of("time_ns")
     channels: list[ChannelOut]

@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from robomend.api.schemas.base import Moment, Nanoseconds, Out
+from robomend.api.schemas.base import Moment, Nanoseconds, Out, moment_of
 from robomend.repairs.states import RepairState, StepState
 
 
@@ -23,6 +23,7 @@ class StepFeedback(Out):
     code: int = Field(examples=[1])
     message: str = Field(examples=["half way"])
     time_ns: int
+    time: Moment = moment_of("time_ns")
 
 
 class RepairStep(Out):
@@ -42,7 +43,9 @@ class RepairStep(Out):
     seen: list[str] = Field(default=[], description="effects that were observed")
     missing: list[str] = Field(default=[], description="effects that were not")
     sent_ns: int | None = None
+    sent: Moment | None = moment_of("sent_ns")
     ended_ns: int | None = None
+    ended: Moment | None = moment_of("ended_ns")
 
 
 class SeenSymptom(Out):
@@ -50,7 +53,9 @@ class SeenSymptom(Out):
 
     literal: str = Field(examples=["not ok(scan)"])
     since_ns: int | None
+    since: Moment | None = moment_of("since_ns")
     onset_ns: int | None
+    onset: Moment | None = moment_of("onset_ns")
 
 
 class Rival(Out):
@@ -67,6 +72,7 @@ class RepairRound(Out):
     """One round of a repair: what it rested on, what was done, how it ended."""
 
     began_ns: int | None = None
+    began: Moment | None = moment_of("began_ns")
     diagnosis: BadAndGood
     plan: list[RepairStep]
     why: str = Field(description="the choice in words")
@@ -87,7 +93,9 @@ class RepairWait(Out):
     """What a repair waited for, and how long."""
 
     from_ns: int
+    from_: Moment = moment_of("from_ns", alias="from")
     until_ns: int | None = Field(description="null: it still does")
+    until: Moment | None = moment_of("until_ns")
     round: int = Field(description="before which round")
     why: str = Field(examples=["for verdicts that are about to come"])
     names: list[str] = Field(description="what was to be reported", examples=[["ok(scan)"]])

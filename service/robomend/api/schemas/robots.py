@@ -6,7 +6,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from robomend.api.schemas.base import Component, In, ModelName, Out, Sentence
+from robomend.api.schemas.base import Component, In, ModelName, Moment, Out, Sentence, moment_of
+from robomend.api.schemas.drill import DrillOut
 
 
 class ExpectedCurrentBody(In):
@@ -157,7 +158,9 @@ class RobotOut(Out):
     config: RobotBody
     etag: str
     created_ns: int
+    created: Moment = moment_of("created_ns")
     updated_ns: int
+    updated: Moment = moment_of("updated_ns")
     revision: int = Field(description="of OBS; each accepted batch raises it")
     model_version: str | None = None
     healthy: bool | None = Field(default=None, description="null: not diagnosed yet")
@@ -165,7 +168,7 @@ class RobotOut(Out):
         default="unknown", description="silence is not health: what should be observed and is not, is unknown"
     )
     unknown: list[str] = Field(default=[], description="what of `observed` is not known now")
-    drill: dict[str, Any] | None = Field(
+    drill: DrillOut | None = Field(
         default=None, description="the drill that is open: what is planted, and how it is undone"
     )
     agents: list[AgentOut] = Field(
@@ -184,3 +187,4 @@ class RobotLine(Out):
     policy: str
     etag: str
     updated_ns: int
+    updated: Moment = moment_of("updated_ns")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from robomend.api.schemas.base import In, Out
+from robomend.api.schemas.base import In, Moment, Out, moment_of
 
 
 class SignInBody(In):
@@ -20,3 +20,4 @@ class SessionOut(Out):
     role: str = Field(examples=["operator"])
     robot: str | None = Field(description="of a robot's key: its own id")
     expires_ns: int | None = Field(description="of a browser that is signed in: when that ends")
+    expires: Moment | None = moment_of("expires_ns")

@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from robomend.api.schemas.base import Out
+from robomend.api.schemas.base import Moment, Out, moment_of
 
 
 class StatusLineOut(Out):
@@ -23,6 +23,7 @@ class StatusLineOut(Out):
     waits: str = Field(description="what it waits for; empty: nothing", examples=["approval of a plan"])
     waits_for_person: bool
     since_ns: int | None = Field(description="of the diagnosis")
+    since: Moment | None = moment_of("since_ns")
 
 
 class StatusOut(Out):
