@@ -20,6 +20,7 @@ from robomend.model.components import ComponentModel
 from robomend.model.loops import Loop
 from robomend.model.system import System
 from robomend.planning.choice import Candidate, Choice, Look, choose, common_part
+from robomend.planning.partial import helpful
 from robomend.planning.plan import Plan
 from robomend.planning.tried import DEFAULT_PATIENCE, Attempt, Patience, leading
 from robomend_client.literals import Atom, Literal
@@ -73,10 +74,16 @@ class Situation:
         order = (onset_fit(self.model, self.cnf, self.loops, self.onsets, bad) for bad in blamed)
         return [fit * factor for fit, factor in zip(fits, order, strict=True)]
 
+    def helpful(self, plan: Plan, diagnosis: Diagnosis) -> Plan:
+        """Return the plan, or one without steps where what it leaves broken explains all that is observed."""
+        return helpful(plan, diagnosis, self.result.diagnoses, self.model)
+
     def decide(self, plans: Sequence[Plan]) -> Choice:
         """Return the choice, given a plan for each of `wanted`."""
         diagnoses = self.leading
-        pairs = [Candidate(one, plan) for one, plan in zip(self.wanted, plans, strict=True)]
+        pairs = [
+            Candidate(one, self.helpful(plan, one)) for one, plan in zip(self.wanted, plans, strict=True)
+        ]
         candidates, shared = pairs[: len(diagnoses)], pairs[len(diagnoses) :]
         return choose(
             candidates,

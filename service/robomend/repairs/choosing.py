@@ -210,6 +210,7 @@ class Chooser:
                 [way] = await self._planners.plans(
                     situation.model, situation.observed, [diagnosis.bad], other
                 )
+                way = situation.helpful(way, diagnosis)
                 if way.steps and len(way.unreachable) <= len(plans[position].unreachable):
                     plans[position] = way
         return plans
