@@ -135,6 +135,7 @@ ROS1 = Wanted(
         *("python3-std-msgs", "python3-diagnostic-msgs", "python3-geometry-msgs"),
     ),
 )
+IPROUTE = Wanted("the command ip", lambda: shutil.which("ip"), ("iproute2",))
 KILTED = WantedRos2(
     "kilted",
     (
@@ -153,7 +154,7 @@ JAZZY = WantedRos2(
 
 def main() -> None:
     """Install all of it; what cannot be is said, and the tests that need it say so again."""
-    for wanted in (POSTGRESQL, CHROMIUM, ROS1, KILTED, JAZZY):
+    for wanted in (POSTGRESQL, CHROMIUM, IPROUTE, ROS1, KILTED, JAZZY):
         if not wanted.there():
             print(f"tests: installing {wanted.what}", file=sys.stderr)
         why = wanted.install()

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
@@ -46,25 +46,28 @@ sys.stdin.read()
 class RosMaster:
     """A master of the distribution, on a port that the system chooses; a restart keeps it."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, host: str = "127.0.0.1", inside: Sequence[str] = ()) -> None:
+        """`inside` begins the command of whatever runs beside the master, where `host` is its address."""
         self.folder = folder
+        self.host = host
+        self.inside = tuple(inside)
         self.port = 0
         self._process: subprocess.Popen[str] | None = None
         self.start()
 
     @property
     def uri(self) -> str:
-        return f"http://127.0.0.1:{self.port}/"
+        return f"http://{self.host}:{self.port}/"
 
     @property
     def environment(self) -> dict[str, str]:
         """What nodes of this master need."""
-        here = {"ROS_MASTER_URI": self.uri, "ROS_IP": "127.0.0.1", "PYTHONPATH": ""}
+        here = {"ROS_MASTER_URI": self.uri, "ROS_IP": self.host, "PYTHONPATH": ""}
         return {**os.environ, **here, "ROS_HOME": str(self.folder), "ROS_LOG_DIR": str(self.folder)}
 
     def start(self) -> None:
         self._process = subprocess.Popen(
-            [ROS1_PYTHON, "-c", MASTER, str(self.port)],
+            [*self.inside, ROS1_PYTHON, "-c", MASTER, str(self.port)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
@@ -89,20 +92,25 @@ class RosMaster:
 class RosNode(NodeProcess):
     """A rospy node; see ros1_node.py."""
 
-    def __init__(self, master: RosMaster, name: str, **environment: str) -> None:
-        super().__init__(name, [ROS1_PYTHON, str(NODE)], {**master.environment, **environment}, master.folder)
+    def __init__(
+        self, master: RosMaster, name: str, inside: Sequence[str] | None = None, **environment: str
+    ) -> None:
+        """`inside`: as the master's; None: where the master is."""
+        command = [*(master.inside if inside is None else inside), ROS1_PYTHON, str(NODE)]
+        super().__init__(name, command, {**master.environment, **environment}, master.folder)
 
 
 class Robot:
     """A master and nodes, which all end with the test."""
 
-    def __init__(self, folder: Path) -> None:
-        self.master = RosMaster(folder)
+    def __init__(self, folder: Path, host: str = "127.0.0.1", inside: Sequence[str] = ()) -> None:
+        """`host` and `inside`: as the master's."""
+        self.master = RosMaster(folder, host, inside)
         self.nodes: dict[str, RosNode] = {}
 
-    def node(self, name: str, **environment: str) -> RosNode:
+    def node(self, name: str, inside: Sequence[str] | None = None, **environment: str) -> RosNode:
         """Start a node and wait until the master knows it."""
-        node = self.nodes[name] = RosNode(self.master, name, **environment)
+        node = self.nodes[name] = RosNode(self.master, name, inside, **environment)
         node.do("nothing")
         return node
 
@@ -113,10 +121,10 @@ class Robot:
 
 
 @contextmanager
-def robot(folder: Path) -> Iterator[Robot]:
+def robot(folder: Path, host: str = "127.0.0.1", inside: Sequence[str] = ()) -> Iterator[Robot]:
     """A real ROS 1 robot; skips where there is none."""
     ros1()
-    found = Robot(folder)
+    found = Robot(folder, host, inside)
     try:
         yield found
     finally:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import struct
 from functools import partial
 from typing import Any
 
@@ -11,7 +12,8 @@ import pytest
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_typestore
 
-from robomend_batch.logs.fields import EMPTY, NoField, compile_field, value_at
+from robomend_batch.logs.fields import compile_field, value_at
+from robomend_client.bridges.unpacking import EMPTY, NoField, unpacker
 
 STORES = {"ros1": get_typestore(Stores.ROS1_NOETIC), "ros2": get_typestore(Stores.ROS2_HUMBLE)}
 PACKAGES = ("std_msgs", "geometry_msgs", "sensor_msgs", "nav_msgs", "diagnostic_msgs")
@@ -86,6 +88,38 @@ def test_a_field_alone_is_the_field_of_the_whole(package: str, encoding: str) ->
                 assert extract(data) == expected, f"{name} {path}"
                 compared += 1
     assert compared
+
+
+@pytest.mark.parametrize("encoding", STORES)
+def test_a_message_that_is_longer_or_shorter_than_its_type_is_refused_where_that_is_wanted(
+    encoding: str,
+) -> None:
+    store = STORES[encoding]
+    cdr = encoding == "ros2"
+    serialize = store.serialize_cdr if cdr else store.serialize_ros1
+    deserialize = store.deserialize_cdr if cdr else store.deserialize_ros1
+    chance = random.Random(3)
+    for name, path in (
+        ("std_msgs/msg/Float64", "data"),
+        ("std_msgs/msg/String", "data"),
+        ("sensor_msgs/msg/Imu", "angular_velocity_covariance.4"),
+        ("sensor_msgs/msg/Imu", "header.frame_id"),
+        ("sensor_msgs/msg/LaserScan", "range_max"),
+        ("nav_msgs/msg/Odometry", "twist.twist.angular.z"),
+    ):
+        unpack = unpacker(store.fielddefs, name, path, cdr=cdr, exact=True)
+        assert unpack is not None
+        for _ in range(20):
+            data = bytes(serialize(made(store, (Nodetype.NAME, name), chance), name))
+            padded = 3 if cdr else 0
+            value = value_at(deserialize(data, name), path)
+            assert unpack(data) == unpack(data + bytes(padded)) == value
+            for other in (data + bytes(padded + 1), data[:-4], data[: len(data) // 2], data[:3], b""):
+                with pytest.raises((ValueError, struct.error, IndexError)):
+                    unpack(other)
+            if cdr:
+                with pytest.raises(ValueError, match="no plain CDR"):
+                    unpack(b"\0\3" + data[2:])
 
 
 def test_big_endian_messages_are_read_too() -> None:

@@ -278,7 +278,8 @@ class Wants:
 
     def _by_header(self) -> None:
         """Take the times of messages from their headers, where they have one."""
-        from robomend_batch.logs.fields import NoField, compile_field
+        from robomend_batch.logs.fields import compile_field
+        from robomend_client.bridges.unpacking import NoField
 
         for number, wants in self.of.items():
             (channel,) = (c for some in self._by_topic.values() for c in some if c.number == number)

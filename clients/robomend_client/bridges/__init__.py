@@ -10,7 +10,8 @@ What they have in common:
 
 base.py        a bridge to ROS in general        processes.py   who has a connection open here
 names.py       the model's names and ROS's       problems.py    what is wrong outside, told once
-fields.py      fields of messages                statuses.py    a diagnosis as diagnostic statuses
-sentences.py   sentences to literals (pure)      listening.py   others' /observations
-telling.py     what the robot is told
+opened.py      messages of a known definition    statuses.py    a diagnosis as diagnostic statuses
+unpacking.py   a field by itself                 listening.py   others' /observations
+fields.py      fields of whole messages          telling.py     what the robot is told
+sentences.py   sentences to literals (pure)
 """

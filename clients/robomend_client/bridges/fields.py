@@ -11,18 +11,22 @@ class UnreadableMessage(Exception):
     """A definition or a message that cannot be read, or has no such field."""
 
 
+class MissingField(UnreadableMessage):
+    """A message that has no such field."""
+
+
 def value_at(message: Any, path: str) -> Any:
     """Return what a dotted path leads to, as numbers, texts, lists and mappings.
 
     Raises:
-        UnreadableMessage: the message has no such field.
+        MissingField: the message has none.
     """
     value = message
     for name in steps(path):
         try:
             value = value[int(name)] if name.isdigit() else getattr(value, name)
         except (AttributeError, IndexError, TypeError, KeyError):
-            raise UnreadableMessage(f"no field {path}: {name!r} is not there") from None
+            raise MissingField(f"no field {path}: {name!r} is not there") from None
     return plain(value)
 
 

@@ -8,6 +8,8 @@ from collections import Counter
 log = logging.getLogger(__name__)
 
 MOST_PLACES = 1000
+MOST_MESSAGES = 20
+"""Of one place: what goes to and fro between a few (no answer, no way there) is not told each time."""
 
 
 class Problems:
@@ -17,15 +19,16 @@ class Problems:
         """`where` is what the bridge leads to: ROS 1, ROS 2."""
         self._where = where
         self.counts: Counter[str] = Counter()  # place -> how often something was wrong there
-        self._told: dict[str, str] = {}
+        self._told: dict[str, set[str]] = {}
 
     def tell(self, place: str, message: str) -> None:
         """Something is wrong at a place: a topic, a publisher, the master."""
         if place not in self.counts and len(self.counts) >= MOST_PLACES:
             return
         self.counts[place] += 1
-        if self._told.get(place) != message:
-            self._told[place] = message
+        told = self._told.setdefault(place, set())
+        if message not in told and len(told) < MOST_MESSAGES:
+            told.add(message)
             log.warning("%s, %s: %s", self._where, place, message)
 
     def over(self, place: str) -> None:

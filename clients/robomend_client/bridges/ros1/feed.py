@@ -17,7 +17,7 @@ from typing import Any
 from robomend_client.actions import BY_COMPONENT
 from robomend_client.agent.feeds import AgentParts, Deliver, split
 from robomend_client.bridges.base import ALL_DIAGNOSTICS, DIAGNOSTICS, NAME, NODES, RosBridge
-from robomend_client.bridges.fields import UnreadableMessage, value_at
+from robomend_client.bridges.fields import MissingField, UnreadableMessage
 from robomend_client.bridges.listening import Listening
 from robomend_client.bridges.ros1 import formats
 from robomend_client.bridges.ros1.action_client import RosAction
@@ -121,7 +121,7 @@ class Ros1(RosBridge):
         if listening.ignores(publisher.node):
             return
         try:
-            sentences = value_at(self._readers.read(publisher, body), "obs")
+            sentences = self._readers.open(publisher, body).at("obs")
         except UnreadableMessage as error:
             self.problems.tell(f"/observations by {publisher.node}", str(error))
             return
@@ -160,27 +160,28 @@ class _Hearing:
     def message(self, publisher: Publisher, body: bytes) -> None:
         if self._liveness is not None:
             self._liveness.heard(publisher)
-        message = self._read(publisher, body) if self.looks else None
+        fields = []
         for source, field in self._wanted:
-            if not field:
+            if field:
+                fields.append((source, field))
+            else:
                 self._deliver(source, None, None)
-            elif message is not None:
+        if not fields:
+            return
+        place = f"messages of {self._topic} by {publisher.node}"
+        try:
+            message = self._bridge._readers.open(publisher, body)
+            for source, field in fields:
                 try:
-                    value = value_at(message, field)
-                except UnreadableMessage as error:
+                    value = message.at(field)
+                except MissingField as error:
                     self._bridge.problems.tell(f"{self._topic} by {publisher.node}, {field}", str(error))
                 else:
                     self._deliver(source, channels(value) if source == BOARD else value, None)
-
-    def _read(self, publisher: Publisher, body: bytes) -> Any:
-        place = f"messages of {self._topic} by {publisher.node}"
-        try:
-            message = self._bridge._readers.read(publisher, body)
         except UnreadableMessage as error:
             self._bridge.problems.tell(place, str(error))
-            return None
-        self._bridge.problems.over(place)
-        return message
+        else:
+            self._bridge.problems.over(place)
 
 
 def channels(rows: Any) -> list[dict[str, Any]]:

@@ -5,7 +5,8 @@
     the master's state, each LIST_S ──► nodes that came and went
 
 A node that is asked and says nothing is frozen; the question stays open, so that it costs it no second place
-in its queue, and its answer shows that it is back.
+in its queue, and its answer shows that it is back. But where not even its computer confirms the question, the
+network has split: whether the node runs is unknown.
 """
 
 from __future__ import annotations
@@ -14,11 +15,13 @@ import asyncio
 import logging
 import time
 from collections.abc import Callable
+from contextlib import suppress
 
 from robomend_client.bridges.ros1.node import RosNode
 from robomend_client.bridges.ros1.nodes import Nodes, NodeState
 from robomend_client.bridges.ros1.subscription import Publisher
 from robomend_client.bridges.ros1.xmlrpc import (
+    Connection,
     Garbage,
     NoAnswer,
     NobodyListens,
@@ -28,6 +31,7 @@ from robomend_client.bridges.ros1.xmlrpc import (
     address_of,
     ask,
     connect,
+    is_delivered,
 )
 from robomend_client.python310 import end
 
@@ -79,13 +83,11 @@ class Liveness:
 
     async def run(self) -> None:
         """Watch until cancelled."""
-        list_at = tell_at = 0.0
+        tell_at = 0.0
+        listing = asyncio.create_task(self._lists(), name="the master's nodes")
         try:
-            while True:
+            while not listing.done():
                 now_s = time.monotonic()
-                if now_s >= list_at:
-                    list_at = now_s + LIST_S
-                    await self._list()
                 silent = self.nodes.silent(time.monotonic(), self._ping_s) - self._questions.keys()
                 for name in sorted(silent)[:MOST_AT_ONCE]:
                     self._ask(name)
@@ -93,9 +95,16 @@ class Liveness:
                     tell_at = now_s + TELL_S
                     self._tell()
                 await asyncio.sleep(BEAT_S)
+            listing.result()
         finally:
             self._closed = True
-            await end(list(self._questions.values()))
+            await end([listing, *self._questions.values()])
+
+    async def _lists(self) -> None:
+        """Ask the master for its nodes, now and then: a master that does not answer delays nothing else."""
+        while True:
+            await self._list()
+            await asyncio.sleep(LIST_S)
 
     # --- what is seen ----------------------------------------------------------------------------------
 
@@ -120,6 +129,8 @@ class Liveness:
             return
         try:
             names = (await self._node.master.graph(types=False)).nodes - {self._node.name}
+        except (NoAnswer, NobodyListens, OutOfReach):
+            return  # the node asks it as often, and tells that
         except PeerError as error:
             self._node.problems.tell("the master", str(error))
             return
@@ -157,15 +168,14 @@ class Liveness:
             return NodeState.GONE
         problems = self._node.problems
         try:
-            if (
-                not known.uri or known.state is not NodeState.RUNNING
-            ):  # it may have been started anew, elsewhere
-                known.uri = await self._node.master.lookup_node(name) or known.uri
+            if not known.uri or known.state is not NodeState.RUNNING:
+                with suppress(PeerError):  # of the master: that says nothing of the node
+                    # It may have been started anew, elsewhere.
+                    known.uri = await self._node.master.lookup_node(name) or known.uri
             if not known.uri:
                 return NodeState.NEW
             connection = await connect(*address_of(known.uri), self._timeout_s)
-            question = ask(connection, "getPid", self._node.name, timeout_s=OPEN_S)
-            await self._answer(name, asyncio.create_task(question, name=f"getPid of {name}"))
+            await self._answer(name, connection)
         except (NobodyListens, Garbage):
             return NodeState.GONE
         except NoAnswer:
@@ -183,14 +193,23 @@ class Liveness:
         problems.over(name)
         return NodeState.RUNNING
 
-    async def _answer(self, name: str, question: asyncio.Task[object]) -> None:
-        """Wait for the answer; without one within the time-out the node is frozen from then on."""
+    async def _answer(self, name: str, connection: Connection) -> None:
+        """Ask, and wait for the answer; without one within the time-out the node is frozen from then on.
+
+        Raises:
+            OutOfReach: the question did not get to its computer.
+            PeerError: what came of it otherwise.
+        """
+        call = ask(connection, "getPid", self._node.name, timeout_s=OPEN_S)
+        question = asyncio.create_task(call, name=f"getPid of {name}")
         try:
             for _ in range(SLICES):
                 await asyncio.wait({question}, timeout=self._timeout_s / SLICES)
                 if question.done():
                     break
             else:
+                if not is_delivered(connection):
+                    raise OutOfReach("its computer does not confirm what is sent to it")
                 self._found(name, NodeState.FROZEN)
             await question
         finally:

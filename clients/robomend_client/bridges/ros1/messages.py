@@ -1,15 +1,14 @@
 """Values out of messages of any type, by the definition that their publisher sends along.
 
-rosbags is imported with the first message that somebody wants to look into: it takes 20 MB.
+rosbags is imported with the first message that somebody wants to look into.
 """
 
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable
-from typing import Any
 
 from robomend_client.bridges.fields import UnreadableMessage
+from robomend_client.bridges.opened import KnownType, OpenedMessage
 from robomend_client.bridges.ros1.subscription import Publisher
 
 LONGEST_DEFINITION = 256 * 1024
@@ -20,24 +19,27 @@ class MessageReaders:
     """How the messages of each publisher are read; the newest MOST_TYPES definitions are kept."""
 
     def __init__(self) -> None:
-        self._readers: OrderedDict[tuple[str, str], Callable[[bytes], Any]] = OrderedDict()
+        self._types: OrderedDict[tuple[str, str], KnownType | str] = OrderedDict()  # or why there is none
 
-    def read(self, publisher: Publisher, body: bytes) -> Any:
-        """Return the message, as an object with its fields.
+    def open(self, publisher: Publisher, body: bytes) -> OpenedMessage:
+        """Return the message, to look into.
 
         Raises:
-            UnreadableMessage: the definition, or these bytes.
+            UnreadableMessage: its definition cannot be read.
         """
         key = (publisher.type, publisher.definition)
-        reader = self._readers.get(key)
-        if reader is None:
-            reader = self._readers[key] = _reader(publisher)
-            if len(self._readers) > MOST_TYPES:
-                self._readers.popitem(last=False)
-        return reader(body)
+        found = self._types.get(key)
+        if found is None:
+            found = self._types[key] = _type_of(publisher)
+            if len(self._types) > MOST_TYPES:
+                self._types.popitem(last=False)
+        if isinstance(found, str):
+            raise UnreadableMessage(found)
+        return found.open(body)
 
 
-def _reader(publisher: Publisher) -> Callable[[bytes], Any]:
+def _type_of(publisher: Publisher) -> KnownType | str:
+    """Return how its messages are read, or why they cannot be."""
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     kind = publisher.type
@@ -49,23 +51,9 @@ def _reader(publisher: Publisher) -> Callable[[bytes], Any]:
         store.register(get_types_from_msg(publisher.definition, name))
         _, md5 = store.generate_msgdef(name, ros_version=1)
     except Exception as error:  # noqa: BLE001  # the text comes from anybody
-        why = f"the definition of {kind} by {publisher.node} cannot be read: {error}"[:300]
-
-        def refuse(_: bytes) -> Any:
-            raise UnreadableMessage(why)
-
-        return refuse
+        return f"the definition of {kind} by {publisher.node} cannot be read: {error}"[:300]
     told = "" if md5 == publisher.md5 else f" (its md5sum is not that of its definition, {md5})"
-
-    def read(body: bytes) -> Any:
-        try:
-            return store.deserialize_ros1(body, name)
-        except Exception as error:  # so do the bytes
-            raise UnreadableMessage(
-                f"a message of {kind} by {publisher.node} cannot be read: {error}{told}"[:300]
-            ) from error
-
-    return read
+    return KnownType(store, name, f"{kind} by {publisher.node}", cdr=False, hint=told)
 
 
 def full_name(kind: str) -> str:

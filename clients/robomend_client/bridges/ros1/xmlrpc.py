@@ -10,7 +10,10 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import errno
+import fcntl
 import socket
+import struct
+import termios
 import xmlrpc.client
 from collections.abc import Callable
 from typing import Any
@@ -100,6 +103,16 @@ def unreachable(host: str, port: int, error: Exception) -> PeerError:
     if isinstance(error, (socket.gaierror, UnicodeError)):
         return OutOfReach(f"the host name {host!r} is unknown here")
     return OutOfReach(f"{host}:{port} cannot be reached: {getattr(error, 'strerror', None) or error}")
+
+
+def is_delivered(connection: Connection) -> bool:
+    """Return whether the peer's computer has confirmed all that was sent, whatever the peer does with it."""
+    wire = connection[1].get_extra_info("socket")
+    try:
+        (waiting,) = struct.unpack("i", fcntl.ioctl(wire.fileno(), termios.TIOCOUTQ, bytes(4)))
+    except (OSError, ValueError):
+        return True  # it is closed, or this system does not say
+    return int(waiting) == 0
 
 
 async def call(uri: str, method: str, *arguments: Any, timeout_s: float = CALL_S) -> Any:

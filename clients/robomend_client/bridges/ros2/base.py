@@ -18,8 +18,9 @@ from typing import Any, ClassVar, Protocol
 
 from robomend_client.agent.feeds import AgentParts, Deliver, split
 from robomend_client.bridges.base import ALL_DIAGNOSTICS, DIAGNOSTICS, NODES, RosBridge
-from robomend_client.bridges.fields import UnreadableMessage, value_at
+from robomend_client.bridges.fields import MissingField, UnreadableMessage
 from robomend_client.bridges.listening import Listening
+from robomend_client.bridges.opened import OpenedMessage
 from robomend_client.bridges.ros2 import formats
 from robomend_client.bridges.ros2.messages import MessageReaders, folders_of
 from robomend_client.bridges.ros2.names import ros_type
@@ -154,8 +155,8 @@ class Ros2Bridge(RosBridge):
         if not message.node or listening.ignores(message.node):
             return
         try:
-            value = self._value(message)
-            found = value_at(value, "obs" if hasattr(value, "obs") else "data")
+            opened = self._opened(message)
+            found = opened.at("obs" if opened.has("obs") else "data")
         except UnreadableMessage as error:
             self.problems.tell(f"/observations by {message.node}", str(error))
             return
@@ -181,35 +182,31 @@ class Ros2Bridge(RosBridge):
             await asyncio.sleep(LOOK_S)
 
     def _hearing(self, topic: str, wanted: list[tuple[str, str]], deliver: Deliver) -> OnMessage:
-        looks = any(field for _, field in wanted)
+        fields = [(source, field) for source, field in wanted if field]
+        counted = [source for source, field in wanted if not field]
 
         def heard(message: Message) -> None:
             time_ns = self._made_ns(message)
-            value = self._read(topic, message) if looks else None
-            for source, field in wanted:
-                if not field:
-                    deliver(source, None, time_ns)
-                elif value is not None:
+            for source in counted:
+                deliver(source, None, time_ns)
+            if not fields:
+                return
+            try:
+                opened = self._opened(message)
+                for source, field in fields:
                     try:
-                        part = value_at(value, field)
-                    except UnreadableMessage as error:
+                        deliver(source, opened.at(field), time_ns)
+                    except MissingField as error:
                         self._tell(f"{topic} by {{}}, {field}", message, str(error))
-                    else:
-                        deliver(source, part, time_ns)
+            except UnreadableMessage as error:
+                self._tell(f"messages of {topic} by {{}}", message, str(error))
+            else:
+                self.problems.over(f"messages of {topic} by {message.node}")
 
         return heard
 
-    def _read(self, topic: str, message: Message) -> Any:
-        try:
-            value = self._value(message)
-        except UnreadableMessage as error:
-            self._tell(f"messages of {topic} by {{}}", message, str(error))
-            return None
-        self.problems.over(f"messages of {topic} by {message.node}")
-        return value
-
-    def _value(self, message: Message) -> Any:
-        return self._readers.read(ros_type(message.wire_type), message.type_hash, message.data)
+    def _opened(self, message: Message) -> OpenedMessage:
+        return self._readers.open(ros_type(message.wire_type), message.type_hash, message.data)
 
     def _tell(self, place: str, message: Message, why: str) -> None:
         """Tell what is wrong with a node's messages, as soon as it has a name: more of them will come."""

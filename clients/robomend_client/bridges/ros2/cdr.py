@@ -2,7 +2,8 @@
 
     | 0x00 | 0x01: little endian | options, 2 bytes | values, each aligned to its own size |
 
-Messages of any other type are read by rosbags (messages.py); this spares robots that need none the 20 MB.
+Messages of any other type are read by what rosbags knows of them (messages.py); this spares robots that need
+none its memory.
 """
 
 from __future__ import annotations

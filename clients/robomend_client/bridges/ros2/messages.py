@@ -3,7 +3,7 @@
 ROS 2 sends no definitions along, only (from Iron on) their hash. A definition is looked for where the robot
 has its packages (AMENT_PREFIX_PATH, and the folders in the agent's file), then among those that rosbags
 carries; where the publisher tells a hash, only one that has it will do. rosbags is imported with the first
-message that somebody wants to look into: it takes 20 MB.
+message that somebody wants to look into.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Any
 
 from robomend_client.bridges.fields import UnreadableMessage
+from robomend_client.bridges.opened import KnownType, OpenedMessage
 
 LONGEST_DEFINITION = 256 * 1024
 MOST_TYPES = 512
 
-Reader = Callable[[bytes], Any]
 Definitions = dict[str, Any]
 """Name of a type, std_msgs/msg/String -> constants and fields, as rosbags has them."""
 
@@ -33,26 +33,28 @@ class MessageReaders:
 
     def __init__(self, folders: Sequence[Path] = ()) -> None:
         self._folders = tuple(folders)
-        self._readers: dict[tuple[str, str], Reader] = {}
+        self._types: dict[tuple[str, str], KnownType | str] = {}  # or why there is none
 
-    def read(self, kind: str, type_hash: str, data: bytes) -> Any:
-        """Return the message, as an object with its fields.
+    def open(self, kind: str, type_hash: str, data: bytes) -> OpenedMessage:
+        """Return the message, to look into.
 
         Args:
             kind: std_msgs/String.
             type_hash: what the publisher says of its definition; or nothing.
 
         Raises:
-            UnreadableMessage: there is no such definition, or these bytes are none of it.
+            UnreadableMessage: there is no such definition.
         """
-        reader = self._readers.get((kind, type_hash))
-        if reader is None:
-            reader = self._reader(kind, type_hash)
-            if len(self._readers) < MOST_TYPES:
-                self._readers[kind, type_hash] = reader
-        return reader(data)
+        found = self._types.get((kind, type_hash))
+        if found is None:
+            found = self._find(kind, type_hash)
+            if len(self._types) < MOST_TYPES:
+                self._types[kind, type_hash] = found
+        if isinstance(found, str):
+            raise UnreadableMessage(found)
+        return found.open(data)
 
-    def _reader(self, kind: str, type_hash: str) -> Reader:
+    def _find(self, kind: str, type_hash: str) -> KnownType | str:
         package, _, short = kind.rpartition("/")
         name = f"{package}/msg/{short}"
         why = f"there is no definition of {kind} here: name the folder of its package under `messages:`"
@@ -67,12 +69,8 @@ class MessageReaders:
             if type_hash and store.hash_rihs01(name) != type_hash:
                 why = f"the definition of {kind} here is not its publisher's: the type hashes differ"
                 continue
-            return _reading(store, name, kind)
-
-        def refuse(_: bytes) -> Any:
-            raise UnreadableMessage(why)
-
-        return refuse
+            return KnownType(store, name, kind, cdr=True)
+        return why
 
     def _sources(self) -> Iterator[Callable[[str], Any]]:
         """Return what gives the definition of a name, the likeliest first."""
@@ -126,13 +124,3 @@ def _named(node: Any) -> str | None:
     if kind == 1:  # a base type
         return None
     return str(inside) if kind == 2 else _named(inside[0])
-
-
-def _reading(store: Any, name: str, kind: str) -> Reader:
-    def read(data: bytes) -> Any:
-        try:
-            return store.deserialize_cdr(data, name)
-        except Exception as error:  # the bytes come from anybody
-            raise UnreadableMessage(f"a message of {kind} cannot be read: {error}"[:300]) from error
-
-    return read

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +11,7 @@ import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from robomend_client.bridges.fields import UnreadableMessage, value_at
+from robomend_client.bridges.fields import UnreadableMessage
 from robomend_client.bridges.ros2.messages import MessageReaders, folders_of
 
 MOTOR = "std_msgs/Header header\nfloat64 temperature\nmy_msgs/Part[] parts\n"
@@ -44,9 +46,10 @@ def test_a_type_of_the_robots_own_is_read_by_the_definition_in_its_package(tmp_p
     folders = folders_of({"AMENT_PREFIX_PATH": f"/nowhere:{tmp_path}"}, [])
     package(tmp_path / "share")
     for said in (type_hash, ""):
-        message = MessageReaders(folders).read("my_msgs/Motor", said, body)
-        assert value_at(message, "parts.0.currents.1") == 2.5
-        assert value_at(message, "header.frame_id") == "base"
+        message = MessageReaders(folders).open("my_msgs/Motor", said, body)
+        assert message.at("parts.0.currents.1") == 2.5
+        assert message.at("header.frame_id") == "base"
+        assert message.at("temperature") == 39.5
 
 
 @pytest.mark.parametrize(
@@ -66,7 +69,7 @@ def test_what_cannot_be_read_says_why(
     readers = MessageReaders([tmp_path])
     for _ in range(2):
         with pytest.raises(UnreadableMessage, match=why):
-            readers.read(kind, type_hash, body)
+            readers.open(kind, type_hash, body).at("temperature")
 
 
 def test_of_the_releases_that_rosbags_knows_the_one_whose_hash_fits_is_taken() -> None:
@@ -82,6 +85,25 @@ def test_of_the_releases_that_rosbags_knows_the_one_whose_hash_fits_is_taken() -
         integer_range=[],
     )
     body = bytes(foxy.serialize_cdr(message, name))
-    found = MessageReaders().read("rcl_interfaces/ParameterDescriptor", foxy.hash_rihs01(name), body)
-    assert value_at(found, "read_only") is True
-    assert not hasattr(found, "dynamic_typing")
+    found = MessageReaders().open("rcl_interfaces/ParameterDescriptor", foxy.hash_rihs01(name), body)
+    assert found.at("read_only") is True
+    assert not found.has("dynamic_typing")
+
+
+def test_numpy_is_not_loaded_for_a_number_or_a_text_only_for_what_needs_the_whole_message(
+    tmp_path: Path,
+) -> None:
+    package(tmp_path)
+    body, type_hash = motor()
+    said = b"\0\1\0\0\3\0\0\0hi\0"
+    code = (
+        "import sys; from pathlib import Path; "
+        "from robomend_client.bridges.ros2.messages import MessageReaders; "
+        f"readers = MessageReaders([Path({str(tmp_path)!r})]); "
+        f"m = readers.open('std_msgs/String', '', {said!r}); "
+        "print(m.at('data'), 'numpy' in sys.modules); "
+        f"m = readers.open('my_msgs/Motor', {type_hash!r}, {body!r}); "
+        "print(m.at('parts.0.name'), 'numpy' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["hi", "False", "left", "True"]

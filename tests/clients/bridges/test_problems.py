@@ -1,0 +1,30 @@
+"""What is wrong outside is told once for each place, as long as it lasts."""
+
+from __future__ import annotations
+
+import pytest
+
+from robomend_client.bridges.problems import MOST_MESSAGES, Problems
+
+
+def told(caplog: pytest.LogCaptureFixture) -> list[str]:
+    return [record.getMessage() for record in caplog.records if record.levelname == "WARNING"]
+
+
+def test_what_goes_to_and_fro_is_told_once_until_it_is_over(caplog: pytest.LogCaptureFixture) -> None:
+    problems = Problems("ROS 1")
+    for _ in range(3):
+        problems.tell("the master", "no answer")
+        problems.tell("the master", "no way leads there")
+    assert told(caplog) == ["ROS 1, the master: no answer", "ROS 1, the master: no way leads there"]
+    assert problems.counts["the master"] == 6
+    problems.over("the master")
+    problems.tell("the master", "no answer")
+    assert told(caplog)[2:] == ["ROS 1, the master: no answer"]
+
+
+def test_a_place_that_always_says_something_else_has_a_bound(caplog: pytest.LogCaptureFixture) -> None:
+    problems = Problems("ROS 1")
+    for number in range(MOST_MESSAGES + 5):
+        problems.tell("/scan by /laser", f"message {number} cannot be read")
+    assert len(told(caplog)) == MOST_MESSAGES
