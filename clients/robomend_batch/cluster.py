@@ -9,8 +9,6 @@ If the scheduler dies, what came back is kept, and the same command goes on.
 
 from __future__ import annotations
 
-import asyncio
-import concurrent.futures
 import contextlib
 import hashlib
 import logging
@@ -21,6 +19,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -50,9 +49,6 @@ START = "start one: `dask scheduler`, and on each computer `dask worker tcp://HO
 PACKAGES = ("robomend", "polars", "numpy", "rosbags", "mcap", "distributed")
 """Results, or what travels, depend on their versions."""
 
-CANCELLED = (asyncio.CancelledError, concurrent.futures.CancelledError)
-"""How futures end whose scheduler is gone; nobody cancels them here. Ctrl-C is neither."""
-
 Task = tuple[str, Any, dict[str, bytes]]
 """Kind of outcome, what was told, and the parts by their names."""
 
@@ -68,13 +64,13 @@ def in_cluster(setup: Setup, names: Sequence[str], address: str) -> Iterator[tup
     try:
         _check_versions(client, address)
         yield from _run(client, setup, names, address)
-    except (OSError, RuntimeError, TimeoutError, *CANCELLED) as error:
+    except (OSError, RuntimeError, TimeoutError, CancelledError) as error:
         if isinstance(error, OSError) and error.errno in FULL:
             raise
         why = str(error).partition("\n")[0].rstrip(":") or type(error).__name__
         raise SchedulerFailed(f"the scheduler at {address} is gone: {why}; {_AGAIN}") from error
     finally:
-        with contextlib.suppress(OSError, RuntimeError, TimeoutError, *CANCELLED):  # it may be gone
+        with contextlib.suppress(OSError, RuntimeError, TimeoutError, CancelledError):  # it may be gone
             client.close(timeout=CONNECT_S)
 
 
@@ -174,7 +170,7 @@ def _records(future: Future[Task], name: str, setup: Setup, address: str) -> lis
     except KilledWorker as error:
         return [lost(name, f"it cost {error.allowed_failures + 1} workers of the cluster")]
     except Exception as error:  # of a worker's own code, or of the way here: one file is lost
-        if isinstance(error, (TimeoutError, *CANCELLED)):
+        if isinstance(error, (TimeoutError, CancelledError)):
             raise SchedulerFailed(f"the scheduler at {address} is gone: {_AGAIN}") from error
         return [lost(name, f"{type(error).__name__}: {error}")]
     if kind == "unseen":
