@@ -78,14 +78,21 @@ FEEDS = load_text(
 )
 
 
-def chosen(system: System, *observed: Literal, tried: tuple[Attempt, ...] = ()) -> Choice:
+def chosen(
+    system: System,
+    *observed: Literal,
+    tried: tuple[Attempt, ...] = (),
+    surely_broken: frozenset[str] = frozenset(),
+) -> Choice:
     """What is done about these observations, from the engine to the plan."""
     engine = make_engine("sat", system.cnf)
     try:
         result = engine.diagnose(observed)
     finally:
         engine.close()
-    situation = Situation(parts_of(system), observed, result, tried, cnf=system.cnf)
+    situation = Situation(
+        parts_of(system), observed, result, tried, cnf=system.cnf, surely_broken=surely_broken
+    )
     wanted = [diagnosis.bad for diagnosis in situation.wanted]
     return situation.decide(plans_for(situation.model, situation.observed, wanted, PlanOptions()))
 
@@ -139,6 +146,36 @@ def test_a_probe_two_of_whose_topics_work_keeps_its_power() -> None:
         actions=("stop_node(agg)", "start_node(agg)"),
     )
     assert steps(chosen(PROBE, *seen, tried=(agg,))) == ["stop_node(probe_d)", "start_node(probe_d)"]
+
+
+def test_a_node_that_had_ended_is_restarted_once_more_before_something_else_is_blamed() -> None:
+    """Its successor is silent: the driver of its input, or the probe, would have to have failed besides."""
+    seen = (holds("ok", "b"), holds("ok", "c"), fails("ok", "x"), fails("ok", "y"))
+    start = Attempt(
+        frozenset({"agg"}),
+        frozenset({"agg"}),
+        0,
+        effect_seen=True,
+        helped=False,
+        actions=("start_node(agg)",),
+    )
+    restart = replace(start, actions=("stop_node(agg)", "start_node(agg)"))
+    known = frozenset({"agg"})
+    agg = ["stop_node(agg)", "start_node(agg)"]
+    assert steps(chosen(PROBE, *seen, tried=(start, restart), surely_broken=known)) == agg
+    assert steps(chosen(PROBE, *seen, tried=(start, restart))) != agg
+    # Not for ever: what was done three times in vain makes way.
+    assert steps(chosen(PROBE, *seen, tried=(start, restart, restart), surely_broken=known)) != agg
+
+
+def test_a_device_that_was_off_and_is_on_again_is_not_cycled_before_its_driver_is_restarted() -> None:
+    seen = (holds("on", "probe"), fails("ok", "a"), fails("ok", "b"), fails("ok", "c"))
+    power = Attempt(frozenset({"probe"}), frozenset({"probe"}), 0, effect_seen=True, helped=False)
+    known = frozenset({"probe"})
+    with_it = chosen(PROBE, *seen, tried=(power,), surely_broken=known)
+    assert steps(with_it) == ["stop_node(probe_d)", "start_node(probe_d)"]
+    without = chosen(PROBE, *seen, tried=(power,))
+    assert [one.weight for one in with_it.alternatives] == [one.weight for one in without.alternatives]
 
 
 def test_no_power_is_cut_on_a_tie_that_restarts_would_break() -> None:

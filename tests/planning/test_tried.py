@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
 from tests.planning.candidates import SECOND, candidate, plan, tried
 
 from robomend.diagnosis.result import Diagnosis
 from robomend.planning.choice import choose
-from robomend.planning.tried import Patience, attempt, leading, repaired_by, weights
+from robomend.planning.tried import Patience, attempt, leading, repaired_by, unbroken_fits, weights
 
 
 def test_the_page_names_the_numbers() -> None:
@@ -87,3 +88,17 @@ def test_an_attempt_remembers_only_what_was_carried_out() -> None:
     assert memory.repaired == {"a"}
     assert memory.actions == ("mend(a)",)
     assert repaired_by(made) == {"a", "b"}
+
+
+def test_what_was_surely_broken_and_is_not_blamed_is_one_fault_more_at_its_odds() -> None:
+    odds = Patience().component_odds
+    diagnoses = [("driver", "task"), ("camera", "driver"), ("camera",)]
+    assert unbroken_fits(diagnoses, {"driver", "task"}, {}) == pytest.approx([1.0, odds, odds**2])
+    assert unbroken_fits(diagnoses, {"driver"}, {"driver": 0.2}) == pytest.approx([1.0, 1.0, 0.25])
+    assert unbroken_fits([], {"driver"}, {}) == []
+
+
+def test_what_many_were_known_to_be_does_not_drown_what_diagnoses_differ_in() -> None:
+    """A robot of 400 nodes had lost its power, and all but two of them are back."""
+    known = {f"n{index}" for index in range(400)}
+    assert unbroken_fits([("n0",), ("device",)], known, {}) == pytest.approx([1.0, 0.01])

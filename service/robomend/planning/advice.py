@@ -8,7 +8,7 @@ The service, the stateless one-shots and the command line all go through here.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from robomend.diagnosis.likelihood import likelihoods
 from robomend.diagnosis.onsets import onset_fit
@@ -22,7 +22,7 @@ from robomend.model.system import System
 from robomend.planning.choice import Candidate, Choice, Look, choose, common_part
 from robomend.planning.partial import helpful
 from robomend.planning.plan import Plan
-from robomend.planning.tried import DEFAULT_PATIENCE, Attempt, Patience, leading
+from robomend.planning.tried import DEFAULT_PATIENCE, Attempt, Patience, leading, unbroken_fits
 from robomend_client.literals import Atom, Literal
 
 
@@ -40,6 +40,7 @@ class Situation:
     cnf: HealthCnf | None = None  # says how well OBS fits a diagnosis; None: that does not count
     loops: tuple[Loop, ...] = ()
     onsets: Mapping[Atom, int] = field(default_factory=dict)  # of what is not ok, its last good sample
+    surely_broken: frozenset[str] = frozenset()  # to earlier rounds of this repair, which did not cure it
 
     @property
     def wanted(self) -> tuple[Diagnosis, ...]:
@@ -69,10 +70,15 @@ class Situation:
         blamed = [diagnosis.bad for diagnosis in diagnoses]
         weighed = bool(diagnoses) and all(one.probability is not None for one in diagnoses)
         fits = [1.0] * len(blamed) if weighed else likelihoods(self.cnf, self.observed, blamed)
-        if not self.onsets:
+        if self.onsets:
+            order = [onset_fit(self.model, self.cnf, self.loops, self.onsets, bad) for bad in blamed]
+            fits = [fit * factor for fit, factor in zip(fits, order, strict=True)]
+        # A device that was off leaves its driver with a dead connection: that takes no second fault.
+        ended = self.surely_broken & self.model.nodes.keys()
+        if not ended:
             return fits
-        order = (onset_fit(self.model, self.cnf, self.loops, self.onsets, bad) for bad in blamed)
-        return [fit * factor for fit, factor in zip(fits, order, strict=True)]
+        known = unbroken_fits(blamed, ended, self.cnf.priors, self.patience)
+        return [fit * factor for fit, factor in zip(fits, known, strict=True)]
 
     def helpful(self, plan: Plan, diagnosis: Diagnosis) -> Plan:
         """Return the plan, or one without steps where what it leaves broken explains all that is observed."""
@@ -85,7 +91,7 @@ class Situation:
             Candidate(one, self.helpful(plan, one)) for one, plan in zip(self.wanted, plans, strict=True)
         ]
         candidates, shared = pairs[: len(diagnoses)], pairs[len(diagnoses) :]
-        return choose(
+        choice = choose(
             candidates,
             self.tried,
             looks(self.probes, candidates),
@@ -94,6 +100,7 @@ class Situation:
             now_ns=self.now_ns,
             patience=self.patience,
         )
+        return replace(choice, certain=self.result.certain)
 
 
 def parts_of(system: System) -> ComponentModel:

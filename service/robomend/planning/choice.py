@@ -74,6 +74,7 @@ class Choice:
     alternatives: tuple[Alternative, ...]  # best first; the chosen one included
     expected_cost: float  # of repairing in this order until it helps
     reason: str
+    certain: frozenset[str] = frozenset()  # what every diagnosis blames
 
 
 def common_part(diagnoses: Sequence[Diagnosis]) -> tuple[str, ...]:

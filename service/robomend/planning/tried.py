@@ -4,12 +4,15 @@ weight of a diagnosis   its posterior, or without priors one factor a component 
                         how well what works fits it (robomend.diagnosis.likelihood); lowered by each
                         repair of it that did not help: much when its effect was seen (the power is back
                         and still nothing: it was not that), little when it was not
+surely broken           a node that an earlier round of the repair knew to be broken, and did not cure: to
+                        blame something else instead takes one fault more, at its odds
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import exp, log
 
 from robomend.diagnosis.result import Diagnosis
 from robomend.planning.plan import Plan
@@ -111,6 +114,28 @@ def weights(
                 raw[position] *= patience.seen_factor if one.effect_seen else patience.unseen_factor
     total = sum(raw)
     return [value / total if total > 0 else 1 / len(raw) for value in raw]
+
+
+def unbroken_fits(
+    diagnoses: Sequence[Collection[str]],
+    surely_broken: Collection[str],
+    priors: Mapping[str, float],
+    patience: Patience = DEFAULT_PATIENCE,
+) -> list[float]:
+    """Return how well each diagnosis fits what was surely broken a moment ago and was repaired without help,
+    relative to the best.
+
+    A process had ended, its successor runs, and its topic is silent: either the successor is no better, or
+    something else broke besides.
+    """
+
+    def log_odds(name: str) -> float:
+        prior = priors.get(name)
+        return log(patience.component_odds if prior is None else prior / (1 - prior))
+
+    logs = [sum(log_odds(name) for name in sorted(set(surely_broken).difference(bad))) for bad in diagnoses]
+    best = max(logs, default=0.0)
+    return [exp(one - best) for one in logs]  # so that a hundred components do not underflow
 
 
 def leading(

@@ -171,6 +171,7 @@ class Chooser:
             cnf=state.system.cnf,
             loops=state.system.loops,
             onsets=state.sight.onsets(),
+            surely_broken=memory.surely_broken,
         )
         policy = self.policy(state)
         options = PlanOptions(

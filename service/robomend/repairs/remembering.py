@@ -14,8 +14,8 @@ from robomend.planning.tried import Attempt, Patience, attempt
 from robomend.repairs.execution_values import Execution, StepReport
 from robomend.repairs.states import StepState
 from robomend.robots.robot import Robot
-from robomend.store import View, attempts, drills
-from robomend.store.records import Quarantine, StoredAttempt
+from robomend.store import View, attempts, drills, repairs
+from robomend.store.records import Quarantine, StoredAttempt, StoredRepair
 from robomend_client.literals import Atom, Literal
 
 
@@ -29,6 +29,7 @@ class Remembered:
         frozenset[str], frozenset[str]
     ]  # diagnosis -> actions that were done, and did not cure it
     attempts: Mapping[str, int]  # component -> actions on it in the last hour
+    surely_broken: frozenset[str] = frozenset()  # to earlier rounds of the repair, which did not cure it
 
 
 def remembered(view: View, robot: str, patience: Patience) -> Remembered:
@@ -47,7 +48,24 @@ def remembered(view: View, robot: str, patience: Patience) -> Remembered:
         ),
         useless_of(records, since_ns=now - int(patience.memory_s * 1e9)),
         attempts.counted(view, robot, now - HOUR_NS),
+        surely_broken(records, repairs.newest(view, [robot]).get(robot)),
     )
+
+
+def surely_broken(tried: Iterable[StoredAttempt], repair: StoredRepair | None) -> frozenset[str]:
+    """Return what every diagnosis blamed in an earlier round of the open repair, which did not cure it.
+
+    Of this repair only: since it began the robot was never well.
+    """
+    if repair is None or not repair.open:
+        return frozenset()
+    found: set[str] = set()
+    for one in sorted((one for one in tried if one.repair == repair.id), key=lambda one: one.time_ns):
+        if one.helped:
+            found -= {*one.bad, *one.data.get("repaired", ())}
+        else:
+            found |= set(one.data.get("certain", ()))
+    return frozenset(found)
 
 
 def useless_of(tried: Iterable[StoredAttempt], *, since_ns: int) -> dict[frozenset[str], frozenset[str]]:
@@ -87,6 +105,7 @@ def judged(
         "ending": str(execution.ending),
         "reason": execution.reason,
         "direct": direct(execution.steps, choice.diagnosis.bad),
+        "certain": [name for name in choice.diagnosis.bad if name in choice.certain],
     }
     # Whoever allows many actions an hour means to mend what breaks often.
     relapses = max(patience.attempts, state.config.limits.attempts_per_hour // 2)
