@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 from tests.packages import KILTED
 from tests.ros1 import ros1
-from tests.ros2 import ros2
+from tests.ros2 import domain, ros2
 
 from robomend_bench.robots import live, streams
 from robomend_bench.robots import ros1 as bench_ros1
@@ -22,7 +22,7 @@ SMALL = ("--samples", "1000", "--repeats", "1", "--messages", "1000", "--nodes",
 
 
 def test_every_part_gives_its_figures() -> None:
-    ours = [part for part in PARTS if part not in ("ros1", "ros2")]
+    ours = [part for part in PARTS if not part.startswith("ros")]
     small = [*SMALL, "--only", ",".join(ours), "--format", "json"]
     done = CliRunner().invoke(command, small, catch_exceptions=False)
     found = json.loads(done.stdout)
@@ -60,6 +60,28 @@ def test_a_real_ros_2_robot_gives_its_figures(long: bool, monkeypatch: pytest.Mo
     assert found["killed"]["count"] == found["frozen"]["count"] == found["silent"]["count"] == 1
     assert 10 < found["raw_mb"] < found["fields_mb"]  # rosbags is loaded when a field is read
     assert found["raw_core"] > 0
+
+
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize("over", ["ros1", "ros2"])
+def test_the_papers_scenarios_are_repaired_with_nodes_of_a_real_ros(
+    over: str, long: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if not long:
+        pytest.skip("nine interpreters with ROS, a service and a board: --long runs it")
+    if over == "ros1":
+        ros1()
+    else:
+        ros2()
+        monkeypatch.setattr(bench_ros2, "CANDIDATES", (str(KILTED.python),))
+    part = f"{over}-power"
+    small = ["--only", part, "--robots", "1", "--format", "json"]
+    with domain() as number:
+        monkeypatch.setattr(bench_ros2, "choose_domain", lambda: number)
+        found = json.loads(CliRunner().invoke(command, small, catch_exceptions=False).stdout)[part]
+    assert found["power-up"]["count"] == found["shut-down"]["count"] == 1
+    assert found["power-up"]["median_s"] > 1.0  # nodes that drive a device start when it is on
+    assert found["shut-down"]["median_s"] > 0.5  # silence is known after 0.35 s
 
 
 def test_without_ros_2_nothing_is_measured_and_that_is_said(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 import tempfile
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import click
 
 from robomend_bench.parts import wanted
-from robomend_bench.robots import live, ros, ros1, ros2, streams
+from robomend_bench.robots import live, power, ros, ros1, ros2, streams
 from robomend_bench.service.measure import load_of_others
 from robomend_bench.service.process import processors, served
 
@@ -142,6 +143,46 @@ def _ros(
     ]
 
 
+def _ros1_power(wish: dict[str, Any]) -> Measured:
+    return _power("ROS 1", ros1.check, ros1.network, wish)
+
+
+def _ros2_power(wish: dict[str, Any]) -> Measured:
+    return _power("ROS 2", ros2.python, ros2.network, wish)
+
+
+def _power(
+    name: str,
+    check: Callable[[], object],
+    network: Callable[[Path, ExitStack], ros.RosNetwork],
+    wish: dict[str, Any],
+) -> Measured:
+    """Play the paper's scenarios, each time on a robot and a service of its own."""
+    try:
+        check()
+    except ros.NoRos as error:
+        return {"missing": str(error)}, [(f"{name}, scenarios", f"not measured: {error}", "")]
+    up, down = [], []
+    for _ in range(wish["robots"]):
+        with ExitStack() as stack:
+            folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="robomend-bench-")))
+            service = stack.enter_context(served())
+            rig = power.PowerRig(service.url, folder, network(folder, stack), stack)
+            stack.enter_context(rig.agent())
+            up.append(rig.power_up_s())
+            down.append(rig.shut_down_s())
+    found = {"power-up": live.row(sorted(up)), "shut-down": live.row(sorted(down))}
+    goals = {"power-up": "10 s; 6 s", "shut-down": "5 s; 3 s"}
+    return found, [
+        (
+            f"{scenario} over {name}, until repaired and verified, {times['count']} times",
+            f"median {times['median_s']:.1f} s, max {times['max_s']:.1f} s",
+            goals[scenario],
+        )
+        for scenario, times in found.items()
+    ]
+
+
 PARTS: dict[str, Callable[[dict[str, Any]], Measured]] = {
     "speed": _speed,
     "silence": _silence,
@@ -149,6 +190,8 @@ PARTS: dict[str, Callable[[dict[str, Any]], Measured]] = {
     "live": _live,
     "ros1": _ros1,
     "ros2": _ros2,
+    "ros1-power": _ros1_power,
+    "ros2-power": _ros2_power,
 }
 
 
@@ -170,6 +213,13 @@ PARTS: dict[str, Callable[[dict[str, Any]], Measured]] = {
 )
 @click.option(
     "--seconds", type=click.FloatRange(0.1), default=20.0, show_default=True, help="In ros1 and ros2."
+)
+@click.option(
+    "--robots",
+    type=click.IntRange(1, 100),
+    default=3,
+    show_default=True,
+    help="In ros1-power and ros2-power: one after another.",
 )
 @click.option("--seed", type=int, default=1, show_default=True)
 @click.option("--format", "output", type=click.Choice(["markdown", "json"]), default="markdown")

@@ -36,24 +36,73 @@ class NotTold(Exception):
     """What was waited for did not come in time."""
 
 
-class Rig:
+class Watcher:
+    """Who listens to the service: what it holds of one robot."""
+
+    def __init__(self, url: str, robot: str, *kinds: Kind) -> None:
+        """`kinds` are the events that are heard beside observations."""
+        self.client = Client(url)
+        self._robot = robot
+        self._kinds = (Kind.OBSERVATIONS, *kinds)
+        self._events: queue.Queue[Event] = queue.Queue()
+        self._holds: dict[str, bool] = {}
+
+    def listen(self) -> None:
+        """Begin; the robot is there."""
+        threading.Thread(target=self._listen, daemon=True).start()
+
+    def told(self, wanted: dict[str, bool]) -> int:
+        """Wait until the service holds this; return when it accepted the last of it.
+
+        Raises:
+            NotTold: it did not come.
+        """
+        deadline = time.monotonic() + WITHIN_S
+        at_ns = time.time_ns()
+        while not wanted.items() <= self._holds.items():
+            event = self._next(deadline)
+            if event is None:
+                missing = sorted(f"{atom}: {sign}" for atom, sign in wanted.items() - self._holds.items())
+                raise NotTold(", ".join(missing[:5]))
+            at_ns = int(event.data.get("accepted_ns") or event.time_ns)
+        return at_ns
+
+    def _next(self, deadline: float) -> Event | None:
+        """Return the next event, what it says of observations noted; None: there was none by then."""
+        try:
+            event = self._events.get(timeout=max(0.0, deadline - time.monotonic()))
+        except queue.Empty:
+            return None
+        if event.kind is Kind.OBSERVATIONS:
+            for literal in event.data["changed"]:
+                self._holds[literal.removeprefix("not ")] = not literal.startswith("not ")
+        return event
+
+    def _listen(self) -> None:
+        try:
+            for event in self.client.events(self._robot, after=0):
+                if event.kind in self._kinds:
+                    self._events.put(event)
+        except ClientError:
+            pass  # the service has gone, at the end
+
+
+class Rig(Watcher):
     """A robot of so many nodes that publish a topic each, its agent, and who listens to the service."""
 
     def __init__(self, url: str, folder: Path, count: int, topics: Sequence[str] = ("topic",)) -> None:
         """`topics` are those of each node, after its name."""
-        self.client = Client(url)
+        super().__init__(url, "bench")
         self._url = url
         self._folder = folder
         self._nodes = [f"node{number}" for number in range(count)]
-        self._events: queue.Queue[Event] = queue.Queue()
-        self._holds: dict[str, bool] = {}
         self._bus = f"unix:{folder}/bus"
         nodes: dict[str, Any] = {
             node: {"publishes": {f"{node}_{topic}": [] for topic in topics}} for node in self._nodes
         }
         self.client.put_model("bench", json.dumps({"robomend": 1, "name": "bench", "nodes": nodes}))
         self.client.put_robot("bench", {"model": "bench", "policy": "observe"})
-        threading.Thread(target=self._listen, daemon=True).start()
+        self.listen()
 
     @contextmanager
     def agent(self) -> Iterator[subprocess.Popen[bytes]]:
@@ -129,33 +178,6 @@ class Rig:
             end.set()
             thread.join()
         return sorted(found)
-
-    def told(self, wanted: dict[str, bool]) -> int:
-        """Wait until the service holds this; return when it accepted the last of it.
-
-        Raises:
-            NotTold: it did not come.
-        """
-        deadline = time.monotonic() + WITHIN_S
-        at_ns = time.time_ns()
-        while not wanted.items() <= self._holds.items():
-            try:
-                event = self._events.get(timeout=max(0.0, deadline - time.monotonic()))
-            except queue.Empty:
-                missing = sorted(f"{atom}: {sign}" for atom, sign in wanted.items() - self._holds.items())
-                raise NotTold(", ".join(missing[:5])) from None
-            at_ns = int(event.data.get("accepted_ns") or event.time_ns)
-            for literal in event.data["changed"]:
-                self._holds[literal.removeprefix("not ")] = not literal.startswith("not ")
-        return at_ns
-
-    def _listen(self) -> None:
-        try:
-            for event in self.client.events("bench", after=0):
-                if event.kind is Kind.OBSERVATIONS:
-                    self._events.put(event)
-        except ClientError:
-            pass  # the service has gone, at the end
 
 
 def settled_mb(pid: int) -> float:

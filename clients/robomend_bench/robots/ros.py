@@ -14,6 +14,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,17 @@ from robomend_bench.service.measure import cpu_s
 
 class NoRos(Exception):
     """There is no such ROS on this machine."""
+
+
+@dataclass(frozen=True)
+class RosNetwork:
+    """Where nodes of one ROS live, and how one is written."""
+
+    origin: str
+    section: Mapping[str, Any]  # of the agent's file
+    python: str
+    environment: Mapping[str, str]
+    words: str  # of a node: start, publisher, listen, spin
 
 
 class RosRig(Rig, ABC):
@@ -123,7 +135,7 @@ def share_of_a_core(pid: int, over_s: float) -> float:
     return (cpu_s(pid) - before) / (time.monotonic() - began)
 
 
-def started(command: list[str], environment: dict[str, str], stack: ExitStack) -> subprocess.Popen[str]:
+def started(command: list[str], environment: Mapping[str, str], stack: ExitStack) -> subprocess.Popen[str]:
     process = subprocess.Popen(
         command,
         stdin=subprocess.PIPE,

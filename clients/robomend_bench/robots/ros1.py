@@ -9,9 +9,10 @@ import os
 import subprocess
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
+from pathlib import Path
 from typing import Any
 
-from robomend_bench.robots.ros import NoRos, RosRig, line, started
+from robomend_bench.robots.ros import NoRos, RosNetwork, RosRig, line, started
 
 PYTHON = "/usr/bin/python3"
 """The distribution's own."""
@@ -44,6 +45,20 @@ for line in sys.stdin:
 """
 
 
+WORDS = """
+import rospy
+from std_msgs.msg import Float64
+def start(name):
+    rospy.init_node(name)
+def publisher(topic):
+    found = rospy.Publisher(topic, Float64, queue_size=10)
+    return lambda: found.publish(1.0)
+def listen(topic, heard):
+    rospy.Subscriber(topic, Float64, lambda _: heard())
+spin = rospy.spin
+"""
+
+
 def check() -> None:
     """Raise NoRos unless the distribution's packages are here."""
     try:
@@ -56,6 +71,14 @@ def check() -> None:
         raise NoRos("no rospy or rosmaster here (Debian 12: apt-get install python3-rospy python3-rosmaster)")
 
 
+def network(folder: Path, stack: ExitStack) -> RosNetwork:
+    """Start a master; `folder` takes its files."""
+    here = {"ROS_IP": "127.0.0.1", "ROS_HOME": str(folder), "ROS_LOG_DIR": str(folder)}
+    environment = {**os.environ, **here}
+    uri = line(started([PYTHON, "-c", MASTER], environment, stack))
+    return RosNetwork("ros1", {"master": uri}, PYTHON, {**environment, "ROS_MASTER_URI": uri}, WORDS)
+
+
 class Ros1Rig(RosRig):
     """A robot of rospy nodes."""
 
@@ -65,14 +88,10 @@ class Ros1Rig(RosRig):
     def robot(self) -> Iterator[Mapping[str, Any]]:
         """Start the master and all nodes; yield the section of the agent's file."""
         with ExitStack() as stack:
-            here = {"ROS_IP": "127.0.0.1", "ROS_HOME": str(self._folder), "ROS_LOG_DIR": str(self._folder)}
-            environment = {**os.environ, **here}
-            master = started([PYTHON, "-c", MASTER], environment, stack)
-            uri = line(master)
+            master = network(self._folder, stack)
             for node, topics in self._topics.items():
                 command = [PYTHON, "-c", NODE, node, ",".join(f"/{topic}" for topic in topics)]
-                environment["ROS_MASTER_URI"] = uri
-                self._processes[node] = started(command, environment, stack)
+                self._processes[node] = started(command, master.environment, stack)
             for process in self._processes.values():
                 line(process)
-            yield {"master": uri}
+            yield master.section

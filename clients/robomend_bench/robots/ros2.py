@@ -10,9 +10,10 @@ import subprocess
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
+from pathlib import Path
 from typing import Any
 
-from robomend_bench.robots.ros import NoRos, RosRig, line, started
+from robomend_bench.robots.ros import NoRos, RosNetwork, RosRig, line, started
 
 CANDIDATES = (os.environ.get("ROBOMEND_RCLPY_PYTHON", ""), sys.executable, "/usr/bin/python3")
 
@@ -37,6 +38,27 @@ for line in sys.stdin:
 """
 
 
+WORDS = """
+import rclpy
+from rclpy.executors import ExternalShutdownException
+from std_msgs.msg import Float64
+def start(name):
+    global node
+    rclpy.init()
+    node = rclpy.create_node(name)
+def publisher(topic):
+    found = node.create_publisher(Float64, topic, 10)
+    return lambda: found.publish(Float64(data=1.0))
+def listen(topic, heard):
+    node.create_subscription(Float64, topic, lambda _: heard(), 10)
+def spin():
+    try:
+        rclpy.spin(node)
+    except ExternalShutdownException:
+        pass
+"""
+
+
 def python() -> str:
     """Return a Python that has rclpy.
 
@@ -53,6 +75,19 @@ def python() -> str:
     raise NoRos("no rclpy here (source a setup.bash of ROS 2, or name its Python in ROBOMEND_RCLPY_PYTHON)")
 
 
+def choose_domain() -> int:
+    """Return a domain that hardly anybody else has."""
+    return os.getpid() % 100 + 1
+
+
+def network(folder: Path, stack: ExitStack) -> RosNetwork:
+    """Choose a domain; there is nothing to start."""
+    domain = choose_domain()
+    here = {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    environment = {**os.environ, **here, "ROS_LOG_DIR": str(folder)}
+    return RosNetwork("ros2", {"domain": domain, "discovery": "localhost"}, python(), environment, WORDS)
+
+
 class Ros2Rig(RosRig):
     """A robot of rclpy nodes."""
 
@@ -61,14 +96,12 @@ class Ros2Rig(RosRig):
     @contextmanager
     def robot(self) -> Iterator[Mapping[str, Any]]:
         """Start all nodes; yield the section of the agent's file."""
-        domain = os.getpid() % 100 + 1
-        here = {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-        environment = {**os.environ, **here, "ROS_LOG_DIR": str(self._folder)}
-        command = [python(), "-c", NODE]
         with ExitStack() as stack:
+            domain = network(self._folder, stack)
+            command = [domain.python, "-c", NODE]
             for node, topics in self._topics.items():
                 names = ",".join(f"/{topic}" for topic in topics)
-                self._processes[node] = started([*command, node, names], environment, stack)
+                self._processes[node] = started([*command, node, names], domain.environment, stack)
             for process in self._processes.values():
                 line(process)
-            yield {"domain": domain, "discovery": "localhost"}
+            yield domain.section
