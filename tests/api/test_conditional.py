@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import httpx
 import pytest
 from tests.api.conftest import Service, StartService
 
@@ -16,7 +17,15 @@ def _robot(service: Service) -> None:
 
 @pytest.mark.parametrize(
     "path",
-    ["/robots", "/models", "/models/tedusar", "/robots/r1/observations", "/robots/r1/repairs", "/stop"],
+    [
+        "/robots",
+        "/robots/r1",
+        "/models",
+        "/models/tedusar",
+        "/robots/r1/observations",
+        "/robots/r1/repairs",
+        "/stop",
+    ],
 )
 def test_an_answer_that_the_client_has_is_a_304(service: Service, path: str) -> None:
     first = service.api("GET", path)
@@ -39,9 +48,37 @@ def test_news_is_no_304(service: Service) -> None:
     assert after.headers["etag"] != before
 
 
-def test_the_etag_of_a_configuration_says_nothing_of_how_the_robot_is(service: Service) -> None:
-    etag = service.api("GET", "/robots/r1").headers["etag"]
-    assert service.api("GET", "/robots/r1", headers={"If-None-Match": etag}).status_code == 200
+def test_a_robot_that_is_otherwise_than_before_is_no_304(service: Service) -> None:
+    service.with_robot("other")
+    service.observe("ok(scan)", robot="other")
+    before = service.api("GET", "/robots/other")
+    service.observe("not ok(map)", robot="other")
+    after = service.api("GET", "/robots/other", headers={"If-None-Match": before.headers["etag"]})
+    assert after.status_code == 200
+    assert (before.json()["healthy"], after.json()["healthy"]) == (True, False)
+    assert before.json()["etag"] == after.json()["etag"]  # of the configuration
+
+
+def test_a_robot_is_replaced_by_the_version_of_its_configuration_alone(service: Service) -> None:
+    service.with_robot("put")
+    read = service.api("GET", "/robots/put").headers["etag"]
+    service.observe("not ok(map)", robot="put")
+
+    def put(etag: str, hold_s: float) -> httpx.Response:
+        body = {"model": "tedusar", "hold_s": hold_s}
+        return service.api("PUT", "/robots/put", json=body, headers={"If-Match": etag})
+
+    first = put(read, 1.0)
+    assert first.status_code == 200  # how the robot is has changed, what is replaced has not
+    assert put(read, 2.0).status_code == 412
+    assert put(first.headers["etag"], 2.0).status_code == 200
+    bare = service.api("GET", "/robots/put").json()["etag"]
+    assert put(f'"{bare}"', 3.0).status_code == 200
+    stale = service.api("DELETE", "/robots/put", headers={"If-Match": read})
+    assert stale.status_code == 412
+    now = service.api("GET", "/robots/put").headers["etag"]
+    service.observe("ok(map)", robot="put")
+    assert service.api("DELETE", "/robots/put", headers={"If-Match": now}).status_code == 204
 
 
 def test_errors_have_no_version(service: Service) -> None:

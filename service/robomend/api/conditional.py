@@ -2,22 +2,14 @@
 
 Each answer to a GET in JSON or NDJSON is named by what is in it. A client that polls sends the name back as
 If-None-Match and gets a 304 without a body while nothing has changed. What it saves is the way, not the work.
-
-A robot's own ETag names its configuration, which a PUT replaces; how the robot is changes without it, so it
-is no reason for a 304.
+A resource that can be replaced names its versions itself, for If-Match.
 """
 
 from __future__ import annotations
 
 import hashlib
-import re
 
 from starlette.types import Message, Scope, Send
-
-from robomend.security import API
-
-WHOLE = re.compile(rf"{API}(?:/(?!robots/[^/]+\Z).*)?\Z")
-"""Paths whose ETag, if an answer has one of its own, names all that is in the answer."""
 
 WITHOUT_HEAD = ("/events", "/actions/next")
 """Ends of paths that answer without end, or change something."""
@@ -41,8 +33,7 @@ def head_as_get(scope: Scope) -> Scope:
 class Conditional:
     """Sends the answer to a GET below the API, or says that the client has it."""
 
-    def __init__(self, scope: Scope, if_none_match: bytes | None, send: Send) -> None:
-        self._own = bool(WHOLE.match(scope["path"]))
+    def __init__(self, if_none_match: bytes | None, send: Send) -> None:
         self._asked = if_none_match
         self._send = send
         self._start: Message | None = None
@@ -74,8 +65,6 @@ class Conditional:
             digest = hashlib.sha256(message.get("body", b"")).hexdigest()[:32]
             tag = f'"{digest}"'.encode()
             headers = start["headers"] = [*headers, (b"etag", tag)]
-        elif not self._own:
-            return message
         if self._asked is None or not _names(self._asked, tag):
             return message
         start["status"] = 304

@@ -82,7 +82,7 @@ class Edge:
         answer: Send = with_headers
         asked, scope = scope, head_as_get(scope)
         if scope["method"] == "GET" and scope["path"].startswith(API):
-            answer = Conditional(scope, headers.get(b"if-none-match"), answer)
+            answer = Conditional(headers.get(b"if-none-match"), answer)
         try:
             problem = refusal(scope)
             if problem is not None:

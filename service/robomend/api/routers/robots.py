@@ -1,6 +1,12 @@
-"""/robots: what is configured of each robot."""
+"""/robots: what is configured of each robot.
+
+A robot's ETag has two parts, `"CONFIGURATION.ANSWER"`: If-None-Match compares both, as how the robot is
+changes by itself; If-Match the first alone, as that is what a PUT replaces.
+"""
 
 from __future__ import annotations
+
+import hashlib
 
 from fastapi import APIRouter, Response
 
@@ -8,6 +14,7 @@ from robomend.api.deps import (
     IfMatch,
     IfNoneMatch,
     PagingDep,
+    Parts,
     PartsDep,
     PrincipalDep,
     ReasonQuery,
@@ -21,6 +28,7 @@ from robomend.api.gate import GuardedRoute
 from robomend.api.schemas.base import Items
 from robomend.api.schemas.robots import RobotBody, RobotLine, RobotOut
 from robomend.api.views import robot_line, robot_out
+from robomend.robots.robot import Robot
 from robomend.security import API
 from robomend.store import robots
 from robomend.store.records import ABSENT
@@ -38,9 +46,7 @@ async def list_robots(parts: PartsDep, paging: PagingDep) -> Items[RobotLine]:
 @router.get("/{robot}", responses=problems(404))
 async def get_robot(robot: RobotPath, parts: PartsDep, response: Response) -> RobotOut:
     """Return a robot's configuration, its revision and whether it is healthy."""
-    state = await parts.robots.diagnosed(robot)
-    response.headers["ETag"] = quoted(state.stored.etag)
-    return robot_out(state, await parts.repairs.findings(robot), await parts.drills.open_of(robot))
+    return await _answer(await parts.robots.diagnosed(robot), parts, response)
 
 
 @router.put(
@@ -59,12 +65,13 @@ async def put_robot(
 ) -> RobotOut:
     """Create a robot, or replace its configuration; replacing needs If-Match. OBS stays."""
     expected = expected_etag(if_match, if_none_match)
+    if expected is not None:
+        expected = _configuration(expected)
     config = body.model_dump(mode="json")
     parts.repairs.check_actions(robot, config["actions"])
     state = await parts.robots.put_robot(robot, config, expected=expected, by=principal.name, reason=reason)
     response.status_code = 201 if expected in (None, ABSENT) else 200
-    response.headers["ETag"] = quoted(state.stored.etag)
-    return robot_out(state, await parts.repairs.findings(robot), await parts.drills.open_of(robot))
+    return await _answer(state, parts, response)
 
 
 @router.delete("/{robot}", status_code=204, responses=problems(404, 409, 412, 428))
@@ -79,4 +86,19 @@ async def delete_robot(
 
     Its history stays as long as the retention says.
     """
-    await parts.robots.delete_robot(robot, expected=needs_etag(if_match), by=principal.name, reason=reason)
+    expected = _configuration(needs_etag(if_match))
+    await parts.robots.delete_robot(robot, expected=expected, by=principal.name, reason=reason)
+
+
+async def _answer(state: Robot, parts: Parts, response: Response) -> RobotOut:
+    """Return a robot as it is now, and name the answer."""
+    findings, drill = await parts.repairs.findings(state.id), await parts.drills.open_of(state.id)
+    out = robot_out(state, findings, drill)
+    digest = hashlib.sha256(out.model_dump_json().encode()).hexdigest()[:20]
+    response.headers["ETag"] = quoted(f"{out.etag}.{digest}")
+    return out
+
+
+def _configuration(expected: str) -> str:
+    """Return the part of an ETag that If-Match is about."""
+    return expected.partition(".")[0]
