@@ -143,7 +143,7 @@ def test_workers_of_another_version_are_refused(
 def test_killed_workers_and_a_killed_scheduler_lose_only_what_was_in_hand(
     begin: StartCluster, tmp_path: Path
 ) -> None:
-    logs = many_logs(tmp_path / "logs")
+    logs = many_logs(tmp_path / "logs", 6000)  # so long that we see it on the way, on any computer
     assert batch_run(tmp_path / "here", logs) == 0
     out = tmp_path / "there"
     cluster = begin()
@@ -154,7 +154,7 @@ def test_killed_workers_and_a_killed_scheduler_lose_only_what_was_in_hand(
         os.killpg(first.pid, signal.SIGKILL)
         cluster.worker()
         before = parts(out)
-        until(lambda: parts(out) >= before + 2, "another worker goes on", 90)
+        until(lambda: parts(out) >= min(before + 2, 11), "another worker goes on", 90)
         os.killpg(cluster.scheduler.pid, signal.SIGKILL)
         assert going.wait(100) == 3, (tmp_path / "said.txt").read_text()
         said = (tmp_path / "said.txt").read_text()
