@@ -132,8 +132,7 @@ STEPS = (
     Step(
         rule("POST", "/robots/{robot}/sovd/operations/repair/executions"),
         "repair.create",
-        body={},
-        in_body=True,
+        body={"parameters": {"reason": "spring cleaning"}},
     ),
     Step(rule("POST", "/repairs/{repair}"), "repair.cancel", body={"decision": "cancel"}, in_body=True),
     Step(("POST", "/ui/robots/{robot}/repairs"), "repair.create", body={}, in_body=True),
