@@ -2,6 +2,7 @@
 
     DATA/batches/place           who these folders belong to: a random name, made once
     DATA/batches/slot-0, …       locks: one for each batch that may run at once
+    DATA/batches/making          lock: for as long as a folder is made, or looked at whether it is left over
     DATA/batches/b-7k2m9x4q/     model.yaml, observers.yaml, names.json, logs/ (uploads), out/ (results),
                                  said.txt (of the program), lock
 
@@ -12,12 +13,13 @@ holds, is left over and removed.
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import json
 import os
 import secrets
 import shutil
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 
 from robomend.errors import StoreError, StoreFull
@@ -120,10 +122,21 @@ class BatchFolders:
         """Make a folder for a new batch, held."""
         job = new_id("b-")
         folder = self.of(job)
-        folder.logs.mkdir(parents=True, mode=0o700)
-        held = hold(folder.path / LOCK)
+        with self._making():
+            folder.logs.mkdir(parents=True, mode=0o700)
+            held = hold(folder.path / LOCK)
         assert held is not None
         return job, folder, held
+
+    @contextlib.contextmanager
+    def _making(self) -> Iterator[None]:
+        """Wait until no process makes or looks at a folder: one that is not held yet looks left over."""
+        file = os.open(self.root / "making", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX)
+            yield
+        finally:
+            os.close(file)
 
     def slot(self, count: int) -> FileLock | None:
         """Hold one of so many slots; None if they are taken."""
@@ -136,7 +149,11 @@ class BatchFolders:
         """Remove folders that belong to no batch; `known` is asked while each is held."""
         gone = 0
         for path in self.root.iterdir():
-            if not path.is_dir() or (held := hold(path / LOCK)) is None:
+            if not path.is_dir():
+                continue
+            with self._making():
+                held = hold(path / LOCK)
+            if held is None:
                 continue
             try:
                 if path.name not in known():

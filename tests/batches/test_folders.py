@@ -1,0 +1,43 @@
+"""Folders of batches: what is made by one process while another removes what is left over."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+
+from robomend.batches.folders import BatchFolders
+
+
+def test_a_folder_that_is_made_is_never_taken_for_left_over(tmp_path: Path) -> None:
+    folders = BatchFolders(tmp_path)
+    folders.place()
+    over = threading.Event()
+
+    def sweep() -> None:
+        while not over.is_set():
+            BatchFolders(tmp_path).sweep(frozenset)  # nothing is known yet
+
+    sweeper = threading.Thread(target=sweep)
+    sweeper.start()
+    try:
+        for _ in range(300):
+            _, folder, lock = folders.make()
+            assert folder.logs.is_dir()
+            folder.remove()
+            lock.close()
+    finally:
+        over.set()
+        sweeper.join()
+
+
+def test_what_nobody_knows_or_holds_is_removed(tmp_path: Path) -> None:
+    folders = BatchFolders(tmp_path)
+    folders.place()
+    known, kept, _ = made = folders.make()
+    _, left, lock = folders.make()
+    _, held, _ = other = folders.make()
+    made[2].close()
+    lock.close()
+    assert folders.sweep(lambda: {known}) == 1
+    assert (kept.path.exists(), left.path.exists(), held.path.exists()) == (True, False, True)
+    other[2].close()
