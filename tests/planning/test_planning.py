@@ -141,6 +141,28 @@ def test_quarantined_components_are_left_alone_and_what_needs_them_is_named() ->
     )
 
 
+def test_a_driver_in_quarantine_is_restarted_where_its_device_is_what_is_repaired() -> None:
+    left_alone = PlanOptions(quarantined=("hokuyo_node",))
+    assert texts(plan_for(TEDUSAR, (), ("hokuyo_node",), left_alone)) == []
+    assert texts(plan_for(TEDUSAR, (), ("hokuyo",), left_alone)) == texts(plan_for(TEDUSAR, (), ("hokuyo",)))
+
+
+def test_what_a_supply_drags_along_is_restarted_in_quarantine_or_not() -> None:
+    robot = ComponentModel(
+        "fed",
+        {"supply": Hardware("supply", 1), "lidar": Hardware("lidar", None, ("supply",))},
+        {
+            "driver": Node("driver", ("lidar",), {"scan": ()}),
+            "filter": Node("filter", (), {"clean": ("scan",)}, tied_to=("driver",)),
+        },
+        {},
+    )
+    left_alone = PlanOptions(quarantined=("driver", "filter"))
+    done = texts(plan_for(robot, (), ("supply",), left_alone))
+    assert {"start_node(driver)", "start_node(filter)"} <= set(done)
+    assert done == texts(plan_for(robot, (), ("supply",)))
+
+
 def test_nothing_shuts_a_protected_component_down_nor_what_feeds_it(planner: str) -> None:
     hardware = {
         "psu": Hardware("psu", 0),

@@ -60,6 +60,31 @@ async def test_where_no_diagnosis_was_found_in_time_one_waits_for_more() -> None
     assert await calm(diagnosed())._may_change(diagnosed(), [SCAN])
 
 
+async def test_what_came_while_it_was_asked_whether_to_wait_is_not_overlooked(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    first, second = diagnosed(("mapping",)), diagnosed(("driver", "mapping"))
+    state = SimpleNamespace(sight=SimpleNamespace(literals=lambda: (Literal(MAP, False),)), revision=1)
+    asked: list[DiagnosisResult] = []
+
+    async def diagnose(literals: Iterable[Literal]) -> DiagnosisResult:
+        state.revision = 2  # the other symptom comes in the middle of it
+        asked.append(second)
+        return second
+
+    async def newest() -> DiagnosisResult:
+        return second
+
+    async def choose(result: DiagnosisResult, literals: Iterable[Literal]) -> Choice:
+        raise AssertionError("nothing needs to be planned for this")
+
+    nobody = cast(Any, None)
+    waiting = Calm(cast(Any, state), nobody, nobody, frozenset(), newest, diagnose, choose, 5.0)
+    monkeypatch.setattr(waiting, "_pending", lambda: {SCAN: CLOCK.now_ns() + 60 * S})
+    assert await waiting.settled(first) is second
+    assert asked
+
+
 async def test_what_rests_on_a_topic_that_is_back_by_itself_is_given_time_to_come_back(
     tmp_path: Path,
 ) -> None:

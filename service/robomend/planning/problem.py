@@ -72,7 +72,9 @@ def repair_problem(
         bad: the diagnosis; every other component is taken to be good.
         expected_stopped: components that are meant to be off: no goal, not needed by others, touched by
             nothing but the user's own actions (a spare that stands in).
-        quarantined: components that must not be tried again now: no goal, never touched.
+        quarantined: components that must not be tried again now: no goal, never touched, but for what
+            loses its connection or its like when `bad` is repaired: its own repairs failed under another
+            diagnosis.
         protected: components that nothing may shut down or stop, besides those that the model marks.
         avoided: ground actions, as `power_up(lidar)`, that must not be used, each with the reason.
 
@@ -135,7 +137,8 @@ def repair_problem(
     _add_objects(objects, domain, known)
     _add_facts(facts, domain, objects)
     _add_observed(facts, domain, objects, seen)
-    excluded = tuple(name for name in components if name in aside or name in frozenset(quarantined))
+    alone = frozenset(quarantined) - _dragged_along(model, blamed)
+    excluded = tuple(name for name in components if name in aside or name in alone)
     parts = model.parts
     return RepairProblem(
         name=model.name,
@@ -169,6 +172,26 @@ def needs_of(model: ComponentModel) -> frozenset[tuple[str, str]]:
         for other in others
         if cluster[name] != cluster[other]
     )
+
+
+def _dragged_along(model: ComponentModel, bad: frozenset[str]) -> frozenset[str]:
+    """Return the nodes that must be restarted when bad devices are repaired, less those that are bad."""
+    cut = {name for name in model.hardware if name in bad or not bad.isdisjoint(_all_feeders(model, name))}
+    found = {name for name, node in model.nodes.items() if not cut.isdisjoint(node.drives)}
+    while more := {name for name, node in model.nodes.items() if not found.isdisjoint(node.tied_to)} - found:
+        found |= more
+    return frozenset(found) - bad
+
+
+def _all_feeders(model: ComponentModel, device: str) -> set[str]:
+    """Return what feeds a device, and what feeds that."""
+    found: set[str] = set()
+    pending = [device]
+    while pending:
+        new = set(model.hardware[pending.pop()].fed_by) - found
+        found |= new
+        pending.extend(new)
+    return found
 
 
 def _feeders(model: ComponentModel, device: Hardware) -> list[str]:
