@@ -6,6 +6,7 @@ import gc
 
 import pytest
 from hypothesis import HealthCheck, settings
+from tests.order import dealt
 
 # The machine may be busy: no test is judged by its time, pytest-timeout ends what hangs.
 settings.register_profile("long", deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -35,6 +36,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         left_out = [item for item in items if item.get_closest_marker("slow")]
         items[:] = [item for item in items if item not in left_out]
         config.hook.pytest_deselected(items=left_out)
+    if (workers := getattr(config, "workerinput", {}).get("workercount")) is not None:
+        items[:] = dealt(items, workers)
 
 
 def pytest_collection_finish() -> None:
