@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import gc
+
 import pytest
 from hypothesis import HealthCheck, settings
+from tests.order import dealt
 
 # The machine may be busy: no test is judged by its time, pytest-timeout ends what hangs.
-settings.register_profile("robomend", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile("long", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile("robomend", settings.get_profile("long"), max_examples=30)
 settings.register_profile("quick", settings.get_profile("robomend"), max_examples=10)
 settings.load_profile("robomend")
+
+gc.disable()  # until all tests are collected, as `robomend serve` does while it loads
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -19,7 +25,9 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    if config.getoption("--quick"):
+    if config.getoption("--long"):
+        settings.load_profile("long")
+    elif config.getoption("--quick"):
         settings.load_profile("quick")
 
 
@@ -28,6 +36,15 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         left_out = [item for item in items if item.get_closest_marker("slow")]
         items[:] = [item for item in items if item not in left_out]
         config.hook.pytest_deselected(items=left_out)
+    if (workers := getattr(config, "workerinput", {}).get("workercount")) is not None:
+        items[:] = dealt(items, workers)
+
+
+def pytest_collection_finish() -> None:
+    """Have the garbage collector leave alone what was loaded: thousands of tests and what they import."""
+    gc.freeze()
+    gc.set_threshold(20_000, 50, 100)
+    gc.enable()
 
 
 @pytest.fixture(scope="session")

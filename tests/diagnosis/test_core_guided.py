@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import combinations
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from robomend.diagnosis.core_guided import CoreGuided, MinimumTooLarge
@@ -33,7 +33,6 @@ def smallest(family: list[frozenset[int]]) -> set[frozenset[int]]:
     raise AssertionError("every family of conflicts has a hitting set")
 
 
-@settings(max_examples=100, deadline=None)
 @given(conflicts)
 def test_all_of_the_least_size_are_found(family: list[frozenset[int]]) -> None:
     found = list(map(frozenset, searched(family).minimum([])))
@@ -41,7 +40,6 @@ def test_all_of_the_least_size_are_found(family: list[frozenset[int]]) -> None:
     assert set(found) == smallest(family)
 
 
-@settings(max_examples=100, deadline=None)
 @given(conflicts, st.data())
 def test_whatever_the_incumbent_the_first_is_a_smallest_one(
     family: list[frozenset[int]], data: st.DataObject
@@ -60,7 +58,6 @@ def test_an_incumbent_of_the_least_size_is_the_answer() -> None:
     assert list(searched(family).minimum([], incumbent=[3, 6])) == [[3, 6]]
 
 
-@settings(max_examples=100, deadline=None)
 @given(st.lists(conflicts, min_size=2, max_size=4))
 def test_what_a_search_leaves_behind_does_not_change_the_next(families: list[list[frozenset[int]]]) -> None:
     selectors = list(range(CANDIDATES + 1, CANDIDATES + 1 + len(families)))

@@ -94,6 +94,15 @@ def test_too_many_ways_are_left_to_another_search(monkeypatch: pytest.MonkeyPatc
     assert found.complete
 
 
+def test_as_many_environments_as_are_allowed_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    two = model(N, [(-1, 5), (-2, 5), (-3, -5, 6)], atoms=ATOMS)  # one more for the atom, one for its rule
+    monkeypatch.setattr(derivations, "MAX_ENVIRONMENTS", 2)
+    assert minimal(masks(two, fails("ok", "a2"))) == {frozenset({1, 3}), frozenset({2, 3})}
+    monkeypatch.setattr(derivations, "MAX_ENVIRONMENTS", 1)
+    with pytest.raises(TooManyEnvironments):
+        masks(two, fails("ok", "a2"))
+
+
 @st.composite
 def horn_systems(draw: st.DrawFn) -> tuple[HealthCnf, frozenset[Literal]]:
     clauses: list[Clause] = []

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.diagnosis.systems import ATOMS, systems
+from tests.examples import examples
 
 from robomend.diagnosis.engines import make_engine
 from robomend.diagnosis.library import Library
@@ -104,7 +105,7 @@ def test_a_rows_grounds_are_what_its_minimal_conflicts_rest_on() -> None:
     library.close()
 
 
-@settings(deadline=None, max_examples=150)
+@examples(150)
 @given(systems(), options, st.data())
 def test_random_systems_are_answered_as_by_an_engine(
     drawn: tuple[HealthCnf, object], asked: Options, data: st.DataObject

@@ -5,8 +5,9 @@ from __future__ import annotations
 import heapq
 from itertools import count
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from tests.examples import examples
 
 from robomend.planning.decomposition import Part, PartAction
 from robomend.planning.plan import Outcome
@@ -93,7 +94,7 @@ problems = st.builds(
 )
 
 
-@settings(max_examples=150, deadline=None)
+@examples(150)
 @given(problems)
 def test_agrees_with_dijkstra_on_any_strips_problem(problem: Part) -> None:
     least = dijkstra(problem)

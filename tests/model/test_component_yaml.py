@@ -6,8 +6,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from tests.examples import examples
 
 from robomend.errors import ModelError
 from robomend.model import component_yaml
@@ -202,7 +203,7 @@ def test_json_is_read_as_well() -> None:
 
 
 @given(st.text(alphabet="robmend: 1\nhawcl{}[],&*!|>-'\"#?%@\t0x", max_size=80) | st.text(max_size=40))
-@settings(max_examples=300)
+@examples(300)
 def test_garbage_raises_model_errors_only(text: str) -> None:
     for whole in (text, "robomend: 1\nnodes:\n  a: {}\n" + text):
         try:
@@ -212,7 +213,7 @@ def test_garbage_raises_model_errors_only(text: str) -> None:
 
 
 @given(st.integers(0, len(FULL) - 1), st.integers(0, 12), st.text(alphabet="{}[]:,-\n &*a1'\"", max_size=4))
-@settings(max_examples=300)
+@examples(300)
 def test_a_damaged_model_raises_model_errors_only(at: int, cut: int, put: str) -> None:
     try:
         load_text(FULL[:at] + put + FULL[at + cut :])
@@ -221,7 +222,7 @@ def test_a_damaged_model_raises_model_errors_only(at: int, cut: int, put: str) -
 
 
 @given(st.integers(0, 2000), st.integers(0, 12), st.text(alphabet="()->,\"' not_ab", max_size=4))
-@settings(max_examples=200)
+@examples(200)
 def test_a_damaged_five_key_file_raises_model_errors_only(at: int, cut: int, put: str) -> None:
     text = "ab: AB\nnab: NAB\nneg_prefix: not_\nprops: [p, 'q(a)']\nrules: ['NAB(x),p->q(a)', 'not_p->AB(x)']"
     at %= len(text)

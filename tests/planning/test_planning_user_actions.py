@@ -47,6 +47,12 @@ def test_the_users_own_action_is_planned_with(planner: str) -> None:
     assert texts(plan) == ["reset_usb(usb1)", "stop_node(imu_node)", "start_node(imu_node)"]
 
 
+def test_what_acts_on_the_users_objects_comes_before_what_acts_on_nodes_where_the_order_is_free() -> None:
+    plan = plan_for(TEDUSAR, [], ["imu", "hokuyo_node"], PlanOptions(domain=USB))
+    assert texts(plan)[0] == "reset_usb(usb1)"
+    assert {"stop_node(hokuyo_node)", "start_node(hokuyo_node)"} < set(texts(plan))
+
+
 SPARE = """
 (define (domain robot-repair)
   (:predicates (spare_for ?s - hardware ?h - hardware))

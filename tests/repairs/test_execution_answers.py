@@ -12,6 +12,7 @@ import pytest
 from tests.repairs.lidar_robot import POWER_LOST, QUICK, Robot, run, setting, step
 from tests.waiting import for_ever
 
+from robomend.planning.plan import Step
 from robomend.repairs.execution import execute
 from robomend.repairs.execution_values import Ending, Timing, timings
 from robomend_client.actions import FAILED, REFUSED, TIMED_OUT, Action, ActionResult
@@ -55,6 +56,28 @@ async def test_an_action_without_an_answer_counts_as_done_when_its_effect_shows(
     robot.behave = acts_but_never_answers
     assert (await run(robot)).ending is Ending.DONE
     assert robot.sent.count("power_up(lidar)") == 1
+
+
+async def test_an_effect_that_shows_after_a_failure_ends_the_attempts() -> None:
+    robot = Robot()
+    asked: list[str] = []
+
+    async def acts_and_fails(robot: Robot, action: Action) -> ActionResult | None:
+        if action.name == "power_up":
+            await robot.do(action)
+            return ActionResult(FAILED, "done, but late")
+        return None
+
+    async def permit(step: Step) -> str | None:
+        asked.append(str(step))
+        return None
+
+    robot.behave = acts_and_fails
+    more = replace(QUICK, retries=3)
+    done = await execute(POWER_LOST, replace(setting(robot), permit=permit, default_timing=more))
+    assert done.ending is Ending.DONE
+    assert robot.sent.count("power_up(lidar)") == 1
+    assert asked.count("power_up(lidar)") == 2  # before it is sent, and before it would be sent again
 
 
 async def test_an_action_that_must_not_be_repeated_asks_when_its_outcome_is_unknown() -> None:

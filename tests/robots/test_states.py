@@ -11,6 +11,7 @@ import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
+from tests.examples import examples
 
 import robomend
 from robomend.model.loading import load_text
@@ -153,7 +154,7 @@ class Life(RuleBasedStateMachine):
             assert self.robot.diagnosing or self.begun == self.asked
 
 
-Life.TestCase.settings = settings(max_examples=200, stateful_step_count=30)
+Life.TestCase.settings = settings(examples(200), stateful_step_count=30)
 test_a_robots_life = Life.TestCase
 
 

@@ -15,6 +15,7 @@ from tests.diagnosis.netlists import (
     netlist_model,
     observed_circuits,
 )
+from tests.examples import examples
 
 from robomend.diagnosis.circuits import toplevel
 from robomend.diagnosis.circuits.cones import by_output, find_cones
@@ -78,13 +79,12 @@ def test_the_netlist_and_its_cones_are_found_in_the_clauses(name: str, tops: int
     assert len(find_cones(netlist, circuit(name).numbers(circuit(name).outputs)).top) == tops
 
 
-@settings(max_examples=150, deadline=None)
+@examples(150)
 @given(observed_circuits())
 def test_engines_for_circuits_agree_with_the_definition(system: tuple[Circuit, frozenset[Literal]]) -> None:
     agrees_with_the_definition(system[0].cnf, system[1])
 
 
-@settings(max_examples=100, deadline=None)
 @given(observed_circuits())
 def test_they_agree_without_simulation_too(system: tuple[Circuit, frozenset[Literal]]) -> None:
     with pytest.MonkeyPatch.context() as patch:
@@ -157,7 +157,6 @@ def test_circuits_with_wide_parities_agree_with_the_definition(
         agrees_with_the_definition(cnf, observations)
 
 
-@settings(max_examples=100, deadline=None)
 @given(observed_circuits(), st.data())
 def test_a_pass_gives_what_gate_after_gate_gives(
     system: tuple[Circuit, frozenset[Literal]], data: st.DataObject

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from tests.diagnosis.netlists import Circuit, circuit, fresh_solver_diagnoses, observed_circuits
 
 from robomend.diagnosis.circuits import incumbent as module
@@ -79,7 +79,6 @@ def test_the_first_diagnosis_is_as_small_as_that_of_another_engine(name: str, fa
     assert len(ours.bad) == len(other.bad)
 
 
-@settings(max_examples=100, deadline=None)
 @given(observed_circuits())
 def test_the_first_diagnosis_is_one_of_the_smallest_of_the_definition(
     system: tuple[Circuit, frozenset[Literal]],
