@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from itertools import combinations
+from itertools import combinations, zip_longest
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robomend.diagnosis import core_guided
 from robomend.diagnosis.core_guided import CoreGuided, MinimumTooLarge
 from robomend.diagnosis.oracle import Deadline
 
@@ -60,15 +61,52 @@ def test_an_incumbent_of_the_least_size_is_the_answer() -> None:
 
 @given(st.lists(conflicts, min_size=2, max_size=4))
 def test_what_a_search_leaves_behind_does_not_change_the_next(families: list[list[frozenset[int]]]) -> None:
+    search, selectors = selected(families)
+    for selector, family in zip(selectors, families, strict=True):
+        assert set(map(frozenset, search.minimum([selector]))) == smallest(family)
+
+
+def selected(families: list[list[frozenset[int]]]) -> tuple[CoreGuided, list[int]]:
+    """Return a search over all of them, and of each the literal that makes it count."""
     selectors = list(range(CANDIDATES + 1, CANDIDATES + 1 + len(families)))
     clauses = [
         [-selector, *(-candidate for candidate in sorted(conflict))]
         for selector, family in zip(selectors, families, strict=True)
         for conflict in family
     ]
-    search = CoreGuided(clauses, CANDIDATES, selectors[-1], Deadline(), "minisat22")
-    for selector, family in zip(selectors, families, strict=True):
-        assert set(map(frozenset, search.minimum([selector]))) == smallest(family)
+    return CoreGuided(clauses, CANDIDATES, selectors[-1], Deadline(), "minisat22"), selectors
+
+
+@settings(max_examples=50, deadline=None)
+@given(conflicts, conflicts)
+def test_searches_that_take_turns_do_not_disturb_one_another(
+    one: list[frozenset[int]], other: list[frozenset[int]]
+) -> None:
+    search, selectors = selected([one, other])
+    running = [search.minimum([selector]) for selector in selectors]
+    found: list[list[frozenset[int]]] = [[], []]
+    for answers in zip_longest(*running):
+        for listed, answer in zip(found, answers, strict=True):
+            if answer is not None:
+                listed.append(frozenset(answer))
+    assert [set(listed) for listed in found] == [smallest(one), smallest(other)]
+    assert [len(listed) for listed in found] == [len(smallest(one)), len(smallest(other))]
+
+
+def test_a_search_leaves_one_variable_behind_and_the_solver_is_built_anew_before_they_are_many(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    overlapping = [frozenset(pair) for pair in combinations(range(1, CANDIDATES + 1), 2)]
+    search = searched(overlapping)
+
+    def fresh_after_a_search() -> int:
+        next(search.minimum([]))
+        return search.new_guard()
+
+    first = fresh_after_a_search()
+    assert [fresh_after_a_search() - first for _ in range(3)] == [2, 4, 6]  # its guard, and the one to look
+    monkeypatch.setattr(core_guided, "RESET_SEARCHES", 5)
+    assert fresh_after_a_search() == first
 
 
 def test_an_incumbent_that_is_too_large_for_what_is_asked_is_not_told() -> None:

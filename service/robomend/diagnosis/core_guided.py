@@ -20,8 +20,9 @@ this. Then each core is relaxed, so that what the suppositions allow costs what 
 model is a minimum. Models on the way would be dear: most of a model is deciding what does not matter.
 
 Cores are taken as they come: making them smaller costs more calls than it saves (measured: 5-20 × on
-ISCAS-85). The solver outlives the search. What a search adds is either implied definitions or guarded by a
-literal that is dropped afterwards; when such leftovers outweigh the model, the solver is built anew.
+ISCAS-85). The solver outlives the search. What a search adds is guarded by a literal that is dropped at its
+end: the clauses vanish, with what was learnt from them, and the variables of the trees serve the next search.
+Left behind, they would have to be decided in each later model, which took as long as all the rest of it.
 
 Sources:
     N. Narodytska, F. Bacchus. Maximum satisfiability using core-guided MaxSAT resolution. AAAI 2014 (there
@@ -36,13 +37,12 @@ from collections.abc import Generator, Iterator, Sequence
 from robomend.diagnosis.oracle import Deadline, Oracle
 from robomend.model.cnf import Clause
 
-RESET_CLAUSES = 500
-"""Leftover clauses that are tolerated, or twice the model's own if those are more: they slow each question
-down, and a solver is built in the time of one or two. With 20,000, c499 and c1355 took twice as long."""
+RESET_SEARCHES = 1_000
+"""Searches after which the solver is built anew: each leaves a variable behind."""
 
 EASY_CONFLICTS = 10
-EASY_PROPAGATIONS = 1.5
-"""Of an easy core, the latter for each variable of the model."""
+EASY_PROPAGATIONS = 0.9
+"""Of an easy core, the latter for each variable of the model: beyond it, most are decisions."""
 
 
 class MinimumTooLarge(Exception):
@@ -72,8 +72,11 @@ class CoreGuided:
         self._clock = clock
         self._name = solver
         self._oracle: Oracle | None = None
-        self.top = variables
-        self._leftover = 0
+        self._top = variables
+        self._searches = 0
+        self._running = 0
+        self._pool: list[int] = []  # variables of the trees
+        self._lent = 0  # so many of them are in use
 
     def minimum(
         self,
@@ -100,23 +103,38 @@ class CoreGuided:
             OutOfTime: what was yielded before stays true.
         """
         search = _CoreSearch(self._fresh_or_warm(), self, assumptions, (at_least, at_most), fixed)
+        self._running += 1
         try:
             yield from search.run(incumbent)
         finally:
-            self._leftover += search.retire()
+            search.retire()
+            self._running -= 1
+            if not self._running:
+                self._lent = 0
+
+    def new_guard(self) -> int:
+        """Return a variable that was never used, to hold the clauses of one search."""
+        self._searches += 1
+        self._top += 1
+        return self._top
 
     def new_variable(self) -> int:
-        """Return a variable that nothing else uses."""
-        self.top += 1
-        return self.top
+        """Return a variable that no clause of a search that runs has met."""
+        if self._lent == len(self._pool):
+            self._top += 1
+            self._pool.append(self._top)
+        self._lent += 1
+        return self._pool[self._lent - 1]
 
     def _fresh_or_warm(self) -> Oracle:
-        if self._oracle is not None and self._leftover > max(RESET_CLAUSES, 2 * len(self._clauses)):
+        if self._oracle is not None and self._searches > RESET_SEARCHES and not self._running:
             self.close()
         if self._oracle is None:
             self._oracle = Oracle(self._clauses, self._clock, self._name)
-            self.top = self.variables
-            self._leftover = 0
+            self._top = self.variables
+            self._searches = 0
+            self._pool.clear()
+            self._lent = 0
         return self._oracle
 
     def close(self) -> None:
@@ -144,7 +162,6 @@ class _CoreSearch:
         self._candidates = [c for c in range(1, owner.candidates + 1) if c not in fixed]
         self._supposed = dict.fromkeys(self._candidates)  # in the order in which the solver is told
         self._paid = 0
-        self._added = 0
         self._guard = 0
 
     def run(self, incumbent: list[int] | None) -> Iterator[list[int]]:
@@ -186,11 +203,10 @@ class _CoreSearch:
         for core in pending:
             self._relax(core)
         size = len(found)
-        self._guard = self._owner.new_variable()
+        guard = self._guarded()
         while True:
-            self._oracle.add([-self._guard, *found])  # one of them is healthy
-            self._added += 1
-            while not self._oracle.sat([*self._assumptions, self._guard, *self._supposed]):
+            self._oracle.add([-guard, *found])  # one of them is healthy
+            while not self._oracle.sat([*self._assumptions, *self._supposed]):
                 core = self._pay()
                 if not core or self._paid > size:
                     return
@@ -214,26 +230,33 @@ class _CoreSearch:
         self._paid += 1
         return core
 
+    def _guarded(self) -> int:
+        """Return the literal that holds the clauses of this search; it is supposed from the first one on."""
+        if not self._guard:
+            self._guard = self._owner.new_guard()
+            self._assumptions = [self._guard, *self._assumptions]
+        return self._guard
+
     def _relax(self, core: list[int]) -> None:
         """Suppose that no second member of the core is abnormal, one supposition less than it has members."""
-        add, new_variable = self._oracle.add, self._owner.new_variable
+        if len(core) < 2:
+            return
+        add, new_variable, off = self._oracle.add, self._owner.new_variable, -self._guarded()
         level = [-literal for literal in core]
         while len(level) > 1:
             above = level[-1:] if len(level) % 2 else []
             for one, other in zip(level[::2], level[1::2], strict=False):
                 both = new_variable()
-                add([-one, -other, both])
+                add([-one, -other, both, off])
                 self._supposed[-both] = None
                 if len(level) > 2:
                     either = new_variable()
-                    add([-one, either])
-                    add([-other, either])
+                    add([-one, either, off])
+                    add([-other, either, off])
                     above.append(either)
             level = above
-        self._added += 3 * len(core)
 
-    def retire(self) -> int:
-        """Drop the guard; return how many clauses stay behind in the solver."""
+    def retire(self) -> None:
+        """Drop the clauses of this search, and what was learnt from them."""
         if self._guard:
             self._oracle.add([-self._guard])
-        return self._added
