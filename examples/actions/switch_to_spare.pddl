@@ -1,7 +1,7 @@
 ;; switch_to_spare.pddl: hardware reconfiguration, the paper's second kind of hardware repair.
 ;;
-;; A robot with two laser scanners, both powered; one driver reads one of them. When power-cycling the first
-;; does not bring its scans back, the driver is pointed at the second and restarted.
+;; A robot with two laser scanners, both powered; one driver reads one of them. When the driver's restart does
+;; not bring the first one's scans back, it is pointed at the second and restarted.
 ;;
 ;; Its names are those of examples/two_lidars.yaml. Use it as a robot's `domain`; say who carries it out
 ;; under `actions`: docs/repair.md.
@@ -9,7 +9,8 @@
 (define (domain robot-repair)
   (:predicates
     (spare_for ?s ?h - hardware))       ; static: ?s can stand in for ?h
-  ;; (good ?h) then means that the robot has what it had ?h for. The cost puts it after a power cycle (29).
+  ;; (good ?h) then means that the robot has what it had ?h for. A power cycle (29) helps
+  ;; every other time, so that 30 puts this before it: docs/repair.md, "What was tried, and quarantine".
   (:action switch_to_spare
     :parameters (?h ?s - hardware)
     :precondition (and (spare_for ?s ?h) (bad ?h) (good ?s) (on ?s))

@@ -154,7 +154,7 @@ async def test_a_repair_tells_symptoms_conflicts_rivals_acts_and_what_was_seen_a
     assert " round 1: lidar_node blamed (weight 0.5)" in text
     assert "  symptom not ok(scan) since " in text
     assert "  conflict: " in text
-    assert "  not chosen (weight 0.5): lidar: helps with probability 1 at cost 29; dearer than 4" in text
+    assert "  not chosen (weight 0.5): lidar: helps with probability 0.75 at cost 29; dearer than 4" in text
     assert "  start_node(lidar_node): sent " in text
     assert "  seen after it: ok(scan) since " in text
     assert "  it helped" in text

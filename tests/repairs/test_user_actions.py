@@ -135,7 +135,7 @@ async def scanners(runtime: Runtime, board: Any, chosen: Path) -> AsyncIterator[
         yield robot
 
 
-async def test_a_scanner_that_a_power_cycle_does_not_bring_back_is_replaced_by_its_spare(
+async def test_a_scanner_that_its_driver_s_restart_does_not_bring_back_is_replaced_by_its_spare(
     tmp_path: Path,
 ) -> None:
     chosen = tmp_path / "chosen"
@@ -161,10 +161,10 @@ async def test_a_scanner_that_a_power_cycle_does_not_bring_back_is_replaced_by_i
         "stop_node(lidar_node)",
         "start_node(lidar_node)",
     ]
-    # The cheaper ones first, each once: the driver's restart, then a power cycle.
+    # The cheaper driver's restart first, once; a power cycle would cost nearly as much as the spare, and
+    # could not help against a broken scanner.
     assert done[0] == ["stop_node(lidar_node)", "start_node(lidar_node)"]
-    assert done[1][:2] == ["shutdown(lidar)", "power_up(lidar)"]
-    assert len(done) == 3
+    assert len(done) == 2
 
 
 async def test_a_bus_is_reset_by_a_program_of_the_service_s_own_settings(tmp_path: Path) -> None:

@@ -5,9 +5,10 @@ decision-theoretic troubleshooting: repair, look, repair the next. With probabil
 and cost c(i), the expected cost Σ c(i) · P(none before i helped) is least in order of p(i) / c(i).
 
     weight of a diagnosis   how probable it is, what was tried taken into account: tried.py
-    p(plan)                 weight of all diagnoses whose components the plan repairs: a power cycle that
-                            restarts the driver helps against a bad device and against a bad driver; lowered
-                            for a plan that was carried out before, with its effects seen, and did not help
+    p(plan)                 weight of all diagnoses whose components the plan repairs, each times how probably
+                            it then cures them (cures.py): a power cycle that restarts the driver helps
+                            against a device that hangs and against a bad driver; lowered for a plan that
+                            was carried out before, with its effects seen, and did not help
     common part             components that every leading diagnosis blames are repaired first, by
                             themselves, if what is saved when the first full repair is wrong exceeds the
                             cost of one more look
@@ -27,8 +28,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from operator import mul
 
 from robomend.diagnosis.result import Diagnosis
+from robomend.planning.cures import cured
 from robomend.planning.plan import Outcome, Plan
 from robomend.planning.tried import DEFAULT_PATIENCE, S_TO_NS, Attempt, Patience, repaired_by, weights
 from robomend_client.literals import Atom
@@ -155,9 +158,9 @@ def _helps(
     for one, chance in zip(candidates, chances, strict=True):
         bad = frozenset(one.diagnosis.bad)
         if bad <= repaired:
-            total += chance
+            total += chance * cured(plan, bad)
         elif one.diagnosis is own and bad & repaired:
-            total += chance * len(bad & repaired) / len(bad)
+            total += chance * cured(plan, bad & repaired) * len(bad & repaired) / len(bad)
     return total
 
 
@@ -248,29 +251,23 @@ def _expected_cost(candidates: Sequence[Candidate], chances: Sequence[float], pa
     """Return the expected cost of repairing, best first, until it helps or a person must come."""
     left = list(chances)
     unused = [one for one in candidates if one.plan.steps]
-    covers = {id(one): repaired_by(one.plan) for one in unused}
+    shares = {id(one): _shares(one.plan, candidates) for one in unused}
     total = 0.0
     while unused:
-        gains = [_covered(covers[id(one)], candidates, left) for one in unused]
+        gains = [sum(map(mul, shares[id(one)], left)) for one in unused]
         index = max(range(len(unused)), key=lambda i: gains[i] / max(unused[i].plan.cost, 1e-6))
         if gains[index] <= 0:
             break
         best = unused.pop(index)
         total += best.plan.cost * sum(left)
-        left = [
-            0.0 if frozenset(other.diagnosis.bad) <= covers[id(best)] else chance
-            for other, chance in zip(candidates, left, strict=True)
-        ]
+        left = [chance * (1 - share) for chance, share in zip(left, shares[id(best)], strict=True)]
     return total + patience.person_cost * sum(left)
 
 
-def _covered(repaired: frozenset[str], candidates: Sequence[Candidate], chances: Sequence[float]) -> float:
-    """Return the weight of the diagnoses whose components are all among the repaired."""
-    return sum(
-        chance
-        for one, chance in zip(candidates, chances, strict=True)
-        if frozenset(one.diagnosis.bad) <= repaired
-    )
+def _shares(plan: Plan, candidates: Sequence[Candidate]) -> list[float]:
+    """Return how probably the plan helps if it is this diagnosis, for each."""
+    repaired, blamed = repaired_by(plan), [one.diagnosis.bad for one in candidates]
+    return [cured(plan, bad) if repaired.issuperset(bad) else 0.0 for bad in blamed]
 
 
 def _best_look(

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 
 from robomend.errors import SolverError
 from robomend.model.components import ComponentModel
+from robomend.planning.cures import Avoided, best_way
 from robomend.planning.decomposition import NamedPart, Part, split
 from robomend.planning.domain.loading import load_domain
 from robomend.planning.domain.values import Domain
@@ -92,8 +93,25 @@ def plans_for(
         if left is not None and left <= 0 and found:
             found.append(gave_up(options.planner, 0.0))
         else:
-            found.append(plan_for(model, literals, bad, replace(options, timeout_s=left)))
+            found.append(_way_for(model, literals, bad, replace(options, timeout_s=left)))
     return found
+
+
+def _way_for(
+    model: ComponentModel, observed: Iterable[Literal], bad: Collection[str], options: PlanOptions
+) -> Plan:
+    """Return the cheapest plan, or, where the user's actions have it, a way that is likelier to help."""
+    plan = plan_for(model, observed, bad, options)
+    if options.domain is None:
+        return plan
+    left_s = None if options.timeout_s is None else max(0.0, options.timeout_s - plan.elapsed_s)
+
+    def other(avoided: Avoided) -> Plan:
+        return plan_for(
+            model, observed, bad, replace(options, timeout_s=left_s, avoided=(*options.avoided, *avoided))
+        )
+
+    return best_way(plan, bad, other)
 
 
 def gave_up(planner: str, elapsed_s: float) -> Plan:

@@ -1,0 +1,70 @@
+"""How probably a plan cures what it is for, where the diagnosis is right; and which of two ways comes first.
+
+    plan ──► acts that should make a blamed component good ──► the kind of each ──► CURES
+
+A power cycle brings back a device that hangs, and none that is broken; a spare stands in for either. To try
+first the way with probability p and cost c, and the other if it was in vain, costs less in the mean where
+p / c is larger: the order of robomend.planning.choice, here among the ways to cure one diagnosis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator, Mapping
+from enum import StrEnum
+
+from robomend.planning.plan import Outcome, Plan
+from robomend.planning.policy import DARK
+
+
+class Cure(StrEnum):
+    """What is done to make a component good."""
+
+    POWER_CYCLE = "power cycle"  # of a device that has power
+    OTHER = "other"  # it is switched on, restarted, replaced, or whatever a user's action does
+
+
+CURES: Mapping[Cure, float] = {Cure.POWER_CYCLE: 0.5, Cure.OTHER: 1.0}
+"""P(it helps | its diagnosis is right), by default.
+
+Whether a device that has power and says nothing hangs or is broken, nobody has told robomend: 0.5 prefers
+neither. The rest counts as its domain says. Whoever knows his robot better says so in his actions' costs: a
+spare comes after the power cycle where it costs more than twice as much.
+"""
+
+Avoided = tuple[tuple[str, str], ...]
+"""Ground actions as text that must not be used, each with the reason."""
+
+
+def cured(plan: Plan, bad: Collection[str]) -> float:
+    """Return the probability that the plan cures these, if they are what is wrong and it repairs them."""
+    probability = CURES[Cure.OTHER]
+    for _, names in _power_cycles(plan):
+        if not names.isdisjoint(bad):
+            probability *= CURES[Cure.POWER_CYCLE]
+    return probability
+
+
+def best_way(plan: Plan, bad: Collection[str], other: Callable[[Avoided], Plan]) -> Plan:
+    """Return the plan, or another way to cure the same that is likelier to help for what it costs.
+
+    Args:
+        other: plans for the same without these acts.
+    """
+    why = "another way is looked for"
+    cycles = tuple((text, why) for text, names in _power_cycles(plan) if not names.isdisjoint(bad))
+    if not cycles:
+        return plan
+    way = other(cycles)
+    if not way.steps or way.outcome is Outcome.GAVE_UP or len(way.unreachable) > len(plan.unreachable):
+        return plan
+    return way if cured(way, bad) * plan.cost > cured(plan, bad) * way.cost else plan
+
+
+def _power_cycles(plan: Plan) -> Iterator[tuple[str, frozenset[str]]]:
+    """Yield the acts, as text, that give back power that the plan took, and what each should make good."""
+    dark: set[str] = set()
+    for step in plan.steps:
+        added = [effect.atom for effect in step.effects if effect.positive and effect.atom.args]
+        if any(atom.predicate == "on" and atom.args[0] in dark for atom in added):
+            yield str(step), frozenset(atom.args[0] for atom in added if atom.predicate == "good")
+        dark.update(atom.args[0] for atom in added if atom.predicate in DARK)

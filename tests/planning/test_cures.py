@@ -1,0 +1,107 @@
+"""How probably a plan cures what it is for, and which of two ways to cure it comes first."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+from tests.planning.robots import TEDUSAR, texts
+
+from robomend.diagnosis.result import Diagnosis
+from robomend.planning.choice import Candidate, choose
+from robomend.planning.cures import CURES, Avoided, Cure, best_way, cured
+from robomend.planning.plan import Outcome, Plan
+from robomend.planning.planning import PlanOptions, plan_for, plans_for
+from robomend_client.literals import Literal, fails, holds
+
+SPARE = """
+(define (domain robot-repair)
+  (:predicates (spare_for ?s ?h - hardware))
+  (:action switch_to_spare
+    :parameters (?h ?s - hardware)
+    :precondition (and (spare_for ?s ?h) (bad ?h) (good ?s) (on ?s))
+    :effect (and (good ?h) (not (bad ?h))
+      (forall (?n - node) (when (drives ?n ?h) (and (bad ?n) (not (good ?n)))))
+      (increase (total-cost) COST)))
+  (:init (spare_for jaguar hokuyo)))
+"""
+
+CYCLE = ["shutdown(hokuyo)", "power_up(hokuyo)", "stop_node(hokuyo_node)", "start_node(hokuyo_node)"]
+SWITCH = ["switch_to_spare(hokuyo, jaguar)", "stop_node(hokuyo_node)", "start_node(hokuyo_node)"]
+
+
+def planned(cost: int | None, *observed: Literal, avoided: str = "") -> Plan:
+    """Return the plan for a silent scanner that has a spare of this cost; None: it has none."""
+    options = PlanOptions(
+        domain=None if cost is None else SPARE.replace("COST", str(cost)),
+        avoided=((avoided, "it was tried"),) if avoided else (),
+    )
+    [plan] = plans_for(TEDUSAR, observed, [("hokuyo",)], options)
+    return plan
+
+
+def instead(plan: Plan) -> Callable[[Avoided], Plan]:
+    """Return a planner that knows this other way alone."""
+    return lambda _: plan
+
+
+def test_a_power_cycle_cures_a_device_every_other_time_and_the_driver_that_it_restarts_for_sure() -> None:
+    plan = plan_for(TEDUSAR, [], ["hokuyo"])
+    assert texts(plan) == CYCLE
+    assert cured(plan, ["hokuyo"]) == cured(plan, ["hokuyo", "hokuyo_node"]) == CURES[Cure.POWER_CYCLE] == 0.5
+    assert cured(plan, ["hokuyo_node"]) == 1.0
+
+
+def test_each_power_cycle_of_a_plan_is_a_chance_of_its_own() -> None:
+    assert cured(plan_for(TEDUSAR, [], ["hokuyo", "jaguar"]), ["hokuyo", "jaguar"]) == 0.25
+
+
+def test_to_switch_on_what_is_off_is_no_power_cycle() -> None:
+    plan = plan_for(TEDUSAR, [fails("on", "hokuyo")], ["hokuyo"])
+    assert "power_up(hokuyo)" in texts(plan)
+    assert cured(plan, ["hokuyo"]) == 1.0
+
+
+@pytest.mark.parametrize(("cost", "steps"), [(30, SWITCH), (53, SWITCH), (55, CYCLE), (None, CYCLE)], ids=str)
+def test_a_spare_comes_before_a_power_cycle_unless_it_costs_more_than_twice_as_much(
+    cost: int | None, steps: list[str]
+) -> None:
+    """29 for the cycle with the driver's restart, which is 4 of either."""
+    assert texts(planned(cost)) == steps
+
+
+def test_a_device_that_is_off_is_switched_on_before_its_spare_is_taken() -> None:
+    assert texts(planned(30, fails("on", "hokuyo")))[0] == "power_up(hokuyo)"
+
+
+def test_a_spare_that_was_no_help_leaves_the_power_cycle() -> None:
+    assert texts(planned(30, avoided="switch_to_spare(hokuyo, jaguar)")) == CYCLE
+
+
+def test_another_way_that_is_not_found_in_time_or_repairs_less_is_none() -> None:
+    plan = plan_for(TEDUSAR, [], ["hokuyo"])
+    cheap = replace(plan_for(TEDUSAR, [], ["hokuyo_node"]), cost=1.0)
+    assert best_way(plan, ["hokuyo"], instead(cheap)) is cheap
+    for worse in (
+        replace(cheap, steps=()),
+        replace(cheap, outcome=Outcome.GAVE_UP),
+        replace(cheap, unreachable=("hokuyo: no",)),
+    ):
+        assert best_way(plan, ["hokuyo"], instead(worse)) is plan
+
+
+def test_the_driver_s_restart_comes_before_either_and_the_reason_says_how_probably_each_helps() -> None:
+    restart = Candidate(Diagnosis(("hokuyo_node",)), plan_for(TEDUSAR, [], ["hokuyo_node"]))
+    for cost, words in (
+        (30, "hokuyo: helps with probability 1 at cost 34"),
+        (70, "hokuyo: helps with probability 0.75 at cost 29"),  # 0.5 as the driver may be it
+    ):
+        choice = choose([restart, Candidate(Diagnosis(("hokuyo",)), planned(cost))])
+        assert choice.plan is restart.plan
+        assert choice.alternatives[1].reason == words
+
+
+def test_what_a_power_cycle_leaves_to_a_person_is_in_the_expected_cost() -> None:
+    candidate = Candidate(Diagnosis(("hokuyo",)), plan_for(TEDUSAR, [holds("on", "hokuyo")], ["hokuyo"]))
+    assert choose([candidate]).expected_cost == 29 + 0.5 * 300
