@@ -13,7 +13,7 @@ from robomend.api.routers.pages import ours
 from robomend.security import RULES
 from robomend.settings import Settings
 from robomend.web.rendering import percent, static_address, static_files
-from robomend.web.words import duration, listed
+from robomend.web.words import duration, listed, without
 
 FORM = {"Content-Type": "application/x-www-form-urlencoded"}
 
@@ -145,3 +145,12 @@ def test_numbers_have_units_and_claim_no_more_than_is_known() -> None:
         "2 days",
     ]
     assert listed(["a", "b", "c", "d", "e", "f"]) == "a, b, c, d and 2 more"
+
+
+def test_a_reason_does_not_name_again_what_was_named_right_before() -> None:
+    assert (
+        without("a, b: helps with probability 1 at cost 4", ["a", "b"])
+        == "helps with probability 1 at cost 4"
+    )
+    assert without("every leading diagnosis blames a", ["a"]) == "every leading diagnosis blames a"
+    assert without("nothing is bad", []) == "nothing is bad"

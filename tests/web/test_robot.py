@@ -122,6 +122,19 @@ def test_a_plan_is_approved_carried_out_and_told_in_words(service: Service, look
     assert [one["reason"] for one in audit if one["action"] == "repair.approve"] == ["I looked"]
 
 
+def test_a_plan_is_approved_on_the_page_of_its_repair(service: Service, look: Look) -> None:
+    service.with_robot("linked")
+    service.observe("not ok(map)", "not running(hector_mapping)", robot="linked")
+    awaiting(service, look, "linked")
+    repair = service.api("GET", "/robots/linked/repairs").json()["items"][0]["id"]
+    page = live(look(service), f"/ui/repairs/{repair}")
+    page.locator(".card").get_by_label("Why").fill("told by a message")
+    page.get_by_role("button", name="Approve").click()
+    expect(page.get_by_role("button", name="Approve")).to_have_count(0)
+    audit = service.api("GET", "/audit", params={"robot": "linked"}).json()["items"]
+    assert [one["reason"] for one in audit if one["action"] == "repair.approve"] == ["told by a message"]
+
+
 def test_a_click_that_comes_too_late_has_a_clear_answer(service: Service, look: Look) -> None:
     service.with_robot("late")
     service.observe("not on(jaguar)", robot="late")
@@ -153,6 +166,8 @@ def test_a_robot_that_never_reported_is_unknown_and_empty_of_claims(ill: Service
     assert "nobody has reported anything yet" in part(page, "obs")
     assert "Nobody was blamed" in part(page, "past")
     assert "healthy" not in part(page, "state")
+    assert page.locator("svg.graph .good").count() == 0, "silence is not health"
+    assert page.locator("svg.graph .unknown").count() >= 14
 
 
 def test_odd_names_are_shown_as_they_are_and_do_nothing(service: Service, look: Look) -> None:

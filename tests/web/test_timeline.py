@@ -8,7 +8,7 @@ from itertools import pairwise
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robomend.web.timeline import ActionBar, Mark, Span, Timeline, lanes, svg
+from robomend.web.timeline import NARROW, ActionBar, Mark, Span, Timeline, lanes, svg
 
 SVG = "{http://www.w3.org/2000/svg}"
 TIMES = st.floats(0, 30, allow_nan=False)
@@ -95,3 +95,26 @@ def test_a_label_that_does_not_fit_its_bar_stands_beside_it() -> None:
     assert float(short.get("x", "")) > right
     assert left < float(long.get("x", "")) < left + 10
     assert (float(late.get("x", "")) < last, late.get("text-anchor")) == (True, "end")
+
+
+def written(root: ET.Element) -> list[str]:
+    return ["".join(element.itertext()) for element in root.iter(f"{SVG}text")]
+
+
+def test_the_axis_counts_seconds_or_tells_round_times_of_the_day() -> None:
+    assert {"0 s", "20 s", "60 s"} <= set(written(drawn(Timeline("t", "s", [], [], [], 60))))
+    noon_ns = 12 * 3600 * 10**9 + 7 * 10**9  # 12:00:07 on the first of January 1970
+    told = written(drawn(Timeline("t", "s", [], [], [], 60, noon_ns)))
+    assert [one for one in told if ":" in one][:2] == ["12:00:10", "12:00:15"]
+    assert "13:00" in written(drawn(Timeline("t", "s", [], [], [], 7200, noon_ns)))
+
+
+def test_a_narrow_figure_names_its_rows_before_the_bars_and_says_the_whole_name() -> None:
+    name = "laser_alignment_control"
+    timeline = Timeline("t", "s", [(name, (Span(0, 1, True),))], [], [], 60)
+    root = ET.fromstring(svg(timeline, NARROW))
+    [row] = [text for text in root.iter(f"{SVG}text") if text.find(f"{SVG}title") is not None]
+    assert row.findtext(f"{SVG}title") == name
+    assert "".join(row.itertext()).removeprefix(name).endswith("…")
+    [bar] = [rect for rect in root.iter(f"{SVG}rect") if rect.get("class") == "bad"]
+    assert float(bar.get("x", "0")) >= NARROW.labels

@@ -49,10 +49,10 @@ def timeline(
     rows = [(name, _joined(spans[name])) for name in spans if name in blamed][:ROWS]
     actions = [bar for repair in repairs for bar in _bars(repair, start_ns, end_ns)][:ACTIONS]
     left_out = len(blamed) - len(rows)
-    subtitle = "tall: bad; between: some diagnoses blame it; thin: good" + (
+    subtitle = "what its diagnoses said of each component" + (
         f"; {left_out} more components were blamed" if left_out > 0 else ""
     )
-    return Timeline(robot, subtitle, rows, actions, (), (end_ns - start_ns) / NS)
+    return Timeline(robot, subtitle, rows, actions, (), (end_ns - start_ns) / NS, start_ns)
 
 
 def _joined(spans: Sequence[Span]) -> list[Span]:

@@ -19,7 +19,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from robomend.repairs.account import how_it_ended, not_chosen, since, waited
-from robomend.web.words import duration, layers, listed, repair_state
+from robomend.web.words import duration, layers, listed, repair_state, without
 
 HERE = Path(__file__).resolve().parent
 STATIC = HERE / "static"
@@ -84,6 +84,7 @@ def _environment() -> Environment:
         lstrip_blocks=True,
     )
     environment.filters.update(listed=listed, repair_state=repair_state, layers=layers, json=in_json)
+    environment.filters.update(without=without)
     environment.filters.update(name=name, time=time, percent=percent, amount=amount, duration=duration)
     environment.filters.update(since=since, not_chosen=not_chosen, how_it_ended=how_it_ended, waited=waited)
     environment.globals.update(static=static_address, fleet_address=fleet_address, navigation=NAVIGATION)

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from html import escape
 from math import ceil
 
@@ -20,13 +21,28 @@ BAD, SUSPECT, GOOD = "#c8553d", "#e3a690", "#2a7f77"
 INK, MUTED, GRID, ACTION, FAILED = "#1f2933", "#616e7c", "#e4e7eb", "#3d5a80", "#b23a48"
 FONT = "font-family='system-ui, Segoe UI, Roboto, Helvetica, Arial, sans-serif'"
 
-WIDTH, LABELS, RIGHT = 1080, 190, 24  # pixels
+RIGHT = 24  # pixels
 ROW, LANE = 20, 22
 TOP = 64  # title and subtitle
 
 
 STATES = {"bad": (13, BAD), "suspect": (8, SUSPECT), "good": (4, GOOD)}
 """What a component may be -> height in pixels and colour."""
+
+
+@dataclass(frozen=True, slots=True)
+class Width:
+    """How wide a figure is, in pixels, and how much of that names its rows."""
+
+    name: str  # the class of the SVG element
+    all: int
+    labels: int
+    ticks: int  # at most
+
+
+WIDE = Width("wide", 1080, 190, 15)
+NARROW = Width("narrow", 360, 118, 4)
+"""For a phone, where a wide figure could only be scrolled, without the names of its rows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +91,8 @@ class Timeline:
     actions: Sequence[ActionBar]
     marks: Sequence[Mark]
     end_s: float
+    begins_ns: int | None = None
+    """When it begins: then the axis shows the time of day (UTC), else seconds from its beginning."""
 
 
 def lanes(actions: Iterable[ActionBar], per_second: float) -> list[tuple[int, ActionBar]]:
@@ -96,13 +114,13 @@ def _wide(label: str) -> float:
     return 6.4 * len(label) + 14
 
 
-def svg(timeline: Timeline) -> str:
+def svg(timeline: Timeline, width: Width = WIDE) -> str:
     """Return the figure as a standalone SVG document; its height follows from what it shows."""
     end_s = max(timeline.end_s, 0.001)
-    per_second = (WIDTH - LABELS - RIGHT) / end_s
+    per_second = (width.all - width.labels - RIGHT) / end_s
 
     def x(at_s: float) -> float:
-        return round(LABELS + min(max(at_s, 0.0), end_s) * per_second, 2)
+        return round(width.labels + min(max(at_s, 0.0), end_s) * per_second, 2)
 
     placed = lanes(timeline.actions, per_second)
     lane_count = max((lane for lane, _ in placed), default=-1) + 1
@@ -113,23 +131,22 @@ def svg(timeline: Timeline) -> str:
     height = bottom + 58
 
     out = [
-        f"<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 {WIDTH} {height}' width='{WIDTH}' "
-        f"height='{height}' role='img' aria-label='{_attribute(timeline.title)}' {FONT}>",
-        f"<rect width='{WIDTH}' height='{height}' fill='#ffffff'/>",
+        f"<svg xmlns='http://www.w3.org/2000/svg' class='{width.name}' viewBox='0 0 {width.all} {height}' "
+        f"width='{width.all}' height='{height}' role='img' aria-label='{_attribute(timeline.title)}' {FONT}>",
+        f"<rect width='{width.all}' height='{height}' fill='#ffffff'/>",
         _text(16, 28, timeline.title, size=17, weight=600),
         _text(16, 48, timeline.subtitle, size=12, fill=MUTED),
     ]
-    step = _grid_step(end_s)
-    for tick in range(int(end_s / step + 1e-9) + 1):
-        at = x(tick * step)
+    for at_s, told in _ticks(timeline, end_s, width.ticks):
+        at = x(at_s)
         out.append(f"<line x1='{at}' x2='{at}' y1='{actions_top - 4}' y2='{bottom + 4}' stroke='{GRID}'/>")
-        out.append(_text(at, bottom + 20, f"{tick * step:g} s", size=11, fill=MUTED, anchor="middle"))
+        out.append(_text(at, bottom + 20, told, size=11, fill=MUTED, anchor="middle"))
     for index, mark in enumerate(sorted(timeline.marks, key=lambda m: m.at_s)):
         at, y = x(mark.at_s), TOP + 18 * index + 8
         out.append(
             f"<line x1='{at}' x2='{at}' y1='{y}' y2='{bottom + 4}' stroke='{MUTED}' stroke-dasharray='3 3'/>"
         )
-        flip = at > WIDTH * 0.7
+        flip = at > width.all * 0.7
         out.append(
             _text(
                 at + (-5 if flip else 5),
@@ -153,13 +170,13 @@ def svg(timeline: Timeline) -> str:
         wide = _wide(action.label)
         if right - left >= wide:
             out.append(_text(left + 7, y + 14, action.label, size=11))
-        elif right + wide <= WIDTH:
+        elif right + wide <= width.all:
             out.append(_text(max(right, left + 3) + 5, y + 14, action.label, size=11))
         else:
             out.append(_text(left - 5, y + 14, action.label, size=11, anchor="end"))
     for index, (component, spans) in enumerate(timeline.rows):
         middle = rows_top + ROW * index + ROW / 2
-        out.append(_text(16, middle + 4, component, size=12))
+        out.append(_text(16, middle + 4, _cut(component, width), size=12, title=component))
         for span in spans:
             left, right = x(span.start_s), x(span.end_s)
             thick, colour = STATES[span.state]
@@ -172,7 +189,7 @@ def svg(timeline: Timeline) -> str:
     y = bottom + 44
     shown = {span.state for _, spans in timeline.rows for span in spans} | {"bad", "good"}
     for index, state in enumerate(state for state in STATES if state in shown):
-        left = LABELS + 110 * index
+        left = (width.labels if width is WIDE else 16) + 106 * index
         thick, colour = STATES[state]
         out.append(f"<rect x='{left}' y='{y - thick / 2}' width='28' height='{thick}' fill='{colour}'/>")
         out.append(_text(left + 36, y + 4, state, size=11, fill=MUTED))
@@ -180,20 +197,48 @@ def svg(timeline: Timeline) -> str:
     return "\n".join(out)
 
 
-def _grid_step(end_s: float) -> float:
-    """Return a round distance between grid lines that gives at most fifteen of them."""
-    for step in (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 30, 60, 120, 300, 600):
-        if end_s / step <= 15:
+def _ticks(timeline: Timeline, end_s: float, most: int) -> list[tuple[float, str]]:
+    """Return where grid lines are, seconds from the beginning, and what is written at them."""
+    step = _grid_step(end_s, most)
+    if timeline.begins_ns is None:
+        return [(tick * step, f"{tick * step:g} s") for tick in range(int(end_s / step + 1e-9) + 1)]
+    begins_s = timeline.begins_ns / 1e9
+    first = step * ceil(begins_s / step)  # at round times of the day
+    count = int((begins_s + end_s - first) / step + 1e-9) + 1
+    form = "%H:%M" if step % 60 == 0 else "%H:%M:%S"
+    at = [first + tick * step for tick in range(count)]
+    return [(one - begins_s, datetime.fromtimestamp(one, UTC).strftime(form)) for one in at]
+
+
+def _grid_step(end_s: float, most: int) -> float:
+    """Return a round distance between grid lines that gives at most so many of them."""
+    for step in (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 21600):
+        if end_s / step <= most:
             return step
-    return float(ceil(end_s / 15 / 600) * 600)
+    return float(ceil(end_s / most / 86400) * 86400)
+
+
+def _cut(name: str, width: Width) -> str:
+    """Return as much of a name as stands before the bars."""
+    letters = (width.labels - 24) // 7
+    return name if len(name) <= letters else f"{name[: letters - 1]}…"
 
 
 def _text(
-    x: float, y: float, text: str, *, size: int, fill: str = INK, weight: int = 400, anchor: str = "start"
+    x: float,
+    y: float,
+    text: str,
+    *,
+    size: int,
+    fill: str = INK,
+    weight: int = 400,
+    anchor: str = "start",
+    title: str = "",
 ) -> str:
+    whole = f"<title>{escape(title)}</title>" if title not in ("", text) else ""
     return (
         f"<text x='{x}' y='{y}' font-size='{size}' fill='{fill}' font-weight='{weight}' "
-        f"text-anchor='{anchor}'>{escape(text)}</text>"
+        f"text-anchor='{anchor}'>{whole}{escape(text)}</text>"
     )
 
 

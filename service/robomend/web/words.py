@@ -26,6 +26,12 @@ REPAIR_STATES: dict[str, str] = {
 """As people read them; one that is not here is shown as it is called."""
 
 
+def without(reason: str, bad: Sequence[str]) -> str:
+    """Return why a diagnosis was chosen, without its components in front: they are named right before."""
+    names = f"{', '.join(bad)}: "
+    return reason[len(names) :] if bad and reason.startswith(names) else reason
+
+
 def repair_state(state: str) -> str:
     """Return a repair's state as people read it."""
     return REPAIR_STATES.get(state, state)

@@ -18,7 +18,7 @@ from robomend.api.views import board_out, obs_out
 from robomend.errors import RobomendError
 from robomend.robots.batches import Batch
 from robomend.robots.clock import CLOCK
-from robomend.robots.health import health_of
+from robomend.robots.health import HealthState, health_of
 from robomend.robots.robot import Robot
 from robomend.store import View, diagnoses
 from robomend.store.records import StoredDiagnosis
@@ -86,7 +86,9 @@ def _of_diagnosis(state: Robot) -> dict[str, Any]:
     current = state.current
     result = None if current is None else current.result
     health, unknown = health_of(state)
-    found = suspicions(state.system.cnf.components, result)
+    # Of a robot of which nothing is known, nothing is good either.
+    said = None if health is HealthState.UNKNOWN else result
+    found = suspicions(state.system.cnf.components, said)
     return {
         "health": str(health),
         "unknown": [str(atom) for atom in unknown],
@@ -163,9 +165,11 @@ async def _past(parts: Parts, robot: str, until_ms: int | None, span_s: int | No
 
     found, complete = await parts.store.read(look)
     drawn = past.timeline(robot, start_ns, end_ns, found, repairs)
+    shown = bool(drawn.rows or drawn.actions)
     return {
         # The figure escapes what it shows.
-        "past": Markup(figure.svg(drawn)) if drawn.rows or drawn.actions else None,
+        "past": Markup(figure.svg(drawn)) if shown else None,
+        "past_narrow": Markup(figure.svg(drawn, figure.NARROW)) if shown else None,
         "past_complete": complete,
         "span": span_s,
         "start_ms": start_ms,
