@@ -52,10 +52,7 @@ class Answers:
         self._cnf = cnf
         self._options = options
         self._library: Library | None = None
-        self._together: dict[frozenset[frozenset[Literal]], int] = {}
-        self._number: dict[Told, int] = {NOTHING: 0}
-        self.told = [NOTHING]
-        """Number -> what is told."""
+        self._together: dict[frozenset[frozenset[Literal]], Told] = {}
 
     def close(self) -> None:
         """Free the solvers."""
@@ -70,31 +67,37 @@ class Answers:
             self._library = Library(self._cnf, sensors, self._options)
         return self._library
 
-    def numbers(self, codes: Codes, sensors: tuple[Atom, ...]) -> NDArray[np.intp]:
-        """Return for each code the number of what is told of it."""
+    def told(self, codes: Codes, sensors: tuple[Atom, ...]) -> tuple[list[Told], NDArray[np.intp]]:
+        """Return what is told of codes: different ones, and which of them a code has."""
         rows, row_of = distinct(codes)
-        library = self.library(sensors)
-        answers = library.diagnose(rows)
+        answers = self.library(sensors).diagnose(rows)
+        number = {NOTHING: 0}
         of_answer = np.array(
-            [self._keep(told_of(*one)) for one in zip(answers.distinct, answers.conflicts, strict=True)],
+            [
+                number.setdefault(told_of(*one), len(number))
+                for one in zip(answers.distinct, answers.conflicts, strict=True)
+            ],
             dtype=np.intp,
         )
         numbers = of_answer[answers.index] if len(rows) else np.zeros(0, dtype=np.intp)
         numbers[~self.heard(rows, sensors)] = 0
-        return numbers[row_of]
+        return [*number], numbers[row_of]
 
     def grounds(self, codes: Codes, sensors: tuple[Atom, ...]) -> tuple[list[list[str]], NDArray[np.intp]]:
         """Return the observations that the answers of codes rest on: distinct ones, and which a code has."""
         library = self.library(sensors)
-        rows, row_of = distinct(library.grounds(codes))
-        return [[str(literal) for literal in library.literals(row)] for row in rows.tolist()], row_of
+        states, state_of = distinct(codes)
+        rows, row_of = distinct(library.grounds(states))
+        text = {literal: str(literal) for literal in library.said}
+        texts = [[text[literal] for literal in library.literals(row)] for row in rows.tolist()]
+        return texts, row_of[state_of]
 
     def heard(self, codes: Codes, sensors: tuple[Atom, ...]) -> NDArray[np.bool_]:
         """Return of each code whether it says anything that a rule speaks of."""
         return np.asarray(((codes & self._heard(sensors)) != 0).any(axis=1))
 
-    def together(self, rows: frozenset[tuple[int, ...]], sensors: tuple[Atom, ...]) -> tuple[int, list[str]]:
-        """Return the number of what is told of several codes at once, and the observations that it rests on.
+    def together(self, rows: frozenset[tuple[int, ...]], sensors: tuple[Atom, ...]) -> tuple[Told, list[str]]:
+        """Return what is told of several codes at once, and the observations that it rests on.
 
         Args:
             rows: the codes, without the zeros at their ends.
@@ -105,16 +108,16 @@ class Answers:
         snapshots = [library.literals(row) for row in padded]
         seen = dict.fromkeys(str(literal) for snapshot in snapshots for literal in snapshot)
         asked = frozenset(map(frozenset, snapshots))  # of other logs, too, whose sensors have other numbers
-        number = self._together.get(asked)
-        if number is None:
+        told = self._together.get(asked)
+        if told is None:
             if len(self._together) >= REMEMBERED:
                 self._together.clear()
             conflicts = None
             if library.whole:
                 applying = library.diagnose(np.array(padded, dtype=np.uint64)).conflicts
                 conflicts = smallest(conflict for of_one in applying for conflict in of_one or ())
-            number = self._together[asked] = self._keep(self._of_snapshots(snapshots, conflicts))
-        return number, list(seen)
+            told = self._together[asked] = self._of_snapshots(snapshots, conflicts)
+        return told, list(seen)
 
     def _of_snapshots(self, snapshots: list[list[Literal]], conflicts: tuple[Names, ...] | None) -> Told:
         engine = SnapshotEngine(self._cnf)  # a fresh one: what it met before could decide what a limit leaves
@@ -133,12 +136,6 @@ class Answers:
                 word, place = divmod(number, SENSORS_A_WORD)
                 heard[word] |= 3 << (2 * place)
         return np.array(heard, dtype=np.uint64)
-
-    def _keep(self, told: Told) -> int:
-        number = self._number.setdefault(told, len(self.told))
-        if number == len(self.told):
-            self.told.append(told)
-        return number
 
 
 def told_of(answer: LibraryAnswer, conflicts: tuple[Names, ...] | None) -> Told:

@@ -2,8 +2,9 @@
 
     codes ──► answers ──► equal neighbours are one interval ──► OUT/results/NAME-000.parquet, NAME-001…
 
-A part is closed when it has PART intervals, so that a log of any length takes the same memory. The last
-interval of a part waits for the next one, as its neighbour may be its equal.
+A part is closed when it has PART intervals, so that a log of any length takes the same memory; its lists
+are spread out for GROUP of them at once, a row group of the file. The last interval of a part waits for the
+next one, as its neighbour may be its equal.
 """
 
 from __future__ import annotations
@@ -18,20 +19,32 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from robomend.diagnosis.library import SENSORS_A_WORD, Codes
-from robomend_batch.answers import Answers, widened
+from robomend_batch.answers import Answers, Told, widened
 from robomend_batch.lines import lines
 from robomend_batch.track import Stretch, Times
 from robomend_client.literals import Atom
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     import polars as pl
 
-    Write = Callable[[pl.DataFrame, Iterable[bytes]], None]
+    Write = Callable[[Iterator[pl.DataFrame], Iterable[bytes]], None]
 
 PART = 250_000
-"""Codes that are answered together: some 200 MB while they are."""
+"""Codes that are answered together."""
+
+GROUP = 1 << 15
+"""Rows of a row group."""
+
+WRITTEN: dict[str, Any] = {
+    "compression": "zstd",
+    "compression_level": 1,  # as small as with more, in less time
+    "statistics": True,
+    "row_group_size": GROUP,
+    "maintain_order": True,
+}
+"""How Parquet is written: equal rows are equal bytes."""
 
 PIECE = ".ndjson"
 """The ending of the lines of a part, which are there until results.ndjson is."""
@@ -128,7 +141,7 @@ class Parts:
             return
         sensors = self._sensors()
         segment, start, end, codes = self._taken(sensors)
-        numbers = self._answers.numbers(codes, sensors)
+        told, numbers = self._answers.told(codes, sensors)
         first = np.ones(len(numbers), dtype=np.bool_)
         first[1:] = (numbers[1:] != numbers[:-1]) | (segment[1:] != segment[:-1]) | (start[1:] != end[:-1])
         begins = np.flatnonzero(first)
@@ -140,7 +153,7 @@ class Parts:
             begun = tuple(column[:-1] for column in begun)  # type: ignore[assignment]  # the same six
         _, start, end, segment, codes, numbers = begun
         if len(start):
-            self._told(segment, start, end, numbers, *self._answers.grounds(codes, sensors))
+            self._told(segment, start, end, told, numbers, *self._answers.grounds(codes, sensors))
 
     def _taken(
         self, sensors: tuple[Atom, ...]
@@ -159,6 +172,7 @@ class Parts:
         segment: np.ndarray[Any, np.dtype[np.int32]],
         start: Times,
         end: Times,
+        different: list[Told],
         numbers: np.ndarray[Any, np.dtype[np.intp]],
         grounds: list[list[str]],
         ground_of: np.ndarray[Any, np.dtype[np.intp]],
@@ -168,30 +182,33 @@ class Parts:
 
         columns = schema()
         used, of = np.unique(numbers, return_inverse=True)
-        told = [self._answers.told[number] for number in used.tolist()]
+        told = [different[number] for number in used.tolist()]
         fields = ("state", "bad", "probability", "conflicts", "complete", "stopped_by")
         answers = pl.DataFrame(
             [_column(name, [getattr(one, name) for one in told], columns[name]) for name in fields]
         )
-        different = _column("observations", grounds, columns["observations"])
-        frame = (
-            answers[of.reshape(-1)]
-            .with_columns(
-                pl.lit(self._log).alias("log"),
-                pl.Series("segment", segment),
-                pl.Series("start_ns", start),
-                pl.Series("end_ns", end),
-                different[ground_of],
-            )
-            .select(list(columns))
-        )
-        self._write(
-            frame,
-            lines(self._log, segment, start, end, answers, of.reshape(-1), different, ground_of),
-        )
+        observations = _column("observations", grounds, columns["observations"])
+        of = of.reshape(-1)
+
+        def groups() -> Iterator[pl.DataFrame]:
+            for first in range(0, len(start), GROUP):
+                here = slice(first, first + GROUP)
+                yield (
+                    answers[of[here]]
+                    .with_columns(
+                        pl.lit(self._log).alias("log"),
+                        pl.Series("segment", segment[here]),
+                        pl.Series("start_ns", start[here]),
+                        pl.Series("end_ns", end[here]),
+                        observations[ground_of[here]],
+                    )
+                    .select(list(columns))
+                )
+
+        self._write(groups(), lines(self._log, segment, start, end, answers, of, observations, ground_of))
         states = [one.state for one in told]
-        counts, spans = np.bincount(of.reshape(-1)), np.zeros(len(told), dtype=np.int64)
-        np.add.at(spans, of.reshape(-1), end - start)
+        counts, spans = np.bincount(of), np.zeros(len(told), dtype=np.int64)
+        np.add.at(spans, of, end - start)
         for state, count, span in zip(states, counts.tolist(), spans.tolist(), strict=True):
             self.intervals[state] += count
             self.span_ns[state] += span
@@ -219,16 +236,23 @@ class PartFiles:
         self._ndjson = ndjson
         self.written: list[str] = []
 
-    def write(self, frame: pl.DataFrame, texts: Iterable[bytes] = ()) -> None:
-        """Write the next one; its lines beside it, if they are wanted, for results.ndjson."""
+    def write(self, groups: Iterator[pl.DataFrame], texts: Iterable[bytes] = ()) -> None:
+        """Write the next one, of these row groups; its lines beside it, if wanted, for results.ndjson."""
         file = self._folder / f"{self._name}-{len(self.written):03}.parquet"
         data = BytesIO()  # so that a full disk is an OSError with its number
-        frame.rechunk().write_parquet(data, compression="zstd", statistics=True)
+        _write_groups(groups, data)
         beside = file.with_suffix(f".{os.getpid()}.tmp")  # the worker of a killed run may not be gone yet
         beside.write_bytes(data.getbuffer())
         write_piece(file, texts if self._ndjson else ())
         os.replace(beside, file)
         self.written.append(file.name)
+
+
+def _write_groups(groups: Iterator[pl.DataFrame], into: BytesIO) -> None:
+    """Write a Parquet file, one row group after another; there is never more than a few of them."""
+    from polars.io.plugins import register_io_source
+
+    register_io_source(lambda *_: groups, schema=schema()).sink_parquet(into, **WRITTEN)
 
 
 def write_piece(part: Path, texts: Iterable[bytes]) -> None:

@@ -18,7 +18,7 @@ from robomend_batch.errors import FULL, DiskFull
 from robomend_batch.manifest import Manifest, alone_in, keep_parts, open_manifest, stamp, write_beside
 from robomend_batch.observing import digest
 from robomend_batch.one_log import RESULTS, Record, Setup
-from robomend_batch.parts import PART, PIECE, schema
+from robomend_batch.parts import PIECE, WRITTEN, schema
 from robomend_batch.pool import in_this_process, in_workers
 from robomend_batch.progress import Progress
 
@@ -187,9 +187,7 @@ def _write_parquet(out: Path, records: list[Record], wanted: bool) -> None:
     beside = results.with_name("results.parquet.tmp")
     frames = pl.scan_parquet(parts, glob=False) if parts else pl.LazyFrame(schema=schema())
     try:
-        frames.sink_parquet(
-            beside, compression="zstd", statistics=True, row_group_size=PART, maintain_order=True
-        )
+        frames.sink_parquet(beside, **WRITTEN)
     except pl.exceptions.PolarsError as error:  # it has the number of the system's error in its text only
         number = re.search(r"os error (\d+)", str(error))
         if number is None:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from robomend_batch.answers import distinct
+from robomend_batch.answers import NOTHING, Told, distinct
 from robomend_batch.parts import Parts
 from robomend_batch.track import Times
 
@@ -38,7 +38,7 @@ class Windows(Parts):
         self._start_ns = self._end_ns = 0
         self._rows: dict[Row, None] = {}
         self._heard = False
-        self._done: list[tuple[int, int, int, int, list[str]]] = []
+        self._done: list[tuple[int, int, int, Told, list[str]]] = []
 
     def finish(self) -> None:
         super().finish()
@@ -78,11 +78,11 @@ class Windows(Parts):
     def _end_window(self) -> None:
         if self._here is None:
             return
-        number = 0
+        told = NOTHING
         literals: list[str] = []
         if self._heard:
-            number, literals = self._answers.together(frozenset(self._rows), self._sensors())
-        self._done.append((self._here[0], self._start_ns, self._end_ns, number, literals))
+            told, literals = self._answers.together(frozenset(self._rows), self._sensors())
+        self._done.append((self._here[0], self._start_ns, self._end_ns, told, literals))
         self._here, self._rows, self._heard = None, {}, False
         if len(self._done) >= MOST_WAITING:
             self._write_done()
@@ -90,12 +90,15 @@ class Windows(Parts):
     def _write_done(self) -> None:
         if not self._done:
             return
-        segment, start, end, numbers, grounds = zip(*self._done, strict=True)
+        segment, start, end, told, grounds = zip(*self._done, strict=True)
         self._done = []
+        number: dict[Told, int] = {}
+        numbers = [number.setdefault(one, len(number)) for one in told]
         self._told(
             np.array(segment, dtype=np.int32),
             _times(start),
             _times(end),
+            [*number],
             np.array(numbers, dtype=np.intp),
             list(grounds),
             np.arange(len(grounds)),

@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from robomend.diagnosis.by_conflicts import COUNTED
 from robomend.diagnosis.core_guided import MinimumTooLarge
 from robomend.diagnosis.engines import DEFAULT, make_engine
+from robomend.diagnosis.masks import bits
 from robomend.diagnosis.observed import check_options
 from robomend.diagnosis.oracle import Deadline, OutOfTime
 from robomend.diagnosis.parts import IndependentPart, independent, list_diagnoses, minimal
@@ -65,6 +66,9 @@ REMEMBERED = 50_000
 Codes = NDArray[np.uint64]
 """Shape (rows, words): see `Library.codes`."""
 
+Names = tuple[tuple[str, ...], ...]
+"""The components of each of several conflicts."""
+
 Answer = DiagnosisResult | ContradictoryModel
 """What is told of a row; the latter where nothing explains it, whatever is abnormal."""
 
@@ -75,7 +79,7 @@ class RowAnswers:
 
     index: NDArray[np.intp]
     distinct: tuple[Answer, ...]
-    conflicts: tuple[tuple[tuple[str, ...], ...] | None, ...]
+    conflicts: tuple[Names | None, ...]
     """Of each distinct answer: the components of its minimal conflicts; None where they are not known."""
 
     def __getitem__(self, row: int) -> Answer:
@@ -108,12 +112,16 @@ class Library:
         self.cnf = cnf
         self.sensors = tuple(sensors)
         self.words = max(1, -(-len(self.sensors) // SENSORS_A_WORD))
+        self.said = [Literal(atom, positive) for atom in self.sensors for positive in (True, False)]
+        """By the bit of a code that says it."""
         self._options = options
         self._clock = Deadline()
         self._reasons = Reasons(cnf, self._clock)
         self._cost = size_then_odds(cnf) if cnf.priors else int.bit_count
         self._parts: dict[tuple[int, ...], IndependentPart] = {}
-        self._of_sets: dict[bytes, Answer] = {}  # which conflicts apply, as bits -> what they come to
+        self._of_sets: dict[
+            bytes, tuple[Answer, Names]
+        ] = {}  # which conflicts apply, as bits -> what is told
         self._of_rows: dict[tuple[int, ...], Answer] = {}
         self._engine: Engine | None = None
         self.conflicts: list[SensorConflict] = []
@@ -167,13 +175,8 @@ class Library:
 
     def literals(self, code: Sequence[int]) -> list[Literal]:
         """Return what a row says."""
-        found = []
-        for sensor, atom in enumerate(self.sensors):
-            word, bit = divmod(2 * sensor, 64)
-            for shown, positive in ((0, True), (1, False)):
-                if int(code[word]) >> (bit + shown) & 1:
-                    found.append(Literal(atom, positive))
-        return found
+        row = sum(int(word) << (64 * place) for place, word in enumerate(code))
+        return [self.said[bit] for bit in bits(row)]
 
     # --- diagnoses --------------------------------------------------------------------------------
 
@@ -183,25 +186,25 @@ class Library:
         Args:
             codes: see there.
         """
-        rows, row_of = np.unique(codes.reshape(-1, self.words), axis=0, return_inverse=True)
+        rows, row_of = _distinct(codes.reshape(-1, self.words))
         if self._engine is not None:
             asked = tuple([self._asked(self._engine, tuple(row)) for row in rows.tolist()])
-            return RowAnswers(row_of.reshape(-1), asked, (None,) * len(asked))
+            return RowAnswers(row_of, asked, (None,) * len(asked))
         applying = [
             np.packbits(self._applying(rows[start : start + ROWS]), axis=1)
             for start in range(0, len(rows), ROWS)
         ]
         packed = np.concatenate(applying) if applying else np.packbits(self._applying(rows), axis=1)
         sets, set_of = np.unique(packed, axis=0, return_inverse=True)
-        answers = tuple([self._of_set(bits) for bits in sets])
-        told = tuple([self._conflicts_of(bits) for bits in sets])
+        both = [self._of_set(bits) for bits in sets]
+        answers, told = tuple([answer for answer, _ in both]), tuple([names for _, names in both])
         if self.cnf.priors and self.cnf.puts_out:  # what works counts, too, so each row is weighed by itself
             of_rows = set_of.reshape(-1).tolist()
             weighed = [
                 self._weighed(answers[of], row) for row, of in zip(rows.tolist(), of_rows, strict=True)
             ]
-            return RowAnswers(row_of.reshape(-1), tuple(weighed), tuple([told[of] for of in of_rows]))
-        return RowAnswers(set_of.reshape(-1)[row_of.reshape(-1)], answers, told)
+            return RowAnswers(row_of, tuple(weighed), tuple([told[of] for of in of_rows]))
+        return RowAnswers(set_of.reshape(-1)[row_of], answers, told)
 
     def grounds(self, codes: Codes) -> Codes:
         """Return, as codes, what the minimal conflicts of each row rest on; all of it if they are not known.
@@ -246,12 +249,10 @@ class Library:
     def _words(self, states: int) -> list[np.uint64]:
         return [np.uint64(states >> (64 * word) & (1 << 64) - 1) for word in range(self.words)]
 
-    def _conflicts_of(self, bits: NDArray[np.uint8]) -> tuple[tuple[str, ...], ...]:
-        """Return the components of the minimal ones of a set of conflicts."""
-        places = np.flatnonzero(np.unpackbits(bits, count=len(self._columns))).tolist()
-        masks = sorted(minimal_sets([self._columns[place][0] for place in places]))
+    def _names(self, masks: Iterable[int]) -> Names:
+        """Return the components of the minimal ones of conflicts."""
         names = self.cnf.components
-        return tuple([tuple([name for i, name in enumerate(names) if mask >> i & 1]) for mask in masks])
+        return tuple([tuple([names[bit] for bit in bits(mask)]) for mask in sorted(minimal_sets(masks))])
 
     def _asked(self, engine: Engine, row: tuple[int, ...]) -> Answer:
         answer = self._of_rows.get(row)
@@ -265,22 +266,20 @@ class Library:
             self._of_rows[row] = answer
         return answer
 
-    def _of_set(self, bits: NDArray[np.uint8]) -> Answer:
-        """Return what a set of conflicts, packed as bits, comes to."""
-        key = bits.tobytes()
-        answer = self._of_sets.get(key)
-        if answer is None:
+    def _of_set(self, packed: NDArray[np.uint8]) -> tuple[Answer, Names]:
+        """Return what a set of conflicts, packed as bits, comes to; and the minimal ones, in names."""
+        key = packed.tobytes()
+        known = self._of_sets.get(key)
+        if known is None:
             if len(self._of_sets) >= REMEMBERED:
                 self._of_sets.clear()
-            places = np.flatnonzero(np.unpackbits(bits, count=len(self._columns))).tolist()
+            places = np.flatnonzero(np.unpackbits(packed, count=len(self._columns))).tolist()
             columns = [self._columns[place] for place in places]
+            masks = [components for components, _ in columns]
             clash = next((states for components, states in columns if not components), None)
-            if clash is not None:
-                answer = self._contradiction(clash)
-            else:
-                answer = self._searched([components for components, _ in columns])
-            self._of_sets[key] = answer
-        return answer
+            answer = self._searched(masks) if clash is None else self._contradiction(clash)
+            known = self._of_sets[key] = answer, self._names(masks)
+        return known
 
     def _searched(self, masks: list[int]) -> Answer:
         started = perf_counter()
@@ -347,6 +346,15 @@ class Library:
         self._reasons.close()
         if self._engine is not None:
             self._engine.close()
+
+
+def _distinct(rows: Codes) -> tuple[Codes, NDArray[np.intp]]:
+    """Return the different rows, and which of them each row is."""
+    if rows.shape[1] == 1:  # many times as fast as rows of one word
+        found, of = np.unique(rows[:, 0], return_inverse=True)
+        return found.reshape(-1, 1), of.reshape(-1)
+    found, of = np.unique(rows, axis=0, return_inverse=True)
+    return found, of.reshape(-1)
 
 
 def _containment(masks: Sequence[int]) -> NDArray[np.float32]:

@@ -124,6 +124,7 @@ class IndependentPart:
         self._solving = False  # the search had too many nodes
         self._cut = False  # by that size, not because there is nothing more
         self._coming: Iterator[int] = iter(())
+        self._listed: list[int] | None = None
 
     @classmethod
     def of(cls, conflicts: Sequence[int], clock: Deadline) -> IndependentPart:
@@ -194,6 +195,12 @@ class IndependentPart:
         for mask in self.found:
             factors = self.factors(mask)
             yield from factors[0] if len(factors) == 1 else map(sum, product(*factors))
+
+    def listed(self) -> list[int]:
+        """Return the alternatives of a part that is done; the list is kept, for it may be asked for often."""
+        if self._listed is None:
+            self._listed = list(self.alternatives())
+        return self._listed
 
     def factors(self, mask: int) -> list[list[int]]:
         """Return what may stand for each member of an alternative, as masks."""
@@ -347,7 +354,7 @@ def list_diagnoses(
             if not options.factored and answer.count <= min(FEW, answer.limit):
                 found = [forced]
                 for part in parts:
-                    alternatives = list(part.alternatives())
+                    alternatives = part.listed()
                     found = [mask | one for mask in found for one in alternatives]
                 answer.found = [members(mask) for mask in found]
                 return
