@@ -16,7 +16,7 @@ import pytest
 from tests.api.conftest import Service, StartService
 from tests.waiting import until
 
-from robomend.api import loop_watch
+from robomend.api import loop_watch, readiness
 from robomend.errors import StoreFull
 from robomend.store import Transaction
 
@@ -59,6 +59,18 @@ def hanging_writes(service: Service) -> Iterator[None]:
         until(writing.done, "the write did not end")
 
 
+def test_a_service_that_cannot_write_is_not_ready_while_its_loop_is_held_either(
+    service: Service, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(readiness, "QUEUE_AGE_S", 0.1)
+    with hanging_writes(service):
+        until(lambda: service.runtime.store.figures().oldest_write_s > 0.1, "nothing waits")
+        with held_loop(service):
+            unready = fresh(service, "GET", "/readyz")
+    assert (unready.status_code, unready.json()["checks"]["queue"]["ok"]) == (503, False)
+    until(lambda: fresh(service, "GET", "/readyz").status_code == 200, "not ready")
+
+
 def fresh(service: Service, method: str, path: str, **options: Any) -> httpx.Response:
     """Ask on a connection of its own."""
     return httpx.request(method, f"{service.url}{path}", timeout=20, **options)
@@ -76,7 +88,8 @@ def test_they_answer_while_the_event_loop_is_held(service: Service) -> None:
         assert service.runtime.repairs.switch.active
         assert fresh(service, "GET", "/api/v1/stop").json()["reason"] == "smoke"
         assert fresh(service, "GET", "/healthz").status_code == 200
-        assert fresh(service, "GET", "/readyz").json()["checks"].keys() == {"loop"}
+        checks = fresh(service, "GET", "/readyz").json()["checks"]
+        assert checks.keys() == {"store", "queue", "loop", "workers"}  # what is known without the loop
     until(lambda: bool(fresh(service, "GET", "/api/v1/stop").json()["written"]), "the stop was not written")
     fresh(service, "DELETE", "/api/v1/stop", params={"reason": "no smoke"})
     until(lambda: not fresh(service, "GET", "/api/v1/stop").json()["active"], "it was not lifted")

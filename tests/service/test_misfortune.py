@@ -18,6 +18,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import httpx
+import psycopg
 import pytest
 from tests.api.conftest import TEDUSAR
 from tests.postgres import PostgresServer
@@ -143,6 +144,37 @@ def frozen(server: PostgresServer) -> Iterator[None]:
             with suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGCONT)
 
+
+@contextmanager
+def in_the_middle_of_a_write(postgres_url: str) -> Iterator[None]:
+    """Another instance holds what its transaction holds last, and does not end."""
+    with psycopg.connect(postgres_url) as other:
+        other.execute("UPDATE counters SET value = value + 0 WHERE name = 'event'")
+        yield
+
+
+@pytest.mark.timeout(180)
+@pytest.mark.parametrize("kind", ["sqlite", "postgresql"])
+def test_an_instance_that_cannot_write_is_not_ready_though_nobody_writes_or_asks(
+    tmp_path: Path, request: pytest.FixtureRequest, kind: str
+) -> None:
+    url = request.getfixturevalue("postgres_url") if kind == "postgresql" else ""
+    with served(["--database", url] if url else ["--data", str(tmp_path)]) as service:
+
+        def waits_s() -> float:
+            text = httpx.get(f"{service.url}/metrics", timeout=60).text
+            [line] = [line for line in text.splitlines() if line.startswith(OLDEST)]
+            return float(line.removeprefix(OLDEST))
+
+        with in_the_middle_of_a_write(url) if url else locked(tmp_path / "robomend.db"):
+            until(lambda: waits_s() > 2.1, "no write was tried", 60)
+            first = httpx.get(f"{service.url}/readyz", timeout=60)
+            assert first.status_code == 503, first.text
+            assert httpx.get(f"{service.url}/healthz", timeout=60).status_code == 200
+        until(lambda: httpx.get(f"{service.url}/readyz", timeout=60).status_code == 200, "not ready", 60)
+
+
+OLDEST = "robomend_store_oldest_write_seconds "
 
 FROZEN_S = 12.0
 """Longer than a writer waits for SQLite's lock."""

@@ -24,24 +24,33 @@ DELAY_S = 1.0
 
 
 async def readiness(parts: Parts) -> Readiness:
-    """Look at each part that requests need; for any event loop, and also while the service's own is held."""
+    """Look at each part that requests need; for any event loop, and also while the service's own is held.
+
+    Where that does not come in time to try the store and look at the boards, what is known already is told.
+    """
     loop = parts.watch.loop
     if asyncio.get_running_loop() is loop:
-        return await _readiness(parts)
-    asking = asyncio.run_coroutine_threadsafe(_readiness(parts), loop)
+        return _as_known(parts, await _asked(parts))
+    asking = asyncio.run_coroutine_threadsafe(_asked(parts), loop)
     waiting = asyncio.wrap_future(asking)
     await asyncio.wait({waiting}, timeout=ANSWER_S + 0.02)
     if waiting.done():
-        return waiting.result()
+        return _as_known(parts, waiting.result())
     asking.cancel()
-    check = _loop(parts.watch)
-    return Readiness(ready=check.ok, checks={"loop": check})
+    return _as_known(parts, {})
 
 
-async def _readiness(parts: Parts) -> Readiness:
+async def _asked(parts: Parts) -> dict[str, Check]:
+    """Have the store tried; return what only the service's own event loop can look at."""
+    await parts.probe.check()
+    return {"boards": _boards(parts)}
+
+
+def _as_known(parts: Parts, more: dict[str, Check]) -> Readiness:
+    """Return what any thread knows at once, and `more`, which makes nobody unready."""
     figures = parts.store.figures()
     checks = {
-        "store": await parts.probe.check(),
+        "store": parts.probe.known,
         "queue": Check(
             ok=figures.oldest_write_s <= QUEUE_AGE_S,
             detail=f"{figures.queued_writes} writes wait, the oldest for {figures.oldest_write_s:.1f} s",
@@ -50,7 +59,7 @@ async def _readiness(parts: Parts) -> Readiness:
         "workers": Check(ok=parts.one_shots.alive, detail=""),
     }
     ready = all(check.ok for check in checks.values()) and not parts.hub.closing
-    return Readiness(ready=ready, checks={**checks, "boards": _boards(parts)})
+    return Readiness(ready=ready, checks={**checks, **more})
 
 
 def _loop(watch: LoopWatch) -> Check:

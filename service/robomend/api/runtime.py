@@ -111,6 +111,7 @@ class Runtime:
             stack.push_async_callback(self.solver.close)
             stack.push_async_callback(self.readers.close)
             stack.callback(self.one_shots.close)
+            self.probe.start()
             stack.callback(self.probe.close)
             self.hub.start()
             stack.callback(self.store.subscribe(self._count))

@@ -424,7 +424,7 @@ class StoreFigures:
     """For metrics and readiness."""
 
     queued_writes: int
-    oldest_write_s: float  # how long the longest queued write has waited
+    oldest_write_s: float  # how long the oldest that is not on disk has waited, in a group that hangs too
     commits: int
     writes: int
     last_commit_s: float  # how long the last transaction took, with its fsync

@@ -165,6 +165,13 @@ class Store:
         self._writer.submit(Job(change, names, once, future, time.monotonic()))
         return await future
 
+    async def wait_turn(self) -> None:
+        """Return when it was our turn to write; nothing is written, and no disk is waited for on SQLite.
+
+        Where another process keeps the lock of all writers, this takes as long as a write would.
+        """
+        await self.write(Transaction.wait_turn)
+
     def _finished_in_thread(self, jobs: Sequence[Job], events: tuple[Event, ...]) -> None:
         with contextlib.suppress(RuntimeError):  # the event loop has ended without closing us
             self._running().call_soon_threadsafe(self._finished, jobs, events)

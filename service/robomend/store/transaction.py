@@ -60,6 +60,7 @@ class Rows:
     audit: list[Values] = field(default_factory=list)
     events: list[tuple[Kind, str | None, Json, Values]] = field(default_factory=list)
     common: dict[str, str] = field(default_factory=dict)  # digest -> text, of what the rows above have
+    turn: bool = False  # somebody asks only whether there is a turn to write
 
     def absorb(self, other: Rows) -> None:
         """Take over the rows of a change that went well."""
@@ -72,6 +73,7 @@ class Rows:
         self.audit += other.audit
         self.events += other.events
         self.common.update(other.common)
+        self.turn |= other.turn
 
     def kept(self, column: str, data: Json) -> Values:
         """Return the columns that keep a value; in place of its result's number stands the digest yet."""
@@ -229,6 +231,8 @@ class Group:
                 values["id"] = id_
             self.connection.execute(_KEEP_AUDIT, audit)
         if not pending:
+            if self.rows.turn and self.kind == "postgresql":  # on SQLite it is the transaction's own
+                self._count("event", 0)
             return ()
         last = self._count("event", len(pending))
         events = tuple(
@@ -306,6 +310,10 @@ class Transaction(View):
                 "after": optional_json(entry.after),
             }
         )
+
+    def wait_turn(self) -> None:
+        """Write nothing, but wait for the lock that every writer of every instance waits for."""
+        self.waiting.turn = True
 
     # --- statements
 

@@ -66,6 +66,7 @@ class Writer:
         self._database = database
         self._finished = finished
         self._jobs: deque[Job] = deque()
+        self._in_hand_s: float | None = None  # since when the oldest of the group under way waits
         self._wake = threading.Condition()
         self._closing = False
         self._connection: Connection | None = None
@@ -102,11 +103,14 @@ class Writer:
             self._wake.notify()
 
     def waiting(self) -> tuple[int, float]:
-        """Return how many changes wait, and how long the oldest has, in seconds."""
+        """Return how many changes are queued, and how long the oldest that is not on disk has waited, in
+        seconds: one whose group hangs in the middle, too.
+        """
         with self._wake:
-            if not self._jobs:
-                return 0, 0.0
-            return len(self._jobs), time.monotonic() - self._jobs[0].queued_s
+            oldest_s = self._in_hand_s
+            if oldest_s is None and self._jobs:
+                oldest_s = self._jobs[0].queued_s
+            return len(self._jobs), 0.0 if oldest_s is None else time.monotonic() - oldest_s
 
     def _run(self) -> None:
         while jobs := self._take():
@@ -115,9 +119,12 @@ class Writer:
 
     def _take(self) -> list[Job]:
         with self._wake:
+            self._in_hand_s = None
             while not self._jobs and not self._closing:
                 self._wake.wait()
-            return [self._jobs.popleft() for _ in range(min(len(self._jobs), MAX_GROUP))]
+            jobs = [self._jobs.popleft() for _ in range(min(len(self._jobs), MAX_GROUP))]
+            self._in_hand_s = jobs[0].queued_s if jobs else None
+            return jobs
 
     def _write(self, jobs: list[Job]) -> None:
         """Write a group, again where that may help, until each of its jobs has a result or an error."""
