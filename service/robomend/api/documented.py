@@ -10,7 +10,6 @@ from __future__ import annotations
 from typing import Any
 
 from robomend.api.problems import MEDIA_TYPE
-from robomend.api.schemas.base import ProblemBody
 
 TEXTS = {
     400: "Not JSON, or not HTTP as it should be",
@@ -36,11 +35,13 @@ TEXTS = {
 ALWAYS = (401, 403, 421, 422, 429, 503)
 BODY = (400, 408, 413, 415, 507)
 
+PROBLEM = {"schema": {"$ref": "#/components/schemas/ProblemBody"}}
+"""A reference, as the framework would make a validator of a model for each of six hundred answers."""
+
 
 def problems(*statuses: int, body: bool = False) -> dict[int | str, dict[str, Any]]:
     """Return the `responses` of a route with these problems besides those of every route."""
     wanted = {*ALWAYS, *statuses, *(BODY if body else ())}
     return {
-        status: {"model": ProblemBody, "description": TEXTS[status], "content": {MEDIA_TYPE: {}}}
-        for status in sorted(wanted)
+        status: {"description": TEXTS[status], "content": {MEDIA_TYPE: PROBLEM}} for status in sorted(wanted)
     }

@@ -6,7 +6,9 @@ import re
 from typing import Any
 
 from robomend.api import lists
+from robomend.api.documented import PROBLEM
 from robomend.api.problems import MEDIA_TYPE
+from robomend.api.schemas.base import ProblemBody
 from robomend.api.sign_in import PLAIN, SECURE
 from robomend.security import API, EVERYONE, RULES
 
@@ -39,6 +41,7 @@ TAGS = [
 def complete(document: dict[str, Any]) -> dict[str, Any]:
     """Name operations, add the schemes of key and cookie, give problems their media type."""
     components = document.setdefault("components", {})
+    components["schemas"]["ProblemBody"] = ProblemBody.model_json_schema()
     components["securitySchemes"] = {
         "key": {
             "type": "http",
@@ -73,7 +76,6 @@ def _as_problem(response: dict[str, Any]) -> None:
     """An error is a problem whatever the framework assumes; /readyz alone answers 503 with what is amiss."""
     told = [each for each in response.get("content", {}).values() if "schema" in each]
     if told and "Readiness" in str(told[0]["schema"]):
-        problem = {"schema": {"$ref": "#/components/schemas/ProblemBody"}}
-        response["content"] = {"application/json": told[0], MEDIA_TYPE: problem}
+        response["content"] = {"application/json": told[0], MEDIA_TYPE: PROBLEM}
     elif told:
         response["content"] = {MEDIA_TYPE: told[0]}
