@@ -6,15 +6,12 @@ from __future__ import annotations
 
 import os
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
 import pytest
 from tests.packages import IPROUTE
-
-NOBODY = "02:00:00:00:00:01"
-"""No interface has this address: what is sent to it is lost."""
 
 
 @dataclass(frozen=True)
@@ -32,13 +29,12 @@ class OtherComputer:
 
     def cut(self) -> None:
         """Lose whatever is sent, both ways; both interfaces stay up, as with a cable cut further away."""
-        _ip("neigh", "replace", self.there, "lladdr", NOBODY, "dev", f"{self.name}a", "nud", "permanent")
-        inside = ("-n", self.name, "neigh", "replace", self.here, "lladdr", NOBODY)
-        _ip(*inside, "dev", f"{self.name}b", "nud", "permanent")
+        _tc("replace", "dev", f"{self.name}a", "root", "blackhole")
+        _tc("replace", "dev", f"{self.name}b", "root", "blackhole", inside=self.inside)
 
     def mend(self) -> None:
-        _ip("neigh", "del", self.there, "dev", f"{self.name}a")
-        _ip("-n", self.name, "neigh", "del", self.here, "dev", f"{self.name}b")
+        _tc("del", "dev", f"{self.name}a", "root")
+        _tc("del", "dev", f"{self.name}b", "root", inside=self.inside)
 
 
 @contextmanager
@@ -67,10 +63,18 @@ def other_computer() -> Iterator[OtherComputer]:
         _ip(*inside, "addr", "add", f"{found.there}/30", "dev", f"{found.name}b")
         _ip(*inside, "link", "set", f"{found.name}b", "up")
         _ip(*inside, "link", "set", "lo", "up")
-        yield found
+        try:
+            yield found
+        finally:
+            _ip("link", "del", f"{found.name}a")  # it would go with the namespace, but only a little later
     finally:
-        _ip("netns", "del", found.name)  # the cable goes with it
+        _ip("netns", "del", found.name)
 
 
 def _ip(*words: str) -> None:
     subprocess.run(["ip", *words], check=True, capture_output=True, text=True, timeout=30)
+
+
+def _tc(*words: str, inside: Sequence[str] = ()) -> None:
+    command = [*inside, "tc", "qdisc", *words]
+    subprocess.run(command, check=True, capture_output=True, text=True, timeout=30)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import fcntl
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
@@ -55,23 +55,32 @@ def domain() -> Iterator[int]:
 class Ros2Robot:
     """Nodes of one domain, which all end with the test."""
 
-    def __init__(self, folder: Path, number: int, wanted: WantedRos2) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        number: int,
+        wanted: WantedRos2,
+        inside: Sequence[str] = (),
+        more: Mapping[str, str] | None = None,
+    ) -> None:
+        """`inside` begins the command of each node, which has `more` in its environment."""
         self.folder = folder
         self.domain = number
         self._python = wanted.python
+        self._inside = tuple(inside)
+        self._more = more or {}
         self.nodes: dict[str, NodeProcess] = {}
 
     @property
     def environment(self) -> dict[str, str]:
         """What its nodes, and those who look at it, need."""
         here = {"ROS_DOMAIN_ID": str(self.domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-        return {**os.environ, **here, "ROS_LOG_DIR": str(self.folder), "PYTHONPATH": ""}
+        return {**os.environ, **here, "ROS_LOG_DIR": str(self.folder), "PYTHONPATH": "", **self._more}
 
     def node(self, name: str) -> NodeProcess:
         """Start a node and wait until it is up."""
-        node = self.nodes[name] = NodeProcess(
-            name, [str(self._python), str(NODE)], self.environment, self.folder
-        )
+        command = [*self._inside, str(self._python), str(NODE)]
+        node = self.nodes[name] = NodeProcess(name, command, self.environment, self.folder)
         node.do("nothing")
         return node
 
@@ -81,11 +90,16 @@ class Ros2Robot:
 
 
 @contextmanager
-def robot(folder: Path, wanted: WantedRos2 = KILTED) -> Iterator[Ros2Robot]:
-    """A real ROS 2 robot; skips where there is none."""
+def robot(
+    folder: Path,
+    wanted: WantedRos2 = KILTED,
+    inside: Sequence[str] = (),
+    more: Mapping[str, str] | None = None,
+) -> Iterator[Ros2Robot]:
+    """A real ROS 2 robot; skips where there is none. The rest is as Ros2Robot's."""
     ros2(wanted)
     with domain() as number:
-        found = Ros2Robot(folder, number, wanted)
+        found = Ros2Robot(folder, number, wanted, inside, more)
         try:
             yield found
         finally:

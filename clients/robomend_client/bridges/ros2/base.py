@@ -50,8 +50,8 @@ MOST_UNTOLD = 3
 
 MOST_WRITERS = 4096
 
-LookAtNodes = Callable[[], Awaitable["Mapping[str, bool] | None"]]
-"""Returns which nodes run; None: nobody knows now."""
+LookAtNodes = Callable[[], Awaitable["Mapping[str, bool | None] | None"]]
+"""Returns which nodes run, None where that is unknown; None: nobody knows now."""
 
 
 @dataclass(frozen=True)
@@ -170,7 +170,7 @@ class Ros2Bridge(RosBridge):
         told_by = time.monotonic() + MOST_UNTOLD * self.discovery_s
         while untold() and time.monotonic() < told_by:
             await asyncio.sleep(LOOK_S)
-        said: dict[str, bool] | None = None
+        said: dict[str, bool | None] | None = None
         said_s = 0.0
         while True:
             found = await look()

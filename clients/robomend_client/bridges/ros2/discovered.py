@@ -60,6 +60,8 @@ class Discovered:
         self.participants: dict[bytes, Participant] = {}
         self.endpoints: dict[bytes, Endpoint] = {}
         self.entities: dict[bytes, Entities] = {}
+        self.lost: dict[Participant, tuple[str, ...]] = {}  # gone, and the nodes it had not taken back
+        self._silent: set[bytes] = set()  # gone, and have not told anything since
         self.gid_size = 0  # of others' messages; 0: none came yet
         self._owners: dict[bytes, str] = {}
         self._by_handle: dict[int, Endpoint] = {}
@@ -70,9 +72,14 @@ class Discovered:
             self.participants[found.key] = found
 
     def participant_gone(self, key: bytes) -> None:
-        self.participants.pop(key, None)
-        if self.entities.pop(key, None) is not None:
-            self._claim()
+        """It said goodbye, or is not heard any more: who ends in order takes its nodes back before."""
+        gone, told = self.participants.pop(key, None), self.entities.pop(key, None)
+        if told is None:
+            return
+        self._claim()
+        if gone is not None and told.nodes and len(self.lost) < MOST_PARTICIPANTS > len(self._silent):
+            self.lost[gone] = tuple(node.name for node in told.nodes)
+            self._silent.add(key)
 
     def endpoint(self, found: Endpoint) -> None:
         if len(self.endpoints) < MOST_ENDPOINTS:
@@ -96,6 +103,13 @@ class Discovered:
             if found.participant != self.own:
                 self.gid_size = found.gid_size
             self._claim()
+            self._silent.discard(found.participant)
+            again = {node.name for node in found.nodes}
+            for gone, nodes in tuple(self.lost.items()):
+                if gone.key == found.participant:
+                    del self.lost[gone]
+                else:
+                    self.lost[gone] = tuple(name for name in nodes if name not in again)
 
     # --- what follows from it --------------------------------------------------------------------------
 
@@ -130,15 +144,20 @@ class Discovered:
         """Whether there are participants of ROS that have not told their nodes yet."""
         return any(p.is_ros and p.key not in self.entities for p in self.participants.values())
 
-    def nodes(self, alive: Mapping[bytes, bool]) -> dict[str, bool]:
-        """Return which nodes run; `alive` has the participants of which something is known that discovery
-        does not know yet.
+    @property
+    def returned(self) -> set[bytes]:
+        """Participants that had gone, are heard again, and do not tell their nodes (yet)."""
+        return self._silent & self.participants.keys()
+
+    def nodes(self, alive: Mapping[bytes, bool | None]) -> dict[str, bool | None]:
+        """Return which nodes run; None: it is unknown. `alive` has the participants of which something is
+        known that discovery does not know, or not yet.
         """
-        table: dict[str, bool] = {}
+        table = {name: alive.get(gone.key) for gone, nodes in self.lost.items() for name in nodes}
         for key, found in self.entities.items():
             runs = key in self.participants and alive.get(key, True)
             for node in found.nodes:
-                table[node.name] = table.get(node.name, False) or runs
+                table[node.name] = runs or table.get(node.name, False)
         return table
 
     def graph(self) -> RosGraph:

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 
 from robomend_client.agent.feeds import Deliver
 from robomend_client.bridges.ros2.base import Message, OnMessage, Ros2Bridge
 from robomend_client.bridges.ros2.dds import Dds, NoDds, Sample, configuration, only_here
-from robomend_client.bridges.ros2.discovered import Endpoint
+from robomend_client.bridges.ros2.discovered import Endpoint, Participant
 from robomend_client.bridges.ros2.liveness import Liveness
-from robomend_client.bridges.ros2.node import DdsNode, ToldByUs
+from robomend_client.bridges.ros2.node import DdsNode, Forgotten, ToldByUs
 from robomend_client.yaml_reader import Section
 
 AGAIN_S = 3.0
@@ -32,14 +33,22 @@ class Ros2(Ros2Bridge):
     async def run(self, deliver: Deliver) -> None:
         """Be a node of the domain, and deliver what it hears, until cancelled."""
         await self.import_reader()
-        dds = await self._open()
-        try:
+        lost: Mapping[Participant, tuple[str, ...]] = {}
+        while True:
+            dds = await self._open()
             node = DdsNode(self.node_name, self.problems)
-            liveness = Liveness(node.found)
-            named = _Named(node)
-            await self.be(named, node.run(dds), liveness.look, lambda: node.found.untold, deliver)
-        finally:
-            dds.close()
+            node.found.lost.update(lost)
+            liveness = Liveness(node.found, self.problems)
+            try:
+                untold = partial(getattr, node.found, "untold")
+                await self.be(_Named(node), node.run(dds), liveness.look, untold, deliver)
+            except Forgotten:
+                why = "nodes that were out of reach do not tell again what they have"
+                self.problems.tell("DDS", f"{why}: the domain is entered anew")
+                lost = node.found.lost
+            finally:
+                liveness.close()
+                dds.close()
 
     async def _open(self) -> Dds:
         config = configuration(os.environ, self.localhost, self.peers)

@@ -7,6 +7,7 @@ every POLL_S   what has come in? ──► whoever wants the topic
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -19,6 +20,17 @@ from robomend_client.bridges.ros2.discovered import Discovered
 from robomend_client.bridges.ros2.entities import Entities, NodeEntities
 from robomend_client.bridges.ros2.names import wire_topic, wire_type
 from robomend_client.bridges.ros2.topics import ListenedTopic, OnSample
+
+TELL_S = 5.0
+"""Whoever is heard again tells its nodes within so long."""
+
+
+class Forgotten(Exception):
+    """Somebody whom we had lost, and who had not lost us, does not tell again what it has.
+
+    That is so when a network was split for longer than the one's lease and shorter than the other's: the one
+    waits to be told, the other has told it all. A participant with another key is told everything.
+    """
 
 
 @dataclass
@@ -51,6 +63,7 @@ class DdsNode:
         self._told: list[ToldByUs] = []
         self._mismatches: set[str] = set()
         self._announced: Entities | None = None
+        self._returned_s: dict[bytes, float] = {}  # since when
 
     def subscribe(self, topic: str, on_sample: OnSample) -> None:
         """Listen to a topic, as soon as somebody publishes it."""
@@ -66,7 +79,11 @@ class DdsNode:
         return told
 
     async def run(self, dds: Dds) -> None:
-        """Be a node until cancelled."""
+        """Be a node until cancelled.
+
+        Raises:
+            Forgotten: the domain must be entered anew.
+        """
         self.found.own = dds.key
         graph_in = dds.reader(entities.TOPIC, entities.TYPE, 100, latched=True)
         graph_out = dds.writer(entities.TOPIC, entities.TYPE, latched=True)
@@ -105,6 +122,14 @@ class DdsNode:
                 topic.follow(dds, self.found)
             self._announce(graph_out)
             self._tell_mismatches()
+
+        self._look_at_returned()
+
+    def _look_at_returned(self) -> None:
+        now_s = time.monotonic()
+        self._returned_s = {key: self._returned_s.get(key, now_s) for key in self.found.returned}
+        if any(now_s - since_s > TELL_S for since_s in self._returned_s.values()):
+            raise Forgotten
 
     def _announce(self, graph_out: RawWriter) -> None:
         """Say which readers and writers are ours, as others say it."""

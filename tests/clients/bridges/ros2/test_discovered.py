@@ -44,10 +44,26 @@ def test_nodes_run_while_their_participant_is_there_and_its_process_works() -> N
     found = robot()
     assert found.nodes({}) == {"/laser": True, "/mapper": True, "/other": True}
     assert found.nodes({LASER: False}) == {"/laser": False, "/mapper": True, "/other": True}
+    found.told(Entities(MAPPER, (NodeEntities("/mapper"),)))  # one of its nodes was destroyed
+    assert found.nodes({}) == {"/laser": True, "/mapper": True}
+    found.told(Entities(LASER, ()))  # so was its only one, the process goes on
+    found.participant_gone(LASER)
+    assert found.nodes({}) == {"/mapper": True}
+
+
+def test_it_is_unknown_whether_nodes_run_whose_participant_went_without_a_word() -> None:
+    found = robot()
     found.participant_gone(MAPPER)
-    assert found.nodes({}) == {"/laser": True}
-    found.told(Entities(LASER, ()))  # the node was destroyed, its process goes on
-    assert found.nodes({}) == {}
+    assert found.nodes({}) == {"/laser": True, "/mapper": None, "/other": None}
+    assert found.nodes({MAPPER: True}) == {"/laser": True, "/mapper": True, "/other": True}
+    found.told(Entities(LASER, (NodeEntities("/laser"), NodeEntities("/other"))))  # it was started elsewhere
+    assert found.nodes({}) == {"/laser": True, "/mapper": None, "/other": True}
+    assert not found.returned
+    found.participant(Participant(MAPPER))
+    assert (found.returned, found.nodes({})["/mapper"]) == ({MAPPER}, None)  # there again, and silent
+    found.told(Entities(MAPPER, (NodeEntities("/mapper"),)))
+    assert not found.returned
+    assert found.nodes({}) == {"/laser": True, "/mapper": True, "/other": True}
 
 
 def test_of_two_nodes_with_one_name_one_that_runs_is_enough() -> None:
