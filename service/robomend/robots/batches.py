@@ -7,7 +7,7 @@ Each is another type because it means something else; nothing is copied from one
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import structlog
@@ -79,6 +79,7 @@ class Update:
     withdrawn: Sequence[str] = ()  # names of assertions
     forgotten: Sequence[Atom] = ()
     refused: Sequence[ObservationError] = ()  # sentences that are not in it
+    dated: bool = False  # each batch says when it was: taking it in once more, later, changes nothing
 
     @property
     def empty(self) -> bool:
@@ -131,7 +132,7 @@ class Words:
 
 
 async def read_batches(
-    words: Words, batches: Iterable[Batch], readers: Readers, evidence: Dating, by: str
+    words: Words, batches: Sequence[Batch], readers: Readers, evidence: Dating, by: str
 ) -> Update:
     """Read the sentences of batches, as one update; in turns, and long ones in a worker.
 
@@ -186,7 +187,8 @@ async def read_batches(
             except ObservationError as error:
                 _refuse(batch, refused, error)
             await turns.rest()
-    return Update(entries, asserted, forgotten=tuple(forgotten), refused=refused)
+    dated = all(batch.time_ns is not None for batch in batches)
+    return Update(entries, asserted, forgotten=tuple(forgotten), refused=refused, dated=dated)
 
 
 def _refuse(batch: Batch, refused: list[ObservationError], error: ObservationError) -> None:

@@ -32,6 +32,7 @@ from robomend.model.packed import PackedCnf
 from robomend.model.system import System
 from robomend.oneshots.result_json import result_json, timeless
 from robomend.oneshots.warm_model import ask_engine
+from robomend.robots.configuration import RobotConfig
 from robomend.robots.readers import memory_unlimited
 from robomend.settings import Settings
 from robomend.store.encoding import Common, to_json
@@ -234,3 +235,14 @@ class Diagnoser:
     def _note(self, result: DiagnosisResult, place: str) -> None:
         self._metrics.diagnoses.labels(place).inc()
         self._metrics.diagnosis_s.observe(result.elapsed_s)
+
+
+def how(config: RobotConfig, settings: Settings) -> tuple[str, Options]:
+    """Return by which engine a robot is diagnosed, and how far that searches."""
+    options = Options(
+        minimal="cardinality" if config.minimal == "cardinality" else "subset",
+        max_size=config.max_size,
+        limit=config.limit,
+        timeout_s=min(config.timeout_s or settings.solver_timeout_s, settings.max_solver_timeout_s),
+    )
+    return config.engine, options

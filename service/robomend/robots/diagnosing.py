@@ -19,12 +19,12 @@ from functools import partial
 
 import structlog
 
-from robomend.diagnosis.result import DiagnosisResult, Options
+from robomend.diagnosis.result import DiagnosisResult
 from robomend.errors import NotFound, RobomendError
 from robomend.metrics import Metrics
 from robomend.robots.clock import CLOCK
 from robomend.robots.current import Current
-from robomend.robots.diagnoser import Diagnoser
+from robomend.robots.diagnoser import Diagnoser, how
 from robomend.robots.robot import Robot
 from robomend.settings import Settings
 from robomend.store import Store, Transaction
@@ -78,7 +78,7 @@ class Diagnosing:
         The diagnosis goes into the same transaction if it can be had at once; else the robot is woken after
         it. If the write fails, memory is read again from the store.
         """
-        current = self._with_the_next_write(robot)
+        current = self._at_hand(robot, robot.head + 1)
         news = current if current is not None and robot.announces(current) else None
         writing, ran = robot.accepted(), False
 
@@ -103,16 +103,23 @@ class Diagnosing:
             self.wake(robot, since=writing.began)
         return said
 
-    def _with_the_next_write(self, robot: Robot) -> Current | None:
-        """Return the diagnosis of OBS as the next write makes it, if it can be had without waiting.
+    def _at_hand(self, robot: Robot, revision: int) -> Current | None:
+        """Return the diagnosis of OBS as it is here, that of `revision`, if it can be had without waiting.
 
-        Not while the robot's writes queue up, so that a burst is still diagnosed once and not for each of its
-        batches.
+        Not while its writes queue up: a burst is still diagnosed once and not for each of its batches.
         """
         busy = robot.diagnosing or robot.writing
         if self.closing or busy or robot.stale or robot.config.debounce_s > 0:
             return None
-        return self.at_once(robot, robot.head + 1)
+        return self.at_once(robot, revision)
+
+    def confirm(self, robot: Robot) -> None:
+        """A batch said what is known: the diagnosis stands, or is made anew."""
+        current = self._at_hand(robot, robot.revision)
+        if current is not None and robot.confirms(current):
+            self._published(robot, current)
+        else:
+            self.wake(robot)
 
     # --- what wakes a robot
 
@@ -148,11 +155,15 @@ class Diagnosing:
         now = CLOCK.now_ns()
         expires = robot.obs.next_expiry_ns(now)
         if expires is not None:
-            self._later(robot, "expiry", min((expires - now) / 1e9 + 0.001, 86400.0))
+            self._later(robot, "expiry", min((expires - now) / 1e9 + 0.001, 86400.0), self._expired)
 
-    def _later(self, robot: Robot, name: str, delay_s: float) -> None:
+    def _expired(self, robot: Robot) -> None:
+        robot.changed_elsewhere()  # another instance may have renewed it, which is no event
+        self.wake(robot)
+
+    def _later(self, robot: Robot, name: str, delay_s: float, then: Callable[[Robot], None]) -> None:
         if not self.closing:
-            robot.wake_later(name, delay_s, partial(self.wake, robot))
+            robot.wake_later(name, delay_s, partial(then, robot))
 
     # --- one robot's diagnoses
 
@@ -170,10 +181,10 @@ class Diagnosing:
             log.info("robot gone", robot=robot.id)
         except RobomendError as error:
             log.warning("diagnosis not published", robot=robot.id, code=error.code, detail=str(error))
-            self._later(robot, "retry", FAILED_AGAIN_S)
+            self._later(robot, "retry", FAILED_AGAIN_S, self.wake)
         except Exception:  # one robot's unforeseen fault must not end its diagnoses for ever
             log.exception("diagnosis failed", robot=robot.id)
-            self._later(robot, "retry", FAILED_AGAIN_S)
+            self._later(robot, "retry", FAILED_AGAIN_S, self.wake)
         finally:
             if robot.diagnosing:
                 robot.diagnosis_gave_up()
@@ -181,19 +192,19 @@ class Diagnosing:
     async def _diagnosed(self, robot: Robot) -> Current:
         revision, model_version = robot.revision, robot.model.version
         stopped = robot.config.expected_stopped
-        answer = await self._diagnoser.diagnose(*robot.question(), *_how(robot, self._settings))
+        answer = await self._diagnoser.diagnose(*robot.question(), *how(robot.config, self._settings))
         return Current.of(revision, model_version, answer, stopped)
 
     def at_once(self, robot: Robot, revision: int) -> Current | None:
         """Return the diagnosis of OBS as it is here, that of `revision`, if it is to be had at once."""
-        answer = self._diagnoser.at_once(*robot.question(), *_how(robot, self._settings))
+        answer = self._diagnoser.at_once(*robot.question(), *how(robot.config, self._settings))
         if answer is None:
             return None
         return Current.of(revision, robot.model.version, answer, robot.config.expected_stopped)
 
     async def of(self, robot: Robot, literals: Iterable[Literal]) -> DiagnosisResult:
         """Return the diagnosis of these literals instead of all that is known; a fault is raised."""
-        answer = await self._diagnoser.diagnose(*robot.question(literals), *_how(robot, self._settings))
+        answer = await self._diagnoser.diagnose(*robot.question(literals), *how(robot.config, self._settings))
         return answer.result_or_fault()
 
     async def _publish(self, robot: Robot, current: Current, began: float | None) -> None:
@@ -223,15 +234,3 @@ async def _debounce(robot: Robot) -> None:
     latest = time.perf_counter() + PATIENCE * quiet_s
     while (left := min(robot.quiet_at(quiet_s), latest) - time.perf_counter()) > 0:
         await asyncio.sleep(left)
-
-
-def _how(robot: Robot, settings: Settings) -> tuple[str, Options]:
-    """Return by which engine a robot is diagnosed, and how far that searches."""
-    config = robot.config
-    options = Options(
-        minimal="cardinality" if config.minimal == "cardinality" else "subset",
-        max_size=config.max_size,
-        limit=config.limit,
-        timeout_s=min(config.timeout_s or settings.solver_timeout_s, settings.max_solver_timeout_s),
-    )
-    return config.engine, options

@@ -58,6 +58,10 @@ class Reports:
         noted = self._noted.get((robot, by.name, update.entries[0].source))
         return noted is None or time.monotonic() - noted >= (AGAIN_S if by.own else OTHERS_AGAIN_S)
 
+    def known(self, robot: str, by: Reporter, update: Update) -> bool:
+        """Return whether there is an entry of who reports these literals, since this instance started."""
+        return by is OURSELVES or (robot, by.name, update.entries[0].source) in self._noted
+
     def noted(self, robot: str, by: Reporter, update: Update) -> None:
         """The entry of an update is written, if it was due."""
         if self.due(robot, by, update):

@@ -325,6 +325,10 @@ class Robot:
         self._announced = current
         return True
 
+    def confirms(self, current: Current) -> bool:
+        """Return whether a diagnosis says what was published last."""
+        return current.says_the_same_as(self._announced)
+
     def not_announced(self) -> None:
         """What was about to be published was not: it is still news."""
         self._announced = None

@@ -30,6 +30,7 @@ from robomend.robots.following import Following
 from robomend.robots.health import HealthWatch
 from robomend.robots.memory import Memory
 from robomend.robots.readers import Readers
+from robomend.robots.renewing import Renewing
 from robomend.robots.reporters import OURSELVES, Reporter, Reports, note
 from robomend.robots.robot import Robot
 from robomend.robots.systems import Systems
@@ -67,6 +68,7 @@ class Robots:
         self._metrics = metrics
         self._background = Background()
         self._reports = Reports()
+        self._renewing = Renewing(store, self.diagnosing, self._reports)
         self._unsubscribe: Callable[[], None] = lambda: None
         self.models.on_change(self._model_changed)
 
@@ -136,13 +138,15 @@ class Robots:
 
     async def _keep(self, state: Robot, update: Update, by: Reporter, once: IdempotencyKey | None) -> Json:
         """Take an update into OBS in memory, and write it with its event and, if possible, its diagnosis."""
-        before, accepted_ns = state.head, time.time_ns()
+        accepted_ns = time.time_ns()
         try:
             changed, kept = state.apply(update)
         except InputError:
             state.half_applied()
             raise
-        texts = [str(entry.literal) for entry in changed]
+        if not changed and (same := await self._renewing.keep(state, update, kept, by, once)) is not None:
+            return same
+        before, texts = state.head, [str(entry.literal) for entry in changed]
         forgotten = [str(atom) for atom in update.forgotten]
         reports = self._reports.due(state.id, by, update)
 

@@ -25,7 +25,7 @@ from robomend.store.records import (
     StoredBatch,
     StoredObs,
 )
-from robomend.store.transaction import Transaction
+from robomend.store.transaction import LockedRobot, Transaction
 from robomend.store.view import AnyRow, View
 from robomend_client.literals import Atom, Literal
 
@@ -91,11 +91,7 @@ def observe(
         StateConflict: `expected` is given and is not the revision before (code "stale-revision"): another
             instance was faster; load OBS again.
     """
-    state = tx.existing(robot)
-    if expected is not None and expected != state.revision:
-        error = StateConflict(f"{robot!r} is at revision {state.revision}, not {expected}; load OBS again")
-        error.code = "stale-revision"
-        raise error
+    state = _at(tx, robot, expected)
     rows, revision = tx.waiting, state.revision + 1
     rows.history.append(
         {
@@ -105,9 +101,47 @@ def observe(
             "data": batch_to_text(accepted, asserted, withdrawn, by),
         }
     )
-    for entry in changed:
+    _hold(tx, robot, changed)
+    for gone in forgotten:
+        rows.obs[robot, atom_to_text(gone)] = None
+    rows.revised.add(robot)
+    tx.now_is(robot, state._replace(revision=revision))
+    if asserted or withdrawn:
+        _assert(tx, robot, asserted, withdrawn)
+    return revision
+
+
+def renew(tx: Transaction, robot: str, renewed: Sequence[Entry], *, expected: int) -> bool:
+    """Keep what a batch that says nothing new has renewed of OBS, in place: no revision, nothing in the
+    history, and no key for its repetition, which is harmless by the batch's own time.
+
+    Returns False, and keeps nothing, while a repair or a drill of the robot is open: then each report is
+    evidence, which other instances and a restart look for in the history.
+
+    Raises:
+        NotFound, StateConflict: as `observe`.
+    """
+    _at(tx, robot, expected)
+    if tx.worked_on(robot):
+        return False
+    _hold(tx, robot, renewed)
+    return True
+
+
+def _at(tx: Transaction, robot: str, expected: int | None) -> LockedRobot:
+    """Return the locked row of a robot that is at the expected revision."""
+    state = tx.existing(robot)
+    if expected is not None and expected != state.revision:
+        error = StateConflict(f"{robot!r} is at revision {state.revision}, not {expected}; load OBS again")
+        error.code = "stale-revision"
+        raise error
+    return state
+
+
+def _hold(tx: Transaction, robot: str, entries: Sequence[Entry]) -> None:
+    for entry in entries:
         atom = atom_to_text(entry.atom)
-        rows.obs[robot, atom] = {
+        tx.waiting.obs[robot, atom] = {
             "robot": robot,
             "atom": atom,
             "positive": entry.positive,
@@ -118,13 +152,6 @@ def observe(
             "onset_ns": None if entry.onset_ns is None else checked_ns(entry.onset_ns),
             "settled": None if entry.settled is None else checked_ns(entry.settled),
         }
-    for gone in forgotten:
-        rows.obs[robot, atom_to_text(gone)] = None
-    rows.revised.add(robot)
-    tx.now_is(robot, state._replace(revision=revision))
-    if asserted or withdrawn:
-        _assert(tx, robot, asserted, withdrawn)
-    return revision
 
 
 def _assert(

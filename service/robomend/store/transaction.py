@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from typing import Any, NamedTuple, TypeVar
 
-from sqlalchemy import Connection, Delete, Insert, Select, Table, Update, bindparam, select, text
+from sqlalchemy import Connection, Delete, Insert, Select, Table, Update, bindparam, exists, or_, select, text
 from sqlalchemy.dialects import postgresql, sqlite
 
 from robomend.errors import Fenced, NotFound, StateConflict
@@ -127,6 +127,16 @@ _STATES = {
     "postgresql": f"{_LOOK_AT_ROBOTS} WHERE robot_state.robot = ANY(%s) ORDER BY robot_state.robot"
     " FOR UPDATE OF robot_state",
 }
+_WORKED_ON = Prepared(
+    lambda _: select(
+        or_(
+            *(
+                exists().where(table.c.robot == bindparam("of_robot"), text(f"{table.name}.open"))
+                for table in (schema.repairs, schema.drills)
+            )
+        )
+    )
+)
 _ANSWERS = select(schema.idempotency).where(
     schema.idempotency.c.key.in_(bindparam("keys", expanding=True)),
     schema.idempotency.c.expires_ns > bindparam("now_ns"),
@@ -170,7 +180,7 @@ class Group:
         tx = Transaction(self)
         try:
             result = change(tx)
-            if once is not None:
+            if once is not None and not tx.repeatable:
                 tx.answer_once(once, to_json(result))
         except Exception:  # the caller gets it; only its writes are taken back
             if not self.connection.invalidated:  # a lost connection took everything back already
@@ -285,6 +295,8 @@ class Transaction(View):
         self._group = group
         self.waiting = Rows()
         """Observations, diagnoses, events and the like: written with the group's, one statement a table."""
+        self.repeatable = False
+        """Whether doing it again is harmless: then the key of the request need not be kept."""
         self._saved = False  # whether the savepoint is there
 
     @property
@@ -365,6 +377,10 @@ class Transaction(View):
         if state is None or not state.exists:
             raise NotFound(f"there is no robot {robot!r}")
         return state
+
+    def worked_on(self, robot: str) -> bool:
+        """Return whether a repair or a drill of the robot is open."""
+        return bool(_WORKED_ON.value(self._connection, {"of_robot": robot}))
 
     def now_is(self, robot: str, state: LockedRobot) -> None:
         """Tell those who come after, in this transaction, what the robot's row has become."""
