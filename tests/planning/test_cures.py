@@ -10,7 +10,7 @@ from tests.planning.robots import TEDUSAR, texts
 
 from robomend.diagnosis.result import Diagnosis
 from robomend.planning.choice import Candidate, choose
-from robomend.planning.cures import CURES, Avoided, Cure, best_way, cured
+from robomend.planning.cures import CURES, Avoided, Cure, best_way, cured, once
 from robomend.planning.plan import Outcome, Plan
 from robomend.planning.planning import PlanOptions, plan_for, plans_for
 from robomend_client.literals import Literal, fails, holds
@@ -105,3 +105,14 @@ def test_the_driver_s_restart_comes_before_either_and_the_reason_says_how_probab
 def test_what_a_power_cycle_leaves_to_a_person_is_in_the_expected_cost() -> None:
     candidate = Candidate(Diagnosis(("hokuyo",)), plan_for(TEDUSAR, [holds("on", "hokuyo")], ["hokuyo"]))
     assert choose([candidate]).expected_cost == 29 + 0.5 * 300
+
+
+def test_of_a_power_cycle_the_cut_is_done_once_and_of_another_cure_the_act() -> None:
+    assert once(plan_for(TEDUSAR, [], ["hokuyo"]), {"hokuyo"}) == {"shutdown(hokuyo)"}
+    assert once(planned(30), {"hokuyo"}) == {"switch_to_spare(hokuyo, jaguar)"}
+    assert once(planned(30), set()) == set()
+
+
+def test_what_is_off_may_be_switched_on_and_a_process_restarted_again() -> None:
+    assert once(plan_for(TEDUSAR, [fails("on", "hokuyo")], ["hokuyo"]), {"hokuyo"}) == set()
+    assert once(plan_for(TEDUSAR, [], ["hokuyo_node"]), set()) == set()

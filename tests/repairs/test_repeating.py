@@ -137,3 +137,56 @@ async def test_an_action_that_fails_and_fails_is_sent_three_times_though_more_re
     assert repair["state"] == "escalated"
     assert robot.done == ["start_node(mapping)"] * 3
     assert "it was done 3 times in this repair, and nothing else was observed since" in repair["reason"]
+
+
+def test_what_cures_no_better_the_next_time_is_done_once_unless_something_else_is_seen() -> None:
+    repeats = Repeats()
+    assert done(repeats, 1, ActionResult(OK)) is None
+    repeats.in_vain([str(START), "never_done(planner)"])
+    assert repeats.exhausted(MUTE) == (
+        (str(START), "it was done in this repair without help, and nothing else was observed since"),
+    )
+    changed = (holds("ok", "path"),)
+    assert repeats.exhausted(changed) == ()
+    assert done(repeats, 1, ActionResult(OK), changed) is None
+
+
+@pytest.mark.anyio
+async def test_a_device_that_comes_back_dead_loses_its_power_once_and_its_driver_is_tried_once_more(
+    tmp_path: Path,
+) -> None:
+    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
+        await robot.settled()
+        robot.broken_topics.add("odom")
+        repair = await the_repair(runtime, timeout_s=120)
+    assert repair["state"] == "escalated"
+    assert robot.done.count("shutdown(base)") == robot.done.count("power_up(base)") == 1
+    assert robot.done.count("start_node(base_node)") == 3
+    assert robot.done[-2:] == ["stop_node(base_node)", "start_node(base_node)"]
+    assert "shutdown(base) is refused: it was done in this repair without help" in repair["reason"]
+
+
+@pytest.mark.anyio
+async def test_a_driver_that_comes_up_mute_after_its_device_was_cycled_is_restarted_alone(
+    tmp_path: Path,
+) -> None:
+    """The device hung; its power cycle helps, and the driver that is started after it says nothing."""
+
+    async def spoil(robot: Robot, name: str, parameter: str) -> int | None:
+        cycled = "power_up(base)" in robot.done
+        starts = robot.done.count("start_node(base_node)")
+        if name == "start_node" and cycled and starts >= 2:
+            robot.broken_topics.discard("odom")
+        return None
+
+    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
+        await robot.settled()
+        robot.spoil = spoil
+        robot.broken_topics.add("odom")
+        repair = await the_repair(runtime, timeout_s=120)
+    assert repair["state"] == "repaired", repair["reason"]
+    assert robot.done == [
+        *("stop_node(base_node)", "start_node(base_node)"),
+        *("shutdown(base)", "power_up(base)", "stop_node(base_node)", "start_node(base_node)"),
+        *("stop_node(base_node)", "start_node(base_node)"),
+    ]

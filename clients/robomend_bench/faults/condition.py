@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from robomend_bench.faults.anatomy import Anatomy
-from robomend_client.actions import FAILED, OK
+from robomend_client.actions import FAILED, NO_PROGRAM, OK
 from robomend_client.literals import Literal, fails
 
 
@@ -206,7 +206,7 @@ def _started(anatomy: Anatomy, state: State, node: str) -> tuple[State, int]:
     if before.running:
         return state, OK
     if not before.starts:
-        return state, FAILED
+        return state, NO_PROGRAM
     mood, *later = (*before.successors, before.ever)
     successors = tuple(later[:-1])
     state = put(state, node, replace(before, running=True, mood=mood, successors=successors, stale=False))

@@ -60,6 +60,23 @@ def best_way(plan: Plan, bad: Collection[str], other: Callable[[Avoided], Plan])
     return way if cured(way, bad) * plan.cost > cured(plan, bad) * way.cost else plan
 
 
+def once(plan: Plan, devices: Collection[str]) -> frozenset[str]:
+    """Return the acts, as text, that a repair does once for these devices: the same again cures no better.
+
+    A process that is started may come up well the next time; a device that comes back dead is dead. Of a power
+    cycle it is the cut, so that what is off may be switched on at any time, else what should cure the device.
+    """
+    cycled = frozenset[str]().union(*(names for _, names in _power_cycles(plan) if names & set(devices)))
+    found: set[str] = set()
+    for step in plan.steps:
+        added = {(e.atom.predicate, e.atom.args[0]) for e in step.effects if e.positive and e.atom.args}
+        cut = any(predicate in DARK and name in cycled for predicate, name in added)
+        cure = any(("good", name) in added and ("on", name) not in added for name in devices)
+        if cut or cure:
+            found.add(str(step))
+    return frozenset(found)
+
+
 def _power_cycles(plan: Plan) -> Iterator[tuple[str, frozenset[str]]]:
     """Yield the acts, as text, that give back power that the plan took, and what each should make good."""
     dark: set[str] = set()

@@ -55,6 +55,10 @@ class Acts:
         """Return the acts that are not to be planned, each with the reason."""
         return self._repeats.exhausted(self._state.sight.literals())
 
+    def in_vain(self, texts: Collection[str]) -> None:
+        """Note acts that did not help, and that the same again would not help either."""
+        self._repeats.in_vain(texts)
+
     def again(self, step: Step) -> str | None:
         """Return why an act that failed is not sent once more, or None."""
         return self._repeats.why_not(str(step), step.parameters, self._state.sight.literals())

@@ -26,7 +26,7 @@ from robomend.repairs.execution_values import Ending, Execution, Setting, StepRe
 from robomend.repairs.hearing import LOOK_S, Hearing
 from robomend.repairs.permission import Permission
 from robomend.repairs.record import RepairRecord
-from robomend.repairs.remembering import judged
+from robomend.repairs.remembering import judged, spent
 from robomend.repairs.signals import Signals
 from robomend.repairs.states import RepairTrigger
 from robomend.robots.robot import Robot
@@ -212,6 +212,8 @@ class LiveRepair:
 
     async def remember(self, choice: Choice, execution: Execution, *, helped: bool) -> None:
         """Keep the attempt; components whose repairs keep failing go into quarantine."""
+        if not helped:
+            self._acts.in_vain(spent(self._state, choice, execution))
         memory = await self._chooser.remembered(self._state.id)
         tried, left_alone = judged(
             self._state, self._record.id, choice, execution, memory, self._chooser.patience, helped=helped

@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from robomend.planning.choice import Choice
+from robomend.planning.cures import once
 from robomend.planning.policy import HOUR_NS
 from robomend.planning.quarantine import quarantined
 from robomend.planning.tried import Attempt, Patience, attempt
-from robomend.repairs.execution_values import Execution, StepReport
+from robomend.repairs.execution_values import Ending, Execution, StepReport
 from robomend.repairs.states import StepState
 from robomend.robots.robot import Robot
 from robomend.store import View, attempts, drills, repairs
@@ -138,6 +139,17 @@ def direct(reports: Iterable[StepReport], bad: Collection[str]) -> list[str]:
         for report in reports
         if report.result is not None and report.result.ok and cures & set(report.step.effects)
     ]
+
+
+def spent(state: Robot, choice: Choice, execution: Execution) -> frozenset[str]:
+    """Return the acts of a round that did not help which this repair does not do again: once carried out
+    wholly, with their effects awaited.
+    """
+    parts = state.system.parts
+    if parts is None or choice.plan is None or choice.diagnosis is None:
+        return frozenset()
+    wholly = execution.ending in {Ending.DONE, Ending.EFFECT_MISSING} and execution.effect_seen
+    return once(choice.plan, parts.hardware.keys() & choice.diagnosis.bad) if wholly else frozenset()
 
 
 def _attempt_of(record: StoredAttempt) -> Attempt:

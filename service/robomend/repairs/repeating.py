@@ -1,5 +1,7 @@
 """Whether an act is worth doing once more in the same repair: three times, unless something else was seen.
 
+What acts on a device, once: see robomend.planning.cures.once.
+
     sent ──► seen then ──► asked again: the same is seen now? ── no ──► new evidence: counted anew
                                               │ yes
                                               ▼
@@ -41,6 +43,7 @@ class _Act:
     sent: int = 0  # times without new evidence
     seen: frozenset[Literal] = frozenset()  # what was known when it was last sent
     plain: int = 0
+    in_vain: bool = False  # carried out wholly and awaited, and the same again cures no better
     said: str = ""  # the last answer, if it was not OK
 
 
@@ -66,7 +69,7 @@ class Repeats:
         act = self._acts.setdefault(str(action), _Act())
         seen = _relevant(known, action.parameters)
         if _new(act, seen):
-            act.sent = 0
+            act.sent, act.in_vain = 0, False
         act.sent += 1
         act.seen = seen
 
@@ -82,6 +85,12 @@ class Repeats:
             act.plain += 1
             act.said = f"{PLAIN[result.code]}: {result.message}" if result.message else PLAIN[result.code]
 
+    def in_vain(self, texts: Iterable[str]) -> None:
+        """These were carried out, their effects were awaited in vain, and the same again cures no better."""
+        for text in texts:
+            if text in self._acts:
+                self._acts[text].in_vain = True
+
     def why_not(self, text: str, parameters: Iterable[str], known: Iterable[Literal]) -> str | None:
         """Return why an act is not done once more, or None."""
         act = self._acts.get(text)
@@ -89,8 +98,10 @@ class Repeats:
             return None
         if act.plain >= MOST_PLAIN:
             return f"it was answered {act.plain} times in this repair, and plainly: {act.said}"
-        if act.sent < MOST or _new(act, _relevant(known, parameters)):
+        if not (act.in_vain or act.sent >= MOST) or _new(act, _relevant(known, parameters)):
             return None
+        if act.in_vain:
+            return "it was done in this repair without help, and nothing else was observed since"
         last = f"; the last answer: {act.said}" if act.said else ""
         return f"it was done {act.sent} times in this repair, and nothing else was observed since{last}"
 
