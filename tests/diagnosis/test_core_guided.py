@@ -77,7 +77,6 @@ def selected(families: list[list[frozenset[int]]]) -> tuple[CoreGuided, list[int
     return CoreGuided(clauses, CANDIDATES, selectors[-1], Deadline(), "minisat22"), selectors
 
 
-@settings(max_examples=50, deadline=None)
 @given(conflicts, conflicts)
 def test_searches_that_take_turns_do_not_disturb_one_another(
     one: list[frozenset[int]], other: list[frozenset[int]]
