@@ -14,19 +14,18 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 from robomend.diagnosis.engines import make_engine
 from robomend.diagnosis.result import DiagnosisResult, Options
-from robomend.diagnosis.snapshots import SnapshotEngine
 from robomend.errors import ContradictoryModel
 from robomend.model.cnf import Clause, HealthCnf
-from robomend.planning.domain.values import Domain
-from robomend.planning.pddl_text import pddl_names, problem_text
-from robomend.planning.plan import Outcome
-from robomend.planning.planning import PlanOptions, plan_problem
-from robomend.planning.problem import RepairProblem
 from robomend.resources import resource
 from robomend_client.literals import Literal
+
+if TYPE_CHECKING:  # every suite and contender loads this module, and few export anything
+    from robomend.planning.domain.values import Domain
+    from robomend.planning.problem import RepairProblem
 
 ANSWERED_WITHIN_S = 600.0
 """The answer of a question that takes longer is not known."""
@@ -95,6 +94,8 @@ class DiagnosisProblem:
                 return engine.diagnose(self.snapshots[0], options)
             finally:
                 engine.close()
+        from robomend.diagnosis.snapshots import SnapshotEngine
+
         together = SnapshotEngine(self.cnf)
         try:
             return together.diagnose(self.snapshots, options)
@@ -118,15 +119,22 @@ class PlanningProblem:
 
     def pddl(self) -> str:
         """Return the text of the problem file."""
+        from robomend.planning.pddl_text import problem_text
+
         return problem_text(self.domain, self.problem, self.problem.goal)
 
     @cached_property
     def names(self) -> Mapping[str, str]:
         """Word of the problem file -> the object that it stands for."""
+        from robomend.planning.pddl_text import pddl_names
+
         return {word: name for name, word in pddl_names(self.problem.objects).items()}
 
     def answer(self) -> KnownAnswer | None:
         """Return the least cost of a plan."""
+        from robomend.planning.plan import Outcome
+        from robomend.planning.planning import PlanOptions, plan_problem
+
         options = PlanOptions(planner="asp", timeout_s=ANSWERED_WITHIN_S)
         plan = plan_problem(self.domain, self.problem, options)
         if plan.outcome is Outcome.GAVE_UP:

@@ -30,7 +30,6 @@ from time import perf_counter
 from pysat.solvers import Solver
 
 from robomend.errors import OptionRefused
-from robomend.planning.validation import Named, validate
 from robomend_bench.exporting import FORMATS, DiagnosisProblem, Exported, PlanningProblem
 from robomend_bench.suite import ONE, Answer, Ask, External, Group, Question, Suite, Wish
 
@@ -205,6 +204,8 @@ def _plan(asked: PlanningProblem, text: str, wish: Wish, seconds: float) -> Answ
     Raises:
         ValueError: it does not work.
     """
+    from robomend.planning.validation import Named, validate
+
     named: list[Named] = []
     for action in ACTION.findall(text):
         name, *words = action.lower().split()

@@ -49,6 +49,25 @@ def test_the_mode_that_fits_is_told(name: str, minimal: str) -> None:
     engine.close()
 
 
+@pytest.mark.parametrize("name", ENGINES.built_in)
+def test_the_modes_of_faults_that_have_nothing_to_do_with_one_another_are_told_together(name: str) -> None:
+    first, second = 5, 6  # topics: c1 and c2 make one, c3 and c4 the other; c1 and c3 have modes
+    mute, noisy, frozen, wild = 7, 8, 9, 10
+    clauses: list[Clause] = [(-1, -2, first), (1, mute, noisy), (-mute, -first), (-noisy, first)]
+    clauses += [(-3, -4, second), (3, frozen, wild), (-frozen, -second), (-wild, second)]
+    modes = {"c1": {"mute": mute, "noisy": noisy}, "c3": {"frozen": frozen, "wild": wild}}
+    cnf = replace(model(4, clauses, atoms=2), variables=10, modes=modes, weak=False)
+    engine = make_engine(name, cnf)
+    found = engine.diagnose([-Literal(atom) for atom in cnf.atoms]).diagnoses
+    engine.close()
+    assert {one.bad: dict(one.modes) for one in found} == {
+        ("c1", "c3"): {"c1": "mute", "c3": "frozen"},
+        ("c1", "c4"): {"c1": "mute"},
+        ("c2", "c3"): {"c3": "frozen"},
+        ("c2", "c4"): {},
+    }
+
+
 @st.composite
 def systems_with_modes(draw: st.DrawFn) -> tuple[HealthCnf, frozenset[Literal]]:
     """Draw a model; some components have two fault modes that imply something, or one and "unknown"."""

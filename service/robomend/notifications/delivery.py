@@ -49,7 +49,7 @@ async def _called(hook: webhooks.Webhook, messages: Messages, identity: str) -> 
         if address is None:
             why = "it leads to a private address, and the setting webhook_hosts does not name its host"
             return Delivery(False, why)
-        async with httpx.AsyncClient(follow_redirects=False, trust_env=False) as client:
+        async with webhooks.client() as client:
             response = await webhooks.post(client, hook, address, identity, body)
     except (httpx.HTTPError, OSError, ValueError) as error:
         return Delivery(False, f"not reached: {type(error).__name__}")

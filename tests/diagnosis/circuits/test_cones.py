@@ -145,6 +145,18 @@ def wide_parities(draw: st.DrawFn) -> tuple[HealthCnf, frozenset[Literal]]:
     return bench(inputs, lines), frozenset(Literal(atom, value) for atom, value in observed.items())
 
 
+def test_a_bound_on_the_size_leaves_out_what_is_larger_and_nothing_else() -> None:
+    made, found = circuit("c17"), set()
+    for faults, seed in ((2, 4), (2, 9), (3, 22), (2, 28)):
+        observations = made.observe(faults, seed)
+        expected = fresh_solver_diagnoses(made.cnf, observations)
+        for most in range(1, 6):
+            result = make_engine("sat", made.cnf).diagnose(observations, replace(SUBSET, max_size=most))
+            assert {one.bad for one in result.diagnoses} == {bad for bad in expected if len(bad) <= most}
+            found |= {len(one.bad) for one in result.diagnoses}
+    assert found == {1, 2, 3}
+
+
 @settings(max_examples=60, deadline=None)
 @given(wide_parities(), st.booleans())
 def test_circuits_with_wide_parities_agree_with_the_definition(

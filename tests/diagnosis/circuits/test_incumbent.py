@@ -10,7 +10,7 @@ from robomend.diagnosis.circuits import incumbent as module
 from robomend.diagnosis.circuits import toplevel
 from robomend.diagnosis.circuits.flips import Flips
 from robomend.diagnosis.circuits.incumbent import find_incumbent
-from robomend.diagnosis.circuits.netlist import recover
+from robomend.diagnosis.circuits.netlist import Gate, Netlist, recover
 from robomend.diagnosis.engines import make_engine
 from robomend.diagnosis.oracle import OutOfTime
 from robomend.diagnosis.result import Engine, Options
@@ -62,6 +62,16 @@ def test_an_incumbent_explains_what_is_seen_and_each_of_its_gates_is_needed(
 
     assert explains(gates)
     assert not any(explains(gates - {gate}) for gate in gates)
+
+
+def test_gates_that_are_not_in_each_others_way_are_found_at_once() -> None:
+    count = 2 * module.PASSES  # buffers side by side, each of whose outputs is wrong
+    gates = tuple(Gate(one, count + one, (2 * count + one,), "{0}") for one in range(1, count + 1))
+    netlist = Netlist(gates, frozenset(gate.inputs[0] for gate in gates))
+    flips = Flips(netlist, range(count), range(count), [gate.output for gate in gates])
+    inputs, expected = [False] * count, [True] * count
+    wrong = flips.one_by_one(inputs, expected)
+    assert find_incumbent(flips, inputs, expected, wrong) == list(range(count))
 
 
 def test_what_nobody_looks_for_longer_is_not_found(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -75,7 +75,7 @@ class WebhookExecutor:
         answer = ActionResult(UNREACHABLE, "not called")
         may_have_acted = False
         pause_s = 0.2
-        async with httpx.AsyncClient(follow_redirects=False, trust_env=False) as client:
+        async with webhooks.client() as client:
             while (left := deadline - time.monotonic()) > 0:
                 called = False
                 try:
