@@ -17,7 +17,7 @@ from pathlib import Path
 from textwrap import dedent
 
 ROOT = Path(__file__).parents[1]
-PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
+PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), ROOT / "docs" / "deploy" / "README.md")
 
 FENCE = re.compile(r"( *)```(\w*)\Z")
 COMMENT = re.compile(r"<!-- (?P<kind>[a-z]+)(?: (?P<use>[a-z]+))?(?:, not run: (?P<reason>.+?))? -->\Z")

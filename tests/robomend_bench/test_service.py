@@ -169,7 +169,7 @@ def test_every_role_has_its_attacks_and_none_is_a_request_that_nobody_reads() ->
     assert all(len(hostile.body) < 4_000_000 for hostile in wanted)
 
 
-@pytest.mark.parametrize("part", ["single", "fleet", "memory", "posts", "ndjson", "overload"])
+@pytest.mark.parametrize("part", ["single", "fleet", "memory", "posts", "ndjson", "overload", "pages"])
 def test_each_part_gives_its_figures(part: str) -> None:
     small = ["--robots", "5", "--seconds", "1", "--changes", "10", "--writers", "4", "--observations", "2000"]
     answer = CliRunner().invoke(command, ["--only", part, "--format", "json", *small])

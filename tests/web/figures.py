@@ -1,10 +1,12 @@
 """The page's figures, measured in a real Chromium: `python -m tests.web.figures`. See docs/page.md.
 
-The service is a process of its own, as `robomend serve` starts it, with default options.
+The service is a process of its own, as `robomend serve` starts it, with default options. All of it takes some
+five minutes; `--only` picks parts: rendering, first, pixel, live, graph, fleet, pages.
 """
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import statistics
@@ -89,11 +91,27 @@ def first_load(browser: Browser, url: str) -> dict[str, float]:
     loaded = time.perf_counter() - began
     page.wait_for_selector(LIVE)
     live = time.perf_counter() - began
+    painted = page.evaluate("performance.getEntriesByName('first-contentful-paint')[0]?.startTime ?? 0")
+    answered = page.evaluate("performance.getEntriesByType('navigation')[0].responseStart")
     heap = page.evaluate("performance.memory.usedJSHeapSize")
     nodes = page.evaluate("document.getElementsByTagName('*').length")
     found = {"bytes": float(sum(counted)), "loaded_s": loaded, "live_s": live, "heap": heap, "nodes": nodes}
+    found |= {"painted_s": painted / 1000, "answered_s": answered / 1000, "memory": renderer_bytes(browser)}
     context.close()
     return found
+
+
+def renderer_bytes(browser: Browser) -> float:
+    """Return the memory of the browser's process that shows pages, with its part of what is shared."""
+    asked = browser.new_browser_cdp_session().send("SystemInfo.getProcessInfo")
+    pids = [int(one["id"]) for one in asked["processInfo"] if one["type"] == "renderer"]
+    sizes = []
+    for pid in pids:
+        text = Path(f"/proc/{pid}/smaps_rollup").read_text()
+        sizes.append(
+            next(int(line.split()[1]) * 1024 for line in text.splitlines() if line.startswith("Pss:"))
+        )
+    return float(max(sizes, default=0))
 
 
 def weighed(browser: Browser) -> tuple[BrowserContext, Page, list[int]]:
@@ -210,38 +228,64 @@ def rendering_s(rows: int) -> float:
     return statistics.median(times)
 
 
+PARTS = ("rendering", "first", "pixel", "live", "graph", "fleet", "pages")
+
+
 def main() -> None:
     """Measure and print."""
-    for rows in (ROWS, MOST_ROWS):
-        print(f"{rows} rows are rendered in {rendering_s(rows) * 1000:.0f} ms of processor time")
-    took, size = graph_s()
-    print(f"graph of 300 components: {took * 1000:.0f} ms of processor time, {size / 1000:.0f} kB of SVG")
+    parser = argparse.ArgumentParser(prog="python -m tests.web.figures")
+    parser.add_argument("--only", default=",".join(PARTS), help="parts, comma-separated")
+    wanted = set(parser.parse_args().only.split(","))
+    if wanted - set(PARTS):
+        parser.error(f"there are {', '.join(PARTS)}")
+    if "rendering" in wanted:
+        for rows in (ROWS, MOST_ROWS):
+            print(f"{rows} rows are rendered in {rendering_s(rows) * 1000:.0f} ms of processor time")
+        took, size = graph_s()
+        print(f"graph of 300 components: {took * 1000:.0f} ms of processor time, {size / 1000:.0f} kB of SVG")
+    print(f"load {os.getloadavg()[0]:.1f}", flush=True)
     with served() as (url, pid), sync_playwright() as playwright:
         flags = [flag for flag in FLAGS if not flag.startswith(("--remote", "--headless"))]
         flags.append("--enable-precise-memory-info")
         browser = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=flags)
         with httpx.Client(base_url=f"{url}/api/v1", timeout=60) as api:
             api.put("/models/tedusar", json={"source": resource("examples", "tedusar.yaml").read_text()})
-            api.put("/models/forty", json={"source": chain(COMPONENTS)}).raise_for_status()
+            for name, components in (("forty", COMPONENTS), ("large", 300)):
+                api.put(f"/models/{name}", json={"source": chain(components)}).raise_for_status()
+                api.put(f"/robots/{name}", json={"model": name, "policy": "observe"}).raise_for_status()
             api.put("/robots/r1", json={"model": "tedusar", "policy": "observe"})
-            api.put("/robots/forty", json={"model": "forty", "policy": "observe"}).raise_for_status()
             observe(api, "r1", "on(jaguar)", "ok(scan)")
-            tell("/ with 2 robots", first_load(browser, url))
-            tell("a robot, 14 components", first_load(browser, f"{url}/ui/robots/r1"))
-            times = sorted(event_to_pixel(browser, url, api))
-            median, longest = statistics.median(times) * 1000, times[-1] * 1000
-            print(f"observation to pixel, {EVENTS} times: median {median:.0f} ms, longest {longest:.0f} ms")
-            rate = live_bytes(browser, url, api) / 1000
-            print(f"a robot with {COMPONENTS} components, 5 changes/s: {rate:.1f} kB/s", flush=True)
-            fill(url)
-            for rows in (ROWS, MOST_ROWS):
-                tell(f"/ with {ROBOTS} robots, {rows} rows", first_load(browser, f"{url}/?rows={rows}"))
-                tell("  again", first_load(browser, f"{url}/?rows={rows}"))
-            alone, together = idle_pages(url, pid)
-            print(
-                f"processor, nothing changes: {alone:.1%} of a core alone, {together:.1%} with {PAGES} pages"
-            )
+            observe(api, "large", "not ok(fine7)")
+            in_browser(browser, url, api, pid, wanted)
         browser.close()
+    print(f"load {os.getloadavg()[0]:.1f}")
+
+
+def in_browser(browser: Browser, url: str, api: httpx.Client, pid: int, wanted: set[str]) -> None:
+    """Measure what takes a browser."""
+    if "first" in wanted:
+        tell("/ with 3 robots", first_load(browser, url))
+        tell("a robot, 14 components", first_load(browser, f"{url}/ui/robots/r1"))
+    if "pixel" in wanted:
+        times = sorted(event_to_pixel(browser, url, api))
+        median, longest = statistics.median(times) * 1000, times[-1] * 1000
+        print(f"observation to pixel, {EVENTS} times: median {median:.0f} ms, longest {longest:.0f} ms")
+    if "live" in wanted:
+        rate = live_bytes(browser, url, api) / 1000
+        print(f"a robot with {COMPONENTS} components, 5 changes/s: {rate:.1f} kB/s", flush=True)
+    if "graph" in wanted:
+        for again in ("", ", again"):
+            tell(f"a robot, 300 components{again}", first_load(browser, f"{url}/ui/robots/large"))
+    if "fleet" in wanted:
+        fill(url)
+        for rows in (ROWS, MOST_ROWS):
+            for again in ("", ", again"):
+                tell(
+                    f"/ with {ROBOTS} robots, {rows} rows{again}", first_load(browser, f"{url}/?rows={rows}")
+                )
+    if "pages" in wanted:
+        alone, together = idle_pages(url, pid)
+        print(f"processor, nothing changes: {alone:.1%} of a core alone, {together:.1%} with {PAGES} pages")
 
 
 def fill(url: str) -> None:
@@ -254,14 +298,15 @@ def fill(url: str) -> None:
         observe(api, f"robot-{number}", sentence)
 
     with httpx.Client(base_url=f"{url}/api/v1", timeout=120) as api, ThreadPoolExecutor(8) as pool:
-        list(pool.map(put, range(ROBOTS - 2)))
+        list(pool.map(put, range(ROBOTS - 3)))
 
 
 def tell(what: str, found: dict[str, float]) -> None:
     print(
         f"{what}: {found['bytes'] / 1000:.0f} kB, loaded in {found['loaded_s']:.2f} s, "
         f"live in {found['live_s']:.2f} s, {found['heap'] / 1e6:.0f} MB of script memory, "
-        f"{found['nodes']:.0f} elements",
+        f"{found['nodes']:.0f} elements; first byte after {found['answered_s']:.2f} s, painted after "
+        f"{found['painted_s']:.2f} s, {found['memory'] / 1e6:.0f} MB of the browser's process",
         flush=True,
     )
 

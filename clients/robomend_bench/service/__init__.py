@@ -8,6 +8,7 @@ robots.py    robots that a fault comes to and leaves
 fleet.py     open loop: so many robots, so many changes a second, whatever the service does
 durable.py   closed loop: as many durable writes as it takes; NDJSON
 hostile.py   clients that read a byte a second, half-open connections, idle streams
+pages.py     open pages: what they cost at rest, and what a fleet suffers from them
 overload.py  twice as many changes as it can take
 stops.py      cancellations and global stops in the middle of real repairs
 repairing.py  robots with much to repair, on emulated boards

@@ -29,6 +29,7 @@ from robomend_bench.service.growth import run_growth
 from robomend_bench.service.hostile import run_hostile
 from robomend_bench.service.measure import children, load_of_others, memory_mb
 from robomend_bench.service.overload import run_overload
+from robomend_bench.service.pages import run_pages
 from robomend_bench.service.process import Served, processors, reached, start
 from robomend_bench.service.robots import SimulatedRobot
 from robomend_bench.service.stops import run_stops
@@ -41,6 +42,7 @@ PARTS = (
     "posts",
     "ndjson",
     "hostile",
+    "pages",
     "stop",
     "stop-under-attack",
     "strangers",
@@ -76,6 +78,7 @@ Row = tuple[str, str, str]
 @click.option(
     "--attackers", type=click.IntRange(1, 500), default=20, show_default=True, help="In stop-under-attack."
 )
+@click.option("--pages", type=click.IntRange(1, 500), default=50, show_default=True, help="In part pages.")
 @click.option("--seed", type=int, default=1, show_default=True)
 @click.option("--url", help="Measure a service that runs already; robots named r0, r1, … are put there.")
 @click.option("--database", help="URL of a PostgreSQL database for the service, instead of SQLite.")
@@ -257,6 +260,27 @@ async def _hostile(url: str, process: Served | None, wish: dict[str, Any]) -> Me
     return found, [(name, f"p99 {shown} ms: ×{result.ratio}", "within ×2")]
 
 
+async def _pages(url: str, process: Served | None, wish: dict[str, Any]) -> Measured:
+    if process is None:
+        raise click.UsageError("part pages needs a service of its own; leave out --url")
+    robots, seconds = min(wish["robots"], 200), min(wish["seconds"], 60.0)
+    result = await run_pages(url, process, robots=robots, pages=wish["pages"], seconds=seconds)
+    runs = (result.alone, result.watched, result.after)
+    p99 = " → ".join(f"{run.diagnosed.p99_ms:.1f}" for run in runs)
+    cores = " → ".join(str(run.service_cpu) for run in runs)
+    errors: dict[str, int] = {}
+    for run in runs:
+        errors.update(run.errors)
+    idle = f"{result.idle_alone:.1%} → {result.idle_open:.1%} of a core"
+    name = f"{robots} robots, a change a second each, beside {result.pages} open pages"
+    fetched = f"{result.fetched_per_s}/s fetched, {result.kb_per_s_a_page} kB/s a page"
+    return asdict(result) | {"ratio": result.ratio, "errors": errors}, [
+        (f"nothing changes: without → with {result.pages} open pages", idle, "< 20% of a core"),
+        (name, f"p99 {p99} ms: ×{result.ratio}", "within ×1.2"),
+        (f"{name}: costs", f"service {cores} cores; {fetched}; load {result.after.load}", ""),
+    ]
+
+
 async def _attack(url: str, process: Served | None, wish: dict[str, Any]) -> Measured:
     if process is None:
         raise click.UsageError("part stop-under-attack needs a service of its own; leave out --url")
@@ -398,6 +422,7 @@ MEASURES: dict[str, Callable[[str, Served | None, dict[str, Any]], Coroutine[Any
     "posts": _posts,
     "ndjson": _ndjson,
     "hostile": _hostile,
+    "pages": _pages,
     "stop-under-attack": _attack,
     "strangers": _strangers,
     "overload": _overload,

@@ -11,6 +11,7 @@ Without keys there is no cookie to steal, but the same holds: whoever reaches th
 from __future__ import annotations
 
 import gzip
+import time
 from collections.abc import Callable, Coroutine, Mapping
 from typing import Any
 from urllib.parse import parse_qsl
@@ -24,7 +25,11 @@ from robomend.api.gate import GuardedRoute
 from robomend.api.origin import foreign
 from robomend.api.problems import Problem, of_error, of_validation
 from robomend.errors import RobomendError
+from robomend.web.pace import Pace
 from robomend.web.rendering import render
+
+PARTS_HEADER = "robomend-parts"
+"""Of a request for some parts of a page only."""
 
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
@@ -94,7 +99,11 @@ def check_ours(request: Request) -> None:
 
 def page(request: Request, template: str, status: int = 200, **values: Any) -> Response:
     """Return a page, or of it what the request's `Robomend-Parts` names."""
-    return packed(request, render(template, **values).encode(), "text/html; charset=utf-8", HEADERS, status)
+    headers = HEADERS
+    if PARTS_HEADER in request.headers:
+        pace: Pace = request.app.state.pace
+        headers = {**HEADERS, "Robomend-Again-Ms": f"{pace.again_s(time.monotonic()) * 1000:.0f}"}
+    return packed(request, render(template, **values).encode(), "text/html; charset=utf-8", headers, status)
 
 
 def back(to: str) -> Response:

@@ -13,14 +13,13 @@ from typing import Any
 from starlette.requests import Request
 
 from robomend.api.deps import Parts
+from robomend.api.page_route import PARTS_HEADER
 from robomend.security import ACT, LOCAL, Principal, Role
-
-HEADER = "robomend-parts"
 
 
 def wanted_parts(request: Request, there: Collection[str]) -> tuple[str, ...]:
     """Return which of a page's parts to make: all of them, or those that are asked for."""
-    asked = request.headers.get(HEADER)
+    asked = request.headers.get(PARTS_HEADER)
     if asked is None:
         return tuple(there)
     names = set(asked.split(","))
@@ -41,5 +40,5 @@ def shell(request: Request, parts: Parts, principal: Principal, wanted: Collecti
         "ping_s": parts.settings.ping_s,
         "to": address,
         "wanted": wanted,
-        "fragment": HEADER in request.headers,
+        "fragment": PARTS_HEADER in request.headers,
     }

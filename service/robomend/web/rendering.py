@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 from datetime import UTC, datetime
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlencode
@@ -48,6 +48,12 @@ MEDIA_TYPES = {".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+
 def render(template: str, **values: Any) -> str:
     """Return a template with its values."""
     return _environment().get_template(template).render(values)
+
+
+@lru_cache(maxsize=4096)
+def fleet_row(line: object) -> Markup:
+    """Return a line of the list of robots; most are the same from look to look, and for all who look."""
+    return Markup(render("fleet_row.html", line=line))
 
 
 @cache
@@ -88,6 +94,7 @@ def _environment() -> Environment:
     environment.filters.update(name=name, time=time, percent=percent, amount=amount, duration=duration)
     environment.filters.update(since=since, not_chosen=not_chosen, how_it_ended=how_it_ended, waited=waited)
     environment.globals.update(static=static_address, fleet_address=fleet_address, navigation=NAVIGATION)
+    environment.globals.update(fleet_row=fleet_row)
     return environment
 
 

@@ -61,7 +61,7 @@ def test_what_happens_is_told_live_and_over_a_lost_connection(shared: Shared, ro
         shared.client.observe(robot, ["not ok(scan)", "running(hokuyo_node)"])
         assert f" {robot} observed not ok(scan), running(hokuyo_node)" in lines.get(timeout=END_S)
         assert f" {robot} bad: hokuyo or hokuyo_node" in lines.get(timeout=END_S)
-        assert "robot: health" in lines.get(timeout=END_S)
+        assert f" {robot} is unhealthy" in lines.get(timeout=END_S)
         line.cut()
         until(lambda: len(said) == 2, "the loss is told")
         assert said[1] == f"connection lost: waiting for {line.url}"
@@ -109,3 +109,6 @@ def test_each_kind_of_event_has_its_words() -> None:
     assert line_of(Kind.STOP, None, active=True, by="ann", reason="lunch") == "STOPPED by ann: lunch"
     assert line_of(Kind.STOP, None, active=False, by="ann") == "the stop is lifted by ann"
     assert line_of(Kind.MODEL, None, model="m") == "model m: new version"
+    assert line_of(Kind.ROBOT, what="health", state="unknown", unknown=["ok(a)"]) == "r1 is unknown: ok(a)"
+    assert line_of(Kind.ROBOT, what="created", etag="06f3", by="ann") == "r1 robot: created by ann"
+    assert line_of(Kind.ROBOT, what="changed", by="ann", policy="auto") is not None

@@ -130,7 +130,12 @@ def _board(data: Mapping[str, Any]) -> str | None:
 
 def _robot(data: Mapping[str, Any]) -> str:
     what = data.get("what", "changed")
-    rest = {name: value for name, value in data.items() if name != "what" and value}
+    if what == "health":
+        unknown = data.get("unknown", ())
+        return f"is {data.get('state')}" + (f": {_some(unknown)}" if unknown else "")
+    rest = {name: value for name, value in data.items() if name not in {"what", "etag"} and value}
+    if rest.keys() == {"by"}:
+        return f"robot: {what} by {rest['by']}"
     return f"robot: {what}" + (f" {json.dumps(rest, ensure_ascii=False)}" if rest else "")
 
 

@@ -40,8 +40,10 @@ async function load() {
   const names = [...wanted];
   wanted.clear();
   let bytes = 0;
+  let againMs = LEAST_MS;
   try {
     const answer = await fetch(location.href, { headers: { "Robomend-Parts": names.join(",") } });
+    againMs = Math.max(LEAST_MS, Number(answer.headers.get("robomend-again-ms") ?? 0)); // with many pages: longer
     if (answer.ok) {
       bytes = Number(answer.headers.get("content-length") ?? 0);
       const page = new DOMParser().parseFromString(await answer.text(), "text/html");
@@ -60,7 +62,7 @@ async function load() {
     setTimeout(() => refresh(names), AGAIN_MS);
   }
   loading = false;
-  freeAt = Date.now() + Math.max(LEAST_MS, bytes / BYTES_PER_S * 1000);
+  freeAt = Date.now() + Math.max(againMs, bytes / BYTES_PER_S * 1000);
   plan();
 }
 
