@@ -19,6 +19,10 @@ PORT = re.compile(r"\s*(INPUT|OUTPUT)\s*\(\s*([^\s(),=#]+)\s*\)", re.IGNORECASE)
 ATTEMPTS = 1000
 """Runs that are thrown away at most, because nothing was to be seen of their faults, until one is kept."""
 
+RUNS = 1_500
+FEW_IN = (60, 5)
+"""Runs with the same gates broken, until enough are kept; others are taken when of the first 60 not 5 are."""
+
 FUNCTIONS: dict[str, Callable[[Sequence[bool]], bool]] = {
     "AND": all,
     "NAND": lambda values: not all(values),
@@ -97,6 +101,32 @@ def observe_faulty(circuit: Circuit, faults: int, chance: random.Random) -> tupl
             observed = dict.fromkeys((*circuit.inputs, *circuit.outputs))
             return tuple(Literal(Atom("v", (net,)), seen[net]) for net in observed)
     raise ModelError(f"{faults} faults in this circuit are never seen at its outputs")
+
+
+def observe_mutated(
+    circuit: Circuit, faults: int, runs: int, chance: random.Random
+) -> tuple[tuple[Literal, ...], ...]:
+    """Return what is seen at inputs and outputs in so many runs with the same gates broken; in each it shows.
+
+    Raises:
+        ModelError: after ATTEMPTS choices of gates there were none whose faults are seen often enough.
+    """
+    gates = list(circuit.gates)
+    nets = tuple(dict.fromkeys((*circuit.inputs, *circuit.outputs)))
+    first, least = FEW_IN
+    for _ in range(ATTEMPTS):
+        broken = {net: _fault(circuit.gates[net], chance) for net in chance.sample(gates, faults)}
+        kept: list[tuple[Literal, ...]] = []
+        for tried in range(RUNS):
+            inputs = {net: chance.random() < 0.5 for net in circuit.inputs}
+            seen, meant = circuit.simulate(inputs, broken), circuit.simulate(inputs, {})
+            if any(seen[net] != meant[net] for net in circuit.outputs):
+                kept.append(tuple(Literal(Atom("v", (net,)), seen[net]) for net in nets))
+            if len(kept) == runs:
+                return tuple(kept)
+            if tried == first and len(kept) < least:
+                break
+    raise ModelError(f"{faults} faults in this circuit are hardly ever seen at its outputs")
 
 
 def _fault(gate: tuple[str, tuple[str, ...]], chance: random.Random) -> str:

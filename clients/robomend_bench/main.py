@@ -34,6 +34,10 @@ OTHERS = {
     "batch": ("robomend_bench.batch.command", "logs to diagnoses: rows, messages, workers, memory"),
     "faults": ("robomend_bench.faults.command", "the score: faults planted into simulated robots"),
     "demo": ("robomend_bench.demo", "needless acts of the demo on a busy computer"),
+    "mutated": (
+        "robomend_bench.mutated",
+        "snapshots of circuits with two broken gates, beside other solvers",
+    ),
     "isolability": ("robomend_bench.isolability", "which faults can be told apart, on generated robots"),
 }
 """Commands of their own: module and summary."""
@@ -164,6 +168,7 @@ def command(
     robomend-bench robots --help                          observers and agents
     robomend-bench faults --help                          the score: robots that break
     robomend-bench isolability --help                     which faults can be told apart
+    robomend-bench mutated --help                         snapshots of circuits with two broken gates
     """
     if listing:
         _list()

@@ -11,8 +11,11 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pysat.solvers import Solver
 from tests.diagnosis.systems import brute_force, model, systems
 
+from robomend.diagnosis.conflicts import Conflicts, Known
+from robomend.diagnosis.oracle import OutOfTime
 from robomend.diagnosis.result import Options
 from robomend.diagnosis.snapshots import SnapshotEngine, diagnose_snapshots
 from robomend.diagnosis.wcnf import read_wcnf
@@ -182,6 +185,33 @@ def test_of_many_conflicts_those_are_told_that_the_first_diagnoses_need(
     assert set().union(*alone) == first
     monkeypatch.setattr("robomend.diagnosis.snapshots.MAX_CONFLICTS", 1)
     assert len(diagnose_snapshots(file.cnf, file.snapshots, EVERYTHING).conflicts) == 1
+
+
+def test_a_told_conflict_rests_on_no_more_than_it_must_if_there_is_time(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    file = read_wcnf(DATA / "c432" / "c432mut285p.wcnf.gz")
+    cnf, seen, asked = file.cnf, file.snapshots, Options(timeout_s=None)
+    conflicts = diagnose_snapshots(cnf, seen, asked).conflicts
+    assert conflicts
+    with Solver("minisat22", bootstrap_with=cnf.clauses) as solver:
+        for conflict in conflicts:
+            healthy = [cnf.health[component] for component in conflict.components]
+            rests_on = [number for one in conflict.observations if (number := cnf.literal(one)) is not None]
+            assert not solver.solve([*healthy, *rests_on])
+            for number in rests_on:
+                assert solver.solve([*healthy, *(other for other in rests_on if other != number)])
+
+    def too_late(*arguments: object, **named: object) -> Known:
+        if not named.get("components_only"):
+            raise OutOfTime
+        return minimise(*arguments, **named)  # type: ignore[arg-type]  # as it was called
+
+    minimise = Conflicts.minimise
+    monkeypatch.setattr(Conflicts, "minimise", too_late)
+    hurried = diagnose_snapshots(cnf, seen, asked).conflicts
+    assert [conflict.components for conflict in hurried] == [conflict.components for conflict in conflicts]
+    assert sum(len(one.observations) for one in hurried) > sum(len(one.observations) for one in conflicts)
 
 
 def test_assumed_health_is_honoured() -> None:

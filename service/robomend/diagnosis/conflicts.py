@@ -160,6 +160,8 @@ class Conflicts:
         observed: SignedObs,
         supposed: Supposed,
         needed: Collection[int] = (),
+        *,
+        components_only: bool = False,
     ) -> Known:
         """Return a minimal conflict inside a core. Those supposed healthy count as observations here.
 
@@ -168,6 +170,7 @@ class Conflicts:
 
         Args:
             needed: components that are known to be needed.
+            components_only: leave it at these; what they rest on may be more than it must.
 
         Raises:
             OutOfTime.
@@ -175,7 +178,9 @@ class Conflicts:
         components, observations = apart(core, len(self._cnf.components), supposed.healthy)
         if not self._cnf.weak:
             background = [*supposed.numbers, *observed.numbers]
-            kept, rest, minimal = minimised(oracle, components, observations, background, set(needed))
+            kept, rest, minimal = minimised(
+                oracle, components, observations, background, set(needed), components_only=components_only
+            )
         else:
             healthy = frozenset(components) | supposed.healthy
             with Extract(self._clauses_of(healthy), components, self._clock, oracle.name) as extract:
@@ -191,6 +196,7 @@ class Conflicts:
                     background,
                     set(extract.known(needed)),
                     witnesses,
+                    components_only=components_only,
                 )
                 kept, rest = extract.original(kept), extract.original(rest)
         found = Known.of(kept, rest, minimal)

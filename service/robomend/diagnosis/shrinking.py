@@ -70,10 +70,13 @@ def minimised(
     background: list[int],
     needed: set[int],
     witnesses: Witnesses | None = None,
+    *,
+    components_only: bool = False,
 ) -> tuple[list[int], list[int], bool]:
     """Return a minimal conflict inside these: components, observations, and whether the former are minimal.
 
-    Components are left out with all of `background` assumed, then observations for those that are left.
+    Components are left out with all of `background` assumed, then, unless `components_only`, observations for
+    those that are left.
 
     Raises:
         OutOfTime.
@@ -93,6 +96,9 @@ def minimised(
             return [literal for literal in core if literal in suspects]
 
         components, minimal = shrunk(components, refute_components, CALLS, needed)
+
+    if components_only:
+        return components, observations, minimal
 
     def refute(some: list[int]) -> list[int] | None:
         return None if oracle.sat(components + some) else oracle.core() or []

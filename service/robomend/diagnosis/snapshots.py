@@ -19,8 +19,9 @@ observations. IJCAI 2019.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import replace
-from time import perf_counter
+from time import perf_counter, thread_time
 
 from robomend.diagnosis.conflicts import Conflicts, Known
 from robomend.diagnosis.explanations import clear_suspects, explain_conflict, resolves
@@ -39,7 +40,7 @@ from robomend_client.literals import Atom, Literal
 DEFAULTS = Options()
 
 HEAD_START_S = 0.5
-"""For the search in any order, which mostly finds all diagnoses by then."""
+"""Processor time for the search in any order, which mostly finds all diagnoses by then."""
 
 FEW = 3
 """Snapshots that refute most of the candidates that any does: those that refuted the last ones come first."""
@@ -86,11 +87,12 @@ class SnapshotEngine:
         found: list[int] = []
         stopped = search.run(found, options, self._clock)
         if search.contradiction is not None and not what_if.healthy and not what_if.abnormal:
-            raise self._contradiction(*search.contradiction)
+            known, observed = search.contradiction
+            raise self._contradiction(self._resting_on_less(known, observed, what_if), observed)
         masks = sorted(found, key=lambda mask: (mask.bit_count(), bits(mask)))[: options.limit]
         blamed = [tuple(self.cnf.components[bit] for bit in bits(mask)) for mask in masks]
         told = self._justifying(masks, search.known) if options.conflicts else []
-        conflicts = tuple(self._in_words(*pair) for pair in told)
+        conflicts = tuple(self._in_words(self._resting_on_less(*pair, what_if), pair[1]) for pair in told)
         unused = dict.fromkeys(literal for observed in distinct.values() for literal in observed.unused)
         return DiagnosisResult(
             components=self.cnf.components,
@@ -122,6 +124,15 @@ class SnapshotEngine:
                     if needs is not None:  # None: it is supposed abnormal
                         told[needs[0].mask] = needs
         return list(told.values()) or known[:most]
+
+    def _resting_on_less(self, known: Known, observed: SignedObs, what_if: Supposed) -> Known:
+        """Return a conflict of the search with no more observations than it needs, if there is time."""
+        literals = [*known.components, *known.observations]
+        with suppress(OutOfTime):
+            return self._conflicts.minimise(
+                self._oracle, literals, observed, what_if, needed=known.components
+            )
+        return known
 
     def _in_words(self, known: Known, observed: SignedObs) -> Conflict:
         cnf = self.cnf
@@ -187,7 +198,7 @@ class _SnapshotSearch:
         observed = self._snapshots.pop(position)
         self._snapshots.insert(0, observed)
         core = self._oracle.core() or ()
-        known = self._conflicts.minimise(self._oracle, core, observed, self._what_if)
+        known = self._conflicts.minimise(self._oracle, core, observed, self._what_if, components_only=True)
         if not known.mask:
             self.contradiction = (known, observed)
             raise _Contradiction
@@ -269,7 +280,7 @@ class _SnapshotSearch:
         told = {True: 0, False: 0}  # how many of them `any_` and `by_size` know
         spent = {True: -HEAD_START_S, False: 0.0}
         while True:
-            began = perf_counter()
+            began = thread_time()  # which search goes on does not depend on what else the computer does
             anyhow = spent[True] <= spent[False] and len(found) <= most
             sets: AnyHittingSets | CheapestHittingSets = any_ if anyhow else by_size
             for mask, explains in met[told[anyhow] :]:
@@ -287,7 +298,7 @@ class _SnapshotSearch:
                 met.append((candidate, True))
             else:
                 met.append((conflict, False))
-            spent[anyhow] += perf_counter() - began
+            spent[anyhow] += thread_time() - began
             if len(found) > most:
                 largest = sorted(map(int.bit_count, found))[most - 1]
                 if largest <= by_size.cost + forced.bit_count():  # none that is still to come is smaller

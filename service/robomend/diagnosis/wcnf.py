@@ -13,7 +13,7 @@ is a rule of the component whose health literal it holds.
 from __future__ import annotations
 
 import gzip
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -62,6 +62,7 @@ def parse_wcnf(lines: Iterable[str], name: str, file: str | None = None) -> Snap
     hard: list[list[int]] = []
     health: list[int] = []
     snapshots: list[list[int]] = []
+    observed = _Read()
     for number, line in enumerate(map(str.strip, lines), 1):
         if top is not None and line[:1].isdecimal():  # most lines are clauses
             clause = _integers(line, file, number)
@@ -80,7 +81,7 @@ def parse_wcnf(lines: Iterable[str], name: str, file: str | None = None) -> Snap
         elif kind == "p":
             top, variables = _header(rest, file, number)
         elif kind == "o":
-            snapshots.append(_integers(rest, file, number))
+            snapshots.append(_integers(rest, file, number, observed.__getitem__))
         elif kind:
             if top is None:
                 raise ModelError("a clause before the line 'p wcnf …'", file, number)
@@ -89,7 +90,8 @@ def parse_wcnf(lines: Iterable[str], name: str, file: str | None = None) -> Snap
         raise ModelError("no line 'p wcnf …'", file)
     if len(set(health)) < len(health):
         raise ModelError("two soft clauses name one component", file)
-    return _compiled(name, hard, health, snapshots, variables, mutated)
+    seen = frozenset(observed.values()) - {0}
+    return _compiled(name, hard, health, snapshots, seen, variables, mutated)
 
 
 def _header(rest: str, file: str | None, line: int) -> tuple[int, int]:
@@ -99,9 +101,17 @@ def _header(rest: str, file: str | None, line: int) -> tuple[int, int]:
     return int(words[3]), int(words[1])
 
 
-def _integers(text: str, file: str | None, line: int) -> list[int]:
+class _Read(dict[str, int]):
+    """Words that were read before, with their number: a hundred snapshots repeat the same few."""
+
+    def __missing__(self, word: str) -> int:
+        number = self[word] = int(word)
+        return number
+
+
+def _integers(text: str, file: str | None, line: int, number_of: Callable[[str], int] = int) -> list[int]:
     try:
-        numbers = [*map(int, text.split())]
+        numbers = [*map(number_of, text.split())]
     except ValueError:
         raise ModelError(f"expected integers that end in 0, not {text.strip()[:60]!r}", file, line) from None
     if len(numbers) < 2 or numbers.pop() != 0 or 0 in numbers:
@@ -114,12 +124,12 @@ def _compiled(
     hard: list[list[int]],
     health: list[int],
     snapshots: list[list[int]],
+    seen: frozenset[int],
     variables: int,
     mutated: str | None,
 ) -> SnapshotFile:
     """Number health first, then what is observed, then the rest, as HealthCnf wants it."""
     mentioned = set(map(abs, set[int]().union(*hard)))
-    seen = set[int]().union(*snapshots)
     observed = sorted(set(map(abs, seen)) - set(health))
     rest = sorted((mentioned | set(range(1, variables + 1))) - set(health) - set(observed))
     renamed = {old: new for new, old in enumerate([*health, *observed, *rest], 1)}
