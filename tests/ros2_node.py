@@ -103,7 +103,7 @@ class Commands:
         topic, kind = line["topic"], load(line["type"])
         publisher = self.publishers[topic] = self.node.create_publisher(kind, topic, quality(line))
         raw = bytes.fromhex(line["raw"]) if "raw" in line else None
-        message = raw if raw is not None else fill(kind(), line.get("value", {}))
+        message: Any = raw if raw is not None else fill(kind(), line.get("value", {}))
 
         def once() -> None:
             if line.get("stamped"):
