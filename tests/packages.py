@@ -24,6 +24,9 @@ ROS1_IMPORTS = (
     "import rospy, rosmaster.master, actionlib, rosbag, genpy.dynamic, diagnostic_msgs, geometry_msgs"
 )
 
+AGGREGATOR_NODE = "/usr/lib/diagnostic_aggregator/aggregator_node"
+AGGREGATOR_LIBRARY = f"/usr/lib/{platform.machine()}-linux-gnu/libdiagnostic_aggregator.so.1d"
+
 ROS2_ENVIRONMENTS = Path(__file__).parents[1] / ".venv-ros2"
 ROS2_IMPORTS = "import rclpy, std_msgs.msg, sensor_msgs.msg, diagnostic_msgs.msg"
 
@@ -135,6 +138,11 @@ ROS1 = Wanted(
         *("python3-std-msgs", "python3-diagnostic-msgs", "python3-geometry-msgs"),
     ),
 )
+AGGREGATOR = Wanted(
+    "ROS 1's diagnostic aggregator",
+    lambda: Path(AGGREGATOR_NODE).exists() and Path(AGGREGATOR_LIBRARY).exists(),
+    ("libdiagnostic-aggregator-tools",),
+)
 IPROUTE = Wanted("the command ip", lambda: shutil.which("ip"), ("iproute2",))
 KILTED = WantedRos2(
     "kilted",
@@ -154,7 +162,7 @@ JAZZY = WantedRos2(
 
 def main() -> None:
     """Install all of it; what cannot be is said, and the tests that need it say so again."""
-    for wanted in (POSTGRESQL, CHROMIUM, IPROUTE, ROS1, KILTED, JAZZY):
+    for wanted in (POSTGRESQL, CHROMIUM, IPROUTE, ROS1, AGGREGATOR, KILTED, JAZZY):
         if not wanted.there():
             print(f"tests: installing {wanted.what}", file=sys.stderr)
         why = wanted.install()

@@ -3,7 +3,8 @@
     {"do": "publish", "topic": "/scan", "type": "std_msgs/String", "value": {"data": "x"}, "rate": 10}
     {"do": "subscribe", "topic": "/observations", "type": …}    what comes is printed: {"heard": topic, …}
 
-A type may come with its text (`definition`): no package needs to be built.
+A type may come with its text (`definition`): no package needs to be built. `stamped`: a header has the
+robot's time.
 """
 
 from __future__ import annotations
@@ -39,7 +40,9 @@ KINDS: dict[str, Any] = {}
 def fill(message: Any, value: dict[str, Any]) -> Any:
     for name, part in value.items():
         kind = message._slot_types[message.__slots__.index(name)].partition("[")[0]
-        if isinstance(part, dict):
+        if kind == "time":
+            setattr(message, name, genpy.Time.from_sec(part))
+        elif isinstance(part, dict):
             fill(getattr(message, name), part)
         elif isinstance(part, list) and part and isinstance(part[0], dict):
             make = KINDS.get(kind) or roslib.message.get_message_class(kind)
@@ -57,12 +60,16 @@ class Talker:
         )
         self.value = line.get("value", {})
         self.rate = line.get("rate", 0)
+        self.stamped = line.get("stamped", False)
         self.end = threading.Event()
         if self.rate:
             threading.Thread(target=self.run, daemon=True).start()
 
     def once(self) -> None:
-        self.publisher.publish(fill(self.kind(), self.value))
+        message = fill(self.kind(), self.value)
+        if self.stamped:
+            message.stamp = rospy.get_rostime()
+        self.publisher.publish(message)
 
     def run(self) -> None:
         while not self.end.wait(1 / self.rate):
@@ -76,6 +83,10 @@ class Node:
 
     def nothing(self, line: dict[str, Any]) -> None:
         pass
+
+    def simulated(self, line: dict[str, Any]) -> None:
+        """Let nodes that begin from now on live by /clock."""
+        rospy.set_param("/use_sim_time", True)
 
     def warn(self, line: dict[str, Any]) -> None:
         rospy.logwarn("as asked")

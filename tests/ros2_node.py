@@ -3,7 +3,7 @@
     {"do": "publish", "topic": "/scan", "type": "std_msgs/String", "value": {"data": "x"}, "rate": 10}
     {"do": "subscribe", "topic": "/diagnosis", "type": …}    what comes is printed: {"heard": topic, …}
 
-`raw` instead of `value`: bytes in hexadecimal, whatever the type.
+`raw` instead of `value`: bytes in hexadecimal, whatever the type. `stamped`: a header has the robot's time.
 """
 
 from __future__ import annotations
@@ -15,8 +15,11 @@ import threading
 from typing import Any
 
 import rclpy
+from rclpy.clock import Clock, ClockType
 from rclpy.executors import MultiThreadedExecutor
+from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.time import Time
 
 
 def say(**value: Any) -> None:
@@ -47,6 +50,8 @@ def fill(message: Any, value: dict[str, Any]) -> Any:
         elif isinstance(part, list) and part and isinstance(part[0], dict):
             inside = load(kind.removeprefix("sequence<").removesuffix(">"))
             setattr(message, name, [fill(inside(), item) for item in part])
+        elif kind == "builtin_interfaces/Time":
+            setattr(message, name, Time(nanoseconds=int(part * 1e9)).to_msg())
         else:
             setattr(message, name, bytes([part]) if kind in ("octet", "byte") else part)
     return message
@@ -75,6 +80,10 @@ class Commands:
     def nothing(self, line: dict[str, Any]) -> None:
         pass
 
+    def simulated(self, line: dict[str, Any]) -> None:
+        """Live by /clock."""
+        self.node.set_parameters([Parameter("use_sim_time", value=True)])
+
     def asked(self, line: dict[str, Any]) -> int:
         """Return how many goals its action servers have got."""
         return self.goals
@@ -94,9 +103,16 @@ class Commands:
         topic, kind = line["topic"], load(line["type"])
         publisher = self.publishers[topic] = self.node.create_publisher(kind, topic, quality(line))
         raw = bytes.fromhex(line["raw"]) if "raw" in line else None
-        message = raw if raw is not None else fill(kind(), line.get("value", {}))
+        message: Any = raw if raw is not None else fill(kind(), line.get("value", {}))
+
+        def once() -> None:
+            if line.get("stamped"):
+                message.stamp = self.node.get_clock().now().to_msg()
+            publisher.publish(message)
+
         if "rate" in line:
-            self.timers[topic] = self.node.create_timer(1 / line["rate"], lambda: publisher.publish(message))
+            real = Clock(clock_type=ClockType.STEADY_TIME)
+            self.timers[topic] = self.node.create_timer(1 / line["rate"], once, clock=real)
         else:
             publisher.publish(message)
 

@@ -1,0 +1,44 @@
+"""A robot with Humble and rmw_cyclonedds, as far as it can be played without either."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import sys
+from pathlib import Path
+
+from tests.clients.bridges.hearing import hearing
+from tests.node_process import NodeProcess
+from tests.ros2 import domain
+
+NODE = Path(__file__).parents[3] / "cyclone_node.py"
+HERE = (
+    '<CycloneDDS><Domain id="any">'
+    '<General><Interfaces><NetworkInterface name="lo" multicast="true"/></Interfaces></General>'
+    "<Discovery><ParticipantIndex>auto</ParticipantIndex>"
+    '<Peers><Peer address="127.0.0.1"/></Peers></Discovery>'
+    "<Compatibility><IgnoreTypeInformation>1.16</IgnoreTypeInformation></Compatibility>"
+    "</Domain></CycloneDDS>"
+)
+"""rmw_cyclonedds has no type information, which the wheel cannot do without; so it does not look at ours."""
+
+
+def test_a_node_of_cyclone_dds_without_hashes_is_heard_and_seen_to_end(tmp_path: Path) -> None:
+    async def test(number: int, laser: NodeProcess) -> None:
+        keys = f"domain: {number}\ndiscovery: localhost\ndiscovery_s: 1\nname: robomend_test\n"
+        async with hearing(tmp_path, "ros2", keys, "scan", "scan:data", "nodes") as heard:
+            await heard.more("scan")
+            await heard.until(lambda: heard.last("scan:data") == "far", "a field, by the types known here")
+            await heard.until(lambda: (heard.last("nodes") or {}).get("laser"), "it runs")
+            laser.kill()
+            await heard.until(lambda: not heard.last("nodes").get("laser", False), "it does not run")
+            assert heard.log == []
+
+    with domain() as number:
+        command = [sys.executable, str(NODE), str(number)]
+        laser = NodeProcess("laser", command, {**os.environ, "CYCLONEDDS_URI": HERE}, tmp_path)
+        try:
+            laser.do("publish", topic="/scan", data="far", rate=10)
+            asyncio.run(test(number, laser))
+        finally:
+            laser.close()

@@ -1,0 +1,73 @@
+"""A robot that lives by /clock: its time jumps either way, and stands still."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.clients.running_agent import agent, config
+from tests.clients.service_double import eventually, service_double
+from tests.node_process import NodeProcess
+from tests.ros1 import robot as ros1_robot
+from tests.ros2 import robot as ros2_robot
+
+Start = Callable[[str], NodeProcess]
+
+
+@contextmanager
+def robot(origin: str, folder: Path) -> Iterator[tuple[Start, dict[str, Any]]]:
+    """A robot, and the agent's section for it."""
+    if origin == "ros1":
+        with ros1_robot(folder) as old:
+            yield old.node, {"master": old.master.uri}
+    else:
+        with ros2_robot(folder) as new:
+            yield new.node, {"domain": new.domain, "discovery": "localhost"}
+
+
+@pytest.mark.parametrize("origin", ["ros1", "ros2"])
+def test_the_robots_own_time_plays_no_part_wherever_it_jumps(origin: str, tmp_path: Path) -> None:
+    with robot(origin, tmp_path) as (node, section), service_double() as service:
+        clock = node("clock")
+        if origin == "ros1":
+            clock.do("simulated")  # before others begin
+        laser, watcher = node("laser"), node("watcher")
+        if origin == "ros2":
+            laser.do("simulated")
+        laser.do("publish", topic="/scan", type="std_msgs/Header", stamped=True, rate=10)
+        watcher.do("subscribe", topic="/scan", type="std_msgs/Header")
+
+        def robots_time_is(seconds: float) -> None:
+            value = {"clock": seconds}
+            clock.do("publish", topic="/clock", type="rosgraph_msgs/Clock", value=value, rate=20)
+
+            def stamped() -> bool:
+                stamp = watcher.heard[-1]["value"]["stamp"] if watcher.heard else {}
+                return int(seconds) in (stamp.get("secs"), stamp.get("sec"))
+
+            eventually(stamped, f"headers of {seconds:g} s", 60)
+            clock.do("hush", topic="/clock")  # it stands still then
+
+        sections: dict[str, Any] = {
+            origin: section,
+            "topics": {"scan": {"from": origin, "first_s": 60, "tolerance_hz": 8, "silence_s": 10}},
+            "observers": {
+                "laser": {"kind": "node", "from": origin, "preset": origin},
+                "time": {"kind": "qualitative", "from": origin, "source": "scan:stamp.sec"},
+            },
+        }
+        robots_time_is(1000)
+        with agent(config(tmp_path, service.url, {}, **sections)):
+            well = {"ok(scan)": True, "running(laser)": True, "const(time)": True}
+            eventually(lambda: well.items() <= service.holds().items(), "all well", 60)
+            for seconds in (4600, 3, 5):  # an hour ahead, a simulation that was reset, on
+                robots_time_is(seconds)
+                wanted = len(service.batches()) + 3
+                eventually(lambda: len(service.batches()) >= wanted, "the next reports", 60)  # noqa: B023  # at once
+                eventually(lambda: well.items() <= service.holds().items(), "all well", 60)
+    told = [literal for batch in service.batches() for literal in batch["observations"]]
+    assert "not ok(scan)" not in told[told.index("ok(scan)") :]
+    assert "not running(laser)" not in told[told.index("running(laser)") :]
