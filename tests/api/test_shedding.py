@@ -141,6 +141,7 @@ def test_while_the_disk_hangs_batches_are_503_at_once_and_the_stop_is_set(
         waiting.append(service.loop.create_task(service.runtime.store.write(hang)))
 
     waiting: list[object] = []
+    monkeypatch.setattr(shedding, "HANGS_S", 1000.0)
     with ThreadPoolExecutor(1) as clients:
         try:
             service.run(begin())

@@ -203,10 +203,11 @@ def test_a_part_that_there_is_not_is_refused() -> None:
 
 def test_a_change_is_kept_in_less_than_its_diagnosis_would_take_once() -> None:
     with served() as service:
-        found = asyncio.run(run_growth(service, robots=5, changes=100, seed=1))
+        found = asyncio.run(run_growth(service, robots=5, changes=100, seed=1, repeats=100))
     assert found.changes == 100
     assert not found.lost
     assert found.bytes_a_change < 1800  # where each diagnosis was kept twice in full: 4,100
+    assert found.bytes_an_hour == 0
 
 
 def test_the_service_is_measured_beside_a_bare_handler_in_turns(service: Served) -> None:

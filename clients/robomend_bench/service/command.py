@@ -362,7 +362,11 @@ async def _growth(url: str, process: Served | None, wish: dict[str, Any]) -> Mea
     tables = ", ".join(f"{name} {size:.0f}" for name, size in found.tables.items())
     shown = f"{found.bytes_a_change:.0f} bytes ({tables})"
     name = f"{found.changes} changes of {robots} robots, each diagnosed with something new: on the disk, each"
-    return asdict(found), [(name, shown, "< 1,000 bytes")]
+    hour = "one robot that reports the same 3,600 times, dated, with a lifetime and a key each"
+    return asdict(found), [
+        (name, shown, "< 1,000 bytes"),
+        (hour, f"{found.bytes_an_hour:.0f} bytes", "0"),
+    ]
 
 
 BARE_TURNS = 7

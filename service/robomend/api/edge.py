@@ -25,6 +25,7 @@ from robomend.api.origin import foreign
 from robomend.api.problems import Problem, unforeseen
 from robomend.api.rates import Bucket
 from robomend.api.shedding import LoadShedding
+from robomend.logs import debugging
 from robomend.metrics import Metrics
 from robomend.security import API
 
@@ -110,6 +111,8 @@ class Edge:
         route = getattr(scope.get("route"), "path_format", "none")
         waited = scope.get("robomend.waits")
         self._metrics.request(method, route, status, None if waited else elapsed_s)
+        if status < 400 and not debugging():
+            return
         level = log.info if status >= 400 else log.debug
         level(
             "request",

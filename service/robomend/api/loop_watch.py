@@ -78,6 +78,7 @@ class LoopWatch:
         self._sign = threading.Event()
         self._turned_s = time.monotonic()
         self._delays: deque[float] = deque(maxlen=DELAYS)
+        self._usual_s = 0.0  # their median
         self._worst_s = 0.0
         self._thread = threading.Thread(target=self._run, name="loop-watch", daemon=True)
         metrics.on_demand(
@@ -120,9 +121,7 @@ class LoopWatch:
     @property
     def delay_s(self) -> float:
         """The delay of the signs lately (median of a second), or of the one that is awaited."""
-        latest = sorted(self._delays)
-        usual = latest[len(latest) // 2] if latest else 0.0
-        return max(usual, self.held_s - EVERY_S)
+        return max(self._usual_s, self.held_s - EVERY_S)
 
     def _give_sign(self) -> None:
         self._turned_s = time.monotonic()
@@ -141,6 +140,7 @@ class LoopWatch:
             self._sign.wait()
             delay_s = self._turned_s - asked_s
             self._delays.append(delay_s)
+            self._usual_s = sorted(self._delays)[len(self._delays) // 2]
             self._worst_s = max(self._worst_s, delay_s)
             self._metrics.loop_delay_s.observe(delay_s)
             if where and not self._ending.is_set():

@@ -40,6 +40,8 @@ class Obs:
         "_assertions",
         "_by_atom",
         "_computed_ns",
+        "_held",
+        "_known",
         "_literals",
         "_mortal",
         "_signature",
@@ -49,11 +51,14 @@ class Obs:
     def __init__(self, entries: Iterable[Entry] = (), assertions: Iterable[Assertion] = ()) -> None:
         """Rebuild OBS from `entries()` and `assertions`, as they were stored."""
         self._by_atom: dict[Atom, Entry] = {entry.literal.atom: entry for entry in entries}
+        # The literals of all entries: each is hashed when it comes, not at each question.
+        self._held: set[Literal] = {entry.literal for entry in self._by_atom.values()}
         self._assertions: dict[str, Assertion] = {a.name: a for a in assertions}
         # Whether any entry may have a lifetime: most robots have none, and need not be looked through.
         self._mortal = any(entry.expires_ns is not None for entry in self._by_atom.values())
         # What `literals` said last, and from when until when that is right.
         self._literals: tuple[Literal, ...] | None = None
+        self._known: frozenset[Literal] | None = None
         self._signature: frozenset[object] | None = None
         self._computed_ns = 0
         self._valid_ns = FOREVER
@@ -78,6 +83,10 @@ class Obs:
             if old is not None and entry.time_ns < old.time_ns:
                 continue
             self._by_atom[atom] = entry
+            if old is None or old.literal != entry.literal:
+                if old is not None:
+                    self._held.discard(old.literal)
+                self._held.add(entry.literal)
             if entry.expires_ns is not None:
                 self._mortal = True
             # `_computed_ns`: somebody may have been told already that the old entry is stale.
@@ -100,8 +109,15 @@ class Obs:
                 self._literals = tuple([entry.literal for entry in entries])
             self._computed_ns = now_ns
             self._valid_ns = self._soonest(now_ns) or FOREVER
-            self._signature = None
+            self._signature = self._known = None
         return self._literals
+
+    def known_literals(self, now_ns: int) -> frozenset[Literal]:
+        """Return `literals` as a set, which costs little where nothing is stale."""
+        literals = self.literals(now_ns)
+        if self._known is None:
+            self._known = frozenset(self._held if len(literals) == len(self._held) else literals)
+        return self._known
 
     def signature(self, now_ns: int) -> frozenset[object]:
         """Return a hashable value that is equal exactly when the same is known; cheap while nothing
@@ -139,7 +155,9 @@ class Obs:
     def forget(self, atoms: Iterable[Atom]) -> None:
         """Drop entries altogether, e.g. of an observer that is gone."""
         for atom in atoms:
-            self._by_atom.pop(atom, None)
+            gone = self._by_atom.pop(atom, None)
+            if gone is not None:
+                self._held.discard(gone.literal)
         self._forget()
 
     @property
@@ -169,7 +187,7 @@ class Obs:
         return len(self._by_atom)
 
     def _forget(self) -> None:
-        self._literals = None
+        self._literals = self._known = None
         self._signature = None
         self._valid_ns = FOREVER
 

@@ -174,7 +174,7 @@ class Robot:
         that are meant to be stopped leave scheme 5. The version names the result: equal versions are equal
         clauses.
         """
-        literals = frozenset(self.literals() if literals is None else literals)
+        literals = self.obs.known_literals(CLOCK.now_ns()) if literals is None else frozenset(literals)
         assertions = tuple(self.obs.assertions.values())
         stopped = self.config.expected_stopped
         if self.system.loops:

@@ -215,6 +215,11 @@ class Store:
         with contextlib.suppress(RuntimeError):  # the event loop has ended
             self._running().call_soon_threadsafe(call, *args)
 
+    @property
+    def oldest_write_s(self) -> float:
+        """How long the oldest write that is not on disk has waited."""
+        return self._writer.waiting()[1]
+
     def figures(self) -> StoreFigures:
         """Return how busy it is."""
         queued, oldest_s = self._writer.waiting()
