@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import IO, Any
 
 import pytest
+from mcap.writer import CompressionType, IndexType
 from mcap.writer import Writer as McapWriter
 from tests.robomend_batch.recordings import (
     EPOCH_NS,
@@ -179,6 +180,28 @@ def test_a_recording_that_is_cut_off_is_diagnosed_up_to_there(
     assert "refused" in states
     if name != "a.db3":  # its pages hang together
         assert "ended-early" in states
+
+
+@pytest.mark.parametrize("compression", list(CompressionType))
+def test_of_the_chunk_in_which_an_mcap_ends_what_is_there_is_read(
+    compression: CompressionType, rover: tuple[Path, Path], tmp_path: Path
+) -> None:
+    model, observers = rover
+    observers.write_text("topics:\n  scan: {rate_hz: 10, tolerance_hz: 2}\n")
+    log = tmp_path / "a.mcap"
+    with log.open("wb") as file:
+        options = {"chunk_size": 10 << 20, "index_types": IndexType.NONE}  # one chunk is nearly all of it
+        _drive_in_chunks(file, drive(60.0), compression=compression, **options)
+    assert batch_run(tmp_path / "whole", log, "--observers", observers, model=model) == 0
+    whole = log.read_bytes()
+    for share in (0.5, 0.8):
+        log.write_bytes(whole[: int(len(whole) * share)])
+        given = (log, "--observers", observers, "--overwrite")
+        assert batch_run(tmp_path / "cut", *given, model=model) == 2
+        (record,) = logs(tmp_path / "cut")
+        assert record["state"] == "ended-early"
+        assert share - 0.3 < (record["end_ns"] - EPOCH_NS) / (60 * SECOND) <= share + 0.2
+        assert told(tmp_path / "cut")[:-1] == told(tmp_path / "whole")[: len(told(tmp_path / "cut")) - 1]
 
 
 def test_a_damaged_byte_is_no_crash(rover: tuple[Path, Path], tmp_path: Path) -> None:
@@ -435,8 +458,8 @@ def test_stretches_that_are_taken_in_at_once_leave_the_same_bytes(
     assert states.count("faulty") >= 2
 
 
-def _drive_in_chunks(file: IO[bytes], samples: list[Sample]) -> None:
-    writer = McapWriter(file, chunk_size=4000)
+def _drive_in_chunks(file: IO[bytes], samples: list[Sample], **options: Any) -> None:
+    writer = McapWriter(file, **{"chunk_size": 4000, **options})
     writer.start(profile="ros2", library="test")
     channels = {}
     for topic in ("odom", "scan"):

@@ -15,13 +15,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mcap.exceptions import McapError
+from mcap.exceptions import EndOfFile, McapError
 from mcap.reader import NonSeekingReader
+from mcap.records import Channel as ChannelRecord
+from mcap.records import Schema
 from numpy.typing import NDArray
 from rosbags.interfaces import Connection, MessageDefinitionFormat
 from rosbags.rosbag2.errors import ReaderError
 from rosbags.rosbag2.storage_mcap import ChunkInfo, McapReader, decompress
 
+from robomend_batch.logs.mcap_chunk import left_of_chunk
 from robomend_batch.logs.recorded import Channel, Message, Recording, Times, Unreadable
 
 INDEX = np.dtype([("time", "<u8"), ("offset", "<u8")])
@@ -236,14 +239,35 @@ class StreamedMcap:
         """Nothing is open between readings."""
 
     def _read(self) -> Iterator[tuple[Any, Any, Any]]:
-        with self._path.open("rb") as file:
-            try:
+        channels: dict[int, tuple[Any, Any]] = {}
+        try:
+            with self._path.open("rb") as file:
                 reader = NonSeekingReader(file, record_size_limit=LARGEST_CHUNK)
-                yield from reader.iter_messages(log_time_order=False)
-            except GeneratorExit:
-                raise
-            except Exception as error:  # noqa: BLE001  # decompressors raise what they like at a cut
-                self.cut = f"cut off or damaged ({type(error).__name__} {error})".replace(" )", ")")
+                for schema, channel, message in reader.iter_messages(log_time_order=False):
+                    channels[channel.id] = schema, channel
+                    yield schema, channel, message
+        except GeneratorExit:
+            raise
+        except Exception as error:  # noqa: BLE001  # decompressors raise what they like at a cut
+            self.cut = f"cut off or damaged ({type(error).__name__} {error})".replace(" )", ")")
+            if isinstance(error, EndOfFile):
+                yield from self._left(channels)
+
+    def _left(self, channels: dict[int, tuple[Any, Any]]) -> Iterator[tuple[Any, Any, Any]]:
+        """Yield the messages of the chunk in which the file ends."""
+        schemas = {schema.id: schema for schema, _ in channels.values() if schema is not None}
+        try:
+            for record in left_of_chunk(self._path):
+                if isinstance(record, Schema):
+                    schemas[record.id] = record
+                elif isinstance(record, ChannelRecord):
+                    channels[record.id] = schemas.get(record.schema_id), record
+                elif record.channel_id in channels:
+                    yield *channels[record.channel_id], record
+        except GeneratorExit:
+            raise
+        except Exception as error:  # noqa: BLE001  # as above; what came before it counts
+            self.cut = f"{self.cut}, its last chunk damaged ({type(error).__name__})"
 
 
 def _channel(connection: Connection) -> Channel:
