@@ -112,6 +112,18 @@ def test_cancelling_ends_its_processes(batching: Service, many: Path) -> None:
     assert not (batching.runtime.settings.data / "batches" / batch / "logs").exists()
 
 
+def test_a_batch_that_runs_longer_than_it_may_has_failed_and_says_so(start: StartService, many: Path) -> None:
+    service = start(batch_hours=1e-6, batch_nice=0)  # a few milliseconds: less than any program takes
+    service.api("PUT", "/models/tedusar", json={"source": TEDUSAR})
+    batch = service.api("POST", "/batches", **uploads(many)).json()["id"]
+    found = ended(service, batch)
+    assert (found["state"], found["done"]) == ("failed", 0)
+    assert "it ran longer than 1e-06 hours (batch_hours)" in found["message"]
+    until(lambda: not processes(batch), "its program ends")
+    assert service.api("GET", f"/batches/{batch}/result").status_code == 404
+    until(lambda: not (service.runtime.settings.data / "batches" / batch / "logs").exists(), "uploads go")
+
+
 def test_an_upload_that_is_cut_off_leaves_nothing(batching: Service) -> None:
     before = left(batching)
     address = httpx.URL(batching.url)

@@ -12,6 +12,7 @@ import pytest
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_typestore
 
+from robomend_batch.logs.columns import compile_column
 from robomend_batch.logs.fields import compile_field, value_at
 from robomend_client.bridges.unpacking import EMPTY, NoField, unpacker
 
@@ -87,6 +88,36 @@ def test_a_field_alone_is_the_field_of_the_whole(package: str, encoding: str) ->
                     continue
                 assert extract(data) == expected, f"{name} {path}"
                 compared += 1
+    assert compared
+
+
+@pytest.mark.parametrize("encoding", STORES)
+@pytest.mark.parametrize("package", PACKAGES)
+def test_a_field_of_many_messages_at_once_is_that_of_each(package: str, encoding: str) -> None:
+    store = STORES[encoding]
+    cdr = encoding == "ros2"
+    serialize = store.serialize_cdr if cdr else store.serialize_ros1
+    chance = random.Random(package)
+    compared = 0
+    for name in [name for name in store.fielddefs if name.startswith(f"{package}/msg/")]:
+        messages = [
+            bytes(serialize(made(store, (Nodetype.NAME, name), chance), name)) + b"?" * chance.randrange(3)
+            for _ in range(4)
+        ]
+        lengths = np.array([len(message) for message in messages])
+        ends = 7 + np.cumsum(lengths)
+        data = np.frombuffer(b"." * 7 + b"".join(messages), np.uint8)
+        for path in paths(store, name)[:MOST_PATHS]:
+            column = compile_column(store.fielddefs, name, path, cdr=cdr)
+            alone = unpacker(store.fielddefs, name, path, cdr=cdr)
+            if column is None or alone is None:
+                continue
+            found = column(data, ends - lengths, ends)
+            assert found is not None
+            assert found.tolist() == [alone(message) for message in messages], f"{name} {path}"
+            compared += 1
+            cut = ends - (lengths * (chance.random() > 0.5))  # of some messages nothing is there
+            assert (cut == ends).all() or column(data, ends - lengths, cut) is None
     assert compared
 
 

@@ -6,10 +6,22 @@ import json
 import math
 import struct
 from pathlib import Path
+from typing import IO, Any
 
 import pytest
+from mcap.writer import CompressionType, IndexType
 from mcap.writer import Writer as McapWriter
-from tests.robomend_batch.recordings import EPOCH_NS, Sample, steady, write, write_bag, write_ros2
+from tests.robomend_batch.recordings import (
+    EPOCH_NS,
+    KINDS,
+    ROS2,
+    Sample,
+    message,
+    steady,
+    write,
+    write_bag,
+    write_ros2,
+)
 from tests.robomend_batch.running import batch_run, intervals, logs, ndjson, tree
 
 from robomend_client.literals import Atom
@@ -168,6 +180,28 @@ def test_a_recording_that_is_cut_off_is_diagnosed_up_to_there(
     assert "refused" in states
     if name != "a.db3":  # its pages hang together
         assert "ended-early" in states
+
+
+@pytest.mark.parametrize("compression", list(CompressionType))
+def test_of_the_chunk_in_which_an_mcap_ends_what_is_there_is_read(
+    compression: CompressionType, rover: tuple[Path, Path], tmp_path: Path
+) -> None:
+    model, observers = rover
+    observers.write_text("topics:\n  scan: {rate_hz: 10, tolerance_hz: 2}\n")
+    log = tmp_path / "a.mcap"
+    with log.open("wb") as file:
+        options = {"chunk_size": 10 << 20, "index_types": IndexType.NONE}  # one chunk is nearly all of it
+        _drive_in_chunks(file, drive(60.0), compression=compression, **options)
+    assert batch_run(tmp_path / "whole", log, "--observers", observers, model=model) == 0
+    whole = log.read_bytes()
+    for share in (0.5, 0.8):
+        log.write_bytes(whole[: int(len(whole) * share)])
+        given = (log, "--observers", observers, "--overwrite")
+        assert batch_run(tmp_path / "cut", *given, model=model) == 2
+        (record,) = logs(tmp_path / "cut")
+        assert record["state"] == "ended-early"
+        assert share - 0.3 < (record["end_ns"] - EPOCH_NS) / (60 * SECOND) <= share + 0.2
+        assert told(tmp_path / "cut")[:-1] == told(tmp_path / "whole")[: len(told(tmp_path / "cut")) - 1]
 
 
 def test_a_damaged_byte_is_no_crash(rover: tuple[Path, Path], tmp_path: Path) -> None:
@@ -394,3 +428,48 @@ def test_other_observers_or_another_clock_are_another_run(rover: tuple[Path, Pat
         )
         == 0
     )
+
+
+def test_stretches_that_are_taken_in_at_once_leave_the_same_bytes(
+    rover: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model, observers = rover
+    observers.write_text(
+        "topics:\n  odom: {rate_hz: 20, tolerance_hz: 3}\n  scan: {rate_hz: 10, tolerance_hz: 2}\n"
+        'observers:\n  "ok(hokuyo)": {kind: property, source: "odom:twist.twist.angular.z", high: 1.5}\n'
+    )
+    with (tmp_path / "a.mcap").open("wb") as file:
+        _drive_in_chunks(file, drive(20.0))
+    taken = []
+    take = Driver.quiet
+
+    def counted(driver: Driver, *given: Any) -> bool:
+        taken.append(take(driver, *given))
+        return taken[-1]
+
+    monkeypatch.setattr(Driver, "quiet", counted)
+    assert batch_run(tmp_path / "fast", tmp_path / "a.mcap", "--observers", observers, model=model) == 0
+    assert taken.count(True) > 10
+    assert taken.count(False) > 2
+    monkeypatch.setattr(Driver, "quiet", lambda *_: False)
+    assert batch_run(tmp_path / "slow", tmp_path / "a.mcap", "--observers", observers, model=model) == 0
+    assert tree(tmp_path / "fast") == tree(tmp_path / "slow")
+    states = [state for _, state, _ in told(tmp_path / "fast")]
+    assert states.count("faulty") >= 2
+
+
+def _drive_in_chunks(file: IO[bytes], samples: list[Sample], **options: Any) -> None:
+    writer = McapWriter(file, **{"chunk_size": 4000, **options})
+    writer.start(profile="ros2", library="test")
+    channels = {}
+    for topic in ("odom", "scan"):
+        name = KINDS[topic]
+        text, _ = ROS2.generate_msgdef(name, ros_version=2)
+        schema = writer.register_schema(name, "ros2msg", text.encode())
+        channels[topic] = writer.register_channel(f"/{topic}", "cdr", schema)
+    for at_s, topic, value in sorted(samples, key=lambda sample: sample[0]):
+        if topic in channels:
+            at_ns = EPOCH_NS + round(at_s * SECOND)
+            body = bytes(ROS2.serialize_cdr(message(ROS2, topic, value, at_ns, "base"), KINDS[topic]))
+            writer.add_message(channels[topic], at_ns, body, at_ns)
+    writer.finish()  # type: ignore[no-untyped-call]  # the library's

@@ -8,23 +8,29 @@ as a stream, up to where it ends.
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from itertools import zip_longest
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mcap.exceptions import McapError
+from mcap.exceptions import EndOfFile, McapError
 from mcap.reader import NonSeekingReader
+from mcap.records import Channel as ChannelRecord
+from mcap.records import Schema
+from numpy.typing import NDArray
 from rosbags.interfaces import Connection, MessageDefinitionFormat
 from rosbags.rosbag2.errors import ReaderError
 from rosbags.rosbag2.storage_mcap import ChunkInfo, McapReader, decompress
 
-from robomend_batch.logs.recorded import Channel, Message, Recording, Unreadable
+from robomend_batch.logs.mcap_chunk import left_of_chunk
+from robomend_batch.logs.recorded import Channel, Message, Recording, Times, Unreadable
 
 INDEX = np.dtype([("time", "<u8"), ("offset", "<u8")])
 RECORD = struct.Struct("<BQ")
 INDEX_HEAD = struct.Struct("<BQHI")
+MESSAGE = 5
 MESSAGE_HEAD = 22
 """Bytes before the data: channel, sequence, log time, publish time."""
 
@@ -86,6 +92,11 @@ class IndexedMcap:
         self._reader.close()
 
     def messages(self, wanted: Mapping[int, bool]) -> Iterator[Message]:
+        for stretch in self.stretches(wanted):
+            yield from stretch
+
+    def stretches(self, wanted: Mapping[int, bool]) -> Iterator[Iterable[Message]]:
+        """Yield the messages chunk by chunk: as Columns, where no other chunk has messages in between."""
         chunks = sorted(
             (
                 chunk
@@ -95,40 +106,46 @@ class IndexedMcap:
             key=lambda chunk: (chunk.message_start_time, chunk.chunk_start_offset),
         )
         waiting: list[Message] = []
-        for chunk in chunks:
+        for chunk, following in zip_longest(chunks, chunks[1:]):
             if waiting:  # chunks may overlap: what is before the next one's first message is in its place
                 ready = [message for message in waiting if message[0] < chunk.message_start_time]
                 if ready:
                     waiting = waiting[len(ready) :]
-                    yield from ready
+                    yield ready
             try:
-                waiting += self._of_chunk(chunk, wanted)
+                found = self._of_chunk(chunk, wanted)
+                if not waiting and (following is None or found.until_ns <= following.message_start_time):
+                    yield found
+                    continue
+                waiting += found
             except DAMAGE as error:
                 self.cut = f"damaged: {error}"
                 break
             waiting.sort(key=itemgetter(0))
-        yield from waiting
+        yield waiting
 
-    def _of_chunk(self, chunk: ChunkInfo, wanted: Mapping[int, bool]) -> list[Message]:
+    def _of_chunk(self, chunk: ChunkInfo, wanted: Mapping[int, bool]) -> Columns:
         self._file.seek(chunk.chunk_start_offset + chunk.chunk_length)
         block = self._file.read(chunk.message_index_length)
-        found: list[tuple[int, int, int]] = []  # offset, time, channel: in the order of arrival
+        found: dict[int, tuple[Times, Times]] = {}
         data: bytes | None = None
         at = 0
         while at + INDEX_HEAD.size <= len(block):
             _, length, channel, size = INDEX_HEAD.unpack_from(block, at)
-            if channel in wanted:
+            if channel in wanted and size >= INDEX.itemsize:
                 index = np.frombuffer(block, INDEX, size // INDEX.itemsize, at + INDEX_HEAD.size)
-                times, offsets = index["time"].tolist(), index["offset"].tolist()
-                found += zip(offsets, times, [channel] * len(times), strict=True)
-                if wanted[channel] and times and data is None:
+                times_ns, places = index["time"].astype(np.int64), index["offset"].astype(np.int64)
+                if channel in found:
+                    times_ns = np.concatenate([found[channel][0], times_ns])
+                    places = np.concatenate([found[channel][1], places])
+                order = np.argsort(places, kind="stable")
+                found[channel] = times_ns[order], places[order]
+                if wanted[channel] and data is None:
                     data = self._data(chunk)
             at += RECORD.size + length
-        found.sort()
-        return [
-            (time, channel, _body(data, offset) if wanted[channel] and data is not None else None)
-            for offset, time, channel in found
-        ]
+        columns = Columns(found, wanted, data)
+        columns.check()
+        return columns
 
     def _data(self, chunk: ChunkInfo) -> bytes:
         if chunk.uncompressed_size > LARGEST_CHUNK:
@@ -140,11 +157,50 @@ class IndexedMcap:
         return decompress(packed, chunk.compression, chunk.uncompressed_size, crc)
 
 
-def _body(data: bytes, offset: int) -> bytes:
-    operation, length = RECORD.unpack_from(data, offset)
-    if operation != 5:
-        raise ReaderError("the index leads nowhere")
-    begin = offset + RECORD.size
+class Columns:
+    """The wanted messages of one chunk: their times and places by channel, or one by one, by time."""
+
+    def __init__(
+        self, found: Mapping[int, tuple[Times, Times]], wanted: Mapping[int, bool], data: bytes | None
+    ) -> None:
+        self.times_ns = {channel: times_ns for channel, (times_ns, _) in found.items()}
+        self.until_ns = max((int(times_ns.max()) for times_ns in self.times_ns.values()), default=0)
+        self.count = sum(map(len, self.times_ns.values()))
+        self._places = {channel: places for channel, (_, places) in found.items()}
+        self._wanted = wanted
+        self._packed = data
+        self._data = np.frombuffer(data or b"", np.uint8)
+
+    def check(self) -> None:
+        """Refuse an index that leads nowhere."""
+        for channel, places in self._places.items():
+            if self._wanted[channel] and self._packed is not None:
+                room = len(self._data) - RECORD.size
+                if places.min() < 0 or places.max() > room or (self._data[places] != MESSAGE).any():
+                    raise ReaderError("the index leads nowhere")
+
+    def bodies(self, channel: int) -> tuple[NDArray[np.uint8], Times, Times]:
+        """Return bytes, and where the data of each message of a channel begins and ends in them."""
+        places = self._places[channel]
+        lengths = self._data[(places + 1)[:, None] + np.arange(8)].view("<u8")[:, 0].astype(np.int64)
+        begins = places + RECORD.size
+        return self._data, begins + MESSAGE_HEAD, np.minimum(begins + lengths, len(self._data))
+
+    def __iter__(self) -> Iterator[Message]:
+        found: list[tuple[int, int, int]] = []  # time, place, channel
+        for channel, times_ns in self.times_ns.items():
+            places = self._places[channel].tolist()
+            found += zip(times_ns.tolist(), places, [channel] * len(places), strict=True)
+        found.sort()
+        data = self._packed
+        for time_ns, place, channel in found:
+            body = None if data is None or not self._wanted[channel] else _body(data, place)
+            yield time_ns, channel, body
+
+
+def _body(data: bytes, place: int) -> bytes:
+    _, length = RECORD.unpack_from(data, place)
+    begin = place + RECORD.size
     return data[begin + MESSAGE_HEAD : begin + length]
 
 
@@ -183,14 +239,35 @@ class StreamedMcap:
         """Nothing is open between readings."""
 
     def _read(self) -> Iterator[tuple[Any, Any, Any]]:
-        with self._path.open("rb") as file:
-            try:
+        channels: dict[int, tuple[Any, Any]] = {}
+        try:
+            with self._path.open("rb") as file:
                 reader = NonSeekingReader(file, record_size_limit=LARGEST_CHUNK)
-                yield from reader.iter_messages(log_time_order=False)
-            except GeneratorExit:
-                raise
-            except Exception as error:  # noqa: BLE001  # decompressors raise what they like at a cut
-                self.cut = f"cut off or damaged ({type(error).__name__} {error})".replace(" )", ")")
+                for schema, channel, message in reader.iter_messages(log_time_order=False):
+                    channels[channel.id] = schema, channel
+                    yield schema, channel, message
+        except GeneratorExit:
+            raise
+        except Exception as error:  # noqa: BLE001  # decompressors raise what they like at a cut
+            self.cut = f"cut off or damaged ({type(error).__name__} {error})".replace(" )", ")")
+            if isinstance(error, EndOfFile):
+                yield from self._left(channels)
+
+    def _left(self, channels: dict[int, tuple[Any, Any]]) -> Iterator[tuple[Any, Any, Any]]:
+        """Yield the messages of the chunk in which the file ends."""
+        schemas = {schema.id: schema for schema, _ in channels.values() if schema is not None}
+        try:
+            for record in left_of_chunk(self._path):
+                if isinstance(record, Schema):
+                    schemas[record.id] = record
+                elif isinstance(record, ChannelRecord):
+                    channels[record.id] = schemas.get(record.schema_id), record
+                elif record.channel_id in channels:
+                    yield *channels[record.channel_id], record
+        except GeneratorExit:
+            raise
+        except Exception as error:  # noqa: BLE001  # as above; what came before it counts
+            self.cut = f"{self.cut}, its last chunk damaged ({type(error).__name__})"
 
 
 def _channel(connection: Connection) -> Channel:

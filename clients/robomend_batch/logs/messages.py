@@ -10,16 +10,24 @@ silent is silent.
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from robomend.observations.obs import FOREVER
 from robomend_batch.logs.blocks import Advance, Block, Blocks, Opened, Restart
-from robomend_batch.logs.recorded import Channel, Message, Recording, Unreadable
+from robomend_batch.logs.recorded import (
+    Channel,
+    InStretches,
+    Message,
+    Recording,
+    Together,
+    Unreadable,
+)
 from robomend_batch.observing import Observing
 from robomend_batch.problems import LogRefused, Problems
 from robomend_batch.track import Rows
@@ -29,6 +37,9 @@ from robomend_client.observers.base import SECOND
 from robomend_client.observers.combining import Change
 from robomend_client.observers.driver import Driver, Listener
 from robomend_client.observers.kinds import ObserverSpec
+
+if TYPE_CHECKING:
+    from robomend_batch.logs.columns import Column
 
 WHOLE = {"diagnostics": ("diagnostics", "status"), "board": ("board_measurments", "channel")}
 """Sources that are more than times or a number: their topic, and the field that observers get, as the bridges
@@ -67,10 +78,15 @@ def _observed(recording: Recording, observing: Observing, path: Path, opened: Op
     wants = Wants(recording.channels, observing.specs, path, opened.problems, by_header)
     if not wants.specs:
         raise LogRefused("none of the observers' topics is in it", str(path))
-    messages = recording.messages(wants.channels)
-    if by_header and (first := next(messages, None)) is not None:
-        start_ns = wants.stamp(first)
-        messages = chain([first], messages)
+    stretches: Iterable[Iterable[Message]]
+    if by_header or not isinstance(recording, InStretches):
+        messages = recording.messages(wants.channels)
+        if by_header and (first := next(messages, None)) is not None:
+            start_ns = wants.stamp(first)
+            messages = chain([first], messages)
+        stretches = [messages]
+    else:
+        stretches = recording.stretches(wants.channels)
     restarts = _Restarts()
     driver = Driver(
         [spec.make() for spec in wants.specs],
@@ -85,7 +101,7 @@ def _observed(recording: Recording, observing: Observing, path: Path, opened: Op
     yield Block("", Restart(start_ns))
     latest_ns = start_ns
     read = 0
-    for message in messages:
+    for message in _not_quiet(stretches, driver, wants, opened):
         time_ns, number, data = message
         read += 1
         if time_ns > latest_ns:
@@ -106,6 +122,7 @@ def _observed(recording: Recording, observing: Observing, path: Path, opened: Op
             if changed or restarts.at_ns is not None:
                 yield from changes.take(changed, restarts.take())
     opened.rows += read
+    latest_ns = max(latest_ns, driver.now_ns) if not by_header else latest_ns
     end_ns = latest_ns if recording.cut else max(end_ns, latest_ns)
     if restarts.seen or by_header:  # the end of the recording is by another clock
         end_ns = driver.now_ns
@@ -113,6 +130,17 @@ def _observed(recording: Recording, observing: Observing, path: Path, opened: Op
     yield from changes.take(changed, restarts.take())
     yield from changes.rest()
     yield Block("", Advance(end_ns))
+
+
+def _not_quiet(
+    stretches: Iterable[Iterable[Message]], driver: Driver, wants: Wants, opened: Opened
+) -> Iterator[Message]:
+    """Yield the messages; not those of stretches in which no verdict changes: they are taken in at once."""
+    for stretch in stretches:
+        if isinstance(stretch, Together) and wants.taken(stretch, driver):
+            opened.rows += stretch.count
+        else:
+            yield from stretch
 
 
 class _Restarts(Listener):
@@ -208,6 +236,7 @@ class Wants:
             self._by_topic.setdefault(channel.topic, []).append(channel)
             self._topic_of[channel.number] = channel.topic
         self._types: dict[str, Any] = {}
+        self._columns: dict[tuple[int, str], Column] = {}
         found: dict[str, list[tuple[int, Want]] | None] = {}
         self.specs = []
         for spec in specs:
@@ -235,6 +264,23 @@ class Wants:
             self.unreadable(number, error)
             return time_ns
 
+    def taken(self, stretch: Together, driver: Driver) -> bool:
+        """Return whether a driver takes in a stretch at once; else nothing of it was taken in."""
+        samples: dict[str, tuple[Any, Callable[[], Any] | None]] = {}
+        for number, times_ns in stretch.times_ns.items():
+            for source, extract in self.of[number]:
+                column = self._columns.get((number, source))
+                if source in samples or (extract is not None and column is None):
+                    return False
+                samples[source] = times_ns, column and partial(_values, column, stretch, number)
+        if not samples or any((times_ns[1:] < times_ns[:-1]).any() for times_ns, _ in samples.values()):
+            return False
+        together = np.sort(np.concatenate([*stretch.times_ns.values()]))
+        first_ns, gap_ns = int(together[0]), int(np.diff(together).max(initial=0))
+        if first_ns < driver.now_ns:
+            return False
+        return driver.quiet(samples, max(gap_ns, first_ns - driver.now_ns), int(together[-1]))
+
     def unreadable(self, number: int, error: Exception) -> None:
         """A message could not be unpacked: it is left out, and counted."""
         place = f"{self._path}: {self._topic_of[number]}"
@@ -258,20 +304,24 @@ class Wants:
         wants: list[tuple[int, Want]] = []
         for channel in channels:
             try:
-                wants.append((channel.number, (source, self._extract(channel, field, source in WHOLE))))
+                wants.append((channel.number, (source, self._extract(channel, field, source))))
             except Exception as error:  # noqa: BLE001  # a type that cannot be parsed: that topic only
                 reason = f"{source}: the type {channel.type_name} cannot be used: {error}"
                 self._problems.add(f"{self._path}: {topic}", reason, bad=True)
         return wants or None
 
-    def _extract(self, channel: Channel, field: str, whole: bool) -> Callable[[bytes], Any]:
+    def _extract(self, channel: Channel, field: str, source: str) -> Callable[[bytes], Any]:
+        from robomend_batch.logs.columns import compile_column
         from robomend_batch.logs.fields import compile_field, plain
 
         store = self._store(channel)
         unpack = store.deserialize_cdr if channel.cdr else store.deserialize_ros1
         name = channel.type_name
-        if whole:
+        if source in WHOLE:
             return lambda data: plain(getattr(unpack(data, name), field))
+        column = compile_column(store.fielddefs, name, field, cdr=channel.cdr)
+        if column is not None:
+            self._columns[channel.number, source] = column
         return compile_field(
             store.fielddefs, name, field, cdr=channel.cdr, whole=lambda data: unpack(data, name)
         )
@@ -310,6 +360,10 @@ class Wants:
         if store is None:
             store = self._types[channel.type_name] = store_of(channel)
         return store
+
+
+def _values(column: Column, stretch: Together, number: int) -> Any:
+    return column(*stretch.bodies(number))
 
 
 def _stamp(seconds: Callable[[bytes], Any], nanoseconds: Callable[[bytes], Any]) -> Callable[[bytes], int]:

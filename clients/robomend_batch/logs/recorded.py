@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+Times = NDArray[np.int64]
 
 Message = tuple[int, int, bytes | None]
 """Time in nanoseconds, channel, and its bytes if they were asked for."""
@@ -45,6 +50,34 @@ class Recording(Protocol):
 
     def close(self) -> None:
         """Close the file."""
+        ...
+
+
+@runtime_checkable
+class Together(Protocol):
+    """Messages that may be looked at together, or one by one, by time."""
+
+    times_ns: Mapping[int, Times]
+    """By channel, in the order of the file."""
+
+    until_ns: int
+    """The newest."""
+
+    count: int
+
+    def bodies(self, channel: int) -> tuple[NDArray[np.uint8], Times, Times]:
+        """Return bytes, and where the data of each message of a channel begins and ends in them."""
+        ...
+
+    def __iter__(self) -> Iterator[Message]: ...
+
+
+@runtime_checkable
+class InStretches(Protocol):
+    """A recording that hands on messages together where it can."""
+
+    def stretches(self, wanted: Mapping[int, bool]) -> Iterator[Iterable[Message]]:
+        """Yield all of `messages`, in their order, some of them Together."""
         ...
 
 

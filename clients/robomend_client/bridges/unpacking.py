@@ -120,6 +120,26 @@ def unpacker(fields: Fields, type_name: str, path: str, *, cdr: bool, exact: boo
     return make(before.done, last, cdr, after.done if exact else None)
 
 
+def layout(fields: Fields, type_name: str, path: str, *, cdr: bool) -> tuple[int, Steps, str] | None:
+    """Return what is before a number in each message of a type; None where only the whole message has it.
+
+    That is how many bytes at first, then the steps that vary in size, and the number's format (struct).
+
+    Args:
+        fields: as for `unpacker`, and so are the others.
+
+    Raises:
+        NoField: the type has no such field.
+    """
+    check_path(fields, type_name, path)
+    before = _Steps(fields, cdr)
+    try:
+        last, _ = _walk(before, type_name, path.split("."))
+    except _NeedsAll:
+        return None
+    return None if last == "string" else (*_fixed(before.done, cdr), FORMATS[last])
+
+
 def _walk(steps: _Steps, type_name: str, path: list[str]) -> tuple[str, list[Any]]:
     """Note what is before a field; return the type of the field, and what is behind it."""
     behind: list[Any] = []

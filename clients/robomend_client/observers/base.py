@@ -31,8 +31,9 @@ docs/observers.md, "Your own observer". To add one to robomend:
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import isfinite
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from robomend_client.literals import Atom, Literal
 
@@ -136,6 +137,23 @@ class Patient(Protocol):
         """How much later than it was sent a sample may be heard of, now, without a verdict that is wrong.
 
         An agent that was held up for longer has it judge anew. Others bear half of their detection delay.
+        """
+        ...
+
+
+@runtime_checkable
+class Steady(Protocol):
+    """An observer that can take in many samples at once while its verdict stays: for logs."""
+
+    def steady(self, times_ns: Any, values: Any, until_ns: int) -> Callable[[], None] | None:
+        """Return what takes these samples in, if its verdict is the same at each moment until `until_ns`.
+
+        None, and nothing has changed: it must be fed with them one by one.
+
+        Args:
+            times_ns: of its one source, none before another: an array of integers.
+            values: likewise, an array of numbers; None where times suffice.
+            until_ns: not before the last of them.
         """
         ...
 

@@ -43,6 +43,7 @@ from robomend_client.literals import Atom
 from robomend_client.observers.base import SECOND, Observer, Verdict
 from robomend_client.observers.combining import Change, Combined
 from robomend_client.observers.observer_state import GRID_NS, NEVER, ObserverState, after
+from robomend_client.observers.quiet import Samples, steady
 from robomend_client.observers.ticks import Ticks
 
 log = logging.getLogger(__name__)
@@ -167,6 +168,32 @@ class Driver:
                 self._leave_out("behind", source, time_ns - now_ns)
                 return ()
         return self._take(route, source, time_ns, value, now_ns)
+
+    def quiet(self, samples: Samples, gap_ns: int, until_ns: int) -> bool:
+        """Take in a stretch of a log at once if no verdict changes in it; else nothing is taken in: False.
+
+        Args:
+            samples: by their sources; of each none is before another.
+            gap_ns: the longest time without any of them, from now on.
+            until_ns: the newest of them.
+        """
+        if self._held is not None or gap_ns > JUMP_NS:
+            return False
+        if any(
+            int(samples[one][0][0]) < self._routes[one].newest_ns for one in samples if one in self._routes
+        ):
+            return False
+        taking = steady(self._states, samples, self.now_ns, until_ns)
+        if taking is None:
+            return False
+        self.now_ns = until_ns
+        for source, route in self._routes.items():
+            if source in samples:
+                route.newest_ns = int(samples[source][0][-1])
+        for state, take in taking:
+            take()
+            self._ticks.schedule(state, state.planned_ns(state.due_ns(), until_ns))
+        return True
 
     def advance(self, now_ns: int) -> Sequence[Change]:
         """Let time pass: by a timer, or at the end of a log."""

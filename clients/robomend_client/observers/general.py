@@ -29,9 +29,9 @@ paper's ω is a time window, the published observer's a number of messages).
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import islice, pairwise
 from math import ceil, inf
 from typing import Any, ClassVar
 
@@ -203,6 +203,31 @@ class GeneralObserver:
         if right is None:
             return NOTHING if self._silence_end_ns is None else self._not_ok
         return self._ok if right else self._not_ok
+
+    def steady(self, times_ns: Any, values: Any, until_ns: int) -> Callable[[], None] | None:
+        """See Steady: all is well before, at and behind each of these messages."""
+        import numpy as np
+
+        size = self._size
+        if len(self._times) < size or until_ns - int(times_ns[-1]) >= self._silence_ns:
+            return None
+        known = np.fromiter(islice(reversed(self._times), size), np.int64, size)[::-1]
+        times_ns = np.concatenate([known, times_ns])
+        gaps_ns = np.diff(times_ns[size - 1 :])
+        if gaps_ns.min() < 0 or gaps_ns.max() >= min(self._usual_ns, self._silence_ns):
+            return None
+        spans_ns = times_ns[size - 1 :] - times_ns[: 1 - size]
+        if spans_ns.min() <= 0:
+            return None
+        rates_hz = (size - 1) * SECOND / spans_ns
+        if rates_hz.min() <= self._lowest_hz or rates_hz.max() >= self._highest_hz:
+            return None
+
+        def take() -> None:
+            self._times.extend(times_ns[size:].tolist())
+            self._newest_ns = self._times[-1]
+
+        return take
 
     def evidence(self, atom: Atom, now_ns: int) -> Evidence:
         if now_ns - self._newest_ns >= self._silence_ns:

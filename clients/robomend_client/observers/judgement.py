@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping
+from typing import Any
 
 from robomend_client.observers.base import Evidence
 
@@ -68,6 +69,17 @@ class Judgement:
         """Return the verdict; None while nothing is known."""
         due_ns = self.due_ns()
         return None if due_ns is not None and now_ns >= due_ns else self._verdict
+
+    def goes_on(self, times_ns: Any, until_ns: int) -> bool:
+        """Return whether good readings at these times, an array, leave a good verdict that lasts as it is."""
+        if self._verdict is not True or self._streak is not True or self._newest_ns is None:
+            return False
+        life_ns = self._lifetime_ns
+        if life_ns is None:
+            return True
+        gaps_ns = times_ns[1:] - times_ns[:-1]
+        longest_ns = max(int(times_ns[0]) - self._newest_ns, until_ns - int(times_ns[-1]))
+        return longest_ns < life_ns and (not len(gaps_ns) or int(gaps_ns.max()) < life_ns)
 
     @property
     def evidence(self) -> Evidence:

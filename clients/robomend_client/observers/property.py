@@ -16,7 +16,7 @@ holds; `preset: published` has the band that was meant.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -69,6 +69,8 @@ class PropertyObserver(JudgedReadings):
         self._band = band
         self._filter = smoothing.make()
         self._good = True
+        # Of readings that are not smoothed, so many say all that is known; 0: each one counts.
+        self._remembered = (readings or Readings()).agreeing if smoothing == Filter() else 0
         interval_s = (readings or Readings()).interval_s
         self.detection_s += (smoothing.samples - 1) * interval_s
         self.settling_s = self.detection_s
@@ -77,6 +79,23 @@ class PropertyObserver(JudgedReadings):
         super().reset(time_ns)
         self._filter.reset()
         self._good = True
+
+    def steady(self, times_ns: Any, values: Any, until_ns: int) -> Callable[[], None] | None:
+        """See Steady: each reading by itself is good, and the last ones say all that is remembered."""
+        band, readings = self._band, self._remembered
+        if not readings or not self._good or not self._judgement.goes_on(times_ns, until_ns):
+            return None
+        low, high = values.min(), values.max()  # not a number, if one of them is none
+        if not (low - low == 0 and high - high == 0 and band.holds(low, True) and band.holds(high, True)):
+            return None
+
+        def take() -> None:
+            for time_ns, value in zip(
+                times_ns[-readings:].tolist(), values[-readings:].tolist(), strict=True
+            ):
+                self.feed(next(iter(self.sources)), time_ns, value)
+
+        return take
 
     def feed(self, source: str, time_ns: int, value: object) -> None:
         reading = number(value)

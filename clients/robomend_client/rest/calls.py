@@ -9,7 +9,7 @@ import json
 import uuid
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Generic, TypeVar, cast
+from typing import IO, Any, Generic, TypeVar, cast
 from urllib.parse import quote
 
 import httpx
@@ -23,6 +23,7 @@ T = TypeVar("T")
 
 BASE = "/api/v1"
 Sentences = Iterable[str | Literal]
+BatchFields = Mapping[str, str | float | None]
 
 MOST_TEXT = 4000
 """Characters of a message that the service takes."""
@@ -38,6 +39,8 @@ class Call(Generic[T]):
     params: Mapping[str, str | int | float] = field(default_factory=dict)
     json: Any = None
     content: bytes | None = None
+    form: Mapping[str, str] | None = None
+    files: Sequence[tuple[str, IO[bytes]]] = ()  # of the form's field `logs`: name, and the open file
     headers: Mapping[str, str] = field(default_factory=dict)
     wait_s: float = 0.0  # the service may hold its answer back for this long (long poll)
     repeatable: bool = True  # sending it twice is the same as sending it once
@@ -249,6 +252,26 @@ def result(action_id: str, outcome: ActionResult) -> Call[FirstResult]:
     """The first report of an action counts, so that this may be sent again and again."""
     value = {"code": outcome.code, "message": outcome.message[:MOST_TEXT]}
     return Call("POST", path("actions", action_id, "result"), body, json=value)
+
+
+# --- batches --------------------------------------------------------------------------------------------
+
+
+def start_batch(logs: Iterable[str], fields: BatchFields) -> Call[Any]:
+    """Have logs diagnosed that are below the service's `batch_folder`; `fields` are those of the body."""
+    return post("batches", json={**given(**fields), "logs": list(logs)})
+
+
+def upload_batch(
+    logs: Sequence[tuple[str, IO[bytes]]], fields: Mapping[str, str | float | None]
+) -> Call[Any]:
+    """Hand in logs, which are read as they are sent, and have them diagnosed."""
+    form = {name: str(value) for name, value in given(**fields).items()}
+    return Call("POST", path("batches"), body, form=form, files=logs, repeatable=False)
+
+
+def cancel_batch(batch: str, reason: str) -> Call[Any]:
+    return Call("DELETE", path("batches", batch), body, params=given(reason=reason or None))
 
 
 # --- the board and the brakes -------------------------------------------------------------------------

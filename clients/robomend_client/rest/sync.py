@@ -13,7 +13,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from types import TracebackType
-from typing import Any, TypeVar
+from typing import IO, Any, TypeVar
 
 import httpx
 
@@ -321,6 +321,55 @@ class Client:
     def resume(self, reason: str = "") -> Stop:
         """Lift the global stop."""
         answer: Stop = self.send(calls.resume(reason))
+        return answer
+
+    # --- batches of logs ----------------------------------------------------------------------------
+
+    def start_batch(self, logs: Iterable[str], **fields: str | float | None) -> dict[str, Any]:
+        """Have logs diagnosed that are below the service's `batch_folder`: files, folders, patterns.
+
+        Args:
+            logs: relative to that folder. fields: `model` or `source`, `observers`, … (docs/http.md).
+        """
+        answer: dict[str, Any] = self.send(calls.start_batch(logs, fields))
+        return answer
+
+    def upload_batch(
+        self, logs: Sequence[tuple[str, IO[bytes]]], **fields: str | float | None
+    ) -> dict[str, Any]:
+        """Hand in logs and have them diagnosed; `fields` as for `start_batch`.
+
+        Args:
+            logs: name and open file of each; they are read as they are sent.
+        """
+        answer: dict[str, Any] = self.send(calls.upload_batch(logs, fields))
+        return answer
+
+    def batches(self, cursor: str | None = None, limit: int | None = None) -> Page[dict[str, Any]]:
+        """Return batches, newest first."""
+        return self.send(calls.page("batches", cursor=cursor, limit=limit))
+
+    def batch(self, batch: str) -> dict[str, Any]:
+        """Return a batch: how far it is, and what became of its logs."""
+        answer: dict[str, Any] = self.send(calls.get("batches", batch))
+        return answer
+
+    def batch_result(self, batch: str, into: IO[bytes], format: str = "ndjson") -> None:
+        """Write the results of a batch that has ended, piece by piece: ndjson, logs, parquet or report."""
+        call = calls.get("batches", batch, "result", format=format)
+        try:
+            with self._http.stream(**self._connection.request(call)) as response:
+                if response.status_code != 200:
+                    response.read()
+                    raise_for(response)
+                for data in response.iter_bytes():
+                    into.write(data)
+        except httpx.TransportError as error:
+            raise translate(error) from error
+
+    def cancel_batch(self, batch: str, reason: str = "") -> dict[str, Any]:
+        """End a batch; one that has ended is a StateConflict."""
+        answer: dict[str, Any] = self.send(calls.cancel_batch(batch, reason))
         return answer
 
     # --- the board, and the agent's side of actions ------------------------------------------------

@@ -56,6 +56,8 @@ class Connection:
             "params": dict(call.params) or None,
             "json": call.json,
             "content": call.content,
+            "data": call.form,
+            "files": [("logs", log) for log in call.files] or None,
             "headers": dict(call.headers),
             "timeout": httpx.Timeout(self.timeout_s + call.wait_s, connect=min(CONNECT_S, self.timeout_s)),
         }

@@ -1,4 +1,4 @@
-"""Arguments that name a robot or a repair of a running service, and what shells complete them to."""
+"""Arguments that name a robot, a repair or a batch of a running service, and what shells complete them to."""
 
 from __future__ import annotations
 
@@ -55,6 +55,28 @@ class RepairName(click.ParamType[str]):
                     yield CompletionItem(one["id"], help=f"{one['robot']}: {one['state']}")
 
         return offered(ctx, incomplete, repairs)
+
+
+class BatchName(click.ParamType[str]):
+    """A batch's id."""
+
+    name = "batch"
+
+    def __init__(self, *states: str) -> None:
+        """Complete to any batch, or to those in one of these states."""
+        self.states = states
+
+    def shell_complete(
+        self, ctx: click.Context, param: click.Parameter, incomplete: str
+    ) -> list[CompletionItem]:
+        """Return the batches that the command is for, newest first."""
+
+        def batches(client: Client) -> Iterator[CompletionItem]:
+            for one in client.batches(limit=OFFERED)["items"]:
+                if not self.states or one["state"] in self.states:
+                    yield CompletionItem(one["id"], help=f"{one['model']}: {one['state']}")
+
+        return offered(ctx, incomplete, batches)
 
 
 def _robots(client: Client) -> Iterator[CompletionItem]:

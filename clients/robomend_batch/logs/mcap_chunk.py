@@ -1,0 +1,87 @@
+"""What is left of an .mcap's last chunk where the file ends in the middle of it.
+
+    record: operation, u8 | length, u64 | content        operation 6: a chunk
+    chunk: start, end, size, u64 each | crc, u32 | compression | length, u64 | records
+
+Chunks hold a second or more, and what a robot recorded last is what one wants to know of it.
+"""
+
+from __future__ import annotations
+
+import struct
+import sys
+from collections.abc import Iterator
+from io import BytesIO
+from pathlib import Path
+from typing import BinaryIO
+
+from lz4.frame import LZ4FrameDecompressor
+from mcap.data_stream import ReadDataStream
+from mcap.records import Channel, Message, Schema
+
+if sys.version_info >= (3, 14):
+    from compression import zstd
+else:
+    from backports import zstd
+
+MAGIC_BYTES = 8
+RECORD = struct.Struct("<BQ")
+HEAD = struct.Struct("<QQQII")
+LENGTH = struct.Struct("<Q")
+SCHEMA, CHANNEL, MESSAGE, CHUNK = 3, 4, 5, 6
+
+LARGEST = 1 << 30
+
+
+def left_of_chunk(path: Path) -> Iterator[Schema | Channel | Message]:
+    """Yield the whole records of the chunk in which a file ends; none if it ends elsewhere."""
+    with path.open("rb") as file:
+        packed = _cut_chunk(file)
+    if packed is None:
+        return
+    data = _unpacked(*packed)
+    at = 0
+    while at + RECORD.size <= len(data):
+        operation, length = RECORD.unpack_from(data, at)
+        at += RECORD.size
+        if at + length > len(data):
+            return
+        content = ReadDataStream(BytesIO(data[at : at + length]))
+        if operation == SCHEMA:
+            yield Schema.read(content)
+        elif operation == CHANNEL:
+            yield Channel.read(content)
+        elif operation == MESSAGE:
+            yield Message.read(content, length)
+        at += length
+
+
+def _cut_chunk(file: BinaryIO) -> tuple[str, bytes] | None:
+    """Return compression and bytes of the chunk in which a file ends."""
+    end = file.seek(0, 2)
+    at = MAGIC_BYTES
+    while at + RECORD.size <= end:
+        file.seek(at)
+        operation, length = RECORD.unpack(file.read(RECORD.size))
+        at += RECORD.size + length
+        if at <= end:
+            continue
+        content = file.read(LARGEST) if operation == CHUNK else b""
+        if len(content) < HEAD.size:
+            return None
+        name_bytes = HEAD.unpack_from(content)[-1]
+        begin = HEAD.size + name_bytes + LENGTH.size
+        return content[HEAD.size : HEAD.size + name_bytes].decode("ascii", "replace"), content[begin:]
+    return None
+
+
+def _unpacked(compression: str, data: bytes) -> bytes:
+    """Return as much as there is; ValueError if it is packed in another way."""
+    if compression == "":
+        return data
+    if compression == "zstd":
+        return zstd.ZstdDecompressor().decompress(data, max_length=LARGEST)
+    if compression == "lz4":
+        unpacked: bytes = LZ4FrameDecompressor().decompress(data, max_length=LARGEST)
+        return unpacked
+    raise ValueError(f"packed by {compression}, which is not known")
