@@ -101,8 +101,8 @@ def test_each_round_has_its_time_and_what_was_waited_for_before_it() -> None:
         "00:00:02.000 waiting for observers: ok(scan), for 3.0 s",
         "00:00:05.000 round 1: driver blamed",
         "  chosen: driver: helps with probability 1 at cost 4",
-        "  start_node(driver): sent 00:00:06.000, ended 00:00:11.000, failed (its action answered 'done'); "
-        "seen: running(driver); not seen: ok(scan)",
+        "  start_node(driver): sent 00:00:06.000, ended 00:00:11.000, effect missing "
+        "(its action answered 'done'); seen: running(driver); not seen: ok(scan)",
         "  seen after it: running(driver) since 00:00:07.000",  # not since its newest evidence
         "  it did not help: start_node(driver) answered 'done', but ok(scan) was not seen within 5 s",
         "00:00:11.000 waiting until ok(scan) is seen: ok(scan)",

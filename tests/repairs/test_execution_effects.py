@@ -8,9 +8,10 @@ import pytest
 from tests.repairs.lidar_robot import ON, RUNNING, SCAN, Robot, run
 
 from robomend.repairs.execution_values import Ending
+from robomend.repairs.looking import first_of
 from robomend.repairs.states import StepState
 from robomend_client.actions import OK, Action, ActionResult
-from robomend_client.literals import Literal
+from robomend_client.literals import Literal, holds
 
 pytestmark = pytest.mark.anyio
 
@@ -84,6 +85,22 @@ async def test_a_stuck_relay_is_told_by_the_missing_effect() -> None:
     assert done.reason == "power_up(lidar) answered 'done', but on(lidar) was not seen within 0.3 s"
     assert robot.sent == ["power_up(lidar)"]
     assert not done.effect_seen
+
+
+@pytest.mark.parametrize(
+    ("count", "told"),
+    [
+        (1, "running(n)"),
+        (4, "running(n) and ok(t0) and ok(t1) and ok(t2)"),
+        (5, "running(n), ok(t0), ok(t1) and 2 more"),
+        (12, "running(n), ok(t0), ok(t1) and 9 more"),
+    ],
+)
+def test_a_reason_names_a_few_of_many_missing_effects_and_what_is_no_topic_first(
+    count: int, told: str
+) -> None:
+    topics = [holds("ok", f"t{number}") for number in range(count - 1)]
+    assert first_of([*topics, holds("running", "n")]) == told
 
 
 async def test_a_late_effect_is_waited_for() -> None:

@@ -63,8 +63,8 @@ def best_way(plan: Plan, bad: Collection[str], other: Callable[[Avoided], Plan])
 def once(plan: Plan, devices: Collection[str]) -> frozenset[str]:
     """Return the acts, as text, that a repair does once for these devices: the same again cures no better.
 
-    A process that is started may come up well the next time; a device that comes back dead is dead. Of a power
-    cycle it is the cut, so that what is off may be switched on at any time, else what should cure the device.
+    A process that is started may come up well the next time; a device that comes back dead is dead. Of a
+    power cycle it is the cut, so that what is off may be switched on at any time; else what should cure it.
     """
     cycled = frozenset[str]().union(*(names for _, names in _power_cycles(plan) if names & set(devices)))
     found: set[str] = set()

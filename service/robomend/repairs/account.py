@@ -148,9 +148,9 @@ def _step(step: Json) -> str:
     ended = f", ended {_clock(step['ended_ns'])}" if step.get("ended_ns") else ""
     seen = f"; seen: {', '.join(step['seen'])}" if step.get("seen") else ""
     missing = f"; not seen: {', '.join(step['missing'])}" if step.get("missing") else ""
-    return (
-        f"{step['text']}: sent {_clock(step['sent_ns'])}{ended}, {step['state']}{_said(step)}{seen}{missing}"
-    )
+    # A step whose action answered and whose effect was not seen has failed; it is not its action that did.
+    state = "effect missing" if missing else step["state"]
+    return f"{step['text']}: sent {_clock(step['sent_ns'])}{ended}, {state}{_said(step)}{seen}{missing}"
 
 
 def _said(step: Json) -> str:

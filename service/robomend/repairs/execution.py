@@ -28,7 +28,7 @@ from robomend.repairs.execution_values import (
     Withheld,
     failure,
 )
-from robomend.repairs.looking import Looking
+from robomend.repairs.looking import Looking, first_of
 from robomend.repairs.reporting import Reporting
 from robomend.repairs.states import StepTrigger
 from robomend_client.actions import (
@@ -271,7 +271,7 @@ class _Run:
     async def _await_effect(self, step: Step, wanted: frozenset[Literal], timeout_s: float) -> None:
         seen, missing = await self._looking.effect(wanted, timeout_s)
         if missing:
-            names, was = " and ".join(map(str, missing)), "was" if len(missing) == 1 else "were"
+            names, was = first_of(missing), "was" if len(missing) == 1 else "were"
             self._reporting.note(step, None, seen=seen, missing=missing)  # written with the reason
             raise _Stop(
                 Ending.EFFECT_MISSING,

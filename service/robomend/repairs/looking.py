@@ -20,6 +20,9 @@ T = TypeVar("T")
 LOOK_S = 0.25
 """How often OBS is looked at unasked: observations also grow stale, which is no change."""
 
+NAMED = 4
+"""How many missing effects a reason names; the step has them all."""
+
 
 class Looking:
     """OBS, as the execution of one plan sees it."""
@@ -130,3 +133,11 @@ class Looking:
             if answer is None or left <= 0:
                 return answer
             await self._sight.changed(revision, min(left, LOOK_S))
+
+
+def first_of(missing: Sequence[Literal]) -> str:
+    """Return what was not seen as a reason names it: all of a few, or the first, what is no topic before."""
+    told = [str(literal) for literal in sorted(missing, key=lambda one: one.atom.predicate == "ok")]
+    if len(told) <= NAMED:
+        return " and ".join(told)
+    return f"{', '.join(told[: NAMED - 1])} and {len(told) - NAMED + 1} more"
