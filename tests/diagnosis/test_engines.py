@@ -176,6 +176,20 @@ def test_minimum_cardinality_agrees_on_iscas85(name: str, faults: int, seed: int
     assert answers[0] == answers[1] == answers[2]
 
 
+@pytest.mark.parametrize("name", ["sat", "maxsat"])
+def test_the_minimum_beside_what_is_supposed_of_a_circuit(name: str) -> None:
+    made = circuit("c17")
+    observations = made.observe(2, 4)
+    everything = make_engine(name, made.cnf).diagnose(observations, ALL).diagnoses
+    first = everything[0].bad[0]
+    supposed = Options(minimal="cardinality", limit=None, timeout_s=None, abnormal=frozenset({first}))
+    found = {one.bad for one in make_engine(name, made.cnf).diagnose(observations, supposed).diagnoses}
+    explains = {frozenset({first, *one.bad}) for one in everything}
+    least = min(map(len, explains))
+    assert {frozenset(bad) for bad in found} == {bad for bad in explains if len(bad) == least}
+    assert all(len(set(bad)) == len(bad) for bad in found)
+
+
 @engines
 def test_a_timeout_of_zero_is_an_incomplete_answer(name: str) -> None:
     cnf = circuit("c17").cnf

@@ -14,7 +14,7 @@ from tests.diagnosis.systems import brute_force, model, satisfiable, systems
 from robomend.diagnosis.probes import Prober, ProbeResult, Value, information
 from robomend.diagnosis.result import Diagnosis, DiagnosisResult, StoppedBy
 from robomend.errors import OptionRefused
-from robomend.model.cnf import HealthCnf
+from robomend.model.cnf import Clause, HealthCnf
 from robomend_client.literals import Atom, Literal, fails, holds
 
 # c1 is the laser, c2 its driver: a1 scan needs both, a2 power needs c1, a3 the driver's pulse needs c2.
@@ -131,6 +131,16 @@ def test_a_batch_takes_what_the_ones_before_it_do_not_tell() -> None:
     assert len(found.batch) == 2
     assert {probe.atom.args[0] for probe in found.batch} & {"a4"}
     assert found.batch_gain_bits == pytest.approx(log2(3))
+
+
+def test_what_follows_only_case_by_case_is_predicted_too() -> None:
+    cases: list[Clause] = [(-2, 4, 5), (-2, 4, -5)]  # where c2 is healthy a2 holds, whatever a3 is
+    cnf = model(2, [(-1, -2, 3), (-1, -4), *cases], atoms=3)
+    seen = frozenset({fails("ok", "a1")})
+    (probe,) = (
+        one for one in next_probes(cnf, seen, answer(cnf, ("c1",), ("c2",))).probes if "a2" in str(one.atom)
+    )
+    assert (probe.if_true, probe.if_false) == ((0,), (1,))
 
 
 @settings(deadline=None)
