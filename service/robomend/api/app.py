@@ -52,7 +52,7 @@ from robomend.api.routers import (
 from robomend.security import API
 from robomend.version import version_info
 from robomend.web.fleet import Fleet
-from robomend.web.pace import Pace
+from robomend.web.page_pace import PagePace
 
 ROUTERS = (
     observations,  # first, as routes are looked for in order and this is the busiest
@@ -115,7 +115,7 @@ def create_app(parts: Parts, *, lifespan: Lifespan | None = None) -> FastAPI:
     app.state.parts = parts
     app.state.gate = Admission(parts.store, parts.settings, parts.metrics)
     app.state.fleet = Fleet(parts.store, parts.robots.memory)
-    app.state.pace = Pace()
+    app.state.pace = PagePace()
     problems.install(app)
     for module in ROUTERS:
         # Appended, not included: an included router is matched through a context of its own on every request.

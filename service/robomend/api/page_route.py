@@ -25,7 +25,7 @@ from robomend.api.gate import GuardedRoute
 from robomend.api.origin import foreign
 from robomend.api.problems import Problem, of_error, of_validation
 from robomend.errors import RobomendError
-from robomend.web.pace import Pace
+from robomend.web.page_pace import PagePace
 from robomend.web.rendering import render
 
 PARTS_HEADER = "robomend-parts"
@@ -101,7 +101,7 @@ def page(request: Request, template: str, status: int = 200, **values: Any) -> R
     """Return a page, or of it what the request's `Robomend-Parts` names."""
     headers = HEADERS
     if PARTS_HEADER in request.headers:
-        pace: Pace = request.app.state.pace
+        pace: PagePace = request.app.state.pace
         headers = {**HEADERS, "Robomend-Again-Ms": f"{pace.again_s(time.monotonic()) * 1000:.0f}"}
     return packed(request, render(template, **values).encode(), "text/html; charset=utf-8", headers, status)
 

@@ -7,13 +7,13 @@ import heapq
 import pytest
 from tests.api.conftest import Service
 
-from robomend.web.pace import PER_S, Pace
+from robomend.web.page_pace import PER_S, PagePace
 
 
 @pytest.mark.parametrize(("pages", "asked_per_s"), [(1, 5.0), (3, 15.0), (50, PER_S), (500, PER_S)])
 def test_all_pages_together_ask_no_more_than_is_said(pages: int, asked_per_s: float) -> None:
     """Each wants to ask five times a second, and waits longer where it is told to."""
-    pace, seconds, asked = Pace(), 200.0, 0
+    pace, seconds, asked = PagePace(), 200.0, 0
     turns = [0.0] * pages
     while turns[0] < seconds:
         now_s = heapq.heappop(turns)
@@ -23,7 +23,7 @@ def test_all_pages_together_ask_no_more_than_is_said(pages: int, asked_per_s: fl
 
 
 def test_after_a_quiet_while_a_page_waits_for_nobody() -> None:
-    pace = Pace()
+    pace = PagePace()
     for _ in range(100):
         pace.again_s(0.0)
     assert pace.again_s(60.0) == pytest.approx(1 / PER_S)

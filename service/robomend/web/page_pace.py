@@ -11,7 +11,7 @@ PER_S = 20.0
 """Parts of pages made in a second, of all pages together: about a tenth of a core."""
 
 
-class Pace:
+class PagePace:
     """A queue of which only the length is known: each answer is given the next place in it."""
 
     def __init__(self) -> None:
