@@ -106,10 +106,11 @@ class Discovered:
             self._silent.discard(found.participant)
             again = {node.name for node in found.nodes}
             for gone, nodes in tuple(self.lost.items()):
-                if gone.key == found.participant:
-                    del self.lost[gone]
+                left = tuple(name for name in nodes if name not in again)
+                if left and gone.key != found.participant:
+                    self.lost[gone] = left
                 else:
-                    self.lost[gone] = tuple(name for name in nodes if name not in again)
+                    del self.lost[gone]
 
     # --- what follows from it --------------------------------------------------------------------------
 

@@ -21,6 +21,9 @@ from robomend_client.bridges.ros2.discovered import Discovered, Participant
 from robomend_client.bridges.ros2.processes import find
 from robomend_client.bridges.ros2.remote_port import RemotePort
 
+MOST_ASKED = 128
+"""Ports of other computers that are asked; each takes a socket."""
+
 
 class Liveness:
     """Of all nodes of one domain."""
@@ -83,5 +86,7 @@ class Liveness:
         if here or not lost.port or (lost.address, lost.port) in used:
             return False
         if lost not in self._asked:
+            if len(self._asked) >= MOST_ASKED:
+                return None
             self._asked[lost] = RemotePort(lost.address, lost.port)
         return self._asked[lost].runs()

@@ -32,7 +32,7 @@ class Graph:
         self._tokens: dict[str, LivelinessToken] = {}
         self._by_gid: dict[bytes, LivelinessToken] = {}
         self._by_topic: dict[str, dict[str, LivelinessToken]] = defaultdict(dict)
-        self._ever: dict[str, None] = {}  # the names of nodes
+        self._ever: dict[str, str] = {}  # node -> its session, the last one
 
     def add(self, key: str) -> None:
         """Somebody has come.
@@ -45,8 +45,8 @@ class Graph:
             raise BadKey(f"there are more than {MOST_TOKENS} tokens")
         self._tokens[key] = token
         if token.kind == NODE:
-            if len(self._ever) < MOST_NODES:
-                self._ever[token.node] = None
+            if len(self._ever) < MOST_NODES or token.node in self._ever:
+                self._ever[token.node] = token.session
         else:
             self._by_topic[token.topic].pop(key, None)  # the newest comes last
             self._by_topic[token.topic][key] = token
@@ -81,6 +81,10 @@ class Graph:
     def sessions(self) -> set[str]:
         """Return the sessions that have nodes, but for our own."""
         return {t.session for t in self._tokens.values() if t.kind == NODE} - {self.own}
+
+    def session_of(self, node: str) -> str:
+        """Return the session that a node has, or had."""
+        return self._ever.get(node, "")
 
     def nodes(self, stopped: Collection[str] = ()) -> dict[str, bool]:
         """Return which of all nodes that ever were run; those of `stopped` sessions do not."""

@@ -18,6 +18,11 @@ MOST_CHANGES = 65536
 """Tokens that may come and go between two looks; zenoh waits when there are more."""
 
 
+ROUTERS = "@/*/router"
+ROUTERS_S = 0.5
+"""Routers that are there answer within milliseconds."""
+
+
 class NoZenoh(Exception):
     """A session cannot be opened; the message says why."""
 
@@ -123,6 +128,16 @@ class ZenohSession:
     def links(self) -> list[Link]:
         """Return our connections."""
         return [_link(link) for link in self._session.info.links()]
+
+    def routers(self) -> dict[str, frozenset[str]]:
+        """Return the sessions of each router within reach; rmw_zenoh's tell it unless that is forbidden."""
+        found = {}
+        with suppress(zenoh.ZError):
+            for reply in self._session.get(ROUTERS, timeout=ROUTERS_S):
+                with suppress(ValueError, KeyError, TypeError):
+                    told = json.loads(reply.ok.payload.to_bytes()) if reply.ok is not None else {}
+                    found[str(told["zid"])] = frozenset(str(one["peer"]) for one in told["sessions"])
+        return found
 
     def close(self) -> None:
         with suppress(zenoh.ZError):

@@ -1,0 +1,78 @@
+"""A network that splits between two computers, each with a router of its own."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import sys
+import tempfile
+from pathlib import Path
+
+from tests.clients.bridges.hearing import hearing
+from tests.node_process import NodeProcess
+from tests.other_computer import OtherComputer, other_computer
+from tests.zenoh_robot import NODE
+
+ROUTER = """
+import json, sys, zenoh
+listen, connect = sys.argv[1:3]
+config = zenoh.Config()
+config.insert_json5("mode", '"router"')
+config.insert_json5("scouting/multicast/enabled", "false")
+config.insert_json5("listen/endpoints", json.dumps([listen]))
+config.insert_json5("connect/endpoints", json.dumps([connect] if connect else []))
+config.insert_json5("transport/link/tx/lease", "2000")
+config.insert_json5("adminspace/enabled", "true")
+with zenoh.open(config):
+    for line in sys.stdin:
+        print('{"answer": null}', flush=True)
+"""
+"""Whoever does not hear it takes it for lost after 2 s, not after 10."""
+
+
+def test_of_the_nodes_behind_a_split_network_it_is_unknown_whether_they_run_until_it_is_whole_again(
+    tmp_path: Path,
+) -> None:
+    async def test(computer: OtherComputer, where: str, mapper: NodeProcess) -> None:
+        keys = f"connect: ['{where}']\nname: robomend_test\ndiscovery_s: 0.5\n"
+        async with hearing(tmp_path, "zenoh", keys, "nodes", "scan") as heard:
+
+            async def runs(*wanted: bool | None) -> None:
+                def said() -> bool:
+                    table = heard.last("nodes") or {}
+                    return [table.get(node, False) for node in ("laser", "mapper")] == list(wanted)
+
+                await heard.until(said, f"{wanted}")
+
+            await runs(True, True)
+            await heard.more("scan")
+            computer.cut()
+            await runs(None, None)
+            mapper.kill()
+            computer.mend()
+            await runs(True, False)  # its router is there again, and it is not
+            await heard.more("scan")
+            assert len(heard.lines("it does not answer any more")) == 1
+            assert len(heard.lines("well again")) == 1
+            tables = heard.values["nodes"]
+            assert not any(table.get("laser") is False for table in tables)
+
+    with other_computer() as computer, tempfile.TemporaryDirectory(prefix="zenoh-") as sockets:
+        there, here = f"tcp/{computer.there}:7447", f"unixsock-stream/{sockets}/router"
+        inside = [*computer.inside, sys.executable]
+        commands = {
+            "far": [*inside, "-c", ROUTER, there, ""],
+            "near": [sys.executable, "-c", ROUTER, here, there],
+            "laser": [*inside, str(NODE), there],
+            "mapper": [*inside, str(NODE), there],
+        }
+        started: dict[str, NodeProcess] = {}
+        try:
+            for name, command in commands.items():
+                started[name] = NodeProcess(name, command, os.environ, tmp_path)
+                started[name].do("nothing")
+            started["laser"].do("publish", topic="/scan", type="std_msgs/String", rate=10)
+            asyncio.run(test(computer, here, started["mapper"]))
+        finally:
+            for process in reversed(started.values()):
+                process.close()
