@@ -141,7 +141,6 @@ def test_while_the_disk_hangs_batches_are_503_at_once_and_the_stop_is_set(
         waiting.append(service.loop.create_task(service.runtime.store.write(hang)))
 
     waiting: list[object] = []
-    monkeypatch.setattr(shedding, "HANGS_S", 1000.0)
     with ThreadPoolExecutor(1) as clients:
         try:
             service.run(begin())
@@ -149,7 +148,7 @@ def test_while_the_disk_hangs_batches_are_503_at_once_and_the_stop_is_set(
             accepted = clients.submit(post)  # it was let in before anybody could know
             until(lambda: service.runtime.parts.shedding.under_way > 0, "it was not let in")
             monkeypatch.setattr(shedding, "HANGS_S", 0.1)
-            until(lambda: service.runtime.store.figures().oldest_write_s > 0.1, "nothing waits")
+            until(lambda: service.runtime.store.oldest_queued_s > 0.1, "nothing waits")
             refused = post()
             assert (refused.status_code, refused.json()["code"]) == (503, "overloaded")
             assert int(refused.headers["retry-after"]) >= 1

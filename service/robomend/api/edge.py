@@ -54,7 +54,7 @@ class Edge:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        began = time.perf_counter()
+        began = scope["robomend.began"] = time.perf_counter()
         headers = dict(reversed(scope["headers"]))  # of a repeated header, the first
         given = headers.get(b"x-request-id", b"")
         request_id = given.decode() if REQUEST_ID.match(given) else f"{self._run}-{next(self._count):x}"

@@ -72,7 +72,7 @@ class Runtime:
         self.batches = Batches(self.store, settings)
         self.watch = LoopWatch(self.metrics)
         self.probe = StoreProbe(self.store)
-        shedding = LoadShedding(lambda: self.store.oldest_write_s, lambda: self.watch.delay_s, self.metrics)
+        shedding = LoadShedding(lambda: self.store.oldest_queued_s, lambda: self.watch.delay_s, self.metrics)
         self.parts = Parts(
             settings,
             self.store,

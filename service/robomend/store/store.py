@@ -216,9 +216,9 @@ class Store:
             self._running().call_soon_threadsafe(call, *args)
 
     @property
-    def oldest_write_s(self) -> float:
-        """How long the oldest write that is not on disk has waited."""
-        return self._writer.waiting()[1]
+    def oldest_queued_s(self) -> float:
+        """How long the oldest write has waited whose group has not begun."""
+        return self._writer.queued_s()
 
     def figures(self) -> StoreFigures:
         """Return how busy it is."""

@@ -112,6 +112,11 @@ class Writer:
                 oldest_s = self._jobs[0].queued_s
             return len(self._jobs), 0.0 if oldest_s is None else time.monotonic() - oldest_s
 
+    def queued_s(self) -> float:
+        """Return how long the oldest has waited whose group has not begun."""
+        with self._wake:
+            return time.monotonic() - self._jobs[0].queued_s if self._jobs else 0.0
+
     def _run(self) -> None:
         while jobs := self._take():
             self._write(jobs)
