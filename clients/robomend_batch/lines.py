@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 SLICE = 2048
 """Lines that are made together: they stay in the processor's cache."""
 
+TAILS = 1 << 15
+"""Lines whose different ends are made together."""
+
 BEFORE, AFTER = ("state", "bad", "probability", "conflicts"), ("complete", "stopped_by")
 """Columns before and behind the observations."""
 
@@ -52,21 +55,23 @@ def lines(
     before, after = _texts(answers.select(BEFORE)), _texts(answers.select(AFTER))
     grounds = _texts(observations.to_frame("observations"))
     pair = answer_of.astype(np.int64) * len(grounds) + ground_of
-    different, tail_of = np.unique(pair, return_inverse=True)
-    tails = [
-        b",%b,%b,%b}\n" % (before[answer], grounds[ground], after[answer])
-        for answer, ground in (divmod(one, len(grounds)) for one in different.tolist())
-    ]
-    for first in range(0, len(start), SLICE):
-        here = slice(first, first + SLICE)
-        columns = segment[here].tolist(), start[here].tolist(), end[here].tolist(), tail_of[here].tolist()
-        yield b"".join(
-            [
-                piece
-                for number, begins, ends, tail in zip(*columns, strict=True)
-                for piece in (b'%b%d,"start_ns":%d,"end_ns":%d' % (head, number, begins, ends), tails[tail])
-            ]
-        )
+    for group in range(0, len(start), TAILS):
+        different, tail_of = np.unique(pair[group : group + TAILS], return_inverse=True)
+        tails = [
+            b",%b,%b,%b}\n" % (before[answer], grounds[ground], after[answer])
+            for answer, ground in (divmod(one, len(grounds)) for one in different.tolist())
+        ]
+        for first in range(0, len(tail_of), SLICE):
+            here = slice(group + first, min(group + first + SLICE, group + len(tail_of)))
+            columns = segment[here].tolist(), start[here].tolist(), end[here].tolist()
+            tail = tail_of[first : first + SLICE].tolist()
+            yield b"".join(
+                [
+                    piece
+                    for number, begins, ends, of in zip(*columns, tail, strict=True)
+                    for piece in (b'%b%d,"start_ns":%d,"end_ns":%d' % (head, number, begins, ends), tails[of])
+                ]
+            )
 
 
 def _texts(frame: pl.DataFrame) -> list[bytes]:

@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
@@ -169,29 +168,3 @@ def test_killed_workers_and_a_killed_scheduler_lose_only_what_was_in_hand(
     assert tree(out) == tree(tmp_path / "here")
     again = [name for name, at in kept.items() if (out / "results" / name).stat().st_mtime_ns != at]
     assert len(again) <= 1  # what came back as the scheduler died, and was not noted yet
-
-
-def test_a_cluster_that_loses_all_its_workers_ends_the_run_which_another_worker_finishes(
-    begin: StartCluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr("robomend_batch.cluster.WORKERS_S", 1.0)
-    logs = many_logs(tmp_path / "logs", 6000)  # so long that the kill comes on the way
-    out = tmp_path / "there"
-    cluster = begin()
-    only = cluster.worker()
-
-    def kill() -> None:
-        until(lambda: parts(out) >= 2, "the first logs are done", 90)
-        os.killpg(only.pid, signal.SIGKILL)
-
-    killing = threading.Thread(target=kill)
-    killing.start()
-    code = run(arguments(out, logs, cluster.address), batch)
-    killing.join(100)
-    assert code == 3
-    assert "has lost its workers" in capsys.readouterr().err
-    assert 2 <= parts(out) < 12
-    cluster.worker()
-    assert run(arguments(out, logs, cluster.address), batch) == 0
-    assert batch_run(tmp_path / "here", logs) == 0
-    assert tree(out) == tree(tmp_path / "here")
