@@ -29,5 +29,5 @@ def test_the_answer_is_json_and_says_what_else_could_be_done() -> None:
     plans = plans_for(TEDUSAR, MUTE, [one.bad for one in situation.wanted])
     answer = json.loads(json.dumps(choice_json(situation.decide(plans), TEDUSAR.components)))
     assert [one["bad"] for one in answer["alternatives"]] == [["jaguar_node"], ["jaguar"]]
-    assert answer["alternatives"][1]["helps"] == 1.0
+    assert answer["alternatives"][1]["helps"] == 0.75  # the driver's half, and half of the device's
     assert answer["plan"]["outcome"] == "solved"

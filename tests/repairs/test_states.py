@@ -89,6 +89,7 @@ OTHER_WORDS = {
     ("repairs/execution_values.py", "done"),  # how an execution ends
     ("api/schemas/batch.py", "running"),  # a batch's states
     ("batches/one_batch.py", "done"),
+    ("cli/remote/batches.py", "done"),
     *(("batches/record.py", word) for word in ("done", "failed")),
     ("cli/init/described.py", "running"),  # the predicate
     ("api/schemas/drill.py", "done"),  # what a person says

@@ -149,7 +149,7 @@ def test_the_account_of_each_repair_is_told_after_it(broken_devices: tuple[dict[
     for one in printed["scenarios"]:
         account = one["account"]
         assert "repair r-" in account[0]
-        assert any("chosen: hokuyo: helps with probability 1" in line for line in account)
+        assert any("chosen: hokuyo: helps with probability 0." in line for line in account)
         assert account[-1].endswith("repaired: every observation is what a healthy robot would show")
         assert all(f"    {line}\n" in said for line in account)
 

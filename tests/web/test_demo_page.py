@@ -42,7 +42,7 @@ def test_the_power_up_scenario_is_seen_from_the_diagnosis_to_the_verified_repair
         record = page.locator(".record").inner_text()
         for step in ("power_up(jaguar)", "power_up(hokuyo)", "start_node(hector_mapping)"):
             assert step in record
-        drawn = page.locator(".timeline rect.action")
+        drawn = page.locator(".timeline .wide rect.action")
         expect(drawn).to_have_count(12)
         assert page.locator("svg.graph .good").count() >= 14
         board = page.locator('[data-part="board"]')

@@ -218,11 +218,7 @@ class LiveRepair:
         tried, left_alone = judged(
             self._state, self._record.id, choice, execution, memory, self._chooser.patience, helped=helped
         )
+        ending, entries = (str(execution.ending), execution.reason), self._state.sight.entries()
         await self._record.end_round(
-            str(execution.ending),
-            execution.reason,
-            helped=helped,
-            tried=tried,
-            quarantined=left_alone,
-            entries=self._state.sight.entries(),
+            *ending, helped=helped, tried=tried, quarantined=left_alone, entries=entries
         )

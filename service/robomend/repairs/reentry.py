@@ -151,13 +151,16 @@ class Reentry:
             action = await self._store.read(agent_actions.get, intent.id)
             loop = asyncio.get_running_loop()
             deadline = loop.time() + (intent.timeout_s if patient else 0.0)
-            while action.answered and action.code is None and loop.time() < deadline:
-                change = self._agents.watch(self._record.robot)
-                with contextlib.suppress(TimeoutError):
-                    await self._signals.unless_halted(asyncio.wait_for(change.wait(), RETRY_S))
-                action = await self._store.read(agent_actions.get, intent.id)
-            if action.code is None:
-                action = await self._agents.withdraw(intent.id, why)
+            while action.code is None:
+                if not action.answered:  # an agent that begins it meanwhile is waited for
+                    action = await self._agents.withdraw(intent.id, why)
+                elif loop.time() < deadline:
+                    change = self._agents.watch(self._record.robot)
+                    with contextlib.suppress(TimeoutError):
+                        await self._signals.unless_halted(asyncio.wait_for(change.wait(), RETRY_S))
+                    action = await self._store.read(agent_actions.get, intent.id)
+                else:
+                    break
             if action.code is not None:
                 return action.code, action.message
         return TIMED_OUT, f"{why}; whether it acted is for OBS to say"

@@ -7,7 +7,7 @@ from tests.robomend_bench.faults.small import ROBOT, odd, with_faults
 
 from robomend_bench.faults.anatomy import Anatomy, read_anatomy
 from robomend_bench.faults.condition import HEALTHY, Act, State, after, broken, observed
-from robomend_client.actions import FAILED, OK
+from robomend_client.actions import FAILED, NO_PROGRAM, OK
 
 FED = read_anatomy(
     {
@@ -94,7 +94,7 @@ def test_mute_successors_are_used_up_one_after_the_other(kind: str, starts: int)
 
 def test_a_program_that_does_not_start_answers_so_and_is_not_running() -> None:
     state = with_faults(("mapper", "dead, does not start"))
-    assert after(ROBOT, state, Act("start_node", ("mapper",))) == (state, FAILED)
+    assert after(ROBOT, state, Act("start_node", ("mapper",))) == (state, NO_PROGRAM)
 
 
 def test_mute_for_ever_is_mute_after_each_start() -> None:
