@@ -28,7 +28,7 @@ from robomend.batches.folders import LOCK, BatchFolder, BatchFolders, FileLock, 
 from robomend.batches.log_names import find_below
 from robomend.batches.one_batch import OneBatch
 from robomend.batches.record import batch_json, change, new_batch
-from robomend.batches.states import BatchTrigger
+from robomend.batches.states import BatchState, BatchTrigger
 from robomend.errors import BackendError, NotFound, Overloaded, Refused, RobomendError, StateConflict
 from robomend.settings import Settings
 from robomend.store import Store, batch_jobs
@@ -143,8 +143,8 @@ class Batches:
         """Begin what is open and nobody does; end what was cancelled."""
         open_ones = await self._store.read(batch_jobs.open_ones, place)
         known = {job.id for job in open_ones}
-        for job, task in self._running.items():
-            if job not in known:
+        for job, task in [*self._running.items()]:
+            if job not in known and await self._cancelled(job):
                 task.cancel()
         for one in open_ones:
             if one.id in self._running:
@@ -160,6 +160,13 @@ class Batches:
             task = asyncio.create_task(self._run(one, folder, lock, slot), name=f"batch {one.id}")
             self._running[one.id] = task
             task.add_done_callback(partial(self._ended, one.id))
+
+    async def _cancelled(self, job: str) -> bool:
+        """Return whether a batch was cancelled; one that has ended by itself still removes what was read."""
+        try:
+            return (await self._store.read(batch_jobs.get, job)).state == BatchState.CANCELLED
+        except NotFound:
+            return True
 
     async def _run(
         self, job: StoredBatchJob, folder: BatchFolder, lock: FileLock | None, slot: FileLock
