@@ -17,6 +17,7 @@ import socket
 from typing import Any
 
 from robomend_client.bridges.problems import Problems
+from robomend_client.bridges.ros1.bursts import Bursts
 from robomend_client.bridges.ros1.master import Master
 from robomend_client.bridges.ros1.publication import Describe, Publication, Subscriber
 from robomend_client.bridges.ros1.subscription import OnLink, OnMessage, Subscription
@@ -46,6 +47,7 @@ class RosNode:
         self._address = address
         self._server = XmlRpcServer(self._answer)
         self._messages: asyncio.Server | None = None
+        self._bursts = Bursts()
         self._subscriptions: dict[str, Subscription] = {}
         self._publications: dict[str, Publication] = {}
         self._displaced = False
@@ -57,7 +59,7 @@ class RosNode:
         if (known := self._subscriptions.get(topic)) is not None:
             known.add(on_message, keep, on_link)
             return known
-        found = Subscription(topic, self.name, on_message, self.problems, keep, on_link)
+        found = Subscription(topic, self.name, on_message, self.problems, self._bursts, keep, on_link)
         self._subscriptions[topic] = found
         return found
 
@@ -191,6 +193,7 @@ class RosNode:
                     for topic in self._subscriptions:
                         await self.master.unregister(topic, self.api, publisher=False)
         await asyncio.gather(*(subscription.close() for subscription in self._subscriptions.values()))
+        self._bursts.close()
         for publication in self._publications.values():
             publication.close()
         if self._messages is not None:

@@ -11,13 +11,14 @@ the old publishers go on, and nobody has told the new one of them. What is over 
 from __future__ import annotations
 
 import asyncio
+import logging
 import socket
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Any
 
 from robomend_client.bridges.problems import Problems
+from robomend_client.bridges.ros1.bursts import Bursts
 from robomend_client.bridges.ros1.tcpros import ProtocolError, TcprosDecoder, encode_header
 from robomend_client.bridges.ros1.xmlrpc import (
     CALL_S,
@@ -29,6 +30,8 @@ from robomend_client.bridges.ros1.xmlrpc import (
     unreachable,
 )
 from robomend_client.python310 import end, timeout
+
+log = logging.getLogger(__name__)
 
 FIRST_WAIT_S, LONGEST_WAIT_S = 0.1, 3.0
 """Between two tries to reach a publisher."""
@@ -65,6 +68,7 @@ class Subscription:
         node: str,
         on_message: OnMessage,
         problems: Problems,
+        bursts: Bursts,
         keep: bool = False,
         on_link: OnLink | None = None,
     ) -> None:
@@ -73,6 +77,7 @@ class Subscription:
             topic: its full name.
             node: our own.
             on_message: called with each message; with empty bytes unless `keep`.
+            bursts: reads its connections.
             on_link: called when a publisher's connection stands, and when it is lost.
         """
         self.topic = topic
@@ -82,6 +87,7 @@ class Subscription:
         self._on_message: list[OnMessage] = []
         self._on_link: list[OnLink] = []
         self._problems = problems
+        self._bursts = bursts
         self._keep = False
         self.add(on_message, keep, on_link)
         self._wanted: frozenset[str] = frozenset()
@@ -137,22 +143,28 @@ class Subscription:
             PeerError, ProtocolError: why not.
         """
         host, port = await self._where(uri)
-        stream = _Stream(self, uri)
-        loop = asyncio.get_running_loop()
         try:
             async with timeout(CALL_S):
-                await loop.create_connection(lambda: stream, host, port)
+                wire = await _connected(host, port)
         except TimeoutError as error:
             raise PeerError(f"{host}:{port} takes no connection within {CALL_S:g} s") from error
         except (OSError, UnicodeError) as error:
             raise unreachable(host, port, error) from error
-        try:
-            await asyncio.wait({stream.greeted}, timeout=CALL_S)
-            if not stream.greeted.done():
-                raise ProtocolError(f"{host}:{port} takes a subscriber, and sends no header")
-            await stream.lost
-        finally:
-            stream.abort()
+        stream = _Stream(self, uri)
+        with wire:
+            self._bursts.join(wire, stream)
+            try:
+                hello = {"callerid": self._node, "topic": self.topic, "type": "*", "md5sum": "*"}
+                wire.send(encode_header({**hello, "tcp_nodelay": "1"}))  # a new connection takes that much
+                await asyncio.wait({stream.greeted}, timeout=CALL_S)
+                if not stream.greeted.done():
+                    raise ProtocolError(f"{host}:{port} takes a subscriber, and sends no header")
+                await stream.lost
+            except OSError:
+                pass  # lost before it began
+            finally:
+                self._bursts.leave(wire)
+                stream.ended(None)
         if stream.error is not None:
             raise stream.error
         return stream.messages > 0
@@ -201,58 +213,73 @@ class Subscription:
             on_link(publisher, False)
 
 
-class _Stream(asyncio.Protocol):
-    """One TCPROS connection, our side of a subscriber."""
+class _Stream:
+    """One TCPROS connection, our side of a subscriber, as it is read."""
 
     def __init__(self, subscription: Subscription, uri: str) -> None:
         loop = asyncio.get_running_loop()
         self.uri = uri
         self.messages = 0
-        self.error: Exception | None = None
+        self.error: ProtocolError | None = None
         self.greeted: asyncio.Future[None] = loop.create_future()
         self.lost: asyncio.Future[None] = loop.create_future()
         self._subscription = subscription
         self._decoder = TcprosDecoder(subscription._keep)
         self._publisher: Publisher | None = None
-        self._transport: asyncio.Transport | None = None
 
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        assert isinstance(transport, asyncio.Transport)
-        self._transport = transport
-        wire: Any = transport.get_extra_info("socket")
-        wire.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-        for option, value in KEEPALIVE:
-            wire.setsockopt(socket.IPPROTO_TCP, option, value)
-        hello = {"callerid": self._subscription._node, "topic": self._subscription.topic}
-        transport.write(encode_header({**hello, "type": "*", "md5sum": "*", "tcp_nodelay": "1"}))
-
-    def data_received(self, data: bytes) -> None:
-        try:
-            messages = self._decoder.receive(data)
-            if self._publisher is None and self._decoder.header is not None:
-                self._publisher = self._subscription.greeted(self, self._decoder.header)
-                self._set(self.greeted)
-        except ProtocolError as error:
-            self.error = error
-            self.abort()
-            return
+    def received(self, data: bytes) -> bool:
+        messages = self._decoder.receive(data)
+        if self._publisher is None and self._decoder.header is not None:
+            self._publisher = self._subscription.greeted(self, self._decoder.header)
+            _set(self.greeted)
         if self._publisher is not None:
             self.messages += len(messages)
             for message in messages:
                 for on_message in self._subscription._on_message:
                     on_message(self._publisher, message)
+        return self._decoder.within
 
-    def connection_lost(self, error: Exception | None) -> None:
-        self._set(self.greeted)
-        self._set(self.lost)
+    def ended(self, error: Exception | None) -> None:
+        if self.lost.done():
+            return
+        if isinstance(error, ProtocolError):
+            self.error = error
+        elif error is not None and not isinstance(error, OSError):
+            log.error("ROS 1: what came on %s from %s", self._subscription.topic, self.uri, exc_info=error)
+        _set(self.greeted)
+        _set(self.lost)
         if self._publisher is not None:
             self._subscription.lost(self._publisher)
 
-    def abort(self) -> None:
-        if self._transport is not None:
-            self._transport.abort()
 
-    @staticmethod
-    def _set(future: asyncio.Future[None]) -> None:
-        if not future.done():
-            future.set_result(None)
+def _set(future: asyncio.Future[None]) -> None:
+    if not future.done():
+        future.set_result(None)
+
+
+async def _connected(host: str, port: int) -> socket.socket:
+    """Return a connection that does not block.
+
+    Raises:
+        OSError, UnicodeError: none of the addresses takes one.
+    """
+    loop = asyncio.get_running_loop()
+    found = await loop.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+    for number, (family, kind, protocol, _, address) in enumerate(found, 1):
+        wire = socket.socket(family, kind, protocol)
+        try:
+            wire.setblocking(False)
+            wire.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+            for option, value in KEEPALIVE:
+                wire.setsockopt(socket.IPPROTO_TCP, option, value)
+            await loop.sock_connect(wire, address)
+        except OSError:
+            wire.close()
+            if number == len(found):
+                raise
+        except BaseException:
+            wire.close()
+            raise
+        else:
+            return wire
+    raise OSError(f"{host} has no address")

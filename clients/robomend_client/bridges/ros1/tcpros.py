@@ -70,6 +70,11 @@ class TcprosDecoder:
         self._buffer = bytearray()
         self._skip = 0  # bytes to come of a message that nobody looks at
 
+    @property
+    def within(self) -> bool:
+        """Whether the rest of something is still to come."""
+        return self._skip > 0 or len(self._buffer) > 0
+
     def receive(self, data: bytes) -> list[bytes]:
         """Take in bytes; return the messages that are whole now, empty ones where they are not kept.
 
