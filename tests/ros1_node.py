@@ -155,7 +155,7 @@ class Node:
         client = actionlib.SimpleActionClient(line["name"], action)
         if not client.wait_for_server(rospy.Duration(30)):
             raise RuntimeError(f"no server {line['name']}")
-        goal = type(action().action_goal.goal)(parameter=line["parameter"])
+        goal = fill(type(action().action_goal.goal)(), line.get("goal") or {"parameter": line["parameter"]})
         told: list[int] = []
         client.send_goal(goal, feedback_cb=lambda message: told.append(message.feedback))
         if "cancel" in line:
@@ -167,7 +167,8 @@ class Node:
         return {
             "state": client.get_state(),
             "text": client.get_goal_status_text(),
-            "result": None if answer is None else answer.result,
+            "result": getattr(answer, "result", None),
+            "answer": yaml.safe_load(str(answer)),
             "feedback": told,
         }
 

@@ -87,6 +87,7 @@ RULES: dict[tuple[str, str], frozenset[Role] | None] = {
     ("GET", f"{API}/status"): READ,
     ("GET", f"{API}/robots"): READ,
     ("GET", f"{API}/robots/{{robot}}"): READ | OWN,
+    ("GET", f"{API}/robots/{{robot}}/model"): READ | OWN,
     ("PUT", f"{API}/robots/{{robot}}"): ACT,
     ("DELETE", f"{API}/robots/{{robot}}"): ACT,
     ("POST", f"{API}/robots/{{robot}}/observations"): ACT | OWN,

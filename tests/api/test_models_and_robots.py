@@ -5,6 +5,8 @@ from __future__ import annotations
 import pytest
 from tests.api.conftest import TEDUSAR, Service, StartService, bad_sets
 
+from robomend.api.routers import robots
+
 
 def test_a_model_is_created_read_and_replaced_with_its_etag(start: StartService) -> None:
     service = start()
@@ -27,6 +29,22 @@ def test_a_model_is_created_read_and_replaced_with_its_etag(start: StartService)
     assert (only_new.status_code, only_new.json()["code"]) == (412, "precondition-failed")
     versions = service.api("GET", "/models/tedusar/versions").json()["items"]
     assert [version["number"] for version in versions] == [2, 1]
+
+
+def test_the_model_that_a_robot_follows_is_told_as_propositions_and_clauses(
+    start: StartService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    service = start()
+    service.with_robot()
+    told = service.api("GET", "/robots/r1/model").json()
+    assert (told["model"], told["ab"], told["nab"], told["neg_prefix"]) == ("tedusar", "AB", "NAB", "not_")
+    assert len(told["rules"]) == 18
+    assert "NAB(hokuyo_node)->running(hokuyo_node)" in told["rules"]
+    assert "ok(scan)" in told["props"]
+    assert service.api("GET", "/robots/nobody/model").status_code == 404
+    monkeypatch.setattr(robots, "MOST_CLAUSES", 17)
+    large = service.api("GET", "/robots/r1/model")
+    assert (large.status_code, large.json()["code"]) == (413, "too-large")
 
 
 def test_a_bad_model_is_refused_with_its_line_and_the_old_one_stays(start: StartService) -> None:

@@ -43,6 +43,13 @@ BOARD = {
     + "\nMSG: tug_ist_diagnosis_msgs/Channel\nint32 id\nstring dev_connected\nint32 status\n"
     + "float32 current\nfloat32 voltage\n",
 }
+MODEL_ACTION = {
+    "type": REPAIR["type"].replace("DiagnosisRepair", "SystemModel"),
+    "definition": REPAIR["definition"]
+    .replace("DiagnosisRepair", "SystemModel")
+    .replace("string[] parameter\n", "int32 goal\n")
+    .replace("int32 result\n", "string ab\nstring nab\nstring neg_prefix\nstring[] rules\nstring[] props\n"),
+}
 DIAGNOSTICS = {"type": "diagnostic_msgs/DiagnosticArray"}
 
 
@@ -131,6 +138,36 @@ def test_a_robot_is_told_its_diagnosis_and_heard_in_the_formats_of_the_published
             assert "laser" in {pair["key"]: pair["value"] for pair in broken["values"]}["diagnosis 1"]
         log = (tmp_path / "agent.log").read_text()
         assert log.count("not understood: 'why?' is no literal") == 1
+
+
+SYSTEM_MODEL = {
+    "type": "tug_ist_diagnosis_msgs/SystemModelResult",
+    "definition": "string ab\nstring nab\nstring neg_prefix\nstring[] rules\nstring[] props\n",
+}
+
+
+def test_the_model_server_gives_the_robots_model_to_clients_and_listeners_of_the_published_system(
+    tmp_path: Path,
+) -> None:
+    with observed_robot(tmp_path) as (ros, url, client):
+        engine = ros.node("engine")
+        engine.do("subscribe", topic="/diagnosis_model", **SYSTEM_MODEL)
+        section = {"master": ros.master.uri, "serve": ["diagnosis_model_server"]}
+        with agent(config(tmp_path, url, {}, ros1=section)):
+            found = engine.do("act", name="diagnosis_model_server", goal={"goal": 1}, **MODEL_ACTION)
+            assert (found["state"], found["answer"]["ab"], found["answer"]["nab"]) == (SUCCEEDED, "AB", "NAB")
+            until(
+                lambda: heard(engine, "/diagnosis_model") == [found["answer"]], "the model on its topic", 60
+            )
+            told = found["answer"]
+            model = client.model("bot").value["source"]
+            # What is told is the model: the engine finds the same in both.
+            said = {"observations": ["not ok(map)"]}
+            again = client.diagnose({"source": json.dumps(told), **said})
+            assert again["diagnoses"] == client.diagnose({"source": model, **said})["diagnoses"]
+            assert {frozenset(one["bad"]) for one in again["diagnoses"]} == {
+                frozenset({"laser"}), frozenset({"mapper"})
+            }  # fmt: skip
 
 
 def test_a_ros_node_switches_a_device_through_the_service_whose_stop_and_protection_hold(

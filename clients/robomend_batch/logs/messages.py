@@ -32,10 +32,11 @@ from robomend_batch.observing import Observing
 from robomend_batch.problems import LogRefused, Problems
 from robomend_batch.track import Rows
 from robomend_batch.words import Setting, Words
+from robomend_client.bridges.measured import is_board, measured
 from robomend_client.literals import Atom, Literal
 from robomend_client.observers.base import SECOND
 from robomend_client.observers.combining import Change
-from robomend_client.observers.driver import Driver, Listener
+from robomend_client.observers.driver import Driver, Listener, ObserverProblem
 from robomend_client.observers.kinds import ObserverSpec
 
 if TYPE_CHECKING:
@@ -88,13 +89,16 @@ def _observed(recording: Recording, observing: Observing, path: Path, opened: Op
     else:
         stretches = recording.stretches(wants.channels)
     restarts = _Restarts()
+
+    def told(problem: ObserverProblem) -> None:
+        if problem.what != "number":  # each of those is counted where it is read
+            opened.problems.add(f"{path}: {problem.where}", problem.message, bad=False)
+
     driver = Driver(
         [spec.make() for spec in wants.specs],
         start_ns,
         lenient=observing.lenient,
-        on_problem=lambda problem: opened.problems.add(
-            f"{path}: {problem.where}", problem.message, bad=False
-        ),
+        on_problem=told,
         listener=restarts,
     )
     changes = Changes(opened.words(""))
@@ -116,8 +120,8 @@ def _observed(recording: Recording, observing: Observing, path: Path, opened: Op
                 except Exception as error:  # noqa: BLE001  # damaged bytes raise whatever
                     wants.unreadable(number, error)
                     continue
-                if value != value:
-                    opened.problems.add(f"{path}: {source}", "not a number (NaN)", bad=False)
+                if type(value) is float and value - value != 0.0:
+                    opened.problems.add(f"{path}: {source}", "no number (NaN, or infinite)", bad=False)
             changed = driver.sample(source, time_ns, value)
             if changed or restarts.at_ns is not None:
                 yield from changes.take(changed, restarts.take())
@@ -289,7 +293,9 @@ class Wants:
     def _source(self, source: str) -> list[tuple[int, Want]] | None:
         """Return the channels of a source; None if the recording cannot have it."""
         name, _, path = source.partition(":")
-        topic, field = WHOLE.get(source) or (name.removeprefix("/"), path)
+        topic, field = name.removeprefix("/"), path
+        if source in WHOLE or is_board(source):
+            topic, field = WHOLE[name]
         channels = self._by_topic.get(topic)
         if channels is None:
             self._problems.add(
@@ -317,6 +323,8 @@ class Wants:
         store = self._store(channel)
         unpack = store.deserialize_cdr if channel.cdr else store.deserialize_ros1
         name = channel.type_name
+        if is_board(source):
+            return lambda data: measured(source, plain(getattr(unpack(data, name), field)))
         if source in WHOLE:
             return lambda data: plain(getattr(unpack(data, name), field))
         column = compile_column(store.fielddefs, name, field, cdr=channel.cdr)

@@ -110,6 +110,7 @@ FEEDS = Registry[Callable[..., Feed]](
         "ros2": "robomend_client.bridges.ros2.feed:Ros2",
         "zenoh": "robomend_client.bridges.zenoh.feed:Zenoh",
         "medkit": "robomend_client.bridges.medkit.feed:Medkit",
+        "board": "robomend_client.bridges.board:ServiceBoard",
     },
     unknown=UnknownFeed,
     broken=BrokenFeed,

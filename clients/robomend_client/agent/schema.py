@@ -41,6 +41,7 @@ SAID: dict[str, str] = {
     "processes": "the only ones that may be started and stopped, by the model's names of the nodes",
     "actions": "what else the agent can do, by the plan's names",
     "recording": "what the observers are fed with, as lines of JSON",
+    "board": "the power board, as the service measures it",
     "ros1": "a robot with ROS 1",
     "ros2": "a robot with ROS 2",
 }

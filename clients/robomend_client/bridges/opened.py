@@ -102,6 +102,14 @@ class OpenedMessage:
         value, alone = self._kind.field(path, self._data)
         if alone:
             return value
+        return value_at(self.whole(), path)
+
+    def whole(self) -> Any:
+        """Return all of it, as an object with its fields.
+
+        Raises:
+            UnreadableMessage: this is no message of its type.
+        """
         if self._whole is None:
             self._whole = self._kind.whole(self._data)
-        return value_at(self._whole, path)
+        return self._whole

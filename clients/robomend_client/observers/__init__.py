@@ -17,7 +17,7 @@ property.py            PObs: ok(CPU,node), a number in its band; filters.py
 reading.py             the base of observers that judge one reading at a time, of your own too; judgement.py
 """
 
-from robomend_client.observers.base import SECOND, Evidence, Observer, Verdict, ns, number
+from robomend_client.observers.base import SECOND, Evidence, NoNumber, Observer, Verdict, ns, number
 from robomend_client.observers.binary_qualitative import BinaryQualitativeObserver, Match
 from robomend_client.observers.combining import Change
 from robomend_client.observers.diagnostic import DIAGNOSTICS, DiagnosticObserver, Levels
@@ -51,6 +51,7 @@ __all__ = [
     "Levels",
     "Match",
     "MultipleObserver",
+    "NoNumber",
     "NodeObserver",
     "Observer",
     "ObserverProblem",

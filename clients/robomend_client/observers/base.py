@@ -102,7 +102,7 @@ class Observer(Protocol):
 
         The times of one source do not go back, except by more than the observer looks back (a log that starts
         again, a simulation that was reset): then it starts anew. A value that it cannot read is an error
-        (ValueError, TypeError); a number that is none (NaN) is left out.
+        (ValueError, TypeError); a number that is none (NaN) is NoNumber: the driver leaves it out.
         """
         ...
 
@@ -158,21 +158,35 @@ class Steady(Protocol):
         ...
 
 
-def number(value: object) -> float | None:
-    """Return a sample as a number, true as 1; None for one that is no number (NaN, infinite).
+class NoNumber(ValueError):
+    """A sample that should be a number, and is none (NaN, infinite): it is left out, and told once."""
+
+
+def number(value: object) -> float:
+    """Return a sample as a number, true as 1.
 
     Raises:
+        NoNumber: it is NaN, or infinite; whoever feeds the observer leaves it out.
         TypeError: it is something else altogether.
     """
-    if type(value) is float:
-        return value if isfinite(value) else None
-    if not isinstance(value, (int, float)):
-        raise TypeError(f"a number is needed, not {value!r}")
+    if type(value) is not float:
+        if not isinstance(value, (int, float)):
+            raise TypeError(f"a number is needed, not {value!r}")
+        try:
+            value = float(value)
+        except OverflowError as error:
+            raise NoNumber("an infinite number") from error
+    if isfinite(value):
+        return value
+    raise NoNumber(f"no number: {value}")
+
+
+def finite(value: object) -> float | None:
+    """Return a part of a sample as a number; None where it is missing or none, which spoils no other part."""
     try:
-        found = float(value)
-    except OverflowError:
+        return None if value is None else number(value)
+    except NoNumber:
         return None
-    return found if isfinite(found) else None
 
 
 def positive(**values: float) -> None:

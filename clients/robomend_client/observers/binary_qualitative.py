@@ -108,8 +108,6 @@ class BinaryQualitativeObserver:
 
     def feed(self, source: str, time_ns: int, value: object) -> None:
         reading = number(value)
-        if reading is None:
-            return
         if self._next_ns is None:
             self._next_ns = (time_ns // self._tick_ns + 1) * self._tick_ns
         self._run(time_ns)

@@ -26,7 +26,7 @@ from operator import eq, ge, gt, le, lt, ne
 from typing import Any, ClassVar
 
 from robomend_client.literals import Atom, Literal, parse_atom
-from robomend_client.observers.base import Evidence, number
+from robomend_client.observers.base import Evidence, finite
 from robomend_client.observers.judgement import Judgement, earliest
 from robomend_client.observers.reading import Readings
 
@@ -90,7 +90,7 @@ class NumberRule:
         if isinstance(value, str):
             leading = LEADING_NUMBER.match(value)  # "39.5 °C" is 39.5
             value = float(leading[0]) if leading else None
-        reading = None if value is None else number(value)
+        reading = finite(value)
         return None if reading is None else bool(OPERATORS[self.op](reading, self.limit))
 
 

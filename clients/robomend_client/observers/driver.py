@@ -27,6 +27,8 @@ each observer, ticks.py whose turn it is.
 `settle(n, atoms)` has the observers of these atoms drop their samples and judge anew. The next change of
 each of these atoms carries n, of either sign; None if there is nothing to see within the settling time.
 
+A number that is none (NaN, infinite) is left out, counted, and told once for each source.
+
 An observer that raises is reset; its atoms are unknown until it speaks again, each place is told once, and
 the others go on.
 """
@@ -40,7 +42,7 @@ from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 
 from robomend_client.literals import Atom
-from robomend_client.observers.base import SECOND, Observer, Verdict
+from robomend_client.observers.base import SECOND, NoNumber, Observer, Verdict
 from robomend_client.observers.combining import Change, Combined
 from robomend_client.observers.observer_state import GRID_NS, NEVER, ObserverState, after
 from robomend_client.observers.quiet import Samples, steady
@@ -59,7 +61,7 @@ OLDEST_NS = 10 * SECOND
 class ObserverProblem:
     """Something that does not belong: told once for each source or place, and counted."""
 
-    what: str  # "observer", "ahead", "behind", "jump"
+    what: str  # "observer", "ahead", "behind", "jump", "number"
     where: str
     message: str
 
@@ -277,6 +279,10 @@ class Driver:
                         if due_ns is not None and not now_ns < state.tick_ns <= due_ns:
                             self._plan(state, due_ns, now_ns)
                         continue
+            except NoNumber:
+                why = f"a sample of {source} is no number (NaN, or infinite): left out"
+                self._tell("number", source, why)
+                continue
             except Exception as error:  # noqa: BLE001  # anybody's observer may raise anything
                 changes = [*changes, *self._failed(state, error)]
                 continue

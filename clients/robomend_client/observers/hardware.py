@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from robomend_client.literals import Atom, Literal
-from robomend_client.observers.base import NOTHING, Evidence, ns, number, positive
+from robomend_client.observers.base import NOTHING, Evidence, finite, ns, positive
 from robomend_client.observers.judgement import Judgement
 
 BOARD = "board"
@@ -169,4 +169,4 @@ def _reading(channel: Any) -> tuple[bool, float | None]:
         on, current_a = channel[0], channel[1]
     else:
         on, current_a = channel.on, channel.current_a
-    return bool(on), None if current_a is None else number(current_a)
+    return bool(on), finite(current_a)

@@ -98,9 +98,6 @@ class PropertyObserver(JudgedReadings):
         return take
 
     def feed(self, source: str, time_ns: int, value: object) -> None:
-        reading = number(value)
-        if reading is None:
-            return
-        smooth = self._filter.add(time_ns, reading)
+        smooth = self._filter.add(time_ns, number(value))
         self._good = self._band.holds(smooth, self._good)
         self._judgement.add(time_ns, self._good, self._filter.since_ns)

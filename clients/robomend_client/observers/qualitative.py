@@ -154,9 +154,7 @@ class QualitativeObserver:
         self._trend.reset()
 
     def feed(self, source: str, time_ns: int, value: object) -> None:
-        reading = number(value)
-        if reading is not None:
-            self._trend.add(time_ns, reading)
+        self._trend.add(time_ns, number(value))
 
     def due_ns(self) -> int | None:
         return self._trend.ends_ns

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from robomend_client.literals import Atom, Literal, parse_atom
-from robomend_client.observers.base import NOTHING, Evidence, ns, positive
+from robomend_client.observers.base import NOTHING, Evidence, ns, number, positive
 from robomend_client.observers.judgement import Judgement
 
 
@@ -90,6 +90,8 @@ class ReadingObserver(JudgedReadings, ABC):
         """Return whether a reading is good; None: it says nothing."""
 
     def feed(self, source: str, time_ns: int, value: object) -> None:
+        if type(value) is float:
+            number(value)  # one that is none is nothing to judge
         good = self.judge(value)
         if good is not None:
             self._judgement.add(time_ns, bool(good))

@@ -36,6 +36,7 @@ from robomend_client.rest.types import (
     Board,
     CurrentDiagnosis,
     FirstResult,
+    FiveKeys,
     HistoryKind,
     Ingested,
     Obs,
@@ -138,6 +139,11 @@ class Client:
     def robot(self, robot: str) -> Versioned:
         """Return a robot and its version."""
         return self.send(calls.get_versioned("robots", robot))
+
+    def followed_model(self, robot: str) -> FiveKeys:
+        """Return the model that a robot follows, as propositions and clauses."""
+        answer: FiveKeys = self.send(calls.get("robots", robot, "model"))
+        return answer
 
     def put_robot(self, robot: str, value: Mapping[str, Any], version: str | None = None) -> Versioned:
         """Store a robot: its model, policy, limits, board, and what its observers will report."""

@@ -195,6 +195,18 @@ class Board(TypedDict):
     channels: list[Channel]
 
 
+class FiveKeys(TypedDict):
+    """The model that a robot follows, as propositions and clauses."""
+
+    model: str
+    version: str
+    ab: str
+    nab: str
+    neg_prefix: str
+    props: list[str]
+    rules: list[str]
+
+
 class FirstResult(TypedDict):
     """The result of an action that counts: that of the first report."""
 

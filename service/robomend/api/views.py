@@ -10,13 +10,14 @@ from starlette.responses import Response
 
 from robomend.api.schemas.diagnosis import ProbeOut, ProbesOut
 from robomend.api.schemas.drill import DrillOut
-from robomend.api.schemas.models import ModelOut, VersionOut
+from robomend.api.schemas.models import FiveKeyOut, ModelOut, VersionOut
 from robomend.api.schemas.observations import AssertionOut, ObservedLiteral, ObsOut
 from robomend.api.schemas.repair import BoardOut, ChannelOut
 from robomend.api.schemas.robots import AgentOut, DiagnosisOptionsBody, RobotBody, RobotLine, RobotOut
 from robomend.api.schemas.session import SessionOut
 from robomend.diagnosis.probes import ProbeResult
 from robomend.diagnosis.result import DiagnosisResult, Options
+from robomend.model.five_key import FiveKey
 from robomend.model.system import System
 from robomend.moments import rfc3339, with_texts
 from robomend.oneshots.result_json import result_json
@@ -55,6 +56,19 @@ def model_out(model: StoredModel, system: System) -> ModelOut:
         warnings=list(system.warnings),
         created_ns=model.created_ns,
         by=model.by,
+    )
+
+
+def five_key_out(model: StoredModel, keys: FiveKey) -> FiveKeyOut:
+    """Return a model in five keys."""
+    return FiveKeyOut(
+        model=model.name,
+        version=model.version,
+        ab=keys.ab,
+        nab=keys.nab,
+        neg_prefix=keys.neg_prefix,
+        props=list(keys.props),
+        rules=list(keys.rules),
     )
 
 

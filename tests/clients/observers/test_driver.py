@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import math
 
 import pytest
 from hypothesis import given
@@ -13,13 +14,20 @@ from robomend_client.literals import Atom, fails, holds
 from robomend_client.observers import (
     PROCESSES,
     SECOND,
+    Band,
+    BinaryQualitativeObserver,
     Change,
     Driver,
+    FunctionObserver,
     GeneralObserver,
     NodeObserver,
+    Observer,
     ObserverProblem,
+    PropertyObserver,
+    QualitativeObserver,
     Rate,
     Table,
+    Trend,
     Verdict,
     ns,
 )
@@ -321,6 +329,33 @@ def test_a_restart_makes_all_unknown() -> None:
     driver.sample("a", ns(100), 1, ns(100))
     assert driver.restart(ns(5)) == [Change(ns(5), SCAN, None)]
     assert values(driver.sample("a", ns(5), 1, ns(5))) == ["ok(scan)"]
+
+
+# --- what is no number ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_a_number_that_is_none_is_left_out_of_every_observer_of_its_source_and_told_once(
+    value: float,
+) -> None:
+    told: list[ObserverProblem] = []
+    observers: list[Observer] = [
+        PropertyObserver("low", "a:x", Band(high=5)),
+        QualitativeObserver("x", "a:x", Trend(check_s=0)),
+        FunctionObserver(lambda x: x < 5, "mine", "a:x"),
+        BinaryQualitativeObserver("matched(x,y)", "a:x", "a:y"),
+    ]
+    driver = Driver(observers, 0, on_problem=told.append)
+    for k in range(21):
+        driver.sample("a:x", ns(k / 10), 1.0, ns(k / 10))
+    before = {str(verdict.literal) for verdict in driver.standing()}
+    assert {"ok(low)", "const(x)", "ok(mine)"} <= before
+    for k in range(3):
+        assert driver.sample("a:x", ns(2.01 + k / 100), value, ns(2.01 + k / 100)) == ()
+    assert {str(verdict.literal) for verdict in driver.standing()} == before
+    assert [(problem.what, problem.where) for problem in told] == [("number", "a:x")]
+    assert "a sample of a:x is no number" in told[0].message
+    assert driver.problems["number", "a:x"] == 3 * len(observers)
 
 
 # --- observers that raise ---------------------------------------------------------------------------------

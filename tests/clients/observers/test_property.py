@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robomend_client.literals import Atom, fails, holds
-from robomend_client.observers import Band, Evidence, Filter, PropertyObserver, Readings, ns
+from robomend_client.observers import Band, Evidence, Filter, NoNumber, PropertyObserver, Readings, ns
 
 CPU = Atom("ok", ("CPU", "laser"))
 
@@ -69,7 +69,11 @@ def test_filters_come_first() -> None:
 
 def test_what_is_no_number_is_no_reading() -> None:
     o = observer(Band(high=1))
-    assert signs(o, math.nan, 0.5, math.inf, math.nan) == [None, True, True, True]
+    assert signs(o, 0.5) == [True]
+    for value in (math.nan, math.inf, 10**400):
+        with pytest.raises(NoNumber):
+            o.feed("cpu", ns(1), value)
+    assert o.check(ns(1)) == (holds("ok", "CPU", "laser"),)
     with pytest.raises(TypeError, match="a number is needed, not 'hot'"):
         o.feed("cpu", ns(9), "hot")
 

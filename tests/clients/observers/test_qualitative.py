@@ -16,6 +16,7 @@ from robomend_client.observers import (
     Driver,
     Evidence,
     Match,
+    NoNumber,
     QualitativeObserver,
     Trend,
     ns,
@@ -114,7 +115,10 @@ def test_an_angle_that_wraps_around_goes_on() -> None:
 
 
 def test_what_is_no_number_is_left_out() -> None:
-    assert word(run(lambda t: math.nan if t == 1.5 else t, 2), 2) == "inc"
+    o = run(lambda t: t, 2)
+    with pytest.raises(NoNumber):
+        o.feed(YAW, ns(2), math.nan)
+    assert word(o, 2) == "inc"
     with pytest.raises(TypeError, match="a number is needed"):
         QualitativeObserver("yaw", YAW).feed(YAW, 0, [1])
 

@@ -2,6 +2,7 @@
 
     start_node, stop_node, …   the agent's executors, with their allow-list
     power_up, shutdown         the board's channels, through the service: its protection and its stop hold
+    diagnosis_model_server     the model, model_server.py
 
 Goals run side by side; one that comes with a known id is not run again. Nothing is served unless the file
 says so: who reaches the robot's network may then ask for it.
@@ -13,7 +14,7 @@ import asyncio
 import logging
 import time
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,6 +23,7 @@ from robomend_client.agent.feeds import AgentParts
 from robomend_client.bridges.ros1 import formats
 from robomend_client.bridges.ros1.action_topics import TO_CLIENT, TO_SERVER, GoalState, header, read
 from robomend_client.bridges.ros1.node import RosNode
+from robomend_client.bridges.ros1.publication import Describe
 from robomend_client.bridges.ros1.subscription import Publisher
 from robomend_client.python310 import end
 from robomend_client.rest.errors import ApiError, ClientError
@@ -54,10 +56,20 @@ class Goal:
         return {"goal_id": goal_id, "status": int(self.state), "text": self.text}
 
 
-class ActionServer:
-    """Serves one action by its name."""
+class GoalServer:
+    """Serves one action: its goals, their states and results. Subclasses carry out."""
 
-    def __init__(self, node: RosNode, parts: AgentParts, name: str, topic: str) -> None:
+    types: Mapping[str, str]
+    """Of what clients are told: status, feedback, result."""
+
+    def __init__(
+        self,
+        node: RosNode,
+        parts: AgentParts,
+        name: str,
+        topic: str,
+        describe: Describe = formats.message_type,
+    ) -> None:
         self._node = node
         self._parts = parts
         self._name = name
@@ -65,9 +77,16 @@ class ActionServer:
         node.subscribe(f"{topic}/goal", self._goal, keep=True)
         node.subscribe(f"{topic}/cancel", self._cancel, keep=True)
         self._out = {
-            part: node.publish(f"{topic}/{part}", kind, formats.message_type)
-            for part, kind in TO_CLIENT.items()
+            part: node.publish(f"{topic}/{part}", kind, describe) for part, kind in self.types.items()
         }
+
+    async def carry_out(self, goal: Goal, wanted: Any) -> tuple[ActionResult, Mapping[str, object] | None]:
+        """Return how it went, and the fields of the result (None: its number); `wanted` is the goal."""
+        raise NotImplementedError
+
+    def read_goal(self, publisher: Publisher, body: bytes) -> Any:
+        """Return a goal's message, None if it is none."""
+        return self._read(publisher, "goal", body)
 
     async def run(self) -> None:
         """Tell the states of the goals until cancelled; then give up what is under way."""
@@ -81,7 +100,7 @@ class ActionServer:
     # --- what clients want -----------------------------------------------------------------------------
 
     def _goal(self, publisher: Publisher, body: bytes) -> None:
-        message = self._read(publisher, "goal", body)
+        message = self.read_goal(publisher, body)
         if message is None:
             return
         goal_id = message.goal_id
@@ -94,7 +113,7 @@ class ActionServer:
         if sum(g.ended_s is None for g in self._goals.values()) > MOST_GOALS:
             self._ended(goal, GoalState.REJECTED, ActionResult(REFUSED, f"{MOST_GOALS} goals are under way"))
             return
-        goal.task = asyncio.create_task(self._carry_out(goal, tuple(map(str, message.goal.parameter))))
+        goal.task = asyncio.create_task(self._carried_out(goal, message))
 
     def _cancel(self, publisher: Publisher, body: bytes) -> None:
         """Give up one goal; all of them without an id (those up to a time, where one is given)."""
@@ -111,26 +130,61 @@ class ActionServer:
     def _read(self, publisher: Publisher, part: str, body: bytes) -> Any:
         return read(self._node, f"{self._name}/{part}", TO_SERVER[part], publisher, body)
 
-    # --- carrying out ----------------------------------------------------------------------------------
+    async def _carried_out(self, goal: Goal, wanted: Any) -> None:
+        try:
+            result, value = await self.carry_out(goal, wanted)
+        except asyncio.CancelledError:
+            self._ended(goal, GoalState.PREEMPTED, ActionResult(FAILED, f"{self._name} was given up"))
+            raise
+        refused = GoalState.REJECTED if result.code == REFUSED else GoalState.ABORTED
+        self._ended(goal, GoalState.SUCCEEDED if result.ok else refused, result, value)
 
-    async def _carry_out(self, goal: Goal, parameters: Sequence[str]) -> None:
-        action = Action(f"ros1:{goal.id}", self._name, tuple(parameters), TIMEOUT_S)
+    # --- what clients are told -------------------------------------------------------------------------
+
+    def _ended(
+        self,
+        goal: Goal,
+        state: GoalState,
+        result: ActionResult,
+        value: Mapping[str, object] | None = None,
+    ) -> None:
+        goal.state, goal.text, goal.ended_s = state, result.message, time.monotonic()
+        log.info("ROS 1: %s → %s, %d %s", self._name, state.name.lower(), result.code, result.message)
+        self.publish("result", {"status": goal.status, "result": value or {"result": result.code}})
+        self._tell_states()
+
+    def _tell_states(self) -> None:
+        now_s = time.monotonic()
+        for name in [
+            n for n, g in self._goals.items() if g.ended_s is not None and now_s - g.ended_s > KEPT_S
+        ]:
+            del self._goals[name]
+        self.publish("status", {"status_list": [goal.status for goal in self._goals.values()]})
+
+    def publish(self, part: str, value: dict[str, object]) -> None:
+        out = self._out[part]
+        if out.wanted:
+            out.publish(formats.encode(self.types[part], {"header": header(time.time_ns()), **value}))
+
+
+class ActionServer(GoalServer):
+    """Serves one of the agent's actions, or the board's, by its name."""
+
+    types = TO_CLIENT
+
+    async def carry_out(self, goal: Goal, wanted: Any) -> tuple[ActionResult, None]:
+        action = Action(f"ros1:{goal.id}", self._name, tuple(map(str, wanted.goal.parameter)), TIMEOUT_S)
         log.info("ROS 1: %s is asked for", action)
 
         def feedback(number: int, message: str) -> None:
             goal.text = message
-            self._publish("feedback", {"status": goal.status, "feedback": {"feedback": number}})
+            self.publish("feedback", {"status": goal.status, "feedback": {"feedback": number}})
 
-        try:
-            if self._name in POWER:
-                result = await self._switch(action, feedback)
-            else:
-                result = await self._parts.actions.run(action, feedback)
-        except asyncio.CancelledError:
-            self._ended(goal, GoalState.PREEMPTED, ActionResult(FAILED, f"{action} was given up"))
-            raise
-        refused = GoalState.REJECTED if result.code == REFUSED else GoalState.ABORTED
-        self._ended(goal, GoalState.SUCCEEDED if result.ok else refused, result)
+        if self._name in POWER:
+            result = await self._switch(action, feedback)
+        else:
+            result = await self._parts.actions.run(action, feedback)
+        return result, None
 
     async def _switch(self, action: Action, feedback: Feedback) -> ActionResult:
         """Switch a device's channel, as a person would."""
@@ -150,24 +204,3 @@ class ActionServer:
         except ClientError as error:
             return ActionResult(UNREACHABLE, f"{action}: {error}")
         return ActionResult(OK, f"{action} is done")
-
-    # --- what clients are told -------------------------------------------------------------------------
-
-    def _ended(self, goal: Goal, state: GoalState, result: ActionResult) -> None:
-        goal.state, goal.text, goal.ended_s = state, result.message, time.monotonic()
-        log.info("ROS 1: %s → %s, %d %s", self._name, state.name.lower(), result.code, result.message)
-        self._publish("result", {"status": goal.status, "result": {"result": result.code}})
-        self._tell_states()
-
-    def _tell_states(self) -> None:
-        now_s = time.monotonic()
-        for name in [
-            n for n, g in self._goals.items() if g.ended_s is not None and now_s - g.ended_s > KEPT_S
-        ]:
-            del self._goals[name]
-        self._publish("status", {"status_list": [goal.status for goal in self._goals.values()]})
-
-    def _publish(self, part: str, value: dict[str, object]) -> None:
-        out = self._out[part]
-        if out.wanted:
-            out.publish(formats.encode(TO_CLIENT[part], {"header": header(time.time_ns()), **value}))

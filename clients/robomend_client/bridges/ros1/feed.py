@@ -1,9 +1,10 @@
 """The bridge as a feed: the section `ros1:` of the agent's file, and who gets what.
 
 topics ──► ticks and fields ──┐
-nodes ──► table ──────────────┼──► observers with `from: ros1`
+nodes ──► table ──────────────┤
+services ──► true or false ───┼──► observers with `from: ros1`
 /diagnostics ──► statuses ────┤
-/board_measurments ──► channels
+/board_measurments ──► channels, currents
 """
 
 from __future__ import annotations
@@ -19,23 +20,23 @@ from robomend_client.agent.feeds import AgentParts, Deliver, split
 from robomend_client.bridges.base import ALL_DIAGNOSTICS, DIAGNOSTICS, NAME, NODES, RosBridge
 from robomend_client.bridges.fields import MissingField, UnreadableMessage
 from robomend_client.bridges.listening import Listening
-from robomend_client.bridges.ros1 import formats
+from robomend_client.bridges.measured import is_board, measured
+from robomend_client.bridges.ros1 import formats, model_server
 from robomend_client.bridges.ros1.action_client import RosAction
 from robomend_client.bridges.ros1.action_server import POWER, ActionServer
 from robomend_client.bridges.ros1.liveness import Liveness
 from robomend_client.bridges.ros1.messages import MessageReaders
+from robomend_client.bridges.ros1.model_server import ModelServer
 from robomend_client.bridges.ros1.node import RosNode
+from robomend_client.bridges.ros1.services import Services
 from robomend_client.bridges.ros1.subscription import Publisher
 from robomend_client.bridges.ros1.xmlrpc import OutOfReach, address_of
 from robomend_client.bridges.telling import ToldTopic
 from robomend_client.python310 import end
 from robomend_client.yaml_reader import Section
 
-BOARD = "board"
-"""A source, beside those of every bridge."""
-
-WHOLE = {DIAGNOSTICS: ("diagnostics", "status"), BOARD: ("board_measurments", "channel")}
-"""Of these the topic, and the field that observers get."""
+MEASUREMENTS = ("board_measurments", "channel")
+"""The topic and the field that sources of the board are made of."""
 
 TELLS: dict[str, tuple[str, Callable[..., bytes | None]]] = {
     "observations": (formats.OBSERVATIONS, formats.observations),
@@ -43,6 +44,9 @@ TELLS: dict[str, tuple[str, Callable[..., bytes | None]]] = {
     "diagnostics": (formats.DIAGNOSTICS, formats.diagnostics),
     "board_measurments": (formats.BOARD, formats.board),
 }
+
+SERVICES = "services:"
+"""Begins the source of a service: whether it answers."""
 
 MASTER_URI = "http://localhost:11311/"
 
@@ -67,11 +71,15 @@ class Ros1(RosBridge):
                 raise section.error("serve", f"must be names of actions, not {name!r}")
         self._readers = MessageReaders()
         self._topics: dict[str, list[tuple[str, str]]] = {}  # topic -> sources, each with its field
+        self._services: dict[str, str] = {}  # source -> service
         for source in sorted(sources - {NODES}):
-            topic, field = split(source)
-            if source in WHOLE:
-                topic, field = WHOLE[source]
-            name = ALL_DIAGNOSTICS if source == DIAGNOSTICS else self.names.ros(topic)
+            if source.startswith(SERVICES):
+                self._services[source] = self.names.ros(source.removeprefix(SERVICES))
+                continue
+            topic, field = MEASUREMENTS if is_board(source) else split(source)
+            name = self.names.ros(topic)
+            if source == DIAGNOSTICS:
+                name, field = ALL_DIAGNOSTICS, "status"
             self._topics.setdefault(name, []).append((source, field))
         self._watches_nodes = NODES in sources
 
@@ -83,6 +91,8 @@ class Ros1(RosBridge):
             hears = _Hearing(self, topic, wanted, deliver, liveness)
             node.subscribe(topic, hears.message, keep=hears.looks)
         work = [node.run()]
+        if self._services:
+            work.append(self._watched(node, deliver).run())
         if liveness is not None:
             work.append(liveness.run())
         if self._parts is not None:
@@ -97,13 +107,15 @@ class Ros1(RosBridge):
         """Return what else there is to do as a part of an agent."""
         topics = {name: _topic(node, name, self.told_topic(name)) for name in self.publishes}
         work = [self.tell_by(parts, topics).run()]
-        served = (*(name for name in parts.executors.names if name not in BY_COMPONENT), *POWER)
+        mine = (name for name in parts.executors.names if name not in BY_COMPONENT)
+        served = (*mine, *POWER, model_server.NAME)
         for name in self.serves:
             if name not in served:
                 known = ", ".join(served)
                 self.problems.tell(name, f"cannot be served: this agent can do {known}")
                 continue
-            work.append(ActionServer(node, parts, name, self.names.ros(name)).run())
+            server = ModelServer if name == model_server.NAME else ActionServer
+            work.append(server(node, parts, name, self.names.ros(name)).run())
         for executor in parts.executors:
             if isinstance(executor, RosAction):
                 executor.attach(node)
@@ -126,6 +138,12 @@ class Ros1(RosBridge):
             self.problems.tell(f"/observations by {publisher.node}", str(error))
             return
         listening.heard(publisher.node, map(str, sentences if isinstance(sentences, list) else ()))
+
+    def _watched(self, node: RosNode, deliver: Deliver) -> Services:
+        def tell(source: str, answers: bool) -> None:
+            deliver(source, answers, None)
+
+        return Services(node, self._services, tell, self.ping_timeout_s)
 
     def _liveness(self, node: RosNode, deliver: Deliver) -> Liveness:
         def tell(table: dict[str, bool | None]) -> None:
@@ -150,45 +168,41 @@ class _Hearing:
         deliver: Deliver,
         liveness: Liveness | None,
     ) -> None:
-        self.looks = any(field for _, field in wanted)
+        self._counted = [source for source, field in wanted if not field]
+        self._fields = [(source, field, is_board(source)) for source, field in wanted if field]
         self._bridge = bridge
         self._topic = topic
-        self._wanted = wanted
         self._deliver = deliver
         self._liveness = liveness
+
+    @property
+    def looks(self) -> bool:
+        """Whether anybody looks into the messages."""
+        return bool(self._fields)
 
     def message(self, publisher: Publisher, body: bytes) -> None:
         if self._liveness is not None:
             self._liveness.heard(publisher)
-        fields = []
-        for source, field in self._wanted:
-            if field:
-                fields.append((source, field))
-            else:
-                self._deliver(source, None, None)
-        if not fields:
-            return
+        for source in self._counted:
+            self._deliver(source, None, None)
+        if self._fields:
+            self._look(publisher, body)
+
+    def _look(self, publisher: Publisher, body: bytes) -> None:
+        problems = self._bridge.problems
         place = f"messages of {self._topic} by {publisher.node}"
         try:
             message = self._bridge._readers.open(publisher, body)
-            for source, field in fields:
+            for source, field, of_board in self._fields:
                 try:
                     value = message.at(field)
+                    if of_board:
+                        value = measured(source, value)
                 except MissingField as error:
-                    self._bridge.problems.tell(f"{self._topic} by {publisher.node}, {field}", str(error))
+                    problems.tell(f"{self._topic} by {publisher.node}, {field}", str(error))
                 else:
-                    self._deliver(source, channels(value) if source == BOARD else value, None)
+                    self._deliver(source, value, None)
         except UnreadableMessage as error:
-            self._bridge.problems.tell(place, str(error))
+            problems.tell(place, str(error))
         else:
-            self._bridge.problems.over(place)
-
-
-def channels(rows: Any) -> list[dict[str, Any]]:
-    """Return /board_measurments as hardware observers read it: by number, up to the first that is missing."""
-    found = {
-        row["id"]: {"on": row["status"] == 1, "current_a": row["current"]}
-        for row in (rows if isinstance(rows, list) else ())
-        if isinstance(row, dict) and {"id", "status", "current"} <= row.keys()
-    }
-    return [found[number] for number in range(len(found)) if all(n in found for n in range(number + 1))]
+            problems.over(place)

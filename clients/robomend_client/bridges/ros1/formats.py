@@ -11,6 +11,7 @@ from dataclasses import fields
 from functools import lru_cache
 from typing import Any
 
+from robomend_client.bridges.measured import row_of
 from robomend_client.bridges.ros1.messages import full_name
 from robomend_client.bridges.ros1.publication import MessageType
 from robomend_client.bridges.statuses import statuses
@@ -24,6 +25,8 @@ GOAL_STATUS = (
 
 PACKAGE = "tug_ist_diagnosis_msgs"
 GOAL, RESULT, FEEDBACK = (f"{PACKAGE}/DiagnosisRepairAction{part}" for part in ("Goal", "Result", "Feedback"))
+MODEL = f"{PACKAGE}/SystemModelResult"
+MODEL_RESULT, MODEL_FEEDBACK = (f"{PACKAGE}/SystemModelAction{part}" for part in ("Result", "Feedback"))
 CANCEL, STATUSES = "actionlib_msgs/GoalID", "actionlib_msgs/GoalStatusArray"
 OBSERVATIONS, DIAGNOSIS = f"{PACKAGE}/Observations", f"{PACKAGE}/Diagnosis"
 BOARD = f"{PACKAGE}/DBoardMeasurments"
@@ -52,6 +55,8 @@ DEFINITIONS = {
     GOAL: f"{ACTION_HEAD}actionlib_msgs/GoalID goal_id\n{PACKAGE}/DiagnosisRepairGoal goal\n",
     RESULT: f"{ACTION_HEAD}actionlib_msgs/GoalStatus status\n{PACKAGE}/DiagnosisRepairResult result\n",
     FEEDBACK: f"{ACTION_HEAD}actionlib_msgs/GoalStatus status\n{PACKAGE}/DiagnosisRepairFeedback feedback\n",
+    MODEL: "string ab\nstring nab\nstring neg_prefix\nstring[] rules\nstring[] props\n",
+    MODEL_RESULT: f"{ACTION_HEAD}actionlib_msgs/GoalStatus status\n{MODEL} result\n",
     BOARD: f"float32 o_time\n{PACKAGE}/Channel[] channel\n",
 }
 
@@ -128,17 +133,7 @@ def diagnosis(result: Mapping[str, Any], time_ns: int) -> bytes | None:
 
 def board(channels: Sequence[Mapping[str, Any]], time_ns: int) -> bytes:
     """Return /board_measurments; of a channel of which nothing is known, there is no row."""
-    rows = [
-        {
-            "id": channel["channel"],
-            "dev_connected": channel["component"] or "",
-            "status": int(channel["on"]),
-            "current": channel["current_a"] or 0.0,
-            "voltage": channel["voltage_v"] or 0.0,
-        }
-        for channel in channels
-        if channel["on"] is not None
-    ]
+    rows = [row_of(channel) for channel in channels if channel["on"] is not None]
     return encode(BOARD, {"o_time": time_ns / 1e9, "channel": rows})
 
 

@@ -36,6 +36,13 @@ class Master:
         except CallRefused:
             return None
 
+    async def lookup_service(self, service: str) -> str | None:
+        """Return the address of a service, None if the master knows of none."""
+        try:
+            return str(await self._ask("lookupService", service))
+        except CallRefused:
+            return None
+
     async def graph(self, types: bool = True) -> RosGraph:
         """Return who publishes, listens to and offers what, and the types of the topics."""
         state = await self._ask("getSystemState")

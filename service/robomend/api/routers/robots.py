@@ -6,6 +6,7 @@ changes by itself; If-Match the first alone, as that is what a PUT replaces.
 
 from __future__ import annotations
 
+import asyncio
 import hashlib
 
 from fastapi import APIRouter, Response
@@ -26,12 +27,18 @@ from robomend.api.deps import (
 from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
 from robomend.api.schemas.base import Items
+from robomend.api.schemas.models import FiveKeyOut
 from robomend.api.schemas.robots import RobotBody, RobotLine, RobotOut
-from robomend.api.views import robot_line, robot_out
+from robomend.api.views import five_key_out, robot_line, robot_out
+from robomend.errors import TooLarge
+from robomend.model.five_key import five_key_of
 from robomend.robots.robot import Robot
 from robomend.security import API
 from robomend.store import robots
 from robomend.store.records import ABSENT
+
+MOST_CLAUSES = 20_000
+"""Of a model that is told whole in five keys."""
 
 router = APIRouter(prefix=f"{API}/robots", tags=["robots"], route_class=GuardedRoute)
 
@@ -47,6 +54,21 @@ async def list_robots(parts: PartsDep, paging: PagingDep) -> Items[RobotLine]:
 async def get_robot(robot: RobotPath, parts: PartsDep, response: Response) -> RobotOut:
     """Return a robot's configuration, its revision and whether it is healthy."""
     return await _answer(await parts.robots.diagnosed(robot), parts, response)
+
+
+@router.get("/{robot}/model", responses=problems(404, 413))
+async def get_model_of_robot(robot: RobotPath, parts: PartsDep) -> FiveKeyOut:
+    """Return the model that a robot follows as propositions and clauses: the five keys of the published
+    system.
+    """
+    state = await parts.robots.memory.robot(robot)
+    if len(state.system.cnf.clauses) > MOST_CLAUSES:
+        raise TooLarge(
+            f"the model {state.model.name} has {len(state.system.cnf.clauses)} clauses, and {MOST_CLAUSES} "
+            "are told in five keys; `robomend compile --format five-key` writes all of them"
+        )
+    keys = await asyncio.to_thread(five_key_of, state.system.cnf)
+    return five_key_out(state.model, keys)
 
 
 @router.put(

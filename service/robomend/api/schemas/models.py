@@ -37,6 +37,18 @@ class ModelOut(Out):
     by: str
 
 
+class FiveKeyOut(Out):
+    """The model that a robot follows, in the five keys of the published system's model server."""
+
+    model: str
+    version: str
+    ab: str = Field(description="what says that a component is abnormal")
+    nab: str = Field(description="and that it is not")
+    neg_prefix: str = Field(description="what a negated proposition begins with")
+    props: list[str] = Field(examples=[["ok(scan)"]])
+    rules: list[str] = Field(description="the clauses", examples=[["NAB(laser)->ok(scan)"]])
+
+
 class VersionOut(Out):
     """One version in the list of a model's versions, or one model in the list of models."""
 

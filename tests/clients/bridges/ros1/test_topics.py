@@ -149,6 +149,26 @@ def test_diagnostics_and_the_boards_channels_come_as_observers_read_them(ros: Ro
     asyncio.run(test())
 
 
+def test_what_the_board_measures_of_a_device_is_a_number_for_any_observer(ros: Robot, tmp_path: Path) -> None:
+    rows = [
+        {"id": 7, "dev_connected": "jaguar", "status": 1, "current": 1.5, "voltage": 24.0},
+        {"id": 3, "dev_connected": "lamp"},
+    ]
+    board = {"type": "tug_ist_diagnosis_msgs/DBoardMeasurments", "definition": BOARD_TEXT}
+    ros.node("board").do("publish", topic="/board_measurments", value={"channel": rows}, rate=20, **board)
+    sources = [f"board:{what}" for what in ("current(jaguar)", "voltage(7)", "current(lamp)", "current(fan)")]
+
+    async def test() -> None:
+        async with hearing(tmp_path, ros.master.uri, *sources) as heard:
+            await heard.more("board:current(lamp)")
+            assert [heard.last(source) for source in sources] == [1.5, 24.0, 0.0, None]
+            await heard.told("no current of fan: no channel of the board has a device of that name")
+            await heard.more("board:voltage(7)")
+            assert len(heard.lines("no current of fan")) == 1
+
+    asyncio.run(test())
+
+
 # --- peers that no distribution has: these are played, everything else is real -----------------------------
 
 
