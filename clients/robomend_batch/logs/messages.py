@@ -35,8 +35,9 @@ from robomend_batch.words import Setting, Words
 from robomend_client.literals import Atom, Literal
 from robomend_client.observers.base import SECOND
 from robomend_client.observers.combining import Change
-from robomend_client.observers.driver import Driver, Listener
+from robomend_client.observers.driver import Driver
 from robomend_client.observers.kinds import ObserverSpec
+from robomend_client.observers.listener import Listener
 
 if TYPE_CHECKING:
     from robomend_batch.logs.columns import Column
