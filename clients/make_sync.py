@@ -17,6 +17,7 @@ PACKAGE = Path(__file__).parent / "robomend_client"
 
 MADE = {
     PACKAGE / "rest" / "sync.py": PACKAGE / "rest" / "asynchronous.py",
+    PACKAGE / "rest" / "sync_sending.py": PACKAGE / "rest" / "async_sending.py",
     PACKAGE / "outbox" / "sync.py": PACKAGE / "outbox" / "asynchronous.py",
 }
 """What is made from what."""
@@ -31,6 +32,7 @@ WORDS = (
     (r"\bimport asyncio\b", "import time"),
     (r"\basyncio(?=\.sleep)", "time"),
     (r"\brest\.asynchronous\b", "rest.sync"),
+    (r"\basync_sending\b", "sync_sending"),
     # An asynchronous generator cannot delegate.
     (r"for event in (\S+):\n\s+yield event\n", r"yield from \1\n"),
 )
@@ -53,7 +55,8 @@ def made_from(source: Path) -> str:
 
 def main(arguments: list[str]) -> int:
     """Write what is made, or with --check look at it."""
-    stale = {made: text for made, source in MADE.items() if (text := made_from(source)) != made.read_text()}
+    texts = {made: made_from(source) for made, source in MADE.items()}
+    stale = {made: text for made, text in texts.items() if not made.exists() or made.read_text() != text}
     for made, text in stale.items():
         print(made.relative_to(PACKAGE.parent.parent))
         if "--check" not in arguments:

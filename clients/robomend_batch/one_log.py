@@ -15,7 +15,7 @@ from robomend.model.packed import opened
 from robomend.model.system import System
 from robomend.observations.language import Unknown
 from robomend_batch.answers import Answers
-from robomend_batch.logs.blocks import Advance, Restart, Shown
+from robomend_batch.logs.blocks import Advance, Opened, Restart, Shown
 from robomend_batch.logs.kinds import READERS, kind_of
 from robomend_batch.observing import Observing, load_observers
 from robomend_batch.parts import PartFiles, Parts, write_piece
@@ -68,27 +68,23 @@ class Diagnoser:
         kind = None
         try:
             kind = kind_of(path)
-            for log, what in READERS[kind](path, logs):
+            for log, what in READERS[kind](path, logs.opened):
                 logs.log(log).take(what)
             return logs.finish(kind)
         except LogRefused as error:
             logs.drop()
-            logs.problems.add(error.place or name, error.reason, bad=True)
-            return [refused(name, kind, logs.problems)]
+            logs.opened.problems.add(error.place or name, error.reason, bad=True)
+            return [refused(name, kind, logs.opened.problems)]
         except BaseException:  # Ctrl-C as well: no half-written part stays; whoever asked says what it was
             logs.drop()
             raise
 
 
 class _Logs:
-    """What is open of a file: Opened of logs/blocks.py."""
+    """The logs of a file that is open."""
 
     def __init__(self, name: str, setup: Setup, answers: Answers, observing: Observing | None) -> None:
-        self.observing = observing
-        self.by_header = setup.by_header
-        self.problems = Problems()
-        self.rows = 0
-        self.ended_early = False
+        self.opened = Opened(lambda log: self.log(log).words, observing, setup.by_header)
         self._name = name
         self._setup = setup
         self._answers = answers
@@ -98,13 +94,10 @@ class _Logs:
         found = self._logs.get(log)
         if found is None:
             name = f"{self._name}#{log}" if log else self._name
-            words = Words(self._setup.system.vocabulary, self._setup.unknown, self.problems)
+            words = Words(self._setup.system.vocabulary, self._setup.unknown, self.opened.problems)
             files = PartFiles(self._setup.out / RESULTS, file_name(name), ndjson=self._setup.ndjson)
             found = self._logs[log] = _Log(name, words, files, self._answers, self._setup.together_s)
         return found
-
-    def words(self, log: str) -> Words:
-        return self.log(log).words
 
     def drop(self) -> None:
         """Remove what was written: the file is refused as a whole."""
@@ -120,9 +113,9 @@ class _Logs:
         told = [log for log in self._logs.values() if log.parts.intervals]
         if not told:
             raise LogRefused("an empty log: nothing was observed", self._name)
-        problems = self.problems.json()
-        state = "ended-early" if self.ended_early else "bad" if self.problems.bad else "ok"
-        return [log.record(self._name, kind, state, problems) for log in told]
+        problems = self.opened.problems
+        state = "ended-early" if self.opened.ended_early else "bad" if problems.bad else "ok"
+        return [log.record(self._name, kind, state, problems.json()) for log in told]
 
 
 @dataclass

@@ -70,10 +70,6 @@ class DiskBuffer:
     def __len__(self) -> int:
         return len(self._waiting)
 
-    @property
-    def bytes_waiting(self) -> int:
-        return self._bytes
-
     def append(self, record: dict[str, Any]) -> None:
         """Put `record` at the end; the oldest are dropped, and counted, if it would not fit."""
         line = encode(record)

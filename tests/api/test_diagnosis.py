@@ -15,6 +15,7 @@ from robomend.errors import WorkerTimeout
 from robomend.metrics import Metrics
 from robomend.model.cnf import HealthCnf
 from robomend.model.loading import load_text
+from robomend.oneshots.solvers import SolverWorkers
 from robomend.robots.diagnoser import Diagnoser
 from robomend.settings import Settings
 from robomend_client.literals import Literal, fails
@@ -162,7 +163,7 @@ def test_probes_tell_the_diagnoses_apart(service: Service) -> None:
     assert told_apart in ([["hokuyo"]], [["hokuyo_node"]])
 
 
-class SlowWorkers:
+class SlowWorkers(SolverWorkers):
     """Workers that never answer in time, and write down what they were asked."""
 
     def __init__(self) -> None:

@@ -4,25 +4,12 @@ from __future__ import annotations
 
 import json
 import math
-import struct
 from pathlib import Path
-from typing import IO, Any
 
 import pytest
-from mcap.writer import CompressionType, IndexType
-from mcap.writer import Writer as McapWriter
-from tests.robomend_batch.recordings import (
-    EPOCH_NS,
-    KINDS,
-    ROS2,
-    Sample,
-    message,
-    steady,
-    write,
-    write_bag,
-    write_ros2,
-)
-from tests.robomend_batch.running import batch_run, intervals, logs, ndjson, tree
+from tests.robomend_batch.recordings import EPOCH_NS, steady, write, write_bag, write_ros2
+from tests.robomend_batch.rover import drive, told
+from tests.robomend_batch.running import batch_run, logs, ndjson, tree
 
 from robomend_client.literals import Atom
 from robomend_client.observers import Change, Driver
@@ -31,51 +18,7 @@ from robomend_client.observers.kinds import read_lenient, read_observers, read_t
 from robomend_client.observers.recording import Recording
 from robomend_client.yaml_reader import read
 
-SHARED_MODEL = """
-robomend: 1
-name: rover
-hardware: {base: {}, lidar: {}}
-nodes:
-  base_node: {drives: [base], publishes: {odom: []}}
-  lidar_node: {drives: [lidar], publishes: {scan: []}}
-  imu_node: {publishes: {imu: []}}
-properties: {hokuyo: {}}
-values:
-  odom_yaw: {topic: odom, field: twist.twist.angular.z}
-rules: ["not ab(lidar) -> ok(hokuyo)", "not ab(imu_node) -> not inc(odom_yaw)"]
-"""
-
-OBSERVERS = """
-topics:
-  odom: {rate_hz: 20, tolerance_hz: 3}
-  scan: {rate_hz: 10, tolerance_hz: 2}
-observers:
-  odom_yaw: {kind: qualitative, source: "odom:twist.twist.angular.z", slope: 0.1}
-  hokuyo: {kind: diagnostic, status: ["hokuyo: *"]}
-"""
-
 FORMATS = ("a.bag", "a.mcap", "a.db3")
-
-
-@pytest.fixture
-def rover(tmp_path: Path) -> tuple[Path, Path]:
-    model, observers = tmp_path / "rover.yaml", tmp_path / "agent.yaml"
-    model.write_text(SHARED_MODEL)
-    observers.write_text(OBSERVERS)
-    return model, observers
-
-
-def drive(end_s: float = 8.0) -> list[Sample]:
-    """A drive in which the scan falls silent from 3 to 5 s, the base turns ever faster from 6 s on."""
-    scan = [sample for sample in steady("scan", 10, end_s) if not 3 <= sample[0] < 5]
-    odom = [(time, "odom", max(0.0, time - 6.0)) for time, _, _ in steady("odom", 20, end_s)]
-    hot = [(time, "diagnostics", 40.0) for time, _, _ in steady("diagnostics", 1, end_s)]
-    return [*scan, *odom, *hot]
-
-
-def told(out: Path) -> list[tuple[float, str, object]]:
-    """Return the beginnings of intervals in seconds of the drive."""
-    return [((one["start_ns"] - EPOCH_NS) / SECOND, one["state"], one["bad"]) for one in intervals(out)]
 
 
 def test_faults_of_a_drive_are_found_in_every_format_and_alike(
@@ -182,28 +125,6 @@ def test_a_recording_that_is_cut_off_is_diagnosed_up_to_there(
         assert "ended-early" in states
 
 
-@pytest.mark.parametrize("compression", list(CompressionType))
-def test_of_the_chunk_in_which_an_mcap_ends_what_is_there_is_read(
-    compression: CompressionType, rover: tuple[Path, Path], tmp_path: Path
-) -> None:
-    model, observers = rover
-    observers.write_text("topics:\n  scan: {rate_hz: 10, tolerance_hz: 2}\n")
-    log = tmp_path / "a.mcap"
-    with log.open("wb") as file:
-        options = {"chunk_size": 10 << 20, "index_types": IndexType.NONE}  # one chunk is nearly all of it
-        _drive_in_chunks(file, drive(60.0), compression=compression, **options)
-    assert batch_run(tmp_path / "whole", log, "--observers", observers, model=model) == 0
-    whole = log.read_bytes()
-    for share in (0.5, 0.8):
-        log.write_bytes(whole[: int(len(whole) * share)])
-        given = (log, "--observers", observers, "--overwrite")
-        assert batch_run(tmp_path / "cut", *given, model=model) == 2
-        (record,) = logs(tmp_path / "cut")
-        assert record["state"] == "ended-early"
-        assert share - 0.3 < (record["end_ns"] - EPOCH_NS) / (60 * SECOND) <= share + 0.2
-        assert told(tmp_path / "cut")[:-1] == told(tmp_path / "whole")[: len(told(tmp_path / "cut")) - 1]
-
-
 def test_a_damaged_byte_is_no_crash(rover: tuple[Path, Path], tmp_path: Path) -> None:
     model, observers = rover
     for name in FORMATS:
@@ -225,107 +146,6 @@ def test_time_by_the_header_is_the_time_of_the_header(rover: tuple[Path, Path], 
         assert batch_run(out, log, "--observers", observers, "--time", "header", model=model) == 0
         (silent, *_) = [start for start, state, _ in told(out) if state == "faulty"]
         assert -97.0 < silent < -96.5
-
-
-def test_a_recording_that_goes_back_in_time_has_segments(rover: tuple[Path, Path], tmp_path: Path) -> None:
-    """A simulation that was reset: by the recorder's clock time goes on, by the headers it begins again."""
-    model, observers = rover
-    first = steady("scan", 10, 4.0)
-    log = tmp_path / "a.mcap"
-    with log.open("wb") as file:
-        _scans(file, [(time, time) for time, _, _ in first] + [(4 + time, time) for time, _, _ in first])
-    given = ("--observers", observers, "--time", "header")
-    assert batch_run(tmp_path / "out", log, *given, model=model) == 0
-    found = intervals(tmp_path / "out")
-    assert {one["segment"] for one in found} == {0, 1}
-    assert all(one["end_ns"] >= one["start_ns"] for one in found)
-    assert [one["state"] for one in found if one["segment"] == 1] == ["unknown", "healthy"]
-
-
-def _scans(file: object, times: list[tuple[float, float]], **options: object) -> None:
-    """Write scans, recorded and stamped at these seconds, by another library than the one that reads."""
-    writer = McapWriter(file, chunk_size=1000, **options)  # type: ignore[arg-type]  # handed through
-    writer.start(profile="ros2", library="test")
-    definition = "std_msgs/Header header\nfloat32 range\n" + "=" * 80 + "\nMSG: std_msgs/Header\n"
-    definition += "builtin_interfaces/Time stamp\nstring frame_id\n" + "=" * 80
-    definition += "\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
-    schema = writer.register_schema("my_msgs/msg/Scan", "ros2msg", definition.encode())
-    channel = writer.register_channel("/scan", "cdr", schema)
-    for recorded, stamped in times:
-        at_ns, stamp_ns = (EPOCH_NS + round(time * SECOND) for time in (recorded, stamped))
-        data = (
-            b"\0\1\0\0"
-            + struct.pack("<iII", *divmod(stamp_ns, SECOND), 2)
-            + b"x\0\0\0"
-            + struct.pack("<f", 1.5)
-        )
-        writer.add_message(channel, at_ns, data, at_ns)
-    writer.finish()  # type: ignore[no-untyped-call]  # the library's
-
-
-@pytest.mark.parametrize(
-    "options",
-    [
-        {"use_chunking": False},
-        {"use_statistics": False},
-        {"use_summary_offsets": False, "repeat_channels": False},
-    ],
-    ids=lambda options: next(iter(options)),
-)
-def test_a_file_without_index_is_read_as_a_stream(
-    options: dict[str, object], rover: tuple[Path, Path], tmp_path: Path
-) -> None:
-    model, observers = rover
-    with (tmp_path / "a.mcap").open("wb") as file:
-        _scans(file, _silence(), **options)
-    assert batch_run(tmp_path / "out", tmp_path / "a.mcap", "--observers", observers, model=model) == 0
-    (fault,) = [start for start, state, _ in told(tmp_path / "out") if state == "faulty"]
-    assert 3.0 < fault < 3.5
-
-
-def _silence() -> list[tuple[float, float]]:
-    return [(time, time) for time, topic, _ in drive() if topic == "scan"]
-
-
-def test_messages_out_of_order_are_put_in_order_by_the_index(
-    rover: tuple[Path, Path], tmp_path: Path
-) -> None:
-    model, observers = rover
-    times = _silence()
-    blocks = [times[start : start + 7] for start in range(0, len(times), 7)]
-    mixed = [
-        time for pair in zip(blocks[1::2], blocks[::2], strict=False) for block in pair for time in block
-    ]
-    with (tmp_path / "a.mcap").open("wb") as file:
-        _scans(file, mixed)
-    with (tmp_path / "b.mcap").open("wb") as file:
-        _scans(file, sorted(mixed))
-    for name in ("a", "b"):
-        assert (
-            batch_run(tmp_path / name, tmp_path / f"{name}.mcap", "--observers", observers, model=model) == 0
-        )
-    assert told(tmp_path / "a") == told(tmp_path / "b")
-
-
-def test_a_type_that_cannot_be_parsed_costs_its_topic_and_not_the_file(
-    rover: tuple[Path, Path], tmp_path: Path
-) -> None:
-    model, observers = rover
-    with (tmp_path / "a.mcap").open("wb") as file:
-        writer = McapWriter(file)
-        writer.start(profile="ros2", library="test")
-        odd = writer.register_schema("my_msgs/msg/Odd", "ros2msg", b"%%% no definition at all")
-        channels = [writer.register_channel(f"/{topic}", "cdr", odd) for topic in ("odom", "scan")]
-        for time, _ in _silence():
-            for channel in channels:
-                writer.add_message(channel, EPOCH_NS + round(time * SECOND), b"\0\1\0\0", 0)
-        writer.finish()  # type: ignore[no-untyped-call]  # the library's
-    assert batch_run(tmp_path / "out", tmp_path / "a.mcap", "--observers", observers, model=model) == 2
-    (log,) = logs(tmp_path / "out")
-    assert log["state"] == "bad"
-    (problem,) = [problem for problem in log["problems"] if problem["bad"]]
-    assert "odom:twist.twist.angular.z" in problem["reason"]
-    assert [start for start, state, _ in told(tmp_path / "out") if state == "faulty"]  # by the rate of scan
 
 
 def test_a_topic_that_is_not_there_is_told_once_and_unknown(rover: tuple[Path, Path], tmp_path: Path) -> None:
@@ -428,48 +248,3 @@ def test_other_observers_or_another_clock_are_another_run(rover: tuple[Path, Pat
         )
         == 0
     )
-
-
-def test_stretches_that_are_taken_in_at_once_leave_the_same_bytes(
-    rover: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    model, observers = rover
-    observers.write_text(
-        "topics:\n  odom: {rate_hz: 20, tolerance_hz: 3}\n  scan: {rate_hz: 10, tolerance_hz: 2}\n"
-        'observers:\n  "ok(hokuyo)": {kind: property, source: "odom:twist.twist.angular.z", high: 1.5}\n'
-    )
-    with (tmp_path / "a.mcap").open("wb") as file:
-        _drive_in_chunks(file, drive(20.0))
-    taken = []
-    take = Driver.quiet
-
-    def counted(driver: Driver, *given: Any) -> bool:
-        taken.append(take(driver, *given))
-        return taken[-1]
-
-    monkeypatch.setattr(Driver, "quiet", counted)
-    assert batch_run(tmp_path / "fast", tmp_path / "a.mcap", "--observers", observers, model=model) == 0
-    assert taken.count(True) > 10
-    assert taken.count(False) > 2
-    monkeypatch.setattr(Driver, "quiet", lambda *_: False)
-    assert batch_run(tmp_path / "slow", tmp_path / "a.mcap", "--observers", observers, model=model) == 0
-    assert tree(tmp_path / "fast") == tree(tmp_path / "slow")
-    states = [state for _, state, _ in told(tmp_path / "fast")]
-    assert states.count("faulty") >= 2
-
-
-def _drive_in_chunks(file: IO[bytes], samples: list[Sample], **options: Any) -> None:
-    writer = McapWriter(file, **{"chunk_size": 4000, **options})
-    writer.start(profile="ros2", library="test")
-    channels = {}
-    for topic in ("odom", "scan"):
-        name = KINDS[topic]
-        text, _ = ROS2.generate_msgdef(name, ros_version=2)
-        schema = writer.register_schema(name, "ros2msg", text.encode())
-        channels[topic] = writer.register_channel(f"/{topic}", "cdr", schema)
-    for at_s, topic, value in sorted(samples, key=lambda sample: sample[0]):
-        if topic in channels:
-            at_ns = EPOCH_NS + round(at_s * SECOND)
-            body = bytes(ROS2.serialize_cdr(message(ROS2, topic, value, at_ns, "base"), KINDS[topic]))
-            writer.add_message(channels[topic], at_ns, body, at_ns)
-    writer.finish()  # type: ignore[no-untyped-call]  # the library's

@@ -15,8 +15,7 @@ from hypothesis import strategies as st
 
 from robomend.model.loading import load_text
 from robomend.observations.language import parse
-from robomend_bench.service import command as command_module
-from robomend_bench.service import fleet, floods, stops
+from robomend_bench.service import fleet, floods, pages, parts, stops
 from robomend_bench.service.attackers import requests
 from robomend_bench.service.beside_bare import run_beside_bare
 from robomend_bench.service.command import command
@@ -68,7 +67,8 @@ def test_every_literal_is_of_the_model_and_a_conflict_of_its_own() -> None:
 @pytest.fixture(autouse=True)
 def _without_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
     """Figures need services that have warmed up; that there are figures does not."""
-    monkeypatch.setattr(command_module, "WARM_UP_S", 0.0)
+    monkeypatch.setattr(parts, "WARM_UP_S", 0.0)
+    monkeypatch.setattr(pages, "WARM_UP_S", 0.0)
     monkeypatch.setattr(floods, "FIRST_S", 0.05)
     monkeypatch.setattr(stops, "WITHIN_S", 1.0)
 

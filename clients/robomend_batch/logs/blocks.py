@@ -4,14 +4,14 @@
     Shown     each is all that was known at its time, as bits of the log's sensors
     Restart   time begins again, here
 
-A file may hold several logs, by its column `log`; a reader asks `Open` for the words of each.
+A file may hold several logs, by its column `log`; a reader asks `Opened` for the words of each.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from robomend.diagnosis.library import Codes
 from robomend_batch.observing import Observing
@@ -49,26 +49,26 @@ class Block(NamedTuple):
     what: Rows | Shown | Advance | Restart
 
 
-class Opened(Protocol):
+@dataclass(slots=True)
+class Opened:
     """What is open of a file while it is read."""
 
-    problems: Problems
-    """Of the file as a whole."""
+    words: Callable[[str], Words]
+    """Returns the words of one of its logs."""
 
-    rows: int
-    """That were read."""
-
-    ended_early: bool
-
-    observing: Observing | None
+    observing: Observing | None = None
     """The observers, for recorded messages."""
 
-    by_header: bool
+    by_header: bool = False
     """Whose clock: the one in the messages' headers, or the recorder's."""
 
-    def words(self, log: str) -> Words:
-        """Return the words of one of its logs."""
-        ...
+    problems: Problems = field(default_factory=Problems)
+    """Of the file as a whole."""
+
+    rows: int = 0
+    """That were read."""
+
+    ended_early: bool = False
 
 
 Blocks = Iterator[Block]

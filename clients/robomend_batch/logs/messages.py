@@ -36,8 +36,10 @@ from robomend_client.bridges.measured import is_board, measured
 from robomend_client.literals import Atom, Literal
 from robomend_client.observers.base import SECOND
 from robomend_client.observers.combining import Change
-from robomend_client.observers.driver import Driver, Listener, ObserverProblem
+from robomend_client.observers.driver import Driver
 from robomend_client.observers.kinds import ObserverSpec
+from robomend_client.observers.listener import Listener
+from robomend_client.observers.problems import ObserverProblem
 
 if TYPE_CHECKING:
     from robomend_batch.logs.columns import Column

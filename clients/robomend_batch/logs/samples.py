@@ -9,7 +9,8 @@ from pathlib import Path
 from robomend_batch.logs.blocks import Advance, Block, Blocks, Opened, Restart
 from robomend_batch.logs.messages import Changes
 from robomend_batch.problems import LogRefused
-from robomend_client.observers.driver import Driver, Listener
+from robomend_client.observers.driver import Driver
+from robomend_client.observers.listener import Listener
 from robomend_client.observers.recording import replay
 
 

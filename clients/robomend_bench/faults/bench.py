@@ -76,7 +76,7 @@ def busy(loops: int) -> Iterator[None]:
 
 
 class Bench:
-    """One service and the robots under trial; what trial.Surroundings asks for."""
+    """One service and the robots under trial."""
 
     def __init__(self, data: Path, agents: Path, priority: int) -> None:
         """`data` is the service's folder, `agents` that of all the agents, `priority` the service's."""

@@ -14,8 +14,7 @@ from collections.abc import Callable
 from contextlib import AsyncExitStack
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from robomend_bench.faults.classes import Planted, Scenario, draw
 from robomend_bench.faults.live import LiveRobot
@@ -25,6 +24,9 @@ from robomend_bench.faults.robot import find_robot
 from robomend_bench.faults.stretches import STRETCH_BY_NAME, Stretch
 from robomend_client.rest.asynchronous import AsyncClient
 from robomend_client.rest.errors import ClientError
+
+if TYPE_CHECKING:
+    from robomend_bench.faults.bench import Bench  # which plays trials
 
 READY_S = 60.0
 """How long a robot may take to be found healthy before its fault; it takes two or three."""
@@ -57,29 +59,6 @@ class Terms:
         return self.preset.delay_s + 2.0
 
 
-class Surroundings(Protocol):
-    """What a trial needs of the bench around it."""
-
-    url: str
-    folder: Path
-
-    def clock(self) -> float:
-        """Return the time, in seconds of a clock that does not go back."""
-        ...
-
-    def join(self, live: LiveRobot) -> None:
-        """Let time pass for this robot, and hand it its events."""
-        ...
-
-    def leave(self, live: LiveRobot) -> None:
-        """Let no more time pass for it."""
-        ...
-
-    async def model(self, client: AsyncClient, name: str, text: str) -> None:
-        """Put a model, once."""
-        ...
-
-
 @cache
 def scenario_of(trial: Trial) -> Scenario:
     """Return the scenario of a trial; that of a stretch has no faults. It may take a while to draw."""
@@ -88,7 +67,7 @@ def scenario_of(trial: Trial) -> Scenario:
     return draw(trial.cls, find_robot(trial.robot).anatomy, random.Random(f"scenario {trial}"))
 
 
-async def play(trial: Trial, terms: Terms, around: Surroundings, number: int) -> Record:
+async def play(trial: Trial, terms: Terms, around: Bench, number: int) -> Record:
     """Play a trial and return its record; what went wrong on our side is the record's `error`."""
     record = Record(trial, terms.observers)
     scenario = scenario_of(trial)
@@ -119,7 +98,7 @@ async def play(trial: Trial, terms: Terms, around: Surroundings, number: int) ->
 
 
 class _Play:
-    def __init__(self, live: LiveRobot, terms: Terms, around: Surroundings, client: AsyncClient) -> None:
+    def __init__(self, live: LiveRobot, terms: Terms, around: Bench, client: AsyncClient) -> None:
         self._live = live
         self._terms = terms
         self._around = around

@@ -3,7 +3,8 @@
 driver.py              feeds and asks them, live and over logs; read it after base.py
 combining.py           what several observers of one atom say together
 observer_state.py      what the driver keeps of each; ticks.py: whose turn it is
-recording.py           what a driver took in, and its replay
+recording.py           what a driver took in (listener.py), and its replay
+problems.py            what is left out, and observers that fail
 kinds.py               all kinds by name, and the section `observers:` of a file
 
 general.py             GObs: ok(topic) by the rate of its messages; student_t.py
@@ -21,12 +22,13 @@ from robomend_client.observers.base import SECOND, Evidence, NoNumber, Observer,
 from robomend_client.observers.binary_qualitative import BinaryQualitativeObserver, Match
 from robomend_client.observers.combining import Change
 from robomend_client.observers.diagnostic import DIAGNOSTICS, DiagnosticObserver, Levels
-from robomend_client.observers.driver import Driver, ObserverProblem
+from robomend_client.observers.driver import Driver
 from robomend_client.observers.filters import Filter
 from robomend_client.observers.general import GeneralObserver, Rate
 from robomend_client.observers.hardware import BOARD, BoardReadings, HardwareObserver, Wiring
 from robomend_client.observers.multiple import Answers, MultipleObserver
 from robomend_client.observers.node import PROCESSES, NodeObserver, Table
+from robomend_client.observers.problems import ObserverProblem
 from robomend_client.observers.property import Band, PropertyObserver
 from robomend_client.observers.qualitative import QualitativeObserver, Trend
 from robomend_client.observers.reading import FunctionObserver, ReadingObserver, Readings

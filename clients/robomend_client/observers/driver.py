@@ -22,7 +22,7 @@ times. The rules that make it so:
   observers start anew. Live, stamps that are far from the clock are left out and counted.
 
 Where several observers speak of one atom, combining.py says what holds; observer_state.py has what is kept of
-each observer, ticks.py whose turn it is.
+each observer, ticks.py whose turn it is, problems.py what is told of those that fail.
 
 `settle(n, atoms)` has the observers of these atoms drop their samples and judge anew. The next change of
 each of these atoms carries n, of either sign; None if there is nothing to see within the settling time.
@@ -36,15 +36,14 @@ the others go on.
 from __future__ import annotations
 
 import logging
-import traceback
-from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Sequence
-from dataclasses import dataclass
 
 from robomend_client.literals import Atom
 from robomend_client.observers.base import SECOND, NoNumber, Observer, Verdict
 from robomend_client.observers.combining import Change, Combined
+from robomend_client.observers.listener import Listener
 from robomend_client.observers.observer_state import GRID_NS, NEVER, ObserverState, after
+from robomend_client.observers.problems import ObserverProblem, ObserverProblems
 from robomend_client.observers.quiet import Samples, steady
 from robomend_client.observers.ticks import Ticks
 
@@ -55,31 +54,6 @@ JUMP_NS = SECOND
 
 OLDEST_NS = 10 * SECOND
 """Live, a sample that was made longer ago than this comes from another clock, or too late to be of use."""
-
-
-@dataclass(frozen=True, slots=True)
-class ObserverProblem:
-    """Something that does not belong: told once for each source or place, and counted."""
-
-    what: str  # "observer", "ahead", "behind", "jump", "number"
-    where: str
-    message: str
-
-
-class Listener:
-    """What a driver does, for whoever writes it down; see recording.py."""
-
-    def sample(self, source: str, time_ns: int, value: object, now_ns: int) -> None:
-        """A sample was taken in."""
-
-    def lapse(self, now_ns: int, until_ns: int) -> None:
-        """Nobody looks until then."""
-
-    def settle(self, now_ns: int, n: int, atoms: Collection[Atom]) -> None:
-        """Observers were told to judge anew."""
-
-    def restart(self, now_ns: int) -> None:
-        """Time begins again, here."""
 
 
 class Driver:
@@ -103,13 +77,12 @@ class Driver:
             listener: told of everything that is taken in.
         """
         self.now_ns = start_ns
-        self.problems: Counter[tuple[str, str]] = Counter()
+        self.problems = ObserverProblems(on_problem)
         self._states = [ObserverState(observer, number) for number, observer in enumerate(observers)]
         self._combined = Combined(self._states, lenient)
         self._ticks = Ticks(self._states)
         self._routes: dict[str, _Route] = {}
         self._held: tuple[str, int, object] | None = None  # a sample of a log, far from the time before it
-        self._on_problem = on_problem or _to_the_log
         self._listener = listener
         for state in self._states:
             for source in state.observer.sources:
@@ -163,11 +136,11 @@ class Driver:
                 now_ns = self.now_ns
             if time_ns > now_ns:
                 if time_ns > now_ns + JUMP_NS:
-                    self._leave_out("ahead", source, time_ns - now_ns)
+                    self.problems.left_out("ahead", source, time_ns - now_ns)
                     return ()
                 time_ns = now_ns
             elif time_ns < now_ns - OLDEST_NS:
-                self._leave_out("behind", source, time_ns - now_ns)
+                self.problems.left_out("behind", source, time_ns - now_ns)
                 return ()
         return self._take(route, source, time_ns, value, now_ns)
 
@@ -280,8 +253,7 @@ class Driver:
                             self._plan(state, due_ns, now_ns)
                         continue
             except NoNumber:
-                why = f"a sample of {source} is no number (NaN, or infinite): left out"
-                self._tell("number", source, why)
+                self.problems.no_number(source)
                 continue
             except Exception as error:  # noqa: BLE001  # anybody's observer may raise anything
                 changes = [*changes, *self._failed(state, error)]
@@ -307,7 +279,7 @@ class Driver:
                 self._held = held
                 changes += self._release()
             else:
-                self._leave_out("jump", held[0], held[1] - self.now_ns)
+                self.problems.left_out("jump", held[0], held[1] - self.now_ns)
         if self.now_ns - JUMP_NS <= time_ns <= self.now_ns + JUMP_NS:
             now_ns = max(time_ns, self.now_ns)
             return [*changes, *self._take(self._routes[source], source, time_ns, value, now_ns)]
@@ -323,13 +295,6 @@ class Driver:
             changes += self.restart(time_ns)
         now_ns = max(time_ns, self.now_ns)
         return [*changes, *self._take(self._routes[source], source, time_ns, value, now_ns)]
-
-    def _leave_out(self, what: str, source: str, by_ns: int) -> None:
-        way = "ahead of" if by_ns > 0 else "behind"
-        than = "the samples before and after it" if what == "jump" else "this computer's clock"
-        self._tell(
-            what, source, f"a sample of {source} is {abs(by_ns) / SECOND:.3g} s {way} {than}: left out"
-        )
 
     # --- ticks ----------------------------------------------------------------------------------------
 
@@ -407,8 +372,6 @@ class Driver:
         except Exception as error:  # noqa: BLE001  # it is told, and dealt with, at its next tick
             log.debug("%s: %s", state.observer, error)
 
-    # --- problems -------------------------------------------------------------------------------------
-
     def _failed(
         self,
         state: ObserverState,
@@ -417,10 +380,7 @@ class Driver:
         again: bool = True,
     ) -> Sequence[Change]:
         """An observer raised: its atoms are unknown until it has judged anew."""
-        frames = traceback.extract_tb(error.__traceback__)
-        place = f"{frames[-1].filename}:{frames[-1].lineno}" if frames else "?"
-        name = f"{type(state.observer).__name__} of {', '.join(map(str, state.observer.atoms[:3]))}"
-        self._tell("observer", place, f"the {name} failed: {type(error).__name__}: {error} ({place})")
+        self.problems.failed(state.observer, error)
         mine: dict[Atom, None] = {} if touched is None else touched
         state.verdicts.clear()
         if again:
@@ -433,11 +393,6 @@ class Driver:
         mine.update(dict.fromkeys(state.observer.atoms))
         return self._combined.changes(mine, self.now_ns) if touched is None else ()
 
-    def _tell(self, what: str, where: str, message: str) -> None:
-        self.problems[what, where] += 1
-        if self.problems[what, where] == 1 and len(self.problems) <= 1000:
-            self._on_problem(ObserverProblem(what, where, message))
-
 
 class _Route:
     """Who wants the samples of one source, and how far it has come."""
@@ -447,7 +402,3 @@ class _Route:
     def __init__(self) -> None:
         self.states: list[ObserverState] = []
         self.newest_ns = -NEVER
-
-
-def _to_the_log(problem: ObserverProblem) -> None:
-    log.warning("%s", problem.message)

@@ -15,7 +15,7 @@ from __future__ import annotations
 import importlib.util
 import inspect
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from hashlib import sha256
@@ -195,8 +195,3 @@ def _bound(section: Section, function: Callable[..., Any]) -> Callable[..., Any]
     value, *_ = inspect.signature(function).parameters
     more = read_arguments(section, function, None, "", frozenset({value}))
     return (lambda reading: function(reading, **more)) if more else function
-
-
-def all_sources(specs: Iterable[ObserverSpec], origin: str) -> frozenset[str]:
-    """Return what the observers of one origin want to be fed with."""
-    return frozenset(source for spec in specs if spec.origin == origin for source in spec.sources)

@@ -18,7 +18,8 @@ from typing import Any
 
 from robomend_client.literals import Atom
 from robomend_client.observers.combining import Change
-from robomend_client.observers.driver import Driver, Listener
+from robomend_client.observers.driver import Driver
+from robomend_client.observers.listener import Listener
 
 
 class Recording(Listener):

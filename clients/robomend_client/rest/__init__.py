@@ -1,8 +1,9 @@
 """The REST client: Client for threads and scripts, AsyncClient for asyncio.
 
-calls.py         what can be asked, as values      retry.py      when to ask again
-asynchronous.py  AsyncClient                       sse.py        event streams, cut from bytes
-sync.py          Client, made from it              errors.py     what can go wrong
+calls.py          what can be asked, as values      retry.py      when to ask again
+asynchronous.py   AsyncClient: a method a call      sse.py        event streams, cut from bytes
+async_sending.py  how calls are sent                errors.py     what can go wrong
+sync.py           Client, and sync_sending.py: made from the two
 """
 
 from robomend_client.rest.asynchronous import AsyncClient

@@ -21,7 +21,7 @@ import time
 from collections import Counter, OrderedDict
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from typing import Any
 
 from robomend.diagnosis.engines import make_engine
 from robomend.diagnosis.result import DiagnosisResult, Engine, Options
@@ -31,6 +31,7 @@ from robomend.model.cnf import HealthCnf
 from robomend.model.packed import PackedCnf
 from robomend.model.system import System
 from robomend.oneshots.result_json import result_json, timeless
+from robomend.oneshots.solvers import SolverWorkers
 from robomend.oneshots.warm_model import ask_engine
 from robomend.robots.configuration import RobotConfig
 from robomend.robots.readers import memory_unlimited
@@ -86,26 +87,10 @@ class Diagnosed:
         return self.result
 
 
-class SlowDiagnoses(Protocol):
-    """Where long calls go: worker processes with deadlines."""
-
-    async def diagnose(
-        self,
-        key: str,
-        engine: str,
-        cnf: HealthCnf,
-        literals: frozenset[Literal],
-        options: Options,
-        deadline_s: float,
-    ) -> DiagnosisResult:
-        """Diagnose in a worker that keeps the engine of `key` warm; WorkerDied after the deadline."""
-        ...
-
-
 class Diagnoser:
     """See the module. Belongs to one event loop."""
 
-    def __init__(self, settings: Settings, metrics: Metrics, workers: SlowDiagnoses) -> None:
+    def __init__(self, settings: Settings, metrics: Metrics, workers: SolverWorkers) -> None:
         self._settings = settings
         self._metrics = metrics
         self._workers = workers

@@ -180,7 +180,7 @@ def test_a_stamp_from_the_future_is_left_out_and_told_once() -> None:
         assert driver.sample("scan", ns(3600), now_ns=ns(1.05 + k / 100)) == ()
     assert values(beat(driver, "scan", 1.1, 20)) == []
     assert [(p.what, p.where) for p in problems] == [("ahead", "scan")]
-    assert driver.problems["ahead", "scan"] == 3
+    assert driver.problems.counts["ahead", "scan"] == 3
     assert "3.6e+03 s ahead of this computer's clock: left out" in problems[0].message
 
 
@@ -192,7 +192,7 @@ def test_a_stamp_from_the_future_is_left_out_of_a_log() -> None:
         if k == 20:
             changes += driver.sample("scan", ns(3600))
     assert values(changes) == ["ok(scan)"]
-    assert driver.problems == {("jump", "scan"): 1}
+    assert driver.problems.counts == {("jump", "scan"): 1}
 
 
 def test_a_gap_of_a_log_is_silence() -> None:
@@ -227,7 +227,7 @@ def test_one_old_sample_in_a_log_does_not_begin_anew() -> None:
         if k == 50:
             changes += driver.sample("a", ns(1), 1)
     assert values(changes) == ["ok(scan)"]
-    assert driver.problems == {("jump", "a"): 1}
+    assert driver.problems.counts == {("jump", "a"): 1}
 
 
 def test_a_jump_at_the_end_of_a_log_counts_if_the_log_goes_on_to_there() -> None:
@@ -394,4 +394,4 @@ def test_whatever_it_raises_in_the_others_go_on(method: str) -> None:
     driver.settle(1, [SCAN])
     driver.advance(ns(100))
     assert [str(v.literal) for v in driver.standing()][-1] == "ok(b)"
-    assert sum(driver.problems.values()) < 250  # it is not asked a hundred times a second
+    assert sum(driver.problems.counts.values()) < 250  # it is not asked a hundred times a second

@@ -7,7 +7,7 @@ import asyncio
 import pytest
 
 from robomend_bench.faults import trial as trials
-from robomend_bench.faults.bench import Bench, run_trials
+from robomend_bench.faults.bench import run_trials
 from robomend_bench.faults.live import LiveRobot
 from robomend_bench.faults.record import Trial
 from robomend_bench.faults.trial import Terms
@@ -22,7 +22,6 @@ def test_a_service_that_dies_is_an_error_of_its_trial_and_started_again(
 
     async def die_first(play: trials._Play) -> None:
         if play._live.record.trial == TWO[0]:
-            assert isinstance(play._around, Bench)
             assert play._around._served is not None
             play._around._served.kill()
         else:
