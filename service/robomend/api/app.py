@@ -16,6 +16,7 @@ from fastapi.routing import APIRoute
 
 from robomend.api import problems
 from robomend.api.deps import Parts
+from robomend.api.direct import Direct
 from robomend.api.edge import Edge
 from robomend.api.express import Express
 from robomend.api.gate import Admission, Admitter
@@ -50,6 +51,7 @@ from robomend.api.routers import (
     status,
 )
 from robomend.security import API
+from robomend.settings import Settings
 from robomend.version import version_info
 from robomend.web.fleet import Fleet
 from robomend.web.page_pace import PagePace
@@ -123,6 +125,7 @@ def create_app(parts: Parts, *, lifespan: Lifespan | None = None) -> FastAPI:
     busiest = next(route for route in routes(app) if route.endpoint is observations.post_observations)
     express = Express(parts, app.state.gate, busiest)
     app.add_middleware(Edge, metrics=parts.metrics, express=express, shedding=parts.shedding)
+    app.state.express = express
     default_openapi = app.openapi
     document: dict[str, Any] = {}
 
@@ -133,6 +136,14 @@ def create_app(parts: Parts, *, lifespan: Lifespan | None = None) -> FastAPI:
 
     app.openapi = openapi  # type: ignore[method-assign]  # the way that FastAPI documents for extending it
     return app
+
+
+def direct_way(app: FastAPI, settings: Settings) -> Direct:
+    """Return what answers plain batches of observations to this application, without a request of its own."""
+    parts: Parts = app.state.parts
+    express: Express = app.state.express
+    edge = Edge(app, metrics=parts.metrics, express=express, shedding=parts.shedding)
+    return Direct(edge, express, settings.max_body_bytes)
 
 
 def create_control_app(parts: Parts, gate: Admitter) -> FastAPI:

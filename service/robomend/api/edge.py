@@ -12,10 +12,12 @@ from __future__ import annotations
 import re
 import secrets
 import time
+from collections.abc import Iterable
 from itertools import count
 
 import structlog
 from starlette.requests import ClientDisconnect
+from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from robomend.api.conditional import Conditional, head_as_get
@@ -33,6 +35,7 @@ log = structlog.get_logger("robomend.http")
 
 REQUEST_ID = re.compile(rb"[A-Za-z0-9._\-]{1,64}\Z")
 SAFE = frozenset({"GET", "HEAD", "OPTIONS"})
+Header = tuple[bytes, bytes]
 # An answer's own headers go before these: a form of a page without referrer comes with `Origin: null`.
 SECURITY_HEADERS = ((b"x-content-type-options", b"nosniff"), (b"referrer-policy", b"no-referrer"))
 
@@ -56,13 +59,10 @@ class Edge:
             return
         began = scope["robomend.began"] = time.perf_counter()
         headers = dict(reversed(scope["headers"]))  # of a repeated header, the first
-        given = headers.get(b"x-request-id", b"")
-        request_id = given.decode() if REQUEST_ID.match(given) else f"{self._run}-{next(self._count):x}"
-        scope["robomend.request_id"] = request_id
-        if self._shedding is not None and scope["method"] == "POST" and PATH.match(scope["path"]):
-            late = self._shedding.refusal()
+        request_id = self._name(scope, headers)
+        if scope["method"] == "POST" and PATH.match(scope["path"]):
+            late = self._shed()
             if late is not None:
-                self._metrics.request("POST", RULE[1], late.status, None)
                 await late.response(request_id)(scope, receive, send)
                 return
         status = 0
@@ -71,12 +71,7 @@ class Edge:
             nonlocal status
             if message["type"] == "http.response.start":
                 status = message["status"]
-                own = list(message.get("headers", ()))
-                names = {name.lower() for name, _ in own}
-                more = ((name, value) for name, value in SECURITY_HEADERS if name not in names)
-                bucket: Bucket | None = scope.get("robomend.rate")
-                rate = () if bucket is None else bucket.headers()
-                message["headers"] = [*own, (b"x-request-id", request_id.encode()), *more, *rate]
+                message["headers"] = with_ours(message.get("headers", ()), scope)
             await send(message)
 
         structlog.contextvars.bind_contextvars(request=request_id)
@@ -94,18 +89,48 @@ class Edge:
                 await timed(_coroutine(self._app, scope, receive, answer), self._metrics.held)
         except ClientDisconnect:
             status = status or 499  # nobody is left to answer; the log line and the metrics say so
-        except Exception as error:
-            if out_of_memory(error) and status == 0:
-                log.error("out of memory", method=scope["method"], path=scope["path"], detail=str(error))
-                why = "this process may have no more memory (`ulimit -v`, a cgroup); try again later"
-                await Problem(503, why, code="overloaded").response(request_id)(scope, receive, answer)
-            else:  # a bug of ours: the client gets its 500, the log the traceback
-                log.exception("unforeseen", method=scope["method"], path=scope["path"])
-                if status == 0:
-                    await unforeseen(request_id)(scope, receive, answer)
+        except Exception as error:  # noqa: BLE001  # a bug of ours: it is logged and has an answer
+            response = _failed(scope, error, answered=status != 0)
+            if status == 0:
+                await response(scope, receive, answer)
         finally:
             self._note(scope, asked["method"], status, time.perf_counter() - began)
             structlog.contextvars.clear_contextvars()
+
+    async def direct(self, scope: Scope, body: bytes) -> tuple[Response, list[Header]]:
+        """Return the answer to a plain batch that came whole, and the headers that it goes with.
+
+        The same as above, for robomend.api.direct: a request with no Origin, in a task of its own.
+        """
+        assert self._express is not None
+        began = scope["robomend.began"] = time.perf_counter()
+        headers = dict(scope["headers"])  # none is repeated
+        request_id = self._name(scope, headers)
+        late = self._shed()
+        if late is not None:
+            response = late.response(request_id)
+            return response, response.raw_headers
+        structlog.contextvars.bind_contextvars(request=request_id)
+        try:
+            response = await timed(self._express.answer(scope, headers, body), self._metrics.held)
+        except Exception as error:  # noqa: BLE001  # as above
+            response = _failed(scope, error, answered=False)
+        self._note(scope, "POST", response.status_code, time.perf_counter() - began)
+        return response, with_ours(response.raw_headers, scope)
+
+    def _name(self, scope: Scope, headers: dict[bytes, bytes]) -> str:
+        """Give the request its id: the one that it brings, or one of ours."""
+        given = headers.get(b"x-request-id", b"")
+        name = given.decode() if REQUEST_ID.match(given) else f"{self._run}-{next(self._count):x}"
+        scope["robomend.request_id"] = name
+        return name
+
+    def _shed(self) -> Problem | None:
+        """Return why a batch that comes now is refused, or None."""
+        late = None if self._shedding is None else self._shedding.refusal()
+        if late is not None:
+            self._metrics.request("POST", RULE[1], late.status, None)
+        return late
 
     def _note(self, scope: Scope, method: str, status: int, elapsed_s: float) -> None:
         route = getattr(scope.get("route"), "path_format", "none")
@@ -122,6 +147,29 @@ class Edge:
             ms=round(elapsed_s * 1000, 2),
             principal=scope.get("robomend.principal_name"),
         )
+
+
+def with_ours(own: Iterable[Header], scope: Scope) -> list[Header]:
+    """Return an answer's headers with those that every answer has."""
+    headers = list(own)
+    names = {name.lower() for name, _ in headers}
+    headers.append((b"x-request-id", scope["robomend.request_id"].encode()))
+    headers += [header for header in SECURITY_HEADERS if header[0] not in names]
+    bucket: Bucket | None = scope.get("robomend.rate")
+    if bucket is not None:
+        headers += bucket.headers()
+    return headers
+
+
+def _failed(scope: Scope, error: Exception, *, answered: bool) -> Response:
+    """Return the answer to what nobody caught; the log tells more."""
+    if out_of_memory(error) and not answered:
+        log.error("out of memory", method=scope["method"], path=scope["path"], detail=str(error))
+        why = "this process may have no more memory (`ulimit -v`, a cgroup); try again later"
+        return Problem(503, why, code="overloaded").response(scope["robomend.request_id"])
+    # A bug of ours: the client gets its 500, the log the traceback.
+    log.error("unforeseen", method=scope["method"], path=scope["path"], exc_info=error)
+    return unforeseen(scope["robomend.request_id"])
 
 
 def out_of_memory(error: BaseException) -> bool:

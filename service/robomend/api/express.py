@@ -4,17 +4,18 @@
                │ no
                └─► the framework: routing, exit stacks, dependencies, validation ──► the same functions
 
-The framework's way costs twice what the rest of this request does. The route stays declared where it was, in
-routers/observations.py, with its schema and its place in the gate's table; this is the same sequence of the
-same functions. Whatever is not quite plain takes the framework's way and gets its answers:
-tests/api/test_express.py holds both to the same answers.
+The framework's way costs twice what the rest of this request does; direct.py leaves out the server's as well.
+The route stays declared where it was, in routers/observations.py, with its schema and its place in the gate's
+table; this is the same sequence of the same functions. Whatever is not quite plain takes the framework's way
+and gets its answers: tests/api/test_express.py holds both to the same answers.
 """
 
 from __future__ import annotations
 
 import re
 
-from starlette.requests import Request
+from starlette.requests import Request, empty_receive
+from starlette.responses import Response
 from starlette.routing import BaseRoute
 from starlette.types import Receive, Scope, Send
 
@@ -54,18 +55,28 @@ class Express:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send, headers: dict[bytes, bytes]) -> None:
         """Answer a request that `takes` has found to be plain."""
+        response = await self.answer(scope, headers, None, receive)
+        await response(scope, receive, send)
+
+    async def answer(
+        self,
+        scope: Scope,
+        headers: dict[bytes, bytes],
+        body: bytes | None,
+        receive: Receive = empty_receive,
+    ) -> Response:
+        """Return the answer to a plain request; its body is received if it is not there yet."""
         request = Request(scope, receive)
         key = headers.get(b"idempotency-key")
         try:
             principal = await self._gate.admit(request, RULE)
             batch, once = await read_batch(
-                request, self._parts, principal, None if key is None else key.decode()
+                request, self._parts, principal, None if key is None else key.decode(), body
             )
             with self._parts.shedding.one():
                 outcome = await self._parts.robots.observe(
                     scope["path_params"]["robot"], batch, by=reporter_of(principal), once=once
                 )
         except (Problem, RobomendError) as error:
-            await answer_to(request, error)(scope, receive, send)
-            return
-        await accepted_response(outcome)(scope, receive, send)
+            return answer_to(request, error)
+        return accepted_response(outcome)

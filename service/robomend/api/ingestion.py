@@ -39,19 +39,18 @@ OPENAPI_BODY: dict[str, Any] = {
 
 
 async def read_batch(
-    request: Request, parts: Parts, principal: Principal, key: str | None
+    request: Request, parts: Parts, principal: Principal, key: str | None, body: bytes | None = None
 ) -> tuple[Batch, IdempotencyKey | None]:
-    """Return the batch of a JSON body, and what makes a repeat of it harmless."""
+    """Return the batch of a JSON body, and what makes a repeat of it harmless.
+
+    Args:
+        body: where it is there already, and known to be JSON of an allowed length.
+    """
     settings = parts.settings
-    body = b"".join(
-        [
-            chunk
-            async for chunk in read_chunks(
-                request, settings.max_body_bytes, settings.body_timeout_s, BYTES_PER_S
-            )
-        ]
-    )
-    check_content_type(request, "application/json", NDJSON)
+    if body is None:
+        chunks = read_chunks(request, settings.max_body_bytes, settings.body_timeout_s, BYTES_PER_S)
+        body = b"".join([chunk async for chunk in chunks])
+        check_content_type(request, "application/json", NDJSON)
     batch = batch_of(await strict_json.loads_in_turn(body, settings.max_nesting, parts.robots.readers))
     once = None if key is None else once_of(request, principal, key, hashlib.sha256(body).hexdigest())
     return batch, once
@@ -68,5 +67,5 @@ def batch_of(value: Any) -> Batch:
 
 def once_of(request: Request, principal: Principal, key: str, digest: str) -> IdempotencyKey:
     """Return what makes a repeat harmless: one key, one place, and one body, of which this is the digest."""
-    scope = f"{principal.name} {request.method} {request.url.path.removeprefix(API)}"
-    return IdempotencyKey(scope, key, digest)
+    path: str = request.scope["path"]
+    return IdempotencyKey(f"{principal.name} {request.method} {path.removeprefix(API)}", key, digest)

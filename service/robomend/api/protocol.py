@@ -11,6 +11,9 @@ as everywhere. All of it holds before anybody knows whose request it is:
 
 A connection that ends while its client still sends is not cut off at once: the rest is read and dropped for a
 moment, as a reset would take the answer away from a client that has not read it yet (RFC 9112, 9.6).
+
+The busiest request of all has a way of its own from here on (robomend.api.direct): where its head is that of
+a plain batch, nothing is begun until its body is there, or a moment has passed.
 """
 
 from __future__ import annotations
@@ -21,6 +24,7 @@ from typing import Any
 
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
+from robomend.api.direct import MOMENT_S, Direct, Exchange
 from robomend.api.problems import Problem
 
 VERSIONS = frozenset({"1.0", "1.1"})
@@ -68,6 +72,7 @@ class Protocol(HttpToolsProtocol):
     max_head_bytes = 64 << 10
     head_timeout_s = 30.0
     once = False
+    direct: Direct | None = None
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
@@ -81,6 +86,7 @@ class Protocol(HttpToolsProtocol):
         self._rest = 0
         self._timer: asyncio.TimerHandle | None = None
         self._refusal: Problem | None = None
+        self._plain: bytearray | None = None  # what came of the body of a plain batch
 
     # --- the connection
 
@@ -108,6 +114,10 @@ class Protocol(HttpToolsProtocol):
         before = self._body if self._receiving else 0
         super().data_received(data)
         if self.ending or not self._receiving:
+            return
+        if self._plain is not None:
+            if self._timer is None:
+                self._start_timer(MOMENT_S, self._begin_as_usual)
             return
         if self._heading and self._timer is None:
             self._start_timer(self.head_timeout_s, self._late)
@@ -178,18 +188,32 @@ class Protocol(HttpToolsProtocol):
             self._refusal = Problem(503, f"more than {PIPELINED} requests wait on this connection")
         if self._refusal is not None:
             raise ValueError(self._refusal.detail)  # the parser ends, and asks for send_400_response
+        if self.direct is not None and version == "1.1" and self._is_plain(self.direct):
+            self._plain = bytearray()
+            return
         super().on_headers_complete()
         if self.once:
             self.cycle.keep_alive = False
 
     def on_body(self, body: bytes) -> None:
         self._body += len(body)
-        super().on_body(body)
+        if self._plain is not None:
+            self._plain += body
+        else:
+            super().on_body(body)
 
     def on_message_complete(self) -> None:
         self._receiving = False
         self._stop_timer()
-        super().on_message_complete()
+        if self._plain is None:
+            super().on_message_complete()
+            return
+        body, self._plain = bytes(self._plain), None
+        exchange = Exchange(self.parser.should_keep_alive())
+        self.cycle = exchange  # type: ignore[assignment]  # all that uvicorn asks of one
+        task = self.loop.create_task(self._answer(self.scope, body, exchange))
+        task.add_done_callback(self.tasks.discard)
+        self.tasks.add(task)
 
     def on_response_complete(self) -> None:
         super().on_response_complete()
@@ -199,6 +223,42 @@ class Protocol(HttpToolsProtocol):
     def send_400_response(self, msg: str) -> None:
         """Answer what is no HTTP; uvicorn's own answer is plain text."""
         self._refuse(self._refusal or Problem(400, "this is no HTTP request", code="bad-request"))
+
+    # --- plain batches
+
+    def _is_plain(self, direct: Direct) -> bool:
+        """Return whether the head that has come is that of a plain batch, with nothing before it."""
+        busy = self.cycle is not None and not self.cycle.response_complete
+        if busy or not self.url.endswith(b"/observations") or self.parser.get_method() != b"POST":
+            return False
+        if self.parser.should_upgrade():
+            return False
+        scope: Any = self.scope  # as an ASGI server fills it
+        path = self.url.decode("ascii", "replace")
+        scope.update({"method": "POST", "path": path, "raw_path": self.url, "query_string": b""})
+        return direct.takes(scope)
+
+    def _begin_as_usual(self) -> None:
+        """The body does not come: have it awaited like any other."""
+        self._timer = None
+        if self._plain is not None:
+            body, self._plain = bytes(self._plain), None
+            super().on_headers_complete()
+            if body:
+                super().on_body(body)
+
+    async def _answer(self, scope: Any, body: bytes, exchange: Exchange) -> None:
+        assert self.direct is not None
+        answer = await self.direct.answer(scope, body, exchange, self.server_state.default_headers)
+        if self.flow.write_paused and not exchange.disconnected:
+            await self.flow.drain()
+        if exchange.disconnected:
+            return
+        self.transport.write(answer)
+        exchange.response_started = exchange.response_complete = True
+        if not exchange.keep_alive:
+            self.transport.close()
+        self.on_response_complete()
 
     # --- refusing
 
@@ -239,10 +299,13 @@ class Protocol(HttpToolsProtocol):
         return self._heading or self._refusal is not None or not self._receiving
 
 
-def limited(max_head_bytes: int, head_timeout_s: float, *, once: bool = False) -> type[Protocol]:
+def limited(
+    max_head_bytes: int, head_timeout_s: float, *, once: bool = False, direct: Direct | None = None
+) -> type[Protocol]:
     """Return the protocol with these limits; uvicorn makes one for each connection and passes nothing on.
 
-    With `once`, an answer ends its connection.
+    With `once`, an answer ends its connection; `direct` answers plain batches.
     """
-    limits = {"max_head_bytes": max_head_bytes, "head_timeout_s": head_timeout_s, "once": once}
+    limits: dict[str, Any] = {"max_head_bytes": max_head_bytes, "head_timeout_s": head_timeout_s}
+    limits |= {"once": once, "direct": direct}
     return type("Protocol", (Protocol,), limits)

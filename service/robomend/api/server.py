@@ -11,7 +11,7 @@ import structlog
 import uvicorn
 
 from robomend.api.address import url_of
-from robomend.api.app import create_control_app
+from robomend.api.app import create_control_app, direct_way
 from robomend.api.control_lane import ControlLane
 from robomend.api.protocol import limited
 from robomend.api.runtime import Runtime
@@ -109,7 +109,9 @@ def make_server(runtime: Runtime, ready: Callable[[str], None]) -> Server:
     settings = runtime.settings
     config = uvicorn.Config(
         runtime.app,
-        http=limited(settings.max_head_bytes, settings.head_timeout_s),
+        http=limited(
+            settings.max_head_bytes, settings.head_timeout_s, direct=direct_way(runtime.app, settings)
+        ),
         loop="auto",
         ws="none",
         lifespan="on",
