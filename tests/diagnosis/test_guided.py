@@ -77,5 +77,17 @@ def test_without_conflicts_nothing_need_be_chosen() -> None:
         sets.close()
 
 
+def test_a_component_that_hits_all_comes_before_any_two() -> None:
+    sets = AnyHittingSets(Deadline())
+    for conflict in (0b01110, 0b11100):
+        sets.hit(conflict)
+    assert sets.next() == 0b00100
+    sets.block(0b00100)
+    assert sets.next() == 0b01000
+    sets.hit(0b10110)
+    assert sets.next() in (0b01010, 0b10010, 0b11000)  # nothing smaller hits all without {2}
+    sets.close()
+
+
 def test_what_the_conflicts_do_not_need_is_left_out() -> None:
     assert made_minimal(0b111, [0b011, 0b110]) == 0b010

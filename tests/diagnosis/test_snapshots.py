@@ -17,7 +17,7 @@ from tests.diagnosis.systems import brute_force, model, systems
 from robomend.diagnosis.conflicts import Conflicts, Known
 from robomend.diagnosis.oracle import OutOfTime
 from robomend.diagnosis.result import Options
-from robomend.diagnosis.snapshots import SnapshotEngine, diagnose_snapshots
+from robomend.diagnosis.snapshots import SnapshotEngine, _SnapshotSearch, diagnose_snapshots
 from robomend.diagnosis.wcnf import read_wcnf
 from robomend.errors import ContradictoryModel, OptionRefused
 from robomend.model.cnf import HealthCnf
@@ -88,7 +88,9 @@ def test_agrees_with_the_definition(data: st.DataObject) -> None:
         with pytest.raises(ContradictoryModel):
             diagnose_snapshots(cnf, snapshots)
         return
-    everything = blamed(cnf, snapshots)
+    with pytest.MonkeyPatch.context() as patch:  # ask whether there are others now and then, or each time
+        patch.setattr("robomend.diagnosis.snapshots.ASKED_AGAIN", data.draw(st.sampled_from((0, 4))))
+        everything = blamed(cnf, snapshots)
     assert len(everything) == len(expected)
     assert set(everything) == expected
     assert [len(bad) for bad in everything] == sorted(len(bad) for bad in everything)
@@ -158,6 +160,28 @@ def test_of_thousands_of_diagnoses_the_smallest_are_listed() -> None:
         diagnosis.bad for diagnosis in result.diagnoses
     }
     assert {len(diagnosis.bad) for diagnosis in result.diagnoses} == {2, 3}
+
+
+def test_that_nothing_more_is_to_come_is_seen_at_one_snapshot(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("robomend.diagnosis.snapshots.HEAD_START_S", 1e9)
+    file = read_wcnf(DATA / "c1908" / "c1908mut1442n.wcnf.gz")  # six gates, any one of which explains all
+    candidates: list[int] = []
+    find_conflict = _SnapshotSearch.find_conflict
+
+    def noted(search: _SnapshotSearch, abnormal: int) -> int | None:
+        candidates.append(abnormal)
+        return find_conflict(search, abnormal)
+
+    monkeypatch.setattr(_SnapshotSearch, "find_conflict", noted)
+    asked = replace(EVERYTHING, conflicts=False, timeout_s=None)
+    found = blamed(file.cnf, list(map(frozenset, file.snapshots)), asked)
+    assert list(map(len, found)) == [1] * 6
+    soon = len(candidates)
+    assert soon < 2 * len(found)  # single gates come first, and then it is known that there is nothing else
+    monkeypatch.setattr(_SnapshotSearch, "was_last", lambda *_: False)
+    candidates.clear()
+    assert blamed(file.cnf, list(map(frozenset, file.snapshots)), asked) == found
+    assert len(candidates) > soon
 
 
 def test_without_a_limit_the_most_that_any_search_lists_ends_it(monkeypatch: pytest.MonkeyPatch) -> None:

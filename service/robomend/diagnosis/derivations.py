@@ -134,8 +134,8 @@ class Derivations:
         for rule in self._goals:
             found += [Derived(mask, 0, step) for mask, step in asked.environments(rule)]
         rules_of = self._rules.get
-        for number in observed.numbers:
-            if number < 0 and (rules := rules_of(-number)):
+        for number in observed.failed:
+            if rules := rules_of(-number):
                 for rule in rules:
                     if seen.isdisjoint(rule.opposite):
                         for mask, step in asked.environments(rule):

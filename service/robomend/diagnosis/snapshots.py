@@ -12,6 +12,9 @@ work unchanged:
 One solver holds SD once and takes each snapshot as assumptions, instead of m copies of SD. The snapshot
 that refuted the last candidate is asked first: it refutes most of the next ones too.
 
+The search ends when nothing else hits the conflicts. Mostly it is known sooner: where the diagnoses found are
+all that one snapshot has by itself, there are no others.
+
 Source: A. Ignatiev, A. Morgado, G. Weissenbacher, J. Marques-Silva. Model-based diagnosis with multiple
 observations. IJCAI 2019.
 """
@@ -27,7 +30,7 @@ from robomend.diagnosis.conflicts import Conflicts, Known
 from robomend.diagnosis.explanations import clear_suspects, explain_conflict, resolves
 from robomend.diagnosis.guided import AnyHittingSets, CheapestHittingSets
 from robomend.diagnosis.justification import JUSTIFIED, MAX_CIRCUIT_CONFLICTS, MAX_CONFLICTS
-from robomend.diagnosis.masks import bits, mask_of, outside
+from robomend.diagnosis.masks import bits, mask_of, members, outside
 from robomend.diagnosis.observed import ObservationReader, SignedObs, Supposed, check_options, supposed
 from robomend.diagnosis.oracle import Deadline, Oracle, OutOfTime, solver_name
 from robomend.diagnosis.reasons import Reasons
@@ -44,6 +47,13 @@ HEAD_START_S = 0.5
 
 FEW = 3
 """Snapshots that refute most of the candidates that any does: those that refuted the last ones come first."""
+
+ASKED_AGAIN = 4
+"""Times as many diagnoses as when it was last asked of all snapshots whether there are others."""
+
+EASY_CONFLICTS = 10
+EASY_PROPAGATIONS = 0.5
+"""Of such a question, the latter for each variable of the model."""
 
 
 class SnapshotEngine:
@@ -78,9 +88,8 @@ class SnapshotEngine:
             raise OptionRefused(f"{refused} is not available for several snapshots")
         what_if = supposed(self.cnf, options)
         distinct: dict[frozenset[int], SignedObs] = {}
-        for snapshot in snapshots:
-            observed = self._reader.read(snapshot)
-            distinct.setdefault(frozenset(observed.numbers), observed)
+        for observed in map(self._reader.read, snapshots):
+            distinct.setdefault(observed.seen, observed)
         self._clock.start(options.timeout_s)
         options = replace(options, limit=MAX_DIAGNOSES if options.limit is None else options.limit)
         search = _SnapshotSearch(self._oracle, self._conflicts, list(distinct.values()), what_if, self.cnf)
@@ -215,7 +224,7 @@ class _SnapshotSearch:
         try:
             for position, observed in enumerate(self._snapshots):
                 if position == FEW:
-                    selector = max(self._variables, oracle.variables()) + 1
+                    selector = self._unused()
                     for literal in healthy:
                         oracle.add([-selector, literal])
                 if selector and oracle.sat([selector, *observed.numbers]):
@@ -226,6 +235,31 @@ class _SnapshotSearch:
         finally:
             if selector:
                 oracle.add([-selector])
+
+    def was_last(self, found: Sequence[int]) -> bool:
+        """Return whether it is easily seen that each other diagnosis contains one of those found.
+
+        It is seen at a single snapshot, each of which is asked. Hitting sets would tell it too, after many
+        more conflicts.
+        """
+        oracle = self._oracle
+        guard = self._unused()
+        for diagnosis in found:
+            oracle.add([-guard, *members(diagnosis)])
+        assumed = [*self._what_if.numbers, guard]
+        propagations = int(EASY_PROPAGATIONS * self._variables)
+        try:
+            return any(
+                oracle.quickly([*observed.numbers, *assumed], EASY_CONFLICTS, propagations) is False
+                for observed in self._snapshots
+            )
+        finally:
+            oracle.add([-guard])
+
+    def _unused(self) -> int:
+        """Return a variable that the solver has not met."""
+        met: int = self._oracle.variables()
+        return max(self._variables, met) + 1
 
     def run(self, found: list[int], options: Options, clock: Deadline) -> StoppedBy | None:
         """Put the diagnoses into `found`; return why the search ended before all were found."""
@@ -279,6 +313,7 @@ class _SnapshotSearch:
         met: list[tuple[int, bool]] = []  # conflicts, and diagnoses (True), in the order in which they came
         told = {True: 0, False: 0}  # how many of them `any_` and `by_size` know
         spent = {True: -HEAD_START_S, False: 0.0}
+        asked_at = 1  # so many diagnoses, and it is asked whether there are others
         while True:
             began = thread_time()  # which search goes on does not depend on what else the computer does
             anyhow = spent[True] <= spent[False] and len(found) <= most
@@ -290,6 +325,10 @@ class _SnapshotSearch:
                     sets.hit(mask)
             told[anyhow] = len(met)
             candidate = sets.next()
+            if len(found) >= asked_at and candidate is not None and candidate.bit_count() > 1:
+                asked_at = ASKED_AGAIN * len(found)
+                if self.was_last(found):
+                    candidate = None
             if candidate is None:
                 return "limit" if len(found) > most else None
             conflict = self.find_conflict(candidate | forced)
