@@ -355,7 +355,7 @@ def test_a_number_that_is_none_is_left_out_of_every_observer_of_its_source_and_t
     assert {str(verdict.literal) for verdict in driver.standing()} == before
     assert [(problem.what, problem.where) for problem in told] == [("number", "a:x")]
     assert "a sample of a:x is no number" in told[0].message
-    assert driver.problems["number", "a:x"] == 3 * len(observers)
+    assert driver.problems.counts["number", "a:x"] == 3 * len(observers)
 
 
 # --- observers that raise ---------------------------------------------------------------------------------
