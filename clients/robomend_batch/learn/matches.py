@@ -158,7 +158,8 @@ def _longest(match: Match, first: Ticks, second: Ticks) -> int:
     longest = 0
     for tick, (a, b) in enumerate(zip(first.tolist(), second.tolist(), strict=True)):
         time_ns = tick * TICK_NS + TICK_NS // 2
-        observer.feed("first", time_ns, a)  # a tick without a value is NaN, which it leaves out
-        observer.feed("second", time_ns, b)
+        for source, value in (("first", a), ("second", b)):
+            if value == value:  # a tick without a value is NaN
+                observer.feed(source, time_ns, value)
         longest = max(longest, observer.mismatch or 0)
     return longest
