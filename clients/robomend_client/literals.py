@@ -38,6 +38,9 @@ class Atom:
             return quote(self.predicate)
         return f"{quote(self.predicate)}({','.join(map(quote, self.args))})"
 
+    def __reduce__(self) -> tuple[type[Atom], tuple[str, tuple[str, ...]]]:
+        return Atom, (self.predicate, self.args)  # models of thousands of them travel to workers
+
 
 @dataclass(frozen=True, slots=True, order=True)
 class Literal:
@@ -51,6 +54,9 @@ class Literal:
 
     def __str__(self) -> str:
         return str(self.atom) if self.positive else f"not {self.atom}"
+
+    def __reduce__(self) -> tuple[type[Literal], tuple[Atom, bool]]:
+        return Literal, (self.atom, self.positive)
 
 
 _NAME = r'(?:[^\s"(),]+|"(?:[^"\\]|\\.)*")'

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from itertools import combinations, product
+from functools import cache, reduce
+from itertools import combinations
+from operator import or_
 
 from hypothesis import strategies as st
 
@@ -30,11 +32,24 @@ def model(components: int, clauses: list[Clause], atoms: int = ATOMS, **more: ob
 
 
 def satisfiable(clauses: list[Clause], variables: int) -> bool:
-    """Return whether some assignment satisfies the clauses, by trying all."""
-    for signs in product((False, True), repeat=variables):
-        if all(any(signs[abs(lit) - 1] == (lit > 0) for lit in clause) for clause in clauses):
-            return True
-    return False
+    """Return whether some assignment satisfies the clauses, by trying all: each is a bit of a number."""
+    every = left = (1 << (1 << variables)) - 1
+    for clause in clauses:
+        left &= reduce(
+            or_, (_where(literal, variables) ^ (every if literal < 0 else 0) for literal in clause), 0
+        )
+    return left != 0
+
+
+@cache
+def _where(literal: int, variables: int) -> int:
+    """Return the assignments in which a literal's variable is true."""
+    half = 1 << (abs(literal) - 1)
+    found, width = ((1 << half) - 1) << half, 2 * half
+    while width < 1 << variables:
+        found |= found << width
+        width *= 2
+    return found
 
 
 def brute_force(cnf: HealthCnf, observations: frozenset[Literal]) -> set[tuple[str, ...]] | None:

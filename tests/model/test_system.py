@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import replace
 
 import pytest
@@ -26,6 +27,13 @@ def test_an_extended_system_differs_in_its_clauses_only() -> None:
     # One more; neither that a runs nor that it publishes is expected.
     assert len(more.cnf.clauses) == len(ROBOT.cnf.clauses) - 1
     assert ROBOT.extended() is ROBOT
+
+
+def test_what_travels_to_a_worker_arrives_whole() -> None:
+    there = pickle.loads(pickle.dumps(ROBOT.extended([EITHER])))
+    assert there == ROBOT.extended([EITHER])
+    assert there.cnf.puts_out == ROBOT.cnf.puts_out != {}
+    assert str(there.cnf.rules) == str(ROBOT.extended([EITHER]).cnf.rules)
 
 
 def test_equal_versions_are_equal_clauses() -> None:

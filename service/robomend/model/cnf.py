@@ -30,6 +30,9 @@ class Rule:
     source: str  # "scheme 1" … "scheme 6", "user rule 2", "five-key rule 7", "gate 10", "feed", "mode"
     line: int | None = None  # in the model's file, from 1
 
+    def __reduce__(self) -> tuple[type[Rule], tuple[str, str, int | None]]:
+        return Rule, (self.text, self.source, self.line)  # half of what pickling the fields by name takes
+
 
 @dataclass(frozen=True, slots=True)
 class Output:
@@ -38,6 +41,9 @@ class Output:
     atom: Atom  # ok(t)
     by: str  # the node that publishes it
     inputs: tuple[Atom, ...] = ()  # what it rests on
+
+    def __reduce__(self) -> tuple[type[Output], tuple[Atom, str, tuple[Atom, ...]]]:
+        return Output, (self.atom, self.by, self.inputs)
 
 
 PARTIAL = 0.2

@@ -95,19 +95,17 @@ def ab(component: str) -> Literal:
 
 def leaves(formula: Formula) -> Iterator[Leaf]:
     """Yield every leaf, from left to right."""
-    match formula:
-        case Leaf():
-            yield formula
-        case Not(body) | Quantified(body=body):
-            yield from leaves(body)
-        case And(parts) | Or(parts):
-            for part in parts:
-                yield from leaves(part)
-        case Implies(left, right) | Iff(left, right):
-            yield from leaves(left)
-            yield from leaves(right)
-        case Truth():
-            return
+    ahead: list[Formula] = [formula]
+    while ahead:
+        match ahead.pop():
+            case Leaf() as leaf:
+                yield leaf
+            case Implies(left, right) | Iff(left, right):
+                ahead += (right, left)
+            case And(parts) | Or(parts):
+                ahead += reversed(parts)
+            case Not(body) | Quantified(body=body):
+                ahead.append(body)
 
 
 def quantified(formula: Formula) -> bool:

@@ -35,7 +35,7 @@ from collections.abc import Iterator, Mapping
 from robomend.model.cnf import Output, Rule
 from robomend.model.components import KINDS, ComponentModel, Hardware, Node
 from robomend.model.formulas import And, Formula, Implies, Leaf, ab
-from robomend_client.literals import Literal, holds
+from robomend_client.literals import Atom, Literal, holds
 
 Scheme = Iterator[tuple[Formula, Rule]]
 
@@ -124,7 +124,13 @@ def publishers_of(model: ComponentModel) -> Mapping[str, list[Node]]:
 
 def outputs(model: ComponentModel) -> dict[str, tuple[Output, ...]]:
     """Return component -> what it silences by failing: of a device, the topics of all whom it powers."""
-    found: dict[str, dict[Output, None]] = {}
+    found: dict[str, list[Output]] = {}
+    atoms: dict[str, Atom] = {}
+
+    def ok(topic: str) -> Atom:
+        """Return one atom for all who name a topic: large models travel."""
+        return atoms.get(topic) or atoms.setdefault(topic, Atom("ok", (topic,)))
+
     for node in model.nodes.values():
         inputs_count = not node.drives or node.inputs_matter
         powered = [model.hardware[name] for name in node.drives]
@@ -132,10 +138,10 @@ def outputs(model: ComponentModel) -> dict[str, tuple[Output, ...]]:
             name for device in powered for name in (device.name, *model.feeders(device.name))
         )
         for topic, inputs in node.publishes.items():
-            rests_on = tuple(holds("ok", name).atom for name in inputs) if inputs_count else ()
-            output = Output(holds("ok", topic).atom, node.name, rests_on)
+            rests_on = tuple(map(ok, inputs)) if inputs_count else ()
+            output = Output(ok(topic), node.name, rests_on)
             for name in (node.name, *names):
-                found.setdefault(name, {})[output] = None
+                found.setdefault(name, []).append(output)
     return {name: tuple(each) for name, each in found.items()}
 
 
