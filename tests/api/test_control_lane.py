@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import http.client
 import json
 import socket
 import threading
@@ -98,6 +99,42 @@ def test_they_answer_while_the_event_loop_is_held(service: Service) -> None:
         ("stop.lifted", "no smoke"),
         ("stop.set", "smoke"),
     ]
+
+
+@pytest.mark.parametrize("before", [1, 3])
+def test_they_answer_on_a_connection_that_is_used_again(service: Service, before: int) -> None:
+    connection = http.client.HTTPConnection("127.0.0.1", int(service.url.rsplit(":", 1)[1]), timeout=20)
+    for _ in range(before):
+        connection.request("GET", "/version-info")
+        assert connection.getresponse().read()
+    used = connection.sock
+    with held_loop(service):
+        body, kind = b'{"reason": "smoke"}', {"Content-Type": "application/json"}
+        connection.request("POST", "/api/v1/stop", body, kind)
+        assert connection.sock is used
+        answer = connection.getresponse()
+        assert (answer.status, json.loads(answer.read())["active"]) == (202, True)
+    connection.close()
+    until(lambda: bool(fresh(service, "GET", "/api/v1/stop").json()["written"]), "the stop was not written")
+    fresh(service, "DELETE", "/api/v1/stop", params={"reason": "no smoke"})
+    until(lambda: not fresh(service, "GET", "/api/v1/stop").json()["active"], "it was not lifted")
+
+
+def test_what_follows_an_answer_at_once_is_answered_too(service: Service) -> None:
+    line = b"GET /version-info HTTP/1.1\r\nHost: localhost\r\n"
+    address = ("127.0.0.1", int(service.url.rsplit(":", 1)[1]))
+    with socket.create_connection(address, timeout=20) as connection:
+        for _ in range(20):
+            connection.sendall(line + b"\r\n")
+            found = b""
+            while not found.endswith(b"}"):
+                found += connection.recv(65536)
+            assert found.startswith(b"HTTP/1.1 200")
+        connection.sendall((line + b"\r\n") * 5 + line + b"Connection: close\r\n\r\n")
+        found = b""
+        while data := connection.recv(65536):
+            found += data
+    assert found.count(b"HTTP/1.1 200") == 6
 
 
 def test_a_frozen_loop_is_neither_healthy_nor_ready(

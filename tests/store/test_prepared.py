@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sqlite3
 from contextlib import closing
 
 import psycopg
@@ -10,8 +9,8 @@ import pytest
 from sqlalchemy import exc, select
 
 from robomend.store import schema
-from robomend.store.database import Database
-from robomend.store.prepared import Prepared, driver_of, translated
+from robomend.store.database import BUSY_TIMEOUT_S, Database
+from robomend.store.prepared import Prepared, driver_of
 
 COUNTERS = Prepared(lambda _: schema.counters.insert(), ["name", "value"])
 
@@ -44,12 +43,39 @@ def test_a_lost_connection_is_known_as_lost(postgres_url: str) -> None:
     database.dispose()
 
 
-def test_only_the_drivers_errors_are_translated(tmp_path: object) -> None:
+@pytest.mark.parametrize("count", [1, 2, 3, 63, 64, 65, 200])
+def test_any_number_of_rows_is_written_once_each(url: str, count: int) -> None:
+    database = Database(url)
+    database.prepare()
+    names = [f"row {number:03}" for number in range(count)]
+    with closing(database.open_writer()) as connection, connection.begin():
+        COUNTERS.run(connection, [{"name": name, "value": number} for number, name in enumerate(names)])
+        rows = connection.execute(select(schema.counters).order_by(schema.counters.c.name)).all()
+        assert [tuple(row) for row in rows if row.name in names] == [*zip(names, range(count), strict=True)]
+        assert len(rows) == count + 2
+    database.dispose()
+
+
+def test_a_driver_that_finds_the_database_locked_says_so_in_sqlalchemys_words(tmp_path: object) -> None:
     database = Database(f"sqlite:///{tmp_path}/robomend.db")
     database.prepare()
-    with closing(database.open_writer()) as connection:
-        with pytest.raises(KeyError), translated(connection):
-            raise KeyError("ours")
-        with pytest.raises(exc.OperationalError, match="locked"), translated(connection):
-            raise sqlite3.OperationalError("database is locked")
+    with closing(database.open_writer()) as one, closing(database.open_writer()) as other, one.begin():
+        COUNTERS.run(one, [{"name": "a", "value": 1}])
+        driver_of(other).execute("PRAGMA busy_timeout=0")
+        with pytest.raises(exc.OperationalError, match="locked") as locked:
+            COUNTERS.run(other, [{"name": "b", "value": 1}])
+        assert not locked.value.connection_invalidated
+    database.dispose()
+
+
+def test_a_writers_connection_waits_again_when_it_is_a_readers(tmp_path: object) -> None:
+    database = Database(f"sqlite:///{tmp_path}/robomend.db")
+    database.prepare()
+    with closing(database.open_writer()) as writer:
+        with writer.begin():
+            assert writer.exec_driver_sql("PRAGMA busy_timeout").scalar() == 0
+        used = driver_of(writer)
+    with database.reading() as reader:
+        assert driver_of(reader) is used
+        assert reader.exec_driver_sql("PRAGMA busy_timeout").scalar() == BUSY_TIMEOUT_S * 1000
     database.dispose()

@@ -7,12 +7,12 @@
                answered here
 
 So these answer while the service's event loop is held, or its database does not answer: the address is the
-same, and clients need to know nothing. Such an answer ends its connection; the next request on a connection
-may be any, and finds its way by its first line again.
+same, and clients need to know nothing. Such an answer ends its connection. A connection on which the
+service's event loop has answered comes back to this lane; its next request finds its way by its first line.
 
-Under TLS the first line cannot be seen before the handshake, and on a connection that is used again the
-service's event loop reads it. There, too, the stop waits for no disk and no key ring (see
-robomend.repairs.stop_switch, robomend.api.urgent), but it waits for the loop's next turn.
+Under TLS the first line cannot be seen before the handshake, and a connection for batches of observations
+stays where it is. There, too, the stop waits for no disk and no key ring (see robomend.repairs.stop_switch,
+robomend.api.urgent), but it waits for the loop's next turn.
 """
 
 from __future__ import annotations
@@ -66,6 +66,9 @@ HURRIED_S = 0.2
 
 JOIN_S = 5.0
 
+KEPT_S = 30.0
+"""A connection that has been answered may be silent for so long before its next request."""
+
 
 class ControlLane:
     """See the module."""
@@ -116,6 +119,15 @@ class ControlLane:
         self._thread.start()
         self._ready.wait(JOIN_S)
 
+    def take_back(self, connection: socket.socket) -> None:
+        """Take a connection between two requests; for any thread."""
+        try:
+            if self._loop is None:
+                raise RuntimeError("the lane has not begun")
+            self._loop.call_soon_threadsafe(self._look, connection, KEPT_S)
+        except RuntimeError:  # it has ended
+            connection.close()
+
     def close(self) -> None:
         """Accept no more, and end the thread. Blocking, but not for long."""
         if self._loop is not None:
@@ -158,11 +170,11 @@ class ControlLane:
             else:
                 self._hand_over(connection)
 
-    def _wait(self, connection: socket.socket) -> None:
+    def _wait(self, connection: socket.socket, timeout_s: float) -> None:
         """Look again when something has come."""
         assert self._loop is not None
         if connection not in self._quiet:
-            self._quiet[connection] = self._loop.call_later(self._timeout_s, self._give_up, connection)
+            self._quiet[connection] = self._loop.call_later(timeout_s, self._give_up, connection)
             self._loop.add_reader(connection, self._look, connection)
 
     def _forget(self, connection: socket.socket) -> None:
@@ -177,13 +189,14 @@ class ControlLane:
         self._forget(connection)
         connection.close()
 
-    def _look(self, connection: socket.socket) -> None:
-        """Look at what a connection begins with, and decide whose it is."""
+    def _look(self, connection: socket.socket, timeout_s: float | None = None) -> None:
+        """Look at what a connection goes on with, and decide whose it is."""
+        timeout_s = self._timeout_s if timeout_s is None else timeout_s
         assert self._loop is not None
         try:
             line = connection.recv(LONGEST, socket.MSG_PEEK)
         except (BlockingIOError, InterruptedError):
-            self._wait(connection)
+            self._wait(connection, timeout_s)
             return
         except OSError:
             line = b""
@@ -194,7 +207,7 @@ class ControlLane:
             self._answer(connection)
         elif len(line) < LONGEST and any(whole.startswith(line) for whole in BEGINNINGS):
             # It may become one of ours. It stays readable, so the look is repeated by the clock.
-            self._wait(connection)
+            self._wait(connection, timeout_s)
             self._loop.remove_reader(connection)
             self._loop.call_later(PART_S, self._look_again, connection)
         else:

@@ -12,6 +12,9 @@ as everywhere. All of it holds before anybody knows whose request it is:
 A connection that ends while its client still sends is not cut off at once: the rest is read and dropped for a
 moment, as a reset would take the answer away from a client that has not read it yet (RFC 9112, 9.6).
 
+Between two requests a connection is the control lane's again, so that a stop on it waits for nobody
+(robomend.api.control_lane); those of busy observers, which send batch after batch, stay here.
+
 The busiest request of all has a way of its own from here on (robomend.api.direct): where its head is that of
 a plain batch, nothing is begun until its body is there, or a moment has passed.
 """
@@ -19,7 +22,10 @@ a plain batch, nothing is begun until its body is there, or a moment has passed.
 from __future__ import annotations
 
 import asyncio
+import os
+import socket
 import weakref
+from collections.abc import Callable
 from typing import Any
 
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
@@ -28,6 +34,12 @@ from robomend.api.direct import MOMENT_S, Direct, Exchange
 from robomend.api.problems import Problem
 
 VERSIONS = frozenset({"1.0", "1.1"})
+
+BATCHES = b"/observations"
+"""The end of paths that are posted to again and again."""
+
+GiveBack = Callable[[socket.socket], None]
+"""Takes a connection between two requests."""
 
 PIPELINED = 100
 """Requests that may wait behind one under way on a connection; each holds some kilobytes."""
@@ -76,6 +88,7 @@ class Protocol(HttpToolsProtocol):
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
+        self.give_back: GiveBack | None = None
         self.ending = False
         self._raw: asyncio.Transport | None = None
         self._heading = False  # a head has begun and is not whole
@@ -219,6 +232,23 @@ class Protocol(HttpToolsProtocol):
         super().on_response_complete()
         if self._receiving and not self.ending:
             self._start_timer(REST_S, self._cut_off)
+        elif self.give_back is not None and self.cycle.keep_alive and not self.url.endswith(BATCHES):
+            self._give_back(self.give_back)
+
+    def _give_back(self, give_back: GiveBack) -> None:
+        """Let go of the connection, if the next request has not begun and nothing is left to be sent."""
+        raw = self._raw
+        if raw is None or raw.is_closing() or self.ending or not self.cycle.response_complete:
+            return  # after a request that came behind this one, the connection goes back
+        if raw.get_write_buffer_size():
+            return
+        # A copy of the descriptor is the connection, too: what closes ours does not end it.
+        connection = socket.socket(fileno=os.dup(raw.get_extra_info("socket").fileno()))
+        connection.setblocking(False)
+        self.ending = True
+        self._stop_timer()
+        raw.abort()
+        give_back(connection)
 
     def send_400_response(self, msg: str) -> None:
         """Answer what is no HTTP; uvicorn's own answer is plain text."""

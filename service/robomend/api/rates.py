@@ -9,22 +9,20 @@ import time
 class Bucket:
     """A token bucket."""
 
-    __slots__ = ("burst", "filled_at", "rate", "tokens")
+    __slots__ = ("_policy", "burst", "filled_at", "rate", "tokens")
 
     def __init__(self, rate: float, burst: int) -> None:
         """`rate` tokens come a second, up to `burst`."""
         self.rate, self.burst = rate, burst
         self.tokens = float(burst)
         self.filled_at = time.monotonic()
+        full_s = math.ceil(burst / rate)
+        self._policy = (b"ratelimit-policy", b'"key";q=%d;w=%d' % (burst, full_s))
 
     def headers(self) -> tuple[tuple[bytes, bytes], ...]:
         """Return what a client is told of it (draft-ietf-httpapi-ratelimit-headers)."""
-        full_s = math.ceil(self.burst / self.rate)
         back_s = math.ceil((self.burst - self.tokens) / self.rate)
-        return (
-            (b"ratelimit-policy", b'"key";q=%d;w=%d' % (self.burst, full_s)),
-            (b"ratelimit", b'"key";r=%d;t=%d' % (self.tokens, back_s)),
-        )
+        return self._policy, (b"ratelimit", b'"key";r=%d;t=%d' % (self.tokens, back_s))
 
     def take(self) -> float:
         """Take one token; return 0, or the seconds until there is one."""

@@ -13,7 +13,7 @@ import uvicorn
 from robomend.api.address import url_of
 from robomend.api.app import create_control_app, direct_way
 from robomend.api.control_lane import ControlLane
-from robomend.api.protocol import limited
+from robomend.api.protocol import Protocol, limited
 from robomend.api.runtime import Runtime
 from robomend.api.supervising import listening_socket
 from robomend.api.urgent import UrgentAdmission
@@ -99,9 +99,12 @@ class Server(uvicorn.Server):
     def _protocol(self) -> asyncio.Protocol:
         protocol_class = self.config.http_protocol_class
         assert not isinstance(protocol_class, str)
-        return protocol_class(  # type: ignore[call-arg]  # as uvicorn calls it
+        made = protocol_class(  # type: ignore[call-arg]  # as uvicorn calls it
             config=self.config, server_state=self.server_state, app_state=self.lifespan.state
         )
+        if isinstance(made, Protocol) and self._lane is not None and not self.config.is_ssl:
+            made.give_back = self._lane.take_back
+        return made
 
 
 def make_server(runtime: Runtime, ready: Callable[[str], None]) -> Server:

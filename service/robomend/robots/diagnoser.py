@@ -21,10 +21,11 @@ import time
 from collections import Counter, OrderedDict
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Any
 
 from robomend.diagnosis.engines import make_engine
-from robomend.diagnosis.result import DiagnosisResult, Engine, Options
+from robomend.diagnosis.result import DiagnosisResult, Engine, Minimal, Options
 from robomend.errors import RobomendError
 from robomend.metrics import Metrics
 from robomend.model.cnf import HealthCnf
@@ -100,6 +101,7 @@ class Diagnoser:
         self._strikes: Counter[tuple[str, str]] = Counter()
         self._turns: dict[tuple[str, str], asyncio.Lock] = {}
         self._at_once = memory_unlimited()
+        self._seen_before = metrics.diagnoses.labels("cache")  # looking a label up costs more than counting
 
     async def diagnose(
         self, version: str, system: System, literals: Iterable[Literal], engine: str, options: Options
@@ -128,7 +130,7 @@ class Diagnoser:
         answer = self._cache.get(key)
         if answer is not None:
             self._cache.move_to_end(key)
-            self._metrics.diagnoses.labels("cache").inc()
+            self._seen_before.inc()
             return answer
         try:
             answer = self._inline(version, system, observed, engine, options)
@@ -224,10 +226,11 @@ class Diagnoser:
 
 def how(config: RobotConfig, settings: Settings) -> tuple[str, Options]:
     """Return by which engine a robot is diagnosed, and how far that searches."""
-    options = Options(
-        minimal="cardinality" if config.minimal == "cardinality" else "subset",
-        max_size=config.max_size,
-        limit=config.limit,
-        timeout_s=min(config.timeout_s or settings.solver_timeout_s, settings.max_solver_timeout_s),
-    )
-    return config.engine, options
+    minimal: Minimal = "cardinality" if config.minimal == "cardinality" else "subset"
+    timeout_s = min(config.timeout_s or settings.solver_timeout_s, settings.max_solver_timeout_s)
+    return config.engine, _options(minimal, config.max_size, config.limit, timeout_s)
+
+
+@lru_cache(maxsize=256)
+def _options(minimal: Minimal, max_size: int | None, limit: int | None, timeout_s: float) -> Options:
+    return Options(minimal=minimal, max_size=max_size, limit=limit, timeout_s=timeout_s)

@@ -57,6 +57,7 @@ class Robot:
         "_task",
         "_timers",
         "_waiting_since",
+        "_words",
         "assertion_records",
         "config",
         "current",
@@ -163,7 +164,7 @@ class Robot:
     @property
     def words(self) -> Words:
         """In which sentences about it are read."""
-        return Words.of(self.model, self.system, self.config)
+        return self._words
 
     # --- what the engine is asked
 
@@ -248,6 +249,7 @@ class Robot:
         self.config = RobotConfig.from_json(stored.id, stored.config)
         self.model = model
         self.system = system
+        self._words = Words.of(model, system, self.config)
 
     def accepted(self) -> Writing:
         """A batch was applied, and its write begins."""

@@ -37,6 +37,7 @@ from robomend.robots.systems import Systems
 from robomend.robots.waiting import Waiting
 from robomend.settings import Settings
 from robomend.store import Store, Transaction, observations
+from robomend.store.encoding import Encoded
 from robomend.store.records import IdempotencyKey, Json
 from robomend_client.events import Kind
 from robomend_client.literals import Literal
@@ -65,7 +66,8 @@ class Robots:
         self.waiting = Waiting(self.diagnosing, metrics, settings.max_waiters)
         self._store = store
         self._settings = settings
-        self._metrics = metrics
+        # Looking a label up costs more than counting.
+        self._from_boards, self._from_http = (metrics.observations.labels(way) for way in ("board", "http"))
         self._background = Background()
         self._reports = Reports()
         self._renewing = Renewing(store, self.diagnosing, self._reports)
@@ -131,8 +133,8 @@ class Robots:
                     raise
                 await state.refreshed()
                 continue
-            way = "board" if update.entries and update.entries[0].source == SOURCE else "http"
-            self._metrics.observations.labels(way).inc(len(update.entries))
+            board = update.entries and update.entries[0].source == SOURCE
+            (self._from_boards if board else self._from_http).inc(len(update.entries))
             return Acknowledged(said["revision"], said["changed"], update.refused)
         raise Overloaded(f"robot {state.id!r} is written to by too many instances at once")
 
@@ -165,7 +167,7 @@ class Robots:
             note(tx, state.id, by, update, revision, reports)
             said = {"revision": revision, "changed": texts}
             told = {**said, "forgotten": forgotten, "accepted_ns": accepted_ns}
-            tx.emit(Kind.OBSERVATIONS, state.id, told)
+            tx.emit(Kind.OBSERVATIONS, state.id, Encoded(told))
             return said
 
         written = await self.diagnosing.write(state, keep, once)

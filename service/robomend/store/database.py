@@ -34,6 +34,9 @@ HANGS_MS = 4000
 TURN_S = 0.001
 """How often it looks whether it is its turn."""
 
+LOOKS = "robomend_looks"
+"""Of a SQLite connection: it does so, as long as it is a writer's."""
+
 _POSTGRES_OPTIONS = {
     # Every wait has an end: for a server, for a row, for an answer, for a peer that fell silent.
     "connect_timeout": "3",
@@ -174,6 +177,11 @@ def _sqlite_engine(url: URL) -> Engine:
         ):
             connection.execute(f"PRAGMA {pragma}")
 
+    @event.listens_for(engine, "checkin")
+    def _give_back(connection: sqlite3.Connection | None, entry: ConnectionPoolEntry) -> None:
+        if entry.info.pop(LOOKS, False) and connection is not None:
+            connection.execute(f"PRAGMA busy_timeout={BUSY_TIMEOUT_S * 1000:.0f}")
+
     @event.listens_for(engine, "begin")
     def _begin(connection: Connection) -> None:
         writes = connection.get_execution_options().get("robomend_writes")
@@ -193,21 +201,20 @@ def _begin_writing(connection: Connection) -> None:
     """
     raw = connection.connection.driver_connection
     assert isinstance(raw, sqlite3.Connection)
+    if not connection.info.get(LOOKS):
+        raw.execute("PRAGMA busy_timeout=0")
+        connection.info[LOOKS] = True
     end = time.monotonic() + BUSY_TIMEOUT_S
-    raw.execute("PRAGMA busy_timeout=0")
-    try:
-        while time.monotonic() < end:
-            try:
-                raw.execute("BEGIN IMMEDIATE")
-            except sqlite3.OperationalError as error:
-                if error.sqlite_errorcode & 0xFF != sqlite3.SQLITE_BUSY:
-                    break
-                time.sleep(TURN_S)
-            else:
-                return
-        connection.exec_driver_sql("BEGIN IMMEDIATE")  # it fails, and in the library's words
-    finally:
-        raw.execute(f"PRAGMA busy_timeout={BUSY_TIMEOUT_S * 1000:.0f}")
+    while time.monotonic() < end:
+        try:
+            raw.execute("BEGIN IMMEDIATE")
+        except sqlite3.OperationalError as error:
+            if error.sqlite_errorcode & 0xFF != sqlite3.SQLITE_BUSY:
+                break
+            time.sleep(TURN_S)
+        else:
+            return
+    connection.exec_driver_sql("BEGIN IMMEDIATE")  # it fails, and in the library's words
 
 
 def _postgres_url(url: URL) -> URL:

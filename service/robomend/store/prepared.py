@@ -3,18 +3,31 @@
 SQLAlchemy takes several times as long for each execution as SQLite does: it looks the statement up, turns its
 values and wraps what comes back. Nothing of that is needed where the statement never changes. Errors are
 those that SQLAlchemy would have raised, so that whoever handles them need not know.
+
+SQLite's driver lets the interpreter's lock go for each row of `executemany`, and must get it back from the
+event loop each time. So rows go to SQLite many in one statement:
+
+    INSERT … VALUES (?, ?)   ──►   INSERT … VALUES (?, ?), (?, ?), … (64, 32, 16, 8, 4, 2 or 1 at a time)
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
+import re
+import sqlite3
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
+from itertools import chain
 from typing import Any
 
 from sqlalchemy import Connection, Executable, exc
 from sqlalchemy.sql.compiler import SQLCompiler
 
 Values = Mapping[str, Any]
+
+AT_ONCE = 64
+"""Rows in one statement of SQLite: of so few different lengths that each stays prepared."""
+
+_ROW = re.compile(r"VALUES (\([?, ]+\))")
 
 
 class Prepared:
@@ -30,19 +43,47 @@ class Prepared:
         self._statement = statement
         self._columns = None if columns is None else list(columns)
         self._made: dict[str, tuple[str, Sequence[str] | None]] = {}
+        self._longer: dict[int, str] = {}  # for more rows than one, on SQLite
 
     def run(self, connection: Connection, rows: Sequence[Values]) -> None:
         """Execute it for each row."""
         text, names = self._text(connection)
-        driver = driver_of(connection)
-        with translated(connection), closing(driver.cursor()) as cursor:
-            cursor.executemany(text, [_given(names, row) for row in rows])
+        given = [_given(names, row) for row in rows]
+        try:
+            self._run(driver_of(connection), text, given)
+        except connection.dialect.loaded_dbapi.Error as error:
+            raise translation(connection, error) from error
+
+    def _run(self, driver: Any, text: str, given: Sequence[Any]) -> None:
+        one = _ROW.search(text) if isinstance(driver, sqlite3.Connection) else None
+        if one is None:
+            with closing(driver.cursor()) as cursor:
+                cursor.executemany(text, given)
+            return
+        done = 0
+        while left := len(given) - done:
+            some = min(AT_ONCE, 1 << (left.bit_length() - 1))
+            if some == 1:
+                driver.execute(text, given[done])
+            else:
+                driver.execute(self._many(text, one, some), [*chain.from_iterable(given[done : done + some])])
+            done += some
 
     def value(self, connection: Connection, row: Values) -> Any:
         """Execute it and return the first value of the first row that it returns."""
         text, names = self._text(connection)
-        with translated(connection), closing(driver_of(connection).cursor()) as cursor:
-            return cursor.execute(text, _given(names, row)).fetchone()[0]
+        try:
+            return driver_of(connection).execute(text, _given(names, row)).fetchone()[0]
+        except connection.dialect.loaded_dbapi.Error as error:
+            raise translation(connection, error) from error
+
+    def _many(self, text: str, one: re.Match[str], rows: int) -> str:
+        """Return the statement for so many rows."""
+        many = self._longer.get(rows)
+        if many is None:
+            more = f", {one[1]}" * (rows - 1)
+            many = self._longer[rows] = f"{text[: one.end()]}{more}{text[one.end() :]}"
+        return many
 
     def _text(self, connection: Connection) -> tuple[str, Sequence[str] | None]:
         kind = connection.dialect.name
@@ -61,10 +102,13 @@ def select_in(connection: Connection, texts: Mapping[str, str], keys: Sequence[A
     text = texts[connection.dialect.name]
     sqlite = connection.dialect.name == "sqlite"
     values = tuple(keys) if sqlite else (list(keys),)
-    with translated(connection), closing(driver_of(connection).cursor()) as cursor:
-        cursor.execute(text.format(keys=",".join("?" * len(keys))) if sqlite else text, values)
-        found: list[tuple[Any, ...]] = cursor.fetchall()
-        return found
+    if sqlite:
+        text = text.format(keys=",".join("?" * len(keys)))
+    try:
+        found: list[tuple[Any, ...]] = driver_of(connection).execute(text, values).fetchall()
+    except connection.dialect.loaded_dbapi.Error as error:
+        raise translation(connection, error) from error
+    return found
 
 
 def driver_of(connection: Connection) -> Any:
@@ -72,21 +116,17 @@ def driver_of(connection: Connection) -> Any:
     return connection.connection.driver_connection
 
 
-@contextmanager
-def translated(connection: Connection) -> Iterator[None]:
-    """Turn a driver's error into SQLAlchemy's, which knows whether the connection is lost."""
+def translation(connection: Connection, error: Any) -> exc.DBAPIError:
+    """Return SQLAlchemy's error for a driver's; the connection knows then whether it is lost."""
     dialect = connection.dialect
-    errors = dialect.loaded_dbapi.Error
-    try:
-        yield
-    except errors as error:
-        lost = dialect.is_disconnect(error, driver_of(connection), None)
-        raised = exc.DBAPIError.instance(
-            None, None, error, errors, connection_invalidated=lost, dialect=dialect
-        )
-        if lost:
-            connection.invalidate(error)
-        raise raised from error
+    lost = dialect.is_disconnect(error, driver_of(connection), None)
+    raised = exc.DBAPIError.instance(
+        None, None, error, dialect.loaded_dbapi.Error, connection_invalidated=lost, dialect=dialect
+    )
+    if lost:
+        connection.invalidate(error)
+    assert isinstance(raised, exc.DBAPIError)
+    return raised
 
 
 def _given(names: Sequence[str] | None, row: Values) -> Any:

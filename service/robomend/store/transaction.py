@@ -20,7 +20,20 @@ from dataclasses import dataclass, field
 from functools import cache
 from typing import Any, NamedTuple, TypeVar
 
-from sqlalchemy import Connection, Delete, Insert, Select, Table, Update, bindparam, exists, or_, select, text
+from sqlalchemy import (
+    Connection,
+    Delete,
+    Executable,
+    Insert,
+    Select,
+    Table,
+    Update,
+    bindparam,
+    exists,
+    or_,
+    select,
+    text,
+)
 from sqlalchemy.dialects import postgresql, sqlite
 
 from robomend.errors import Fenced, NotFound, StateConflict
@@ -99,11 +112,19 @@ def upsert(kind: str, table: Table) -> Insert:
 _FORGET = schema.obs.delete().where(
     schema.obs.c.robot == bindparam("of_robot"), schema.obs.c.atom == bindparam("of_atom")
 )
-_REVISE = (
-    schema.robot_state.update()
-    .where(schema.robot_state.c.robot == bindparam("of_robot"))
-    .values(revision=bindparam("to_revision"))
-)
+
+
+def _revise(kind: str) -> Executable:
+    """Return the statement that moves a robot's revision on; of SQLite's, one with many VALUES moves many."""
+    if kind == "sqlite":
+        return text(
+            "WITH revised (robot, revision) AS (VALUES (:of_robot, :to_revision))"
+            " UPDATE robot_state SET revision = revised.revision FROM revised"
+            " WHERE robot_state.robot = revised.robot"
+        )
+    table = schema.robot_state
+    of_robot = table.c.robot == bindparam("of_robot")
+    return table.update().where(of_robot).values(revision=bindparam("to_revision"))
 
 
 def _inserts(table: Table) -> Prepared:
@@ -116,7 +137,7 @@ _KEEP_BATCH = _inserts(schema.observations)
 _KEEP_DIAGNOSIS = _inserts(schema.diagnoses)
 _KEEP_EVENT = _inserts(schema.events)
 _KEEP_OBS = Prepared(lambda kind: upsert(kind, schema.obs), schema.obs.columns.keys())
-_KEEP_REVISION = Prepared(lambda _: _REVISE)
+_KEEP_REVISION = Prepared(_revise)
 _KEEP_AUDIT = schema.audit.insert()
 _LOOK_AT_ROBOTS = """
     SELECT robot_state.robot, revision, fence, owner, robots.id IS NOT NULL

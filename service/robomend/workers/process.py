@@ -32,7 +32,7 @@ from robomend.workers.parent import die_with_parent
 LENGTH = struct.Struct("<Q")
 MAX_MESSAGE = 1 << 30  # bytes
 
-NICENESS = 5
+NICENESS = 10
 """Of workers: what takes long must not keep the service, on the same cores, from a stop."""
 
 READY, RESULT, ERROR = "ready", "result", "error"
