@@ -16,7 +16,7 @@ def test_what_is_seen_twice_counts_once_and_what_fails_is_known() -> None:
     observed = ObservationReader(CNF).read([fails("ok", "a2"), holds("ok", "a1"), fails("ok", "a2")])
     assert observed.numbers == (-3, 2)
     assert observed.given == (fails("ok", "a2"), holds("ok", "a1"))
-    assert observed.failed == [-3]
+    assert observed.failed == (-3,)
 
 
 def test_a_literal_and_its_opposite_are_refused() -> None:

@@ -19,6 +19,7 @@ from robomend.diagnosis.parts import (
     independent,
     list_diagnoses,
     minimal,
+    one_of_each,
     smallest,
 )
 from robomend.diagnosis.result import Minimal, Options
@@ -51,6 +52,14 @@ def test_conflicts_without_a_common_component_are_apart() -> None:
 
 def test_a_conflict_joins_the_groups_that_it_meets() -> None:
     assert [sorted(group) for group in independent([A, B, A | B])] == [[A, B, A | B]]
+
+
+@given(families)
+def test_of_conflicts_that_share_nothing_one_of_each_is_taken(family: list[int]) -> None:
+    apart = [group[0] for group in independent(family)]
+    found = one_of_each(apart)
+    assert len(found) == len(set(found))
+    assert set(found) == minimal_hitting_sets(apart)
 
 
 @given(families)

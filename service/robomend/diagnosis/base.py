@@ -67,6 +67,7 @@ class BaseEngine(ABC):
         self._consistency = Consistency(cnf, self._clock, self.solver)
         self._witness: frozenset[int] | None = None  # the literals of a model of SD with all healthy
         self._unwitnessed = 0
+        self._checked_options: Options | None = None  # those of the last question mostly come again
 
     @cached_property
     def _checker(self) -> Oracle:
@@ -125,13 +126,14 @@ class BaseEngine(ABC):
     def diagnose(self, observations: Iterable[Literal], options: Options = DEFAULTS) -> DiagnosisResult:
         """Return the minimal diagnoses of SD ∪ observations; see robomend.diagnosis.result.Engine."""
         started = perf_counter()
-        if options is not DEFAULTS:
+        if options is not self._checked_options:
             check_options(options)
             if options.factored and options.minimal != "cardinality" and self.cnf.circuit:
                 raise OptionRefused(
                     "the factored form of a circuit is for minimal cardinality: say minimal='cardinality'"
                 )
-        self._refuse(options)
+            self._refuse(options)
+            self._checked_options = options
         observations = tuple(observations)
         observed = self._reader.read(observations)
         what_if = supposed(self.cnf, options)

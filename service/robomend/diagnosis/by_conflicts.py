@@ -26,7 +26,15 @@ from robomend.diagnosis.hitting import HittingSets, TooManyNodes
 from robomend.diagnosis.masks import mask_of, members, outside
 from robomend.diagnosis.observed import NOTHING_SUPPOSED, SignedObs, Supposed
 from robomend.diagnosis.oracle import OutOfTime
-from robomend.diagnosis.parts import IndependentPart, independent, list_diagnoses, minimal, smallest
+from robomend.diagnosis.parts import (
+    FEW,
+    IndependentPart,
+    independent,
+    list_diagnoses,
+    minimal,
+    one_of_each,
+    smallest,
+)
 from robomend.diagnosis.ranking import by_probability, odds_against, size_then_odds
 from robomend.diagnosis.regions import regions
 from robomend.diagnosis.result import Options
@@ -69,8 +77,20 @@ class ByConflicts:
             raise NoDiagnosis
         groups = [minimal(group) for group in independent(masks)]
         answer.minimal = [mask for group in groups for mask in group]
+        if len(groups) == len(answer.minimal) and self._few(answer, options):
+            found = one_of_each(answer.minimal)
+            answer.count = len(found)
+            answer.found = [members(mask | forced) for mask in found]
+            return
         parts = [IndependentPart.of(group, self._clock) for group in groups]
         list_diagnoses(parts, forced, options, answer, COUNTED, self._cost)
+
+    @staticmethod
+    def _few(answer: SearchState, options: Options) -> bool:
+        """Return whether conflicts that share no component have so few diagnoses that all are listed."""
+        if options.factored or options.max_size is not None or answer.limit == 1:
+            return False
+        return prod(map(int.bit_count, answer.minimal)) <= min(FEW, answer.limit)
 
     def _by_found_conflicts(
         self, observed: SignedObs, what_if: Supposed, options: Options, answer: SearchState

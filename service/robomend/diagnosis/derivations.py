@@ -148,17 +148,18 @@ class Derivations:
         It does not where its components' health has no other rule for what it derives, for what it takes as
         seen, and for a contradiction.
         """
-        rules = self._rules
-        goals = sum(not rule.mask & ~mask for rule in self._goals)
+        rules, others = self._rules, ~mask
+        goals = len([rule for rule in self._goals if not rule.mask & others])
         for step in steps:
             if step.head:
-                if sum(not rule.mask & ~mask for rule in rules[step.head]) > 1:
+                concluding = rules[step.head]
+                if len(concluding) > 1 and len([rule for rule in concluding if not rule.mask & others]) > 1:
                     return True
             else:
                 goals -= 1
             for atom in step.premises:
                 for rule in rules.get(atom, ()):
-                    if not rule.mask & ~mask:
+                    if not rule.mask & others:
                         return True
         return goals > 0
 
@@ -212,9 +213,10 @@ class _Asked:
         seen = self._seen
         if mask & self._abnormal or not seen.isdisjoint(opposite):
             return None
+        if seen.issuperset(body):
+            return Applied(mask & self._healthy, body, (), head, origin)
         unseen = tuple([atom for atom in body if atom not in seen])
-        if unseen:
-            body = tuple([atom for atom in body if atom in seen])
+        body = tuple([atom for atom in body if atom in seen]) if len(unseen) < len(body) else ()
         return Applied(mask & self._healthy, body, unseen, head, origin)
 
     def _derive(self, start: int) -> None:
@@ -260,9 +262,11 @@ class _Asked:
                 found = [environment for one in usable[atom] for environment in self._joined(one)]
                 if len(found) > 1:
                     found = self._minimal(found)
-                if {one.mask for one in found} != {one.mask for one in labels[atom]}:
+                if not circular:
                     labels[atom] = found
-                    changed = circular
+                elif {one.mask for one in found} != {one.mask for one in labels[atom]}:
+                    labels[atom] = found
+                    changed = True
 
     def _joined(self, applied: Applied) -> list[Environment]:
         """Return the environments of a rule whose unseen premises are labelled: one of each, joined."""

@@ -21,7 +21,14 @@ def mask_of(health: Iterable[int]) -> int:
 
 def members(mask: int) -> tuple[int, ...]:
     """Return the health variables of a mask, ascending."""
-    return tuple([bit + 1 for bit in bits(mask)])
+    if mask.bit_length() > 64:
+        return tuple([bit + 1 for bit in bits(mask)])
+    found: list[int] = []  # as in `bits`, which a call of its own would take as long as
+    while mask:
+        low = mask & -mask
+        found.append(low.bit_length())
+        mask ^= low
+    return tuple(found)
 
 
 def outside(health: list[int], mask: int) -> list[int]:

@@ -11,8 +11,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import compress
+from typing import NamedTuple
 
 from robomend.diagnosis.result import Options
 from robomend.errors import ContradictoryModel, OptionRefused, UnknownComponent
@@ -29,33 +29,18 @@ NOTHING: dict[tuple[str, ...], int] = {}
 """What is known of a predicate that no rule mentions."""
 
 
-@dataclass(frozen=True)
-class SignedObs:
+class SignedObs(NamedTuple):
     """OBS in the solver's numbers: signed variables, none with both signs."""
 
     numbers: tuple[int, ...]
     given: tuple[Literal, ...]  # parallel to numbers
-    unused: tuple[Literal, ...] = ()  # observed, but no rule mentions it
+    unused: tuple[Literal, ...]  # observed, but no rule mentions it
+    seen: frozenset[int]  # the numbers, to look things up in
+    failed: tuple[int, ...]  # the negative ones: of a robot few, and what goes wrong begins with them
 
     def literal(self, number: int) -> Literal:
         """Return a literal as it was given; few are asked for, so that no table is made."""
         return self.given[self.numbers.index(number)]
-
-    @cached_property
-    def seen(self) -> frozenset[int]:
-        """The numbers, to look things up in."""
-        return frozenset(self.numbers)
-
-    @cached_property
-    def failed(self) -> list[int]:
-        """The negative ones: of a robot few, so that what is asked of them alone takes less time."""
-        return [number for number in self.numbers if number < 0]
-
-    @property
-    def each_once(self) -> bool:
-        """Whether no variable is among them twice, be it with the same sign or with both."""
-        seen = self.seen
-        return len(seen) == len(self.numbers) and seen.isdisjoint([-number for number in self.failed])
 
 
 class ObservationReader:
@@ -111,11 +96,14 @@ class ObservationReader:
             _refuse_clash(unused)
             literals = tuple(compress(literals, numbers))
             numbers = tuple(filter(None, numbers))
-        observed = SignedObs(numbers, literals, unused)
-        if not observed.each_once:
+        seen = frozenset(numbers)
+        failed = tuple([number for number in numbers if number < 0])
+        if len(seen) < len(numbers) or not seen.isdisjoint([-number for number in failed]):
             _refuse_clash(literals)
             once = dict(zip(numbers, literals, strict=True))
-            observed = SignedObs(tuple(once), tuple(once.values()), unused)
+            numbers, literals = tuple(once), tuple(once.values())
+            failed = tuple([number for number in numbers if number < 0])
+        observed = SignedObs(numbers, literals, unused, seen, failed)
         self._kept += len(asked)
         if self._kept > KEPT_LITERALS:
             self._lately.clear()

@@ -242,6 +242,19 @@ class IndependentPart:
             sets.close()
 
 
+def one_of_each(conflicts: Sequence[int]) -> list[int]:
+    """Return the minimal hitting sets of conflicts that share no component: one of each, in all ways."""
+    found = [0]
+    for conflict in conflicts:
+        members_of = []
+        while conflict:
+            bit = conflict & -conflict
+            members_of.append(bit)
+            conflict ^= bit
+        found = [mask | bit for mask in found for bit in members_of]
+    return found
+
+
 def smallest(parts: Sequence[IndependentPart], most: int, cost: Cost = int.bit_count) -> Iterator[int]:
     """Yield up to `most` diagnoses, one alternative of each part joined, in order of cost.
 
