@@ -177,9 +177,7 @@ def test_a_recording_that_is_cut_off_is_diagnosed_up_to_there(
         assert found[:-1] == expected[: max(len(found) - 1, 0)]
         if log["state"] == "ended-early":
             assert log["end_ns"] <= EPOCH_NS + 8 * SECOND
-    assert "refused" in states
-    if name != "a.db3":  # its pages hang together
-        assert "ended-early" in states
+    assert states == {"refused", "ended-early"}
 
 
 @pytest.mark.parametrize("compression", list(CompressionType))
@@ -190,7 +188,10 @@ def test_of_the_chunk_in_which_an_mcap_ends_what_is_there_is_read(
     observers.write_text("topics:\n  scan: {rate_hz: 10, tolerance_hz: 2}\n")
     log = tmp_path / "a.mcap"
     with log.open("wb") as file:
-        options = {"chunk_size": 10 << 20, "index_types": IndexType.NONE}  # one chunk is nearly all of it
+        options: dict[str, Any] = {
+            "chunk_size": 10 << 20,
+            "index_types": IndexType.NONE,
+        }  # one chunk is nearly all of it
         _drive_in_chunks(file, drive(60.0), compression=compression, **options)
     assert batch_run(tmp_path / "whole", log, "--observers", observers, model=model) == 0
     whole = log.read_bytes()
@@ -458,7 +459,7 @@ def test_stretches_that_are_taken_in_at_once_leave_the_same_bytes(
     assert states.count("faulty") >= 2
 
 
-def _drive_in_chunks(file: IO[bytes], samples: list[Sample], **options: Any) -> None:
+def _drive_in_chunks(file: IO[bytes], samples: list[Sample], in_order: bool = True, **options: Any) -> None:
     writer = McapWriter(file, **{"chunk_size": 4000, **options})
     writer.start(profile="ros2", library="test")
     channels = {}
@@ -467,7 +468,7 @@ def _drive_in_chunks(file: IO[bytes], samples: list[Sample], **options: Any) -> 
         text, _ = ROS2.generate_msgdef(name, ros_version=2)
         schema = writer.register_schema(name, "ros2msg", text.encode())
         channels[topic] = writer.register_channel(f"/{topic}", "cdr", schema)
-    for at_s, topic, value in sorted(samples, key=lambda sample: sample[0]):
+    for at_s, topic, value in sorted(samples, key=lambda sample: sample[0] * in_order):
         if topic in channels:
             at_ns = EPOCH_NS + round(at_s * SECOND)
             body = bytes(ROS2.serialize_cdr(message(ROS2, topic, value, at_ns, "base"), KINDS[topic]))

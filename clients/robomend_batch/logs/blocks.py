@@ -3,6 +3,7 @@
     Rows      each sets a sensor (track.py)
     Shown     each is all that was known at its time, as bits of the log's sensors
     Restart   time begins again, here
+    Place     so far the file was read, and from here it can be read on
 
 A file may hold several logs, by its column `log`; a reader asks `Open` for the words of each.
 """
@@ -11,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from robomend.diagnosis.library import Codes
 from robomend_batch.observing import Observing
@@ -42,11 +43,18 @@ class Restart:
     time_ns: int
 
 
+@dataclass(frozen=True, slots=True)
+class Place:
+    """How far a file was read: what its reader needs to go on from here. It holds until the reader does."""
+
+    state: Any
+
+
 class Block(NamedTuple):
     """Some of one log; `log` is the value of the column, "" without one."""
 
     log: str
-    what: Rows | Shown | Advance | Restart
+    what: Rows | Shown | Advance | Restart | Place
 
 
 class Opened(Protocol):
@@ -65,6 +73,9 @@ class Opened(Protocol):
 
     by_header: bool
     """Whose clock: the one in the messages' headers, or the recorder's."""
+
+    begun: Any
+    """The state of the Place to go on from; None: from the beginning."""
 
     def words(self, log: str) -> Words:
         """Return the words of one of its logs."""
