@@ -8,6 +8,7 @@ import struct
 from pathlib import Path
 from typing import IO, Any
 
+import polars as pl
 import pytest
 from mcap.writer import CompressionType, IndexType
 from mcap.writer import Writer as McapWriter
@@ -136,22 +137,33 @@ def test_what_a_robot_said_live_is_what_the_batch_of_its_recordings_says(
     live += driver.advance(end_ns)
     written.close(end_ns)
 
-    bag = write_bag(tmp_path / "a.bag", samples)
-    for name, log in (("recording", tmp_path / "run.jsonl"), ("bag", bag)):
-        assert batch_run(tmp_path / name, log, "--observers", observers, model=model) == 0
-    assert told(tmp_path / "recording") == told(tmp_path / "bag")
+    names = ["run.jsonl", *FORMATS]
+    for name in names:
+        log = tmp_path / name if name == "run.jsonl" else write(tmp_path / name, samples)
+        assert batch_run(tmp_path / f"out-{name}", log, "--observers", observers, model=model) == 0
+    said = {name: rested_on(tmp_path / f"out-{name}") for name in names}
+    assert all(said[name] == said["run.jsonl"] for name in FORMATS)
 
     known = [change for change in live if change.value is not None]
-    text = [json.dumps({"time": change.time_ns, "literal": str(change.value)}) for change in known]
-    literals = tmp_path / "live.ndjson"
-    literals.write_text("\n".join(text) + "\n")
     assert all(
         change.value is not None or change.atom.predicate in ("inc", "dec", "const") for change in live
     )
     assert Atom("ok", ("scan",)) in {change.atom for change in known}
-    assert batch_run(tmp_path / "live", literals, model=model) == 0
-    faults = [one for one in told(tmp_path / "live") if one[1] == "faulty"]
-    assert faults == [one for one in told(tmp_path / "bag") if one[1] == "faulty"]
+    table = [{"time": change.time_ns, "literal": str(change.value)} for change in known]
+    (tmp_path / "live.ndjson").write_text("".join(json.dumps(row) + "\n" for row in table))
+    pl.DataFrame(table).write_parquet(tmp_path / "live.parquet")
+    faults = [one for one in said["a.bag"] if one[1] == "faulty"]
+    assert len(faults) >= 2
+    for name in ("live.ndjson", "live.parquet"):
+        assert batch_run(tmp_path / f"out-{name}", tmp_path / name, model=model) == 0
+        assert [one for one in rested_on(tmp_path / f"out-{name}") if one[1] == "faulty"] == faults
+
+
+def rested_on(out: Path) -> list[tuple[int, str, object, object]]:
+    """Return the beginnings of intervals, what was told of them, and the literals that it rests on."""
+    return [
+        (one["start_ns"], one["state"], one["bad"], sorted(one["observations"])) for one in intervals(out)
+    ]
 
 
 @pytest.mark.parametrize("name", FORMATS)
