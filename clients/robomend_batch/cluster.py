@@ -3,8 +3,9 @@
     run ──► file ──► scheduler ──► worker: the file is read there ──► records and parts ──► run: OUT
 
 A worker reads the log by the same path as here, so it must see it; it needs nothing of OUT, as what it found
-comes back whole. A worker that dies costs the file that it had in hand, which the scheduler gives to another.
-If the scheduler dies, what came back is kept, and the same command goes on.
+comes back whole. A log that takes longer than SPAN_S comes back with its state and is handed out again, to go
+on from there. A worker that dies costs what it had in hand, which the scheduler gives to another. If the
+scheduler dies, what came back is kept, and the same command goes on.
 """
 
 from __future__ import annotations
@@ -25,11 +26,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from robomend_batch.errors import FULL, DiskFull, SchedulerFailed
-from robomend_batch.manifest import stamp
+from robomend_batch.manifest import write_beside
 from robomend_batch.observing import digest
-from robomend_batch.one_log import RESULTS, Diagnoser, Record, Setup
+from robomend_batch.one_log import RESULTS, Diagnoser, Record, Setup, state_file
 from robomend_batch.parts import write_piece
 from robomend_batch.pool import lost, told_of
+from robomend_batch.unfinished import ENDING, Stamp, stamp
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -38,6 +40,9 @@ CONNECT_S = 10.0
 WORKERS_S = 60.0
 """Without a single worker, a run is given up."""
 LOOK_S = 2.0
+
+SPAN_S = 5.0
+"""Of a log that is in hand."""
 
 _AGAIN = "what came back is kept, and the same command goes on with another"
 
@@ -148,19 +153,31 @@ def _run(
             raise SchedulerFailed(f"the scheduler at {address} has lost its workers: {START}")
         while waiting and len(open_ones) < AHEAD * max(threads, 1):
             name = waiting.pop()
-            future = client.submit(diagnose, work, name, stamp(name), os.getcwd(), pure=False, retries=0)
-            open_ones[future] = name
+            given = work, name, stamp(name), os.getcwd(), _state(setup, name), SPAN_S
+            open_ones[client.submit(diagnose, *given, pure=False, retries=0)] = name
         try:
             done = wait(list(open_ones), timeout=LOOK_S, return_when="FIRST_COMPLETED").done
         except TimeoutError:
             done = set()
         for future in sorted(done, key=lambda one: open_ones[one]):
             name = open_ones.pop(future)
-            yield name, _records(future, name, setup, address)
+            records = _records(future, name, setup, address)
+            if records is None:
+                waiting.append(name)
+            else:
+                yield name, records
 
 
-def _records(future: Future[Task], name: str, setup: Setup, address: str) -> list[Record]:
-    """Return what became of a file, its parts written."""
+def _state(setup: Setup, name: str) -> bytes | None:
+    """Return the state of a log that is unfinished."""
+    try:
+        return state_file(setup.out, name).read_bytes()
+    except OSError:
+        return None
+
+
+def _records(future: Future[Task], name: str, setup: Setup, address: str) -> list[Record] | None:
+    """Return what became of a file, its parts written; None if it is unfinished."""
     from distributed import KilledWorker
 
     if future.status in {"cancelled", "lost"}:
@@ -179,12 +196,13 @@ def _records(future: Future[Task], name: str, setup: Setup, address: str) -> lis
         raise DiskFull(str(told))
     if kind == "failed":
         return [lost(name, str(told))]
-    for part, data in parts.items():
+    for part in sorted(parts, key=lambda part: part.endswith(ENDING)):  # the state speaks of the others
         file = setup.out / RESULTS / part
-        beside = file.with_suffix(f".{os.getpid()}.tmp")
-        beside.write_bytes(data)
-        write_piece(file, ())
-        os.replace(beside, file)
+        write_beside(file, parts[part])
+        if file.suffix != ENDING:
+            write_piece(file, ())
+    if kind == "unfinished":
+        return None
     records: list[Record] = told
     return records
 
@@ -197,7 +215,7 @@ _ALONE = threading.Lock()
 _DIAGNOSERS: dict[str, tuple[Diagnoser, tempfile.TemporaryDirectory[str]]] = {}
 
 
-def diagnose(work: bytes, name: str, stamped: tuple[int, int], folder: str) -> Task:
+def diagnose(work: bytes, name: str, stamped: Stamp, folder: str, begun: bytes | None, span_s: float) -> Task:
     """Diagnose one file, in a worker.
 
     Args:
@@ -205,6 +223,8 @@ def diagnose(work: bytes, name: str, stamped: tuple[int, int], folder: str) -> T
         name: of the file, as it is called in the results.
         stamped: its size and time, where the run is.
         folder: to which the name is relative.
+        begun: its state, if it is to be gone on with.
+        span_s: for so long; then it comes back with its state.
     """
     with _ALONE:
         path = Path(folder, name)
@@ -215,8 +235,11 @@ def diagnose(work: bytes, name: str, stamped: tuple[int, int], folder: str) -> T
         try:
             os.chdir(folder if os.path.isdir(folder) else before)
             diagnoser, parts = _diagnoser(work)
-            kind, told = told_of(diagnoser, name)
-            found = {part.name: part.read_bytes() for part in sorted(parts.glob("*.parquet"))}
+            if begun is not None:
+                (parts / state_file(parts, name).name).write_bytes(begun)
+            kind, told = told_of(diagnoser, name, span_s)
+            endings = {".parquet"} if kind != "unfinished" else {".parquet", ENDING}
+            found = {part.name: part.read_bytes() for part in parts.iterdir() if part.suffix in endings}
             for part in parts.iterdir():
                 part.unlink()
             return kind, told, found

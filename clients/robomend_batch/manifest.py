@@ -1,8 +1,8 @@
 """OUT/manifest.json: what a folder of results was made of, and which files are done.
 
-It is written beside and renamed, when files are done and a second has passed: a run that is killed loses
-what it had in hand, and the same command goes on from there. A folder that was made by another model, other
-observers or options is refused.
+It is written beside and renamed, when files are done and a second has passed: the same command goes on after
+a run that was killed, and in the middle of the logs that it had in hand (unfinished.py). A folder that was
+made by another model, other observers or options is refused.
 """
 
 from __future__ import annotations
@@ -17,8 +17,9 @@ from time import monotonic
 from typing import Any
 
 from robomend.errors import InputError
-from robomend_batch.one_log import RESULTS, Record
+from robomend_batch.one_log import RESULTS, Record, state_file
 from robomend_batch.parts import PIECE, SCHEMA_VERSION
+from robomend_batch.unfinished import ENDING, stamp
 
 NAME = "manifest.json"
 OURS = (NAME, "logs.ndjson", "results.ndjson", "results.parquet", "report.html")
@@ -45,6 +46,7 @@ class Manifest:
         """Of the model."""
         self.files = files
         self._written_s = -EVERY_S
+        self._finished: list[str] = []  # since it was written last
 
     @property
     def records(self) -> list[Record]:
@@ -61,6 +63,7 @@ class Manifest:
         """Note that a file is done."""
         size, mtime_ns = stamped
         self.files[name] = {"size": size, "mtime_ns": mtime_ns, "logs": records}
+        self._finished.append(name)
         if monotonic() - self._written_s >= EVERY_S:
             self.write()
 
@@ -78,6 +81,9 @@ class Manifest:
         )
         write_beside(self.out / NAME, text.encode("utf-8", "surrogateescape") + b"\n")
         self._written_s = monotonic()
+        for name in self._finished:  # not before it says that they are done
+            state_file(self.out, name).unlink(missing_ok=True)
+        self._finished.clear()
 
 
 def open_manifest(
@@ -157,11 +163,11 @@ def _clear(out: Path) -> None:
 
 
 def keep_parts(out: Path, wanted: frozenset[str]) -> None:
-    """Remove parts that belong to no log that is done, and what a killed run left beside."""
+    """Remove parts that belong to no log that is done, states, and what a killed run left beside."""
     folder = out / RESULTS
     for file in folder.iterdir() if folder.is_dir() else ():
         part = file.with_suffix(".parquet").name if file.suffix == PIECE else file.name
-        if file.suffix == ".tmp" or (file.suffix in {".parquet", PIECE} and part not in wanted):
+        if file.suffix in {".tmp", ENDING} or (file.suffix in {".parquet", PIECE} and part not in wanted):
             file.unlink(missing_ok=True)
 
 
@@ -170,12 +176,3 @@ def write_beside(file: Path, data: bytes) -> None:
     beside = file.with_name(file.name + ".tmp")
     beside.write_bytes(data)
     os.replace(beside, file)
-
-
-def stamp(name: str) -> tuple[int, int]:
-    """Return size and time of a file, by which it is known; of one that is gone, zeros."""
-    try:
-        found = Path(name).stat()
-    except OSError:
-        return 0, 0
-    return found.st_size, found.st_mtime_ns

@@ -8,6 +8,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from time import monotonic
 from typing import Any
 
 from robomend.diagnosis.result import Options
@@ -15,14 +16,16 @@ from robomend.model.packed import opened
 from robomend.model.system import System
 from robomend.observations.language import Unknown
 from robomend_batch.answers import Answers
-from robomend_batch.logs.blocks import Advance, Opened, Restart, Shown
+from robomend_batch.logs.blocks import Advance, Place, Restart, Shown
 from robomend_batch.logs.kinds import READERS, kind_of
 from robomend_batch.observing import Observing, load_observers
-from robomend_batch.parts import PartFiles, Parts, write_piece
+from robomend_batch.parts import PartFiles, PartFolder, Parts
 from robomend_batch.problems import LogRefused, Problems
 from robomend_batch.track import Stretch, Track
+from robomend_batch.unfinished import ENDING, Unfinished, stamp
 from robomend_batch.windows import Windows
 from robomend_batch.words import Words
+from robomend_client.literals import Atom
 from robomend_client.observers.base import SECOND
 
 RESULTS = "results"
@@ -56,6 +59,14 @@ class Diagnoser:
         self._observing = (
             None if setup.observers is None else load_observers(setup.observers, code=setup.code)
         )
+        self._folder = PartFolder(setup.out / RESULTS, setup.ndjson)
+        self._stays = {
+            "setup": setup,
+            "vocabulary": setup.system.vocabulary,
+            "answers": self._answers,
+            "observing": self._observing,
+            "folder": self._folder,
+        }
 
     def close(self) -> None:
         """Free the solvers."""
@@ -63,49 +74,72 @@ class Diagnoser:
 
     def diagnose(self, name: str) -> list[Record]:
         """Diagnose the logs of a file, write their parts, and say what became of them."""
+        records = self.diagnose_for(name, math.inf)
+        assert records is not None
+        return records
+
+    def diagnose_for(self, name: str, span_s: float) -> list[Record] | None:
+        """Do the same for so long; None: it is to be asked again, and goes on where it was left."""
         path = Path(name)
-        logs = _Logs(name, self.setup, self._answers, self._observing)
+        until_s = monotonic() + span_s
+        unfinished = Unfinished(state_file(self.setup.out, name), stamp(name), self._stays)
+        logs = unfinished.load() or _Logs(name, self.setup, self._answers, self._observing, self._folder)
         kind = None
         try:
             kind = kind_of(path)
-            for log, what in READERS[kind](path, logs.opened):
-                logs.log(log).take(what)
+            for log, what in READERS[kind](path, logs):
+                if not isinstance(what, Place):
+                    logs.log(log).take(what)
+                elif unfinished.due:
+                    logs.begun = what.state
+                    unfinished.save(logs)
+                    if unfinished.kept and monotonic() >= until_s:
+                        return None
             return logs.finish(kind)
         except LogRefused as error:
             logs.drop()
-            logs.opened.problems.add(error.place or name, error.reason, bad=True)
-            return [refused(name, kind, logs.opened.problems)]
-        except BaseException:  # Ctrl-C as well: no half-written part stays; whoever asked says what it was
-            logs.drop()
+            logs.problems.add(error.place or name, error.reason, bad=True)
+            return [refused(name, kind, logs.problems)]
+        except BaseException:  # Ctrl-C as well: whoever asked says what it was
+            if not unfinished.kept:  # no part stays that nobody goes on from
+                logs.drop()
             raise
 
 
 class _Logs:
-    """The logs of a file that is open."""
+    """What is open of a file: Opened of logs/blocks.py."""
 
-    def __init__(self, name: str, setup: Setup, answers: Answers, observing: Observing | None) -> None:
-        self.opened = Opened(lambda log: self.log(log).words, observing, setup.by_header)
+    def __init__(
+        self, name: str, setup: Setup, answers: Answers, observing: Observing | None, folder: PartFolder
+    ) -> None:
+        self.observing = observing
+        self.begun: Any = None
+        self.by_header = setup.by_header
+        self.problems = Problems()
+        self.rows = 0
+        self.ended_early = False
         self._name = name
         self._setup = setup
         self._answers = answers
+        self._folder = folder
         self._logs: dict[str, _Log] = {}
 
     def log(self, log: str) -> _Log:
         found = self._logs.get(log)
         if found is None:
             name = f"{self._name}#{log}" if log else self._name
-            words = Words(self._setup.system.vocabulary, self._setup.unknown, self.opened.problems)
-            files = PartFiles(self._setup.out / RESULTS, file_name(name), ndjson=self._setup.ndjson)
+            words = Words(self._setup.system.vocabulary, self._setup.unknown, self.problems)
+            files = PartFiles(self._folder, file_name(name))
             found = self._logs[log] = _Log(name, words, files, self._answers, self._setup.together_s)
         return found
+
+    def words(self, log: str) -> Words:
+        return self.log(log).words
 
     def drop(self) -> None:
         """Remove what was written: the file is refused as a whole."""
         for log in self._logs.values():
-            for part in log.files.written:
-                file = self._setup.out / RESULTS / part
-                write_piece(file, ())
-                file.unlink(missing_ok=True)
+            log.files.drop()
 
     def finish(self, kind: str) -> list[Record]:
         for log in self._logs.values():
@@ -113,9 +147,9 @@ class _Logs:
         told = [log for log in self._logs.values() if log.parts.intervals]
         if not told:
             raise LogRefused("an empty log: nothing was observed", self._name)
-        problems = self.opened.problems
-        state = "ended-early" if self.opened.ended_early else "bad" if problems.bad else "ok"
-        return [log.record(self._name, kind, state, problems.json()) for log in told]
+        problems = self.problems.json()
+        state = "ended-early" if self.ended_early else "bad" if self.problems.bad else "ok"
+        return [log.record(self._name, kind, state, problems) for log in told]
 
 
 @dataclass
@@ -130,12 +164,15 @@ class _Log:
     track: Track = field(default_factory=Track)
 
     def __post_init__(self) -> None:
-        given = self.name, self.answers, lambda: self.words.sensors, self.files.write
+        given = self.name, self.answers, self._sensors, self.files.write
         if self.together_s is None:
             self.parts = Parts(*given)
         else:
             window_ns = None if math.isinf(self.together_s) else round(self.together_s * SECOND)
             self.parts = Windows(*given, window_ns=window_ns)
+
+    def _sensors(self) -> tuple[Atom, ...]:
+        return self.words.sensors
 
     def take(self, what: Any) -> None:
         for stretch in self._stretches(what):
@@ -181,6 +218,11 @@ def refused(name: str, kind: str | None, problems: Problems, state: str = "refus
         "problems": problems.json(),
         "parts": [],
     }
+
+
+def state_file(out: Path, name: str) -> Path:
+    """Return where the state of a file in hand is kept."""
+    return out / RESULTS / f"{file_name(name)}{ENDING}"
 
 
 def file_name(log: str) -> str:

@@ -12,6 +12,7 @@ from __future__ import annotations
 import json
 import os
 from collections import Counter
+from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -227,23 +228,37 @@ def _column(name: str, values: Sequence[Any], kind: pl.DataType) -> pl.Series:
     return pl.Series(name, lists, dtype=kind)
 
 
+@dataclass(frozen=True, slots=True)
+class PartFolder:
+    """Where parts are written, and whether their lines are beside them, for results.ndjson."""
+
+    path: Path
+    ndjson: bool
+
+
 class PartFiles:
     """The files of one log."""
 
-    def __init__(self, folder: Path, name: str, *, ndjson: bool = False) -> None:
+    def __init__(self, folder: PartFolder, name: str) -> None:
         self._folder = folder
         self._name = name
-        self._ndjson = ndjson
         self.written: list[str] = []
 
+    def drop(self) -> None:
+        """Remove what was written."""
+        for part in self.written:
+            file = self._folder.path / part
+            write_piece(file, ())
+            file.unlink(missing_ok=True)
+
     def write(self, groups: Iterator[pl.DataFrame], texts: Iterable[bytes] = ()) -> None:
-        """Write the next one, of these row groups; its lines beside it, if wanted, for results.ndjson."""
-        file = self._folder / f"{self._name}-{len(self.written):03}.parquet"
+        """Write the next one, of these row groups; its lines beside it, if wanted."""
+        file = self._folder.path / f"{self._name}-{len(self.written):03}.parquet"
         data = BytesIO()  # so that a full disk is an OSError with its number
         _write_groups(groups, data)
         beside = file.with_suffix(f".{os.getpid()}.tmp")  # the worker of a killed run may not be gone yet
         beside.write_bytes(data.getbuffer())
-        write_piece(file, texts if self._ndjson else ())
+        write_piece(file, texts if self._folder.ndjson else ())
         os.replace(beside, file)
         self.written.append(file.name)
 

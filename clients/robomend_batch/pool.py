@@ -9,6 +9,7 @@ system description does. A worker whose run is gone ends.
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import traceback
@@ -166,10 +167,14 @@ def _work(setup: Setup, pipe: Connection, threads: int) -> None:
         diagnoser.close()
 
 
-def told_of(diagnoser: Diagnoser, name: str) -> tuple[str, Any]:
-    """Return what became of a file: done, full or failed, with its records or the reason."""
+def told_of(diagnoser: Diagnoser, name: str, span_s: float = math.inf) -> tuple[str, Any]:
+    """Return what became of a file: done, full or failed, with its records or the reason.
+
+    Or, if it was not done in so many seconds, unfinished.
+    """
     try:
-        return "done", diagnoser.diagnose(name)
+        records = diagnoser.diagnose_for(name, span_s)
+        return ("unfinished", None) if records is None else ("done", records)
     except OSError as error:
         if error.errno in FULL:
             return "full", str(error)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from robomend.errors import InputError
@@ -48,6 +50,14 @@ class Problems:
         self._count[key] += 1
         if bad:
             self._bad.add(key)
+
+    @contextmanager
+    def told_before(self, before: bool = True) -> Iterator[None]:
+        """What is added meanwhile was added before, if so, and counts once."""
+        count, bad, left_out = self._count.copy(), set(self._bad), self.left_out
+        yield
+        if before:
+            self._count, self._bad, self.left_out = count, bad, left_out
 
     @property
     def bad(self) -> bool:

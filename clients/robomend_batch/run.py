@@ -15,12 +15,13 @@ from shutil import copyfileobj
 from typing import Any
 
 from robomend_batch.errors import FULL, DiskFull
-from robomend_batch.manifest import Manifest, alone_in, keep_parts, open_manifest, stamp, write_beside
+from robomend_batch.manifest import Manifest, alone_in, keep_parts, open_manifest, write_beside
 from robomend_batch.observing import digest
 from robomend_batch.one_log import RESULTS, Record, Setup
 from robomend_batch.parts import PIECE, WRITTEN, schema
 from robomend_batch.pool import in_this_process, in_workers
 from robomend_batch.progress import Progress
+from robomend_batch.unfinished import stamp
 
 
 @dataclass(frozen=True, slots=True)

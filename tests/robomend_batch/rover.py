@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import IO, Any
 
-from tests.robomend_batch.recordings import EPOCH_NS, Sample, steady
+from mcap.writer import Writer as McapWriter
+from tests.robomend_batch.recordings import EPOCH_NS, KINDS, ROS2, Sample, message, steady
 from tests.robomend_batch.running import intervals
 
 from robomend_client.observers.base import SECOND
@@ -39,6 +41,24 @@ def drive(end_s: float = 8.0) -> list[Sample]:
     odom = [(time, "odom", max(0.0, time - 6.0)) for time, _, _ in steady("odom", 20, end_s)]
     hot = [(time, "diagnostics", 40.0) for time, _, _ in steady("diagnostics", 1, end_s)]
     return [*scan, *odom, *hot]
+
+
+def drive_in_chunks(file: IO[bytes], samples: list[Sample], in_order: bool = True, **options: Any) -> None:
+    """Write scans and odometry as an MCAP file of small chunks, in the order of their times or as given."""
+    writer = McapWriter(file, **{"chunk_size": 4000, **options})
+    writer.start(profile="ros2", library="test")
+    channels = {}
+    for topic in ("odom", "scan"):
+        name = KINDS[topic]
+        text, _ = ROS2.generate_msgdef(name, ros_version=2)
+        schema = writer.register_schema(name, "ros2msg", text.encode())
+        channels[topic] = writer.register_channel(f"/{topic}", "cdr", schema)
+    for at_s, topic, value in sorted(samples, key=lambda sample: sample[0] * in_order):
+        if topic in channels:
+            at_ns = EPOCH_NS + round(at_s * SECOND)
+            body = bytes(ROS2.serialize_cdr(message(ROS2, topic, value, at_ns, "base"), KINDS[topic]))
+            writer.add_message(channels[topic], at_ns, body, at_ns)
+    writer.finish()  # type: ignore[no-untyped-call]  # the library's
 
 
 def told(out: Path) -> list[tuple[float, str, object]]:

@@ -9,13 +9,15 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 import pytest
 from tests.robomend_batch.running import PROGRAM, TEDUSAR, batch_run, ndjson, tree
-from tests.robomend_batch.test_kill import many_logs
+from tests.robomend_batch.test_kill import long_log, many_logs
 from tests.waiting import until
 
 from robomend.cli.commands import run
+from robomend_batch import cluster
 from robomend_batch.commands import batch
 
 DASK = [sys.executable, "-m", "dask"]
@@ -107,6 +109,25 @@ def test_a_cluster_leaves_what_one_process_leaves(shared: Cluster, tmp_path: Pat
     assert (
         run(arguments(tmp_path / "there", logs, "tcp://127.0.0.1:1"), batch) == 2
     )  # nothing is left to ask for
+
+
+def test_a_long_log_comes_back_in_pieces_and_is_the_same(
+    shared: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log = long_log(tmp_path / "long.ndjson")
+    assert batch_run(tmp_path / "here", log) == 0
+    pieces = []
+    records = cluster._records
+
+    def counted(*given: Any) -> Any:
+        pieces.append(records(*given))
+        return pieces[-1]
+
+    monkeypatch.setattr(cluster, "_records", counted)
+    monkeypatch.setattr(cluster, "SPAN_S", 0.2)
+    assert run(arguments(tmp_path / "there", log, shared.address), batch) == 0
+    assert None in pieces
+    assert tree(tmp_path / "there") == tree(tmp_path / "here")
 
 
 def test_a_worker_that_sees_other_files_is_named_with_the_path(

@@ -8,12 +8,17 @@ import signal
 import subprocess
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import pytest
 from tests.robomend_batch.running import PROGRAM, TEDUSAR, batch_run, tree
 from tests.waiting import until
 
+from robomend_batch.logs import text
+
 LOGS = 12
+
+LONG = 200_000
 
 
 def many_logs(folder: Path, lines: int = 3000) -> Path:
@@ -29,6 +34,16 @@ def many_logs(folder: Path, lines: int = 3000) -> Path:
     return folder
 
 
+def long_log(file: Path) -> Path:
+    """Write one log that takes some seconds."""
+    said = ["ok(odom)", "not ok(odom)", "ok(scan)", "not on(jaguar)", "on(jaguar)", "not ok(map)", "ok(map)"]
+    with file.open("w") as written:
+        for time in range(LONG):
+            literal = said[(time * 3 + time // 7) % len(said)]
+            written.write(f'{{"time": {time * 1000}, "literal": "{literal}"}}\n')
+    return file
+
+
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, bytes]]:
     folder = tmp_path_factory.mktemp("kill")
@@ -37,13 +52,13 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[st
     return logs, tree(folder / "out")
 
 
-def killed_in_the_middle(line: list[str], out: Path, parts: int) -> bool:
-    """Start a run and kill it when it has written so many parts; return whether it was not done yet."""
+def killed_in_the_middle(line: list[str], out: Path, files: str, count: int) -> bool:
+    """Start a run and kill it when it has written so many files; return whether it was not done yet."""
     running = subprocess.Popen(line, start_new_session=True, stderr=subprocess.DEVNULL)
     try:
         until(
-            lambda: running.poll() is not None or len(list((out / "results").glob("*.parquet"))) >= parts,
-            "the first parts",
+            lambda: running.poll() is not None or len(list((out / "results").glob(files))) >= count,
+            "the first files",
             60,
         )
     finally:
@@ -61,7 +76,7 @@ def test_a_run_that_is_killed_is_finished_by_the_same_command(
     for attempt in range(10):
         out = tmp_path / str(attempt)
         line = [*PROGRAM, "run", str(logs), "--model", TEDUSAR, "-o", str(out), "--quiet"]
-        if killed_in_the_middle(line, out, parts):
+        if killed_in_the_middle(line, out, "*.parquet", parts):
             break
     else:
         pytest.fail("it was always faster")
@@ -69,3 +84,28 @@ def test_a_run_that_is_killed_is_finished_by_the_same_command(
     done = subprocess.run(line, timeout=120, check=False)
     assert done.returncode == 0
     assert tree(out) == expected
+
+
+def test_of_a_long_log_only_what_was_in_hand_is_lost(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    log = long_log(tmp_path / "long.ndjson")
+    for attempt in range(10):
+        out = tmp_path / str(attempt)
+        line = [*PROGRAM, "run", str(log), "--model", TEDUSAR, "-o", str(out), "--quiet"]
+        if killed_in_the_middle(line, out, "*.state", 1):
+            break
+    else:
+        pytest.fail("it was always faster")
+    read = []
+    take = text._take
+
+    def counted(*given: Any) -> int:
+        read.append(1)
+        return take(*given)
+
+    monkeypatch.setattr(text, "_take", counted)
+    assert batch_run(out, log) == 0
+    assert 0 < len(read) < LONG
+    read.clear()
+    assert batch_run(tmp_path / "undisturbed", log) == 0
+    assert len(read) == LONG
+    assert tree(out) == tree(tmp_path / "undisturbed")

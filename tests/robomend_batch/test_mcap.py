@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import struct
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import pytest
 from mcap.writer import CompressionType, IndexType
 from mcap.writer import Writer as McapWriter
-from tests.robomend_batch.recordings import EPOCH_NS, KINDS, ROS2, Sample, message, steady
-from tests.robomend_batch.rover import drive, told
+from tests.robomend_batch.recordings import EPOCH_NS, steady
+from tests.robomend_batch.rover import drive, drive_in_chunks, told
 from tests.robomend_batch.running import batch_run, intervals, logs, tree
 
 from robomend_client.observers import Driver
@@ -42,23 +42,6 @@ def _silence() -> list[tuple[float, float]]:
     return [(time, time) for time, topic, _ in drive() if topic == "scan"]
 
 
-def _drive_in_chunks(file: IO[bytes], samples: list[Sample], **options: Any) -> None:
-    writer = McapWriter(file, **{"chunk_size": 4000, **options})
-    writer.start(profile="ros2", library="test")
-    channels = {}
-    for topic in ("odom", "scan"):
-        name = KINDS[topic]
-        text, _ = ROS2.generate_msgdef(name, ros_version=2)
-        schema = writer.register_schema(name, "ros2msg", text.encode())
-        channels[topic] = writer.register_channel(f"/{topic}", "cdr", schema)
-    for at_s, topic, value in sorted(samples, key=lambda sample: sample[0]):
-        if topic in channels:
-            at_ns = EPOCH_NS + round(at_s * SECOND)
-            body = bytes(ROS2.serialize_cdr(message(ROS2, topic, value, at_ns, "base"), KINDS[topic]))
-            writer.add_message(channels[topic], at_ns, body, at_ns)
-    writer.finish()  # type: ignore[no-untyped-call]  # the library's
-
-
 @pytest.mark.parametrize("compression", list(CompressionType))
 def test_of_the_chunk_in_which_an_mcap_ends_what_is_there_is_read(
     compression: CompressionType, rover: tuple[Path, Path], tmp_path: Path
@@ -67,8 +50,11 @@ def test_of_the_chunk_in_which_an_mcap_ends_what_is_there_is_read(
     observers.write_text("topics:\n  scan: {rate_hz: 10, tolerance_hz: 2}\n")
     log = tmp_path / "a.mcap"
     with log.open("wb") as file:
-        options = {"chunk_size": 10 << 20, "index_types": IndexType.NONE}  # one chunk is nearly all of it
-        _drive_in_chunks(file, drive(60.0), compression=compression, **options)
+        options: dict[str, Any] = {
+            "chunk_size": 10 << 20,
+            "index_types": IndexType.NONE,
+        }  # one chunk is nearly all of it
+        drive_in_chunks(file, drive(60.0), compression=compression, **options)
     assert batch_run(tmp_path / "whole", log, "--observers", observers, model=model) == 0
     whole = log.read_bytes()
     for share in (0.5, 0.8):
@@ -166,7 +152,7 @@ def test_stretches_that_are_taken_in_at_once_leave_the_same_bytes(
         'observers:\n  "ok(hokuyo)": {kind: property, source: "odom:twist.twist.angular.z", high: 1.5}\n'
     )
     with (tmp_path / "a.mcap").open("wb") as file:
-        _drive_in_chunks(file, drive(20.0))
+        drive_in_chunks(file, drive(20.0))
     taken = []
     take = Driver.quiet
 

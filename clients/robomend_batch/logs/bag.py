@@ -45,6 +45,8 @@ def open_bag(path: Path) -> Recording:
 class IndexedBag:
     """A bag that was closed."""
 
+    by_time = True
+
     def __init__(self, path: Path) -> None:
         self._reader = Reader(path)
         self._reader.open()
@@ -65,17 +67,20 @@ class IndexedBag:
             for c in self._reader.connections
         ]
 
-    def messages(self, wanted: Mapping[int, bool]) -> Iterator[Message]:
+    def messages(self, wanted: Mapping[int, bool], from_ns: int | None = None) -> Iterator[Message]:
         connections = [c for c in self._reader.connections if c.id in wanted]
         if not connections:
             return
         if not any(wanted.values()):  # the index has their times
             yield from sorted(
-                (entry.time, number, None) for number in wanted for entry in self._reader.indexes[number]
+                (entry.time, number, None)
+                for number in wanted
+                for entry in self._reader.indexes[number]
+                if from_ns is None or entry.time >= from_ns
             )
             return
         try:
-            for connection, time_ns, data in self._reader.messages(connections):
+            for connection, time_ns, data in self._reader.messages(connections, from_ns):
                 yield time_ns, connection.id, data if wanted[connection.id] else None
         except DAMAGE as error:
             self.cut = f"damaged: {error}"
@@ -87,13 +92,15 @@ class IndexedBag:
 class StreamedBag:
     """A bag without its index. It is read twice: for what is in it, and for that."""
 
+    by_time = False
+
     def __init__(self, path: Path) -> None:
         self._path = path
         self._known: dict[int, Channel] = {}
         self.start_ns: int | None = None
         self.end_ns: int | None = None
         self.cut: str | None = None
-        for time_ns, _, _ in self.messages({}, every=True):
+        for time_ns, _, _ in self._all({}, every=True):
             self.start_ns = time_ns if self.start_ns is None else min(self.start_ns, time_ns)
             self.end_ns = time_ns if self.end_ns is None else max(self.end_ns, time_ns)
         self.channels = list(self._known.values())
@@ -101,7 +108,10 @@ class StreamedBag:
         if self.start_ns is None:
             raise Unreadable(self.cut)
 
-    def messages(self, wanted: Mapping[int, bool], every: bool = False) -> Iterator[Message]:
+    def messages(self, wanted: Mapping[int, bool], from_ns: int | None = None) -> Iterator[Message]:
+        return self._all(wanted, every=False)
+
+    def _all(self, wanted: Mapping[int, bool], every: bool) -> Iterator[Message]:
         try:
             with self._path.open("rb") as file:
                 if file.read(len(MAGIC)) != MAGIC:

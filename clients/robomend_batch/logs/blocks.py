@@ -3,15 +3,16 @@
     Rows      each sets a sensor (track.py)
     Shown     each is all that was known at its time, as bits of the log's sensors
     Restart   time begins again, here
+    Place     so far the file was read, and from here it can be read on
 
-A file may hold several logs, by its column `log`; a reader asks `Opened` for the words of each.
+A file may hold several logs, by its column `log`; a reader asks `Open` for the words of each.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
 
 from robomend.diagnosis.library import Codes
 from robomend_batch.observing import Observing
@@ -42,33 +43,43 @@ class Restart:
     time_ns: int
 
 
+@dataclass(frozen=True, slots=True)
+class Place:
+    """How far a file was read: what its reader needs to go on from here. It holds until the reader does."""
+
+    state: Any
+
+
 class Block(NamedTuple):
     """Some of one log; `log` is the value of the column, "" without one."""
 
     log: str
-    what: Rows | Shown | Advance | Restart
+    what: Rows | Shown | Advance | Restart | Place
 
 
-@dataclass(slots=True)
-class Opened:
+class Opened(Protocol):
     """What is open of a file while it is read."""
 
-    words: Callable[[str], Words]
-    """Returns the words of one of its logs."""
-
-    observing: Observing | None = None
-    """The observers, for recorded messages."""
-
-    by_header: bool = False
-    """Whose clock: the one in the messages' headers, or the recorder's."""
-
-    problems: Problems = field(default_factory=Problems)
+    problems: Problems
     """Of the file as a whole."""
 
-    rows: int = 0
+    rows: int
     """That were read."""
 
-    ended_early: bool = False
+    ended_early: bool
+
+    observing: Observing | None
+    """The observers, for recorded messages."""
+
+    by_header: bool
+    """Whose clock: the one in the messages' headers, or the recorder's."""
+
+    begun: Any
+    """The state of the Place to go on from; None: from the beginning."""
+
+    def words(self, log: str) -> Words:
+        """Return the words of one of its logs."""
+        ...
 
 
 Blocks = Iterator[Block]

@@ -11,6 +11,7 @@ from contextlib import closing
 from pathlib import Path
 from urllib.parse import quote
 
+from robomend_batch.logs.db3_cut import CutDb3
 from robomend_batch.logs.recorded import Channel, Message, Recording, Unreadable
 
 HEADER = struct.Struct(">16xH10xI")
@@ -19,64 +20,84 @@ HEADER = struct.Struct(">16xH10xI")
 
 def open_db3(path: Path) -> Recording:
     """Return a recording; Unreadable if nothing of it can be read."""
-    return Db3(path)
+    cut = _cut(path)
+    if cut is None:
+        return Db3(path)
+    base = _opened(path)
+    try:
+        # SQLite refuses a file that is shorter than it says, but to whoever mends its schema.
+        base.execute("PRAGMA writable_schema = ON")
+        return CutDb3(path, _channels(base), cut)
+    except (sqlite3.Error, TypeError, AttributeError) as error:  # what is missing of a page is read as zeros
+        raise Unreadable(f"{cut}, and its topics cannot be read") from error
+    finally:
+        base.close()
 
 
-def _check_size(path: Path) -> None:
-    """Refuse a file that is cut off: SQLite reads none of it, as its pages hang together."""
+def _cut(path: Path) -> str | None:
+    """Return why a file ends early; None: it does not."""
     with path.open("rb") as file:
         page_bytes, pages = HEADER.unpack(file.read(HEADER.size).ljust(HEADER.size, b"\0"))
         there = file.seek(0, 2)
     whole = pages * (65536 if page_bytes == 1 else page_bytes)
-    if there < whole:
-        raise Unreadable(f"cut off: {there} of {whole} bytes, and SQLite reads none of such a file")
+    return f"cut off: {there} of {whole} bytes" if there < whole else None
+
+
+def _opened(path: Path) -> sqlite3.Connection:
+    left_open = path.with_name(path.name + "-wal").exists()  # by a recorder that was killed
+    name = f"file:{quote(str(path.resolve()))}?mode=ro{'' if left_open else '&immutable=1'}"
+    return sqlite3.connect(name, uri=True)
+
+
+def _channels(base: sqlite3.Connection) -> list[Channel]:
+    definitions = _definitions(base)
+    return [
+        Channel(
+            number,
+            topic.removeprefix("/"),
+            kind,
+            *definitions.get(kind, ("", False)),
+            encoding != "ros1",
+        )
+        for number, topic, kind, encoding in base.execute(
+            "SELECT id, name, type, serialization_format FROM topics ORDER BY id"
+        )
+    ]
+
+
+def _definitions(base: sqlite3.Connection) -> dict[str, tuple[str, bool]]:
+    tables = {name for (name,) in base.execute("SELECT name FROM sqlite_master WHERE type='table'")}
+    if "message_definitions" not in tables:
+        return {}
+    query = "SELECT topic_type, encoded_message_definition, encoding FROM message_definitions"
+    return {kind: (text, "idl" in encoding) for kind, text, encoding in base.execute(query)}
 
 
 class Db3:
     """See the module."""
 
+    by_time = True
+
     def __init__(self, path: Path) -> None:
         self.cut: str | None = None
-        _check_size(path)
-        left_open = path.with_name(path.name + "-wal").exists()  # by a recorder that was killed
-        name = f"file:{quote(str(path.resolve()))}?mode=ro{'' if left_open else '&immutable=1'}"
-        self._base = sqlite3.connect(name, uri=True)
+        self._base = _opened(path)
         try:
-            definitions = self._definitions()
-            self.channels = [
-                Channel(
-                    number,
-                    topic.removeprefix("/"),
-                    kind,
-                    *definitions.get(kind, ("", False)),
-                    encoding != "ros1",
-                )
-                for number, topic, kind, encoding in self._base.execute(
-                    "SELECT id, name, type, serialization_format FROM topics ORDER BY id"
-                )
-            ]
+            self.channels = _channels(self._base)
             query = "SELECT min(timestamp), max(timestamp) FROM messages"
             self.start_ns, self.end_ns = self._base.execute(query).fetchone()
         except sqlite3.Error as error:
             self._base.close()
             raise Unreadable(f"no recording, or damaged: {error}") from error
 
-    def _definitions(self) -> dict[str, tuple[str, bool]]:
-        tables = {name for (name,) in self._base.execute("SELECT name FROM sqlite_master WHERE type='table'")}
-        if "message_definitions" not in tables:
-            return {}
-        query = "SELECT topic_type, encoded_message_definition, encoding FROM message_definitions"
-        return {kind: (text, "idl" in encoding) for kind, text, encoding in self._base.execute(query)}
-
-    def messages(self, wanted: Mapping[int, bool]) -> Iterator[Message]:
+    def messages(self, wanted: Mapping[int, bool], from_ns: int | None = None) -> Iterator[Message]:
         if not wanted:
             return
         marks = ",".join(map(str, sorted(wanted)))
         data = "data" if any(wanted.values()) else "NULL"
         query = f"SELECT timestamp, topic_id, {data} FROM messages WHERE topic_id IN ({marks})"
-        query += " ORDER BY timestamp, id"
+        query += " AND timestamp >= ? ORDER BY timestamp, id"
         try:
-            with closing(self._base.execute(query)) as rows:
+            with closing(self._base.execute(query, (-1 << 63 if from_ns is None else from_ns,))) as rows:
                 for time_ns, number, body in rows:
                     yield time_ns, number, body if wanted[number] else None
         except sqlite3.Error as error:

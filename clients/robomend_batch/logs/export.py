@@ -21,8 +21,8 @@ from pathlib import Path
 from typing import Any
 
 from robomend.observations.obs import FOREVER
-from robomend_batch.logs.blocks import Blocks, Opened
-from robomend_batch.logs.text import MOST_LOGS, TOGETHER, Gathered, gathered_blocks
+from robomend_batch.logs.blocks import Block, Blocks, Opened, Place
+from robomend_batch.logs.text import MOST_LOGS, TOGETHER, Gathered, Lines, gathered_blocks
 from robomend_batch.problems import LogRefused
 from robomend_client.literals import Atom, Literal
 
@@ -38,18 +38,23 @@ class ExportEnd:
 
 
 def export_rows(
-    path: Path, tables: frozenset[str], end: ExportEnd
+    path: Path, tables: frozenset[str], end: ExportEnd, begun: Lines | None = None
 ) -> Iterator[tuple[str, str, dict[str, Any]]]:
     """Yield place, table and row of an export; of a file that is cut off as much as there is.
 
     Raises:
         LogRefused: with the line that cannot be read.
     """
-    with path.open(encoding="utf-8", errors="replace") as file:
-        for number, text in enumerate(file, 1):
+    lines = begun or Lines()
+    with path.open("rb") as file:
+        file.seek(lines.offset)
+        for text in file:
+            lines.count += 1
+            lines.offset += len(text)
+            number = lines.count
             place = f"{path}:{number}"
             try:
-                line = json.loads(text)
+                line = json.loads(text.decode("utf-8", errors="replace"))
                 if number == 1:
                     if line["robomend_export"] != FORMAT:
                         raise LogRefused(
@@ -60,7 +65,7 @@ def export_rows(
                 elif line["table"] in tables:
                     yield place, line["table"], line["row"]
             except (ValueError, KeyError, TypeError) as error:
-                if not text.endswith("\n"):
+                if not text.endswith(b"\n"):
                     return
                 raise LogRefused(f"no line of an export: {error!r}", place) from error
 
@@ -80,11 +85,13 @@ def drilled_spans(path: Path) -> dict[str, list[tuple[int, float]]]:
 
 def read_export(path: Path, opened: Opened) -> Blocks:
     """Yield the blocks of an export; LogRefused if it cannot be read."""
-    gathered: dict[str, Gathered] = {}
+    lines: Lines
+    gathered: dict[str, Gathered]
+    lines, gathered = opened.begun or (Lines(), dict[str, Gathered]())
     drilled = drilled_spans(path)
     end = ExportEnd()
     rows = 0
-    for place, _, row in export_rows(path, frozenset({"observations"}), end):
+    for place, _, row in export_rows(path, frozenset({"observations"}), end, lines):
         robot = str(row["robot"])
         if robot not in gathered and len(gathered) >= MOST_LOGS:
             raise LogRefused(f"more than {MOST_LOGS} robots", place)
@@ -99,6 +106,7 @@ def read_export(path: Path, opened: Opened) -> Blocks:
         opened.rows += 1
         if rows >= TOGETHER:
             yield from gathered_blocks(gathered)
+            yield Block("", Place((lines, gathered)))
             rows = 0
     yield from gathered_blocks(gathered)
     if not end.whole:

@@ -8,8 +8,7 @@ as a stream, up to where it ends.
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable, Iterator, Mapping
-from itertools import zip_longest
+from collections.abc import Iterator, Mapping, Sequence
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
@@ -25,7 +24,7 @@ from rosbags.rosbag2.errors import ReaderError
 from rosbags.rosbag2.storage_mcap import ChunkInfo, McapReader, decompress
 
 from robomend_batch.logs.mcap_chunk import left_of_chunk
-from robomend_batch.logs.recorded import Channel, Message, Recording, Times, Unreadable
+from robomend_batch.logs.recorded import Channel, Message, Recording, Stretch, Times, Unreadable
 
 INDEX = np.dtype([("time", "<u8"), ("offset", "<u8")])
 RECORD = struct.Struct("<BQ")
@@ -65,6 +64,8 @@ def open_mcap(path: Path) -> Recording:
 class IndexedMcap:
     """A whole file with an index of its chunks."""
 
+    by_time = True
+
     def __init__(self, path: Path) -> None:
         self._reader = McapReader(path)
         self._reader.open()
@@ -91,12 +92,17 @@ class IndexedMcap:
         self._file.close()
         self._reader.close()
 
-    def messages(self, wanted: Mapping[int, bool]) -> Iterator[Message]:
-        for stretch in self.stretches(wanted):
-            yield from stretch
+    def messages(self, wanted: Mapping[int, bool], from_ns: int | None = None) -> Iterator[Message]:
+        for stretch, _ in self.stretches(wanted):
+            yield from (message for message in stretch if from_ns is None or message[0] >= from_ns)
 
-    def stretches(self, wanted: Mapping[int, bool]) -> Iterator[Iterable[Message]]:
-        """Yield the messages chunk by chunk: as Columns, where no other chunk has messages in between."""
+    def stretches(
+        self, wanted: Mapping[int, bool], place: tuple[int, int] | None = None
+    ) -> Iterator[Stretch]:
+        """Yield the messages chunk by chunk: as Columns, where no other chunk has messages in between.
+
+        A place is two chunks: the next one, and the first one that may have left messages behind it.
+        """
         chunks = sorted(
             (
                 chunk
@@ -105,24 +111,42 @@ class IndexedMcap:
             ),
             key=lambda chunk: (chunk.message_start_time, chunk.chunk_start_offset),
         )
-        waiting: list[Message] = []
-        for chunk, following in zip_longest(chunks, chunks[1:]):
+        since, begin = place or (0, 0)
+        waiting = self._left_behind(chunks[since : begin + 1], wanted)
+        for number in range(begin, len(chunks)):
+            chunk = chunks[number]
+            following = chunks[number + 1] if number + 1 < len(chunks) else None
             if waiting:  # chunks may overlap: what is before the next one's first message is in its place
                 ready = [message for message in waiting if message[0] < chunk.message_start_time]
                 if ready:
                     waiting = waiting[len(ready) :]
-                    yield ready
+                    yield ready, (since, number)
+            if not waiting:
+                since = number
             try:
                 found = self._of_chunk(chunk, wanted)
                 if not waiting and (following is None or found.until_ns <= following.message_start_time):
-                    yield found
+                    yield found, (number + 1, number + 1)
                     continue
                 waiting += found
             except DAMAGE as error:
                 self.cut = f"damaged: {error}"
                 break
             waiting.sort(key=itemgetter(0))
-        yield waiting
+        if waiting:
+            yield waiting, None if self.cut else (len(chunks), len(chunks))
+
+    def _left_behind(self, chunks: Sequence[ChunkInfo], wanted: Mapping[int, bool]) -> list[Message]:
+        """Return the messages of chunks that do not come before the last one of them."""
+        left: list[Message] = []
+        for chunk in chunks[:-1]:
+            if chunk.message_end_time >= chunks[-1].message_start_time:
+                left += (
+                    message
+                    for message in self._of_chunk(chunk, wanted)
+                    if message[0] >= chunks[-1].message_start_time
+                )
+        return sorted(left, key=itemgetter(0))
 
     def _of_chunk(self, chunk: ChunkInfo, wanted: Mapping[int, bool]) -> Columns:
         self._file.seek(chunk.chunk_start_offset + chunk.chunk_length)
@@ -207,6 +231,8 @@ def _body(data: bytes, place: int) -> bytes:
 class StreamedMcap:
     """A file without an index, or without its end. It is read twice: for what is in it, and for that."""
 
+    by_time = False
+
     def __init__(self, path: Path) -> None:
         self._path = path
         self.channels: list[Channel] = []
@@ -230,7 +256,7 @@ class StreamedMcap:
         if self.start_ns is None and self.cut is not None:
             raise Unreadable(self.cut)
 
-    def messages(self, wanted: Mapping[int, bool]) -> Iterator[Message]:
+    def messages(self, wanted: Mapping[int, bool], from_ns: int | None = None) -> Iterator[Message]:
         for _, channel, message in self._read():
             if channel.id in wanted:
                 yield message.log_time, channel.id, message.data if wanted[channel.id] else None

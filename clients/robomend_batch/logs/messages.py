@@ -10,21 +10,22 @@ silent is silent.
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from functools import partial
-from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from robomend.observations.obs import FOREVER
-from robomend_batch.logs.blocks import Advance, Block, Blocks, Opened, Restart
+from robomend_batch.logs.blocks import Advance, Block, Blocks, Opened, Place, Restart
 from robomend_batch.logs.recorded import (
     Channel,
     InStretches,
     Message,
     Recording,
+    Sliced,
     Together,
     Unreadable,
 )
@@ -73,61 +74,71 @@ def read_messages(open_recording: Callable[[Path], Recording], path: Path, opene
         recording.close()
 
 
+@dataclass
+class _Reading:
+    """How far a recording was read."""
+
+    driver: Driver
+    restarts: Restarts
+    changes: Changes
+    latest_ns: int
+    place: Any = None  # of the recording
+
+
 def _observed(recording: Recording, observing: Observing, path: Path, opened: Opened) -> Blocks:
     start_ns, end_ns = recording.start_ns, recording.end_ns
     if start_ns is None or end_ns is None:
         raise LogRefused("a recording without messages", str(path))
     by_header = opened.by_header
-    wants = Wants(recording.channels, observing.specs, path, opened.problems, by_header)
+    reading: _Reading | None = opened.begun
+    with opened.problems.told_before(reading is not None):
+        wants = Wants(recording.channels, observing.specs, path, opened.problems, by_header)
     if not wants.specs:
         raise LogRefused("none of the observers' topics is in it", str(path))
-    stretches: Iterable[Iterable[Message]]
-    if by_header or not isinstance(recording, InStretches):
-        messages = recording.messages(wants.channels)
-        if by_header and (first := next(messages, None)) is not None:
+    if reading is None:
+        if by_header and (first := next(recording.messages(wants.channels), None)) is not None:
             start_ns = wants.stamp(first)
-            messages = chain([first], messages)
-        stretches = [messages]
-    else:
-        stretches = recording.stretches(wants.channels)
-    restarts = _Restarts()
-
-    def told(problem: ObserverProblem) -> None:
-        if problem.what != "number":  # each of those is counted where it is read
-            opened.problems.add(f"{path}: {problem.where}", problem.message, bad=False)
-
-    driver = Driver(
-        [spec.make() for spec in wants.specs],
-        start_ns,
-        lenient=observing.lenient,
-        on_problem=told,
-        listener=restarts,
-    )
-    changes = Changes(opened.words(""))
-    yield Block("", Restart(start_ns))
-    latest_ns = start_ns
-    read = 0
-    for message in _not_quiet(stretches, driver, wants, opened):
-        time_ns, number, data = message
-        read += 1
-        if time_ns > latest_ns:
-            latest_ns = time_ns
-        if by_header:
-            time_ns = wants.stamp(message)
-        for source, extract in wants.of[number]:
-            value = None
-            if extract is not None and data is not None:
-                try:
-                    value = extract(data)
-                except Exception as error:  # noqa: BLE001  # damaged bytes raise whatever
-                    wants.unreadable(number, error)
-                    continue
-                if type(value) is float and value - value != 0.0:
-                    opened.problems.add(f"{path}: {source}", "no number (NaN, or infinite)", bad=False)
-            changed = driver.sample(source, time_ns, value)
-            if changed or restarts.at_ns is not None:
-                yield from changes.take(changed, restarts.take())
-    opened.rows += read
+        restarts = Restarts()
+        driver = Driver(
+            [spec.make() for spec in wants.specs],
+            start_ns,
+            lenient=observing.lenient,
+            on_problem=Reported(str(path), opened.problems),
+            listener=restarts,
+        )
+        reading = _Reading(driver, restarts, Changes(opened.words("")), start_ns)
+        yield Block("", Restart(start_ns))
+    driver, restarts, changes = reading.driver, reading.restarts, reading.changes
+    latest_ns = reading.latest_ns
+    together = isinstance(recording, InStretches) and not by_header
+    given: InStretches = recording if together else Sliced(recording)  # type: ignore[assignment]  # it was asked
+    for stretch, place in given.stretches(wants.channels, reading.place):
+        if isinstance(stretch, Together) and wants.taken(stretch, driver):
+            opened.rows += stretch.count
+            stretch = ()
+        for message in stretch:
+            time_ns, number, data = message
+            opened.rows += 1
+            if time_ns > latest_ns:
+                latest_ns = time_ns
+            if by_header:
+                time_ns = wants.stamp(message)
+            for source, extract in wants.of[number]:
+                value = None
+                if extract is not None and data is not None:
+                    try:
+                        value = extract(data)
+                    except Exception as error:  # noqa: BLE001  # damaged bytes raise whatever
+                        wants.unreadable(number, error)
+                        continue
+                    if type(value) is float and value - value != 0.0:
+                        opened.problems.add(f"{path}: {source}", "no number (NaN, or infinite)", bad=False)
+                changed = driver.sample(source, time_ns, value)
+                if changed or restarts.at_ns is not None:
+                    yield from changes.take(changed, restarts.take())
+        reading.latest_ns, reading.place = latest_ns, place
+        if place is not None:
+            yield Block("", Place(reading))
     latest_ns = max(latest_ns, driver.now_ns) if not by_header else latest_ns
     end_ns = latest_ns if recording.cut else max(end_ns, latest_ns)
     if restarts.seen or by_header:  # the end of the recording is by another clock
@@ -138,18 +149,19 @@ def _observed(recording: Recording, observing: Observing, path: Path, opened: Op
     yield Block("", Advance(end_ns))
 
 
-def _not_quiet(
-    stretches: Iterable[Iterable[Message]], driver: Driver, wants: Wants, opened: Opened
-) -> Iterator[Message]:
-    """Yield the messages; not those of stretches in which no verdict changes: they are taken in at once."""
-    for stretch in stretches:
-        if isinstance(stretch, Together) and wants.taken(stretch, driver):
-            opened.rows += stretch.count
-        else:
-            yield from stretch
+@dataclass(frozen=True, slots=True)
+class Reported:
+    """Notes what a driver finds wrong."""
+
+    path: str
+    problems: Problems
+
+    def __call__(self, problem: ObserverProblem) -> None:
+        if problem.what != "number":  # each of those is counted where it is read
+            self.problems.add(f"{self.path}: {problem.where}", problem.message, bad=False)
 
 
-class _Restarts(Listener):
+class Restarts(Listener):
     """Notes where time begins again."""
 
     def __init__(self) -> None:

@@ -17,7 +17,7 @@ import numpy as np
 
 from robomend.diagnosis.library import SENSORS_A_WORD
 from robomend.observations.obs import FOREVER
-from robomend_batch.logs.blocks import Block, Blocks, Opened, Shown
+from robomend_batch.logs.blocks import Block, Blocks, Opened, Place, Shown
 from robomend_batch.logs.stamps import LATEST_NS
 from robomend_batch.logs.text import LIFETIME, LITERAL, MOST_LOGS
 from robomend_batch.problems import LogRefused
@@ -82,11 +82,12 @@ def _long(
         wanted.append(_lifetime(columns, lifetime, path))
     if "log" in columns:
         wanted.append(pl.col("log").cast(pl.String).fill_null(""))
-    for start, frame in _frames(scan.select(wanted)):
+    for start, frame in _frames(scan.select(wanted), opened):
         _check(frame, (TIME_NS, literal), start, path)
         opened.rows += len(frame)
         for log, rows in _by_log(frame):
             yield Block(log, _rows(rows, literal, lifetime is not None, opened.words(log), path))
+        yield Block("", Place(start + len(frame)))
 
 
 def _rows(frame: pl.DataFrame, literal: str, mortal: bool, words: Words, path: Path) -> Rows:
@@ -131,13 +132,14 @@ def _wide(scan: pl.LazyFrame, columns: pl.Schema, names: list[str], path: Path, 
     wanted = [_time(columns, path), *(_truth(columns, name).alias(name) for name in atoms)]
     if "log" in columns:
         wanted.append(pl.col("log").cast(pl.String).fill_null(""))
-    for start, frame in _frames(scan.select(wanted)):
+    for start, frame in _frames(scan.select(wanted), opened):
         _check(frame, (TIME_NS,), start, path)
         opened.rows += len(frame)
         for log, rows in _by_log(frame):
             words = opened.words(log)
             said = {name: words.settings(name, f"{path}: column {name}") for name in names}
             yield Block(log, Shown(rows[TIME_NS].to_numpy(), _codes(rows, said, atoms, words)))
+        yield Block("", Place(start + len(frame)))
 
 
 def _simple(said: dict[str, tuple[Setting, ...]]) -> bool:
@@ -169,7 +171,7 @@ def _packed(
     wanted += [pl.sum_horizontal(some).alias(f"{WORD}{word}") for word, some in enumerate(terms)]
     integers = [name for name in atoms if columns[name].is_integer()]
     wanted += [(pl.col(name).is_between(0, 1) | pl.col(name).is_null()).alias(name) for name in integers]
-    for start, frame in _frames(scan.select(wanted)):
+    for start, frame in _frames(scan.select(wanted), opened):
         _check(frame, (TIME_NS,), start, path)
         for name in integers:
             if not frame[name].all():
@@ -177,6 +179,7 @@ def _packed(
         opened.rows += len(frame)
         codes = [frame[f"{WORD}{word}"].to_numpy() for word in range(count)]
         yield Block("", Shown(frame[TIME_NS].to_numpy(), np.stack(codes, axis=1)))
+        yield Block("", Place(start + len(frame)))
 
 
 def _codes(frame: pl.DataFrame, said: dict[str, tuple[Setting, ...]], atoms: list[str], words: Words) -> Any:
@@ -239,10 +242,10 @@ def _lifetime(columns: pl.Schema, name: str, path: Path) -> pl.Expr:
     )
 
 
-def _frames(scan: pl.LazyFrame) -> Iterator[tuple[int, pl.DataFrame]]:
-    """Yield blocks of rows, and the number of the first of each."""
-    start = 0
-    for frame in scan.collect_batches(chunk_size=TOGETHER):
+def _frames(scan: pl.LazyFrame, opened: Opened) -> Iterator[tuple[int, pl.DataFrame]]:
+    """Yield blocks of rows, and the number of the first of each, from where an earlier reading was left."""
+    start: int = opened.begun or 0
+    for frame in (scan.slice(start) if start else scan).collect_batches(chunk_size=TOGETHER):
         if len(frame):
             yield start, frame.rechunk()
             start += len(frame)

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from itertools import chain, islice
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 Times = NDArray[np.int64]
+
+SLICE = 4096
+"""Messages of a stretch, where the recording has none."""
 
 Message = tuple[int, int, bytes | None]
 """Time in nanoseconds, channel, and its bytes if they were asked for."""
@@ -44,8 +49,16 @@ class Recording(Protocol):
     cut: str | None
     """Why it ends early; None: it does not. Known when all messages were read."""
 
-    def messages(self, wanted: Mapping[int, bool]) -> Iterator[Message]:
-        """Yield the messages of channels; with their bytes where the mapping says so."""
+    by_time: bool
+    """Whether its messages come in the order of time."""
+
+    def messages(self, wanted: Mapping[int, bool], from_ns: int | None = None) -> Iterator[Message]:
+        """Yield the messages of channels.
+
+        Args:
+            wanted: whether their bytes are needed.
+            from_ns: only those from then on, if it is `by_time`.
+        """
         ...
 
     def close(self) -> None:
@@ -72,13 +85,53 @@ class Together(Protocol):
     def __iter__(self) -> Iterator[Message]: ...
 
 
+Stretch = tuple[Iterable[Message], Any]
+"""Some messages, and the place behind them, from which one can go on; None: one cannot."""
+
+
 @runtime_checkable
 class InStretches(Protocol):
     """A recording that hands on messages together where it can."""
 
-    def stretches(self, wanted: Mapping[int, bool]) -> Iterator[Iterable[Message]]:
-        """Yield all of `messages`, in their order, some of them Together."""
+    def stretches(self, wanted: Mapping[int, bool], place: Any = None) -> Iterator[Stretch]:
+        """Yield all of `messages`, in their order, some of them Together.
+
+        Args:
+            wanted: as for `messages`.
+            place: a stretch's, to go on behind it; None: from the beginning.
+        """
         ...
+
+
+@dataclass
+class Passed:
+    """How many messages there were; of a recording in the order of time, of those of the last one's time."""
+
+    last_ns: int | None = None
+    count: int = 0
+
+
+class Sliced:
+    """Any recording in stretches of so many messages; each is to be used up before the next one."""
+
+    def __init__(self, recording: Recording) -> None:
+        self._recording = recording
+
+    def stretches(self, wanted: Mapping[int, bool], place: Passed | None = None) -> Iterator[Stretch]:
+        """Yield all messages, as InStretches does."""
+        passed = place or Passed()
+        messages = self._recording.messages(wanted, passed.last_ns)
+        deque(islice(messages, passed.count), maxlen=0)
+        while (first := next(messages, None)) is not None:
+            yield self._counted(chain([first], islice(messages, SLICE - 1)), passed), passed
+
+    def _counted(self, messages: Iterable[Message], passed: Passed) -> Iterator[Message]:
+        by_time = self._recording.by_time
+        for message in messages:
+            if by_time and message[0] != passed.last_ns:
+                passed.last_ns, passed.count = message[0], 0
+            passed.count += 1
+            yield message
 
 
 class Unreadable(Exception):

@@ -14,13 +14,14 @@ import csv
 import json
 from array import array
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from robomend.observations.obs import FOREVER
-from robomend_batch.logs.blocks import Block, Blocks, Opened
+from robomend_batch.logs.blocks import Block, Blocks, Opened, Place
 from robomend_batch.logs.stamps import expires_ns, time_ns
 from robomend_batch.problems import LogRefused
 from robomend_batch.track import Rows
@@ -68,21 +69,45 @@ class Gathered:
 
 def read_ndjson(path: Path, opened: Opened) -> Blocks:
     """Yield the blocks of a file of JSON lines; LogRefused with the line that cannot be read."""
-    yield from _blocks(path, opened, ndjson_lines(path))
+    begun: _Reading = opened.begun or _Reading()
+    yield from _blocks(path, opened, ndjson_lines(path, begun.lines), begun)
 
 
 def read_csv(path: Path, opened: Opened) -> Blocks:
     """Yield the blocks of a CSV file; LogRefused with the line that cannot be read."""
-    yield from _blocks(path, opened, csv_lines(path))
+    begun: _Reading = opened.begun or _Reading()
+    yield from _blocks(path, opened, csv_lines(path, begun.lines), begun)
 
 
 Line = tuple[int, bool, Mapping[str, Any] | str]
 """Its number, whether it is whole, and its values, or why there are none."""
 
 
-def _lines(path: Path) -> Iterator[tuple[int, bool, str]]:
+@dataclass
+class Lines:
+    """How far the lines of a file were read."""
+
+    count: int = 0
+    offset: int = 0  # of the next one
+    header: list[str] | None = None  # of a CSV file
+
+
+@dataclass
+class _Reading:
+    """How far a file was read."""
+
+    lines: Lines = field(default_factory=Lines)
+    gathered: dict[str, Gathered] = field(default_factory=dict)
+    wide: dict[str, dict[str, tuple[Setting, ...]]] = field(default_factory=dict)
+
+
+def _lines(path: Path, lines: Lines) -> Iterator[tuple[int, bool, str]]:
     with path.open("rb") as file:
-        for number, line in enumerate(iter(lambda: file.readline(LONGEST + 1), b""), 1):
+        file.seek(lines.offset)
+        for line in iter(lambda: file.readline(LONGEST + 1), b""):
+            lines.count += 1
+            lines.offset += len(line)
+            number = lines.count
             if len(line) > LONGEST:
                 raise LogRefused(f"a line of more than {LONGEST} bytes", f"{path}:{number}")
             text = line.decode("utf-8-sig" if number == 1 else "utf-8", errors="replace")
@@ -90,8 +115,8 @@ def _lines(path: Path) -> Iterator[tuple[int, bool, str]]:
                 yield number, text.endswith("\n"), text
 
 
-def ndjson_lines(path: Path) -> Iterator[Line]:
-    for number, whole, text in _lines(path):
+def ndjson_lines(path: Path, begun: Lines | None = None) -> Iterator[Line]:
+    for number, whole, text in _lines(path, begun or Lines()):
         try:
             found = json.loads(text)
         except (ValueError, RecursionError):
@@ -100,16 +125,17 @@ def ndjson_lines(path: Path) -> Iterator[Line]:
         yield number, whole, found if isinstance(found, dict) else "not a JSON object"
 
 
-def csv_lines(path: Path) -> Iterator[Line]:
-    header: list[str] | None = None
-    for number, whole, text in _lines(path):
+def csv_lines(path: Path, begun: Lines | None = None) -> Iterator[Line]:
+    lines = begun or Lines()
+    for number, whole, text in _lines(path, lines):
         try:
             cells = next(csv.reader([text], strict=True))
         except (csv.Error, StopIteration):
             yield number, whole, "not a line of CSV"
             continue
+        header = lines.header
         if header is None:
-            header = [cell.strip() for cell in cells]
+            header = lines.header = [cell.strip() for cell in cells]
             if len(set(header)) < len(header):
                 raise LogRefused("a column is there twice", f"{path}:{number}")
         elif len(cells) != len(header):
@@ -118,9 +144,8 @@ def csv_lines(path: Path) -> Iterator[Line]:
             yield number, whole, dict(zip(header, cells, strict=True))
 
 
-def _blocks(path: Path, opened: Opened, lines: Iterator[Line]) -> Blocks:
-    gathered: dict[str, Gathered] = {}
-    wide: dict[str, dict[str, tuple[Setting, ...]]] = {}
+def _blocks(path: Path, opened: Opened, lines: Iterator[Line], begun: _Reading) -> Blocks:
+    gathered, wide = begun.gathered, begun.wide
     rows = 0
     for number, whole, line in lines:
         place = f"{path}:{number}"
@@ -143,6 +168,7 @@ def _blocks(path: Path, opened: Opened, lines: Iterator[Line]) -> Blocks:
         opened.rows += 1
         if rows >= TOGETHER:
             yield from gathered_blocks(gathered)
+            yield Block("", Place(begun))
             rows = 0
     yield from gathered_blocks(gathered)
 

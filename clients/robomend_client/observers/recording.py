@@ -79,33 +79,48 @@ def replay(lines: Iterable[str], make: Callable[[int], Driver]) -> Iterator[Chan
     """
     driver: Driver | None = None
     for text in lines:
-        try:
-            line = json.loads(text)
-        except ValueError:
-            if text.endswith("\n"):
-                raise ValueError(f"not a line of a recording: {text[:80]!r}") from None
+        line = line_of(text)
+        if line is None:
             return
         if driver is None:
             driver = make(int(line["start"]))
-            continue
-        at_ns = line.get("at")
-        if "source" in line:
-            time_ns = line["time"]
-            yield from driver.sample(
-                line["source"], time_ns, line.get("value"), time_ns if at_ns is None else at_ns
-            )
-            continue
-        if at_ns is not None:
-            yield from driver.advance(at_ns)
-        if "lapse" in line:
-            yield from driver.lapse(line["lapse"])
-        elif "settle" in line:
-            atoms = [Atom(predicate, tuple(args)) for predicate, *args in line["atoms"]]
-            yield from driver.settle(line["settle"], atoms)
-        elif "restart" in line:
-            yield from driver.restart(line["restart"])
-        elif "end" in line:
-            yield from driver.advance(line["end"])
+        else:
+            yield from replay_line(driver, line)
+
+
+def line_of(text: str) -> dict[str, Any] | None:
+    """Return a line of a recording; None if it is torn. ValueError if it is none."""
+    try:
+        line = json.loads(text)
+    except ValueError:
+        if not text.endswith("\n"):
+            return None
+        line = None
+    if not isinstance(line, dict):
+        raise ValueError(f"not a line of a recording: {text[:80]!r}")
+    return line
+
+
+def replay_line(driver: Driver, line: dict[str, Any]) -> Iterator[Change]:
+    """Yield the changes of a line behind the first one."""
+    at_ns = line.get("at")
+    if "source" in line:
+        time_ns = line["time"]
+        yield from driver.sample(
+            line["source"], time_ns, line.get("value"), time_ns if at_ns is None else at_ns
+        )
+        return
+    if at_ns is not None:
+        yield from driver.advance(at_ns)
+    if "lapse" in line:
+        yield from driver.lapse(line["lapse"])
+    elif "settle" in line:
+        atoms = [Atom(predicate, tuple(args)) for predicate, *args in line["atoms"]]
+        yield from driver.settle(line["settle"], atoms)
+    elif "restart" in line:
+        yield from driver.restart(line["restart"])
+    elif "end" in line:
+        yield from driver.advance(line["end"])
 
 
 def _plain(value: object) -> object:
