@@ -22,7 +22,7 @@ from robomend_bench.faults.live import LiveRobot
 from robomend_bench.faults.observing import PRESETS, Preset
 from robomend_bench.faults.record import Record, Trial
 from robomend_bench.faults.robot import find_robot
-from robomend_bench.faults.stretches import STRETCH_BY_NAME, Stretch
+from robomend_bench.faults.stretches import STRETCH_BY_NAME, Stretch, boot
 from robomend_client.rest.asynchronous import AsyncClient
 from robomend_client.rest.errors import ClientError
 
@@ -46,6 +46,7 @@ class Terms:
     observers: str = "published"
     most_s: float = 60.0  # of a trial, from its first fault
     accounts: bool = False  # whether the service is asked for its account of each repair
+    boots: bool = False  # whether the service sees the robot being switched on before its fault
 
     @property
     def preset(self) -> Preset:
@@ -134,17 +135,22 @@ class _Play:
         slow = live.scenario.slowness > 1.0
         settings = live.robot.settings(await live.open(), live.observed(), slow=slow)
         boots = self._stretch is not None and self._stretch.boots
-        if boots:
+        first_boots = self._stretch is None and self._terms.boots
+        if boots or first_boots:
             live.body.power_down()
         self._around.join(live)
         try:
             await client.put_robot(live.id, settings)
             for agent in live.agents:
                 live.start_agent(agent)
+            if first_boots:
+                await self._starts()
             if boots:
                 live.begin()
             else:
                 await self._healthy()
+            if first_boots:
+                self._started()
             if self._stretch is not None:
                 await self._hold(self._stretch)
             else:
@@ -169,13 +175,31 @@ class _Play:
             diagnosis = await self._client.diagnosis(live.id)
             result = diagnosis["result"]
             healthy = result is not None and any(not each["bad"] for each in result["diagnoses"])
-            if wanted <= held and healthy:
+            if wanted <= held and healthy and not live.record.open_repairs:
                 break
             if self._around.clock() > deadline:
                 raise NotHealthy(f"after {READY_S:g} s, missing {sorted(wanted - held)[:5]}")
             await asyncio.sleep(0.2)
         await asyncio.sleep(self._chance.uniform(0.2, 1.2))  # anywhere in the observers' periods
         live.begin()
+
+    async def _starts(self) -> None:
+        """Let the agents start every process, once the service knows that none runs."""
+        live, deadline = self._live, self._around.clock() + READY_S
+        stopped = {f"not running({name})" for name in live.robot.anatomy.nodes}
+        while self._around.clock() < deadline:
+            obs = await self._client.observations(live.id)
+            if stopped <= {entry["literal"] for entry in obs["observations"]}:
+                return await boot(live, self._chance)
+            await asyncio.sleep(LOOK_S)
+        raise NotHealthy(f"after {READY_S:g} s, nobody has heard that nothing runs")
+
+    def _started(self) -> None:
+        """The start is no part of the trial, but nothing may have been done to a robot that merely starts."""
+        record = self._live.record
+        if record.acts:
+            raise NotHealthy(f"the service acted while it started: {record.acts[0].act}")
+        record.repairs.clear()
 
     async def _hold(self, stretch: Stretch) -> None:
         """Let the healthy robot be disturbed."""
