@@ -15,7 +15,7 @@ from contextlib import AsyncExitStack
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 from robomend_bench.faults.classes import Planted, Scenario, draw
 from robomend_bench.faults.live import LiveRobot
@@ -140,17 +140,15 @@ class _Play:
             live.body.power_down()
         self._around.join(live)
         try:
-            await client.put_robot(live.id, settings)
+            await client.put_robot(live.id, {**settings, "policy": "observe"} if first_boots else settings)
             for agent in live.agents:
                 live.start_agent(agent)
             if first_boots:
                 await self._starts()
             if boots:
                 live.begin()
-            else:
-                await self._healthy()
-            if first_boots:
-                self._started()
+            else:  # that it starts is no part of the trial: until it has, it was only watched
+                await self._healthy(settings if first_boots else None)
             if self._stretch is not None:
                 await self._hold(self._stretch)
             else:
@@ -165,8 +163,8 @@ class _Play:
             self._around.leave(live)
             await self._forget()
 
-    async def _healthy(self) -> None:
-        """Wait until the service has heard every observer and finds the robot healthy."""
+    async def _healthy(self, settings: dict[str, Any] | None) -> None:
+        """Wait until the service has heard every observer and finds the robot healthy; then configure it."""
         live, deadline = self._live, self._around.clock() + READY_S
         wanted = {str(literal) for literal in live.observed()}
         while True:
@@ -175,11 +173,13 @@ class _Play:
             diagnosis = await self._client.diagnosis(live.id)
             result = diagnosis["result"]
             healthy = result is not None and any(not each["bad"] for each in result["diagnoses"])
-            if wanted <= held and healthy and not live.record.open_repairs:
+            if wanted <= held and healthy:
                 break
             if self._around.clock() > deadline:
                 raise NotHealthy(f"after {READY_S:g} s, missing {sorted(wanted - held)[:5]}")
             await asyncio.sleep(0.2)
+        if settings is not None:
+            await self._client.put_robot(live.id, settings, "*")
         await asyncio.sleep(self._chance.uniform(0.2, 1.2))  # anywhere in the observers' periods
         live.begin()
 
@@ -193,13 +193,6 @@ class _Play:
                 return await boot(live, self._chance)
             await asyncio.sleep(LOOK_S)
         raise NotHealthy(f"after {READY_S:g} s, nobody has heard that nothing runs")
-
-    def _started(self) -> None:
-        """The start is no part of the trial, but nothing may have been done to a robot that merely starts."""
-        record = self._live.record
-        if record.acts:
-            raise NotHealthy(f"the service acted while it started: {record.acts[0].act}")
-        record.repairs.clear()
 
     async def _hold(self, stretch: Stretch) -> None:
         """Let the healthy robot be disturbed."""
