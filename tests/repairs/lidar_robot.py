@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Collection
 from dataclasses import dataclass, field
+from math import inf
 
 from robomend.model.cnf import HealthCnf, Rule
 from robomend.planning.plan import Outcome, Plan, Step
@@ -98,6 +99,7 @@ class Robot:
 
     obs: dict[Atom, bool] = field(default_factory=lambda: {ON: False, RUNNING: True, SCAN: False})
     revision: int = 0
+    known_s: float = inf  # how long a start may take more, by earlier ones
     sent: list[str] = field(default_factory=list)
     journal: list[str] = field(default_factory=list)
     behave: Callable[[Robot, Action], Awaitable[ActionResult | None]] | None = None
@@ -119,6 +121,9 @@ class Robot:
 
     def settling_s(self, atom: Atom) -> float:
         return 0.0
+
+    def may_take_s(self, missing: Collection[Literal], since_ns: int) -> float:
+        return self.known_s
 
     async def changed(self, revision: int, timeout_s: float) -> int:
         if self.revision == revision:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import replace
+from unittest.mock import ANY
 
 import pytest
 from tests.repairs.lidar_robot import ON, RUNNING, SCAN, Robot, setting
 
-from robomend.repairs.looking import LOOK_S, Looking
+from robomend.repairs.looking import LONGER, LOOK_S, Looking
 from robomend_client.literals import Atom, Literal
 
 pytestmark = pytest.mark.anyio
@@ -20,7 +21,7 @@ async def effect(robot: Robot, observed: set[Atom]) -> tuple[list[Literal], list
     """Await ok(scan) where these atoms are on the robot's `observed` list; nothing moves meanwhile."""
     here = replace(setting(robot), observed=frozenset(observed))
     here.prediction.expected = lambda: frozenset({WANTED})  # type: ignore[method-assign]  # of no plan
-    seen, missing = await Looking(here).effect([WANTED], 0.01)
+    seen, missing, _ = await Looking(here).effect([WANTED], 0.01)
     return list(seen), list(missing)
 
 
@@ -51,7 +52,7 @@ async def test_obs_is_looked_at_unasked_too_but_no_longer_than_the_time_out() ->
 
     here = replace(setting(Deaf(obs={SCAN: False})), observed=frozenset({SCAN}))
     here.prediction.expected = lambda: frozenset({WANTED})  # type: ignore[method-assign]  # of no plan
-    assert await Looking(here).effect([WANTED], 30.0) == ((WANTED,), ())
+    assert await Looking(here).effect([WANTED], 30.0) == ((WANTED,), (), ANY)
     assert waits == [LOOK_S, LOOK_S]
     waits.clear()
     here = replace(setting(Deaf(obs={SCAN: False})), observed=frozenset({SCAN}))
@@ -62,3 +63,11 @@ async def test_obs_is_looked_at_unasked_too_but_no_longer_than_the_time_out() ->
 
 async def test_an_effect_that_nobody_observes_is_neither_seen_nor_missing() -> None:
     assert await effect(Robot(obs={}), {ON}) == ([], [])
+
+
+async def test_an_effect_is_given_up_before_the_time_out_where_earlier_starts_were_faster() -> None:
+    here = replace(setting(Robot(obs={SCAN: False}, known_s=0.0)), observed=frozenset({SCAN}))
+    here.prediction.expected = lambda: frozenset({WANTED})  # type: ignore[method-assign]  # of no plan
+    seen, missing, within = await Looking(here).effect([WANTED], 600.0)
+    assert (seen, missing) == ((), (WANTED,))
+    assert within.endswith(LONGER)

@@ -108,6 +108,11 @@ def _trial(context: click.Context, parameter: click.Parameter, value: str | None
     show_default=True,
     help="Who repairs: the service, or a scripted stand-in: what can be reached, what idling gets.",
 )
+@click.option(
+    "--boots",
+    is_flag=True,
+    help="The service sees each robot being switched on, some seconds before its fault.",
+)
 @click.option("--only-trial", callback=_trial, help="Play one trial and print all that happened in it.")
 @click.option(
     "--verbose", is_flag=True, help="Print all that happened in each trial, with the service's accounts."
@@ -134,6 +139,7 @@ def command(
     load: int,
     jobs: int | None,
     agent: str,
+    boots: bool,
     only_trial: Trial | None,
     verbose: bool,
     out: Path | None,
@@ -157,12 +163,13 @@ def command(
     """
     # That the service is away for a moment is what some stretches are about.
     logging.getLogger("robomend_client").setLevel(logging.ERROR)
-    terms = Terms(observers, accounts=verbose or only_trial is not None)
+    terms = Terms(observers, accounts=verbose or only_trial is not None, boots=boots)
     wanted = [only_trial] if only_trial else list(choose(trials, stretches, seed, robots, classes))
     if not wanted:
         raise click.UsageError("none of these robots takes part in any of these classes")
     jobs = jobs or (3 if load else 8)
-    kept = None if keep is None else _kept(keep, {"observers": observers, "agent": agent, "load": load})
+    setting = {"observers": observers, "agent": agent, "load": load, **({"boots": True} if boots else {})}
+    kept = None if keep is None else _kept(keep, setting)
     names = [str(trial) for trial in wanted]
     earlier = {} if kept is None else {name: kept.scores[name] for name in names if name in kept.scores}
     wanted = [trial for trial in wanted if str(trial) not in earlier]
@@ -176,7 +183,7 @@ def command(
         scores=[*earlier.values()],
         late=[],
         errors=[],
-        again=lambda trial: _again(trial, observers, agent),
+        again=lambda trial: _again(trial, observers, agent, boots),
     )
 
     def take_in(record: Record) -> None:
@@ -314,9 +321,10 @@ def _run(work: Coroutine[Any, Any, T]) -> T:
     return uvloop.run(work)
 
 
-def _again(trial: str, observers: str, agent: str) -> str:
+def _again(trial: str, observers: str, agent: str, boots: bool) -> str:
     options = [] if observers == "published" else ["--observers", observers]
     options += [] if agent == "service" else ["--agent", agent]
+    options += ["--boots"] if boots else []
     return shlex.join(["robomend-bench", "faults", "--only-trial", trial, *options])
 
 

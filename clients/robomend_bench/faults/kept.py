@@ -39,9 +39,11 @@ class Kept:
         try:
             theirs = json.loads(lines[0])["terms"]
             differ = [
-                f"{n}: {theirs[n]!r} there, {value!r} now" for n, value in terms.items() if theirs[n] != value
+                f"{n}: {theirs.get(n)!r} there, {terms.get(n)!r} now"
+                for n in {**theirs, **terms}
+                if theirs.get(n) != terms.get(n)
             ]
-        except (ValueError, TypeError, KeyError):
+        except (ValueError, TypeError, KeyError, AttributeError):
             raise OtherTerms(f"{path} is no file of scores") from None
         if differ:
             raise OtherTerms(f"{path} is of another kind of run: {'; '.join(differ)}")

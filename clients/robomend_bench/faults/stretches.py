@@ -29,8 +29,8 @@ class Stretch:
     service_restarts: bool = False
 
 
-async def _boot(live: LiveRobot, chance: random.Random) -> None:
-    """Each agent starts its processes, as `start: true` says.
+async def boot(live: LiveRobot, chance: random.Random) -> None:
+    """Each agent starts its processes, as `start: true` says. Returns when all are begun.
 
     One that is tied to another comes after it, or it would begin with a dead connection, and not be healthy.
     """
@@ -43,6 +43,8 @@ async def _boot(live: LiveRobot, chance: random.Random) -> None:
         live.body.order(Act("start_node", (name,)), lambda code, message: begun[name].set())
 
     await asyncio.gather(*map(start, nodes))
+    for event in begun.values():
+        await event.wait()
 
 
 async def _jitter(live: LiveRobot, chance: random.Random) -> None:
@@ -80,7 +82,7 @@ async def _nothing(live: LiveRobot, chance: random.Random) -> None:
 
 STRETCHES: tuple[Stretch, ...] = (
     Stretch(
-        "boot", 15.0, "a healthy robot is switched on, and its agents start every process", _boot, boots=True
+        "boot", 15.0, "a healthy robot is switched on, and its agents start every process", boot, boots=True
     ),
     Stretch("jitter", 30.0, "now and then a message is late, within the topic's tolerance", _jitter),
     Stretch("agent-restart", 30.0, "agents end and come back 0.3, 1.5 or 7 s later", _agents),

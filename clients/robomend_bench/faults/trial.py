@@ -14,14 +14,15 @@ from collections.abc import Callable
 from contextlib import AsyncExitStack
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from robomend_bench.faults.classes import Planted, Scenario, draw
 from robomend_bench.faults.live import LiveRobot
 from robomend_bench.faults.observing import PRESETS, Preset
 from robomend_bench.faults.record import Record, Trial
 from robomend_bench.faults.robot import find_robot
-from robomend_bench.faults.stretches import STRETCH_BY_NAME, Stretch
+from robomend_bench.faults.stretches import STRETCH_BY_NAME, Stretch, boot
 from robomend_client.rest.asynchronous import AsyncClient
 from robomend_client.rest.errors import ClientError
 
@@ -48,6 +49,7 @@ class Terms:
     observers: str = "published"
     most_s: float = 60.0  # of a trial, from its first fault
     accounts: bool = False  # whether the service is asked for its account of each repair
+    boots: bool = False  # whether the service sees the robot being switched on before its fault
 
     @property
     def preset(self) -> Preset:
@@ -113,17 +115,20 @@ class _Play:
         slow = live.scenario.slowness > 1.0
         settings = live.robot.settings(await live.open(), live.observed(), slow=slow)
         boots = self._stretch is not None and self._stretch.boots
-        if boots:
+        first_boots = self._stretch is None and self._terms.boots
+        if boots or first_boots:
             live.body.power_down()
         self._around.join(live)
         try:
-            await client.put_robot(live.id, settings)
+            await client.put_robot(live.id, {**settings, "policy": "observe"} if first_boots else settings)
             for agent in live.agents:
                 live.start_agent(agent)
+            if first_boots:
+                await self._starts()
             if boots:
                 live.begin()
-            else:
-                await self._healthy()
+            else:  # that it starts is no part of the trial: until it has, it was only watched
+                await self._healthy(settings if first_boots else None)
             if self._stretch is not None:
                 await self._hold(self._stretch)
             else:
@@ -138,8 +143,8 @@ class _Play:
             self._around.leave(live)
             await self._forget()
 
-    async def _healthy(self) -> None:
-        """Wait until the service has heard every observer and finds the robot healthy."""
+    async def _healthy(self, settings: dict[str, Any] | None) -> None:
+        """Wait until the service has heard every observer and finds the robot healthy; then configure it."""
         live, deadline = self._live, self._around.clock() + READY_S
         wanted = {str(literal) for literal in live.observed()}
         while True:
@@ -153,8 +158,21 @@ class _Play:
             if self._around.clock() > deadline:
                 raise NotHealthy(f"after {READY_S:g} s, missing {sorted(wanted - held)[:5]}")
             await asyncio.sleep(0.2)
+        if settings is not None:
+            await self._client.put_robot(live.id, settings, "*")
         await asyncio.sleep(self._chance.uniform(0.2, 1.2))  # anywhere in the observers' periods
         live.begin()
+
+    async def _starts(self) -> None:
+        """Let the agents start every process, once the service knows that none runs."""
+        live, deadline = self._live, self._around.clock() + READY_S
+        stopped = {f"not running({name})" for name in live.robot.anatomy.nodes}
+        while self._around.clock() < deadline:
+            obs = await self._client.observations(live.id)
+            if stopped <= {entry["literal"] for entry in obs["observations"]}:
+                return await boot(live, self._chance)
+            await asyncio.sleep(LOOK_S)
+        raise NotHealthy(f"after {READY_S:g} s, nobody has heard that nothing runs")
 
     async def _hold(self, stretch: Stretch) -> None:
         """Let the healthy robot be disturbed."""

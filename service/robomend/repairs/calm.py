@@ -125,10 +125,11 @@ class Calm:
                 if entry.positive and entry.atom.predicate in OBSERVED_FACTS and entry.onset_ns is not None
             }
             young = {atom: since for atom, since in began.items() if since + self._start_up_ns > now_ns}
+            since = {atom.args[0]: since_ns for atom, since_ns in young.items()}
             found |= starting(
                 [entry for entry in said if entry.positive or entry.atom in bad],
-                {atom.args[0]: since for atom, since in young.items()},
-                lambda _: self._start_up_ns,
+                since,
+                lambda name: self._may_take_ns(name, since[name]),
                 lambda name: touched(parts, [name]),
                 lambda name: published(parts, [name]),
                 state.sight.good_ns,
@@ -146,6 +147,13 @@ class Calm:
             )
             found |= {atom: max(end, found.get(atom, 0)) for atom, end in back.items()}
         return found
+
+    def _may_take_ns(self, name: str, began_ns: int) -> int:
+        """Return how long what began then may need until it shows."""
+        parts, sight = self._state.system.parts, self._state.sight
+        node = None if parts is None else parts.nodes.get(name)
+        known_ns = None if node is None else sight.start_ups.after_our_start_ns(node, began_ns, sight)
+        return self._start_up_ns if known_ns is None else min(known_ns, self._start_up_ns)
 
     async def _may_change(self, result: DiagnosisResult, left: Collection[Atom]) -> bool:
         """Return whether one of the pending verdicts could change what is done first."""

@@ -73,7 +73,9 @@ class Confirming:
         atoms = influenced(parts, theory_of(system.cnf), acted_on, known)
         facts = {atom for atom in atoms if atom.predicate in OBSERVED_FACTS}
         now_ns = CLOCK.now_ns()
-        n = self._state.sight.acted(facts, report.sent_ns or now_ns, atoms - facts, now_ns)
+        sent_ns, sight = report.sent_ns or now_ns, self._state.sight
+        n = sight.acted(facts, sent_ns, atoms - facts, now_ns)
+        sight.start_ups.acted(action, sent_ns, now_ns + round(self._start_up_s * 1e9))
         return {"n": n, "atoms": [str(atom) for atom in sorted(atoms)]}
 
     async def seen(self) -> None:

@@ -269,13 +269,13 @@ class _Run:
         return result.code in MAY_HAVE_ACTED and step.name in self._setting.not_idempotent
 
     async def _await_effect(self, step: Step, wanted: frozenset[Literal], timeout_s: float) -> None:
-        seen, missing = await self._looking.effect(wanted, timeout_s)
+        seen, missing, within = await self._looking.effect(wanted, timeout_s)
         if missing:
             names, was = first_of(missing), "was" if len(missing) == 1 else "were"
             self._reporting.note(step, None, seen=seen, missing=missing)  # written with the reason
             raise _Stop(
                 Ending.EFFECT_MISSING,
-                f"{step} answered 'done', but {names} {was} not seen within {timeout_s:g} s",
+                f"{step} answered 'done', but {names} {was} not seen within {within}",
                 missing[0],
             )
         await self._reporting.tell(step, StepTrigger.EFFECT_SEEN, seen=seen)

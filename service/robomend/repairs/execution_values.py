@@ -52,6 +52,12 @@ class FreshObs(Protocol):
         """Return how long its observers may need to say anew what they say of the atom; 0: they did."""
         ...
 
+    def may_take_s(self, missing: Collection[Literal], since_ns: int) -> float:
+        """Return in how many seconds one of these, awaited since then, will have had more than its time, by
+        what is known of earlier starts; inf: nothing is.
+        """
+        ...
+
     async def changed(self, revision: int, timeout_s: float) -> int:
         """Return the revision once it is above `revision`, or the present one after the time-out."""
         ...

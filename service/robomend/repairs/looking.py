@@ -8,17 +8,21 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Sequence
+from math import inf
 from typing import TypeVar
 
 from robomend.planning.plan import Step
 from robomend.planning.prediction import OBSERVED_FACTS, observable
 from robomend.repairs.execution_values import Setting, Timing
+from robomend.robots.clock import CLOCK
 from robomend_client.literals import Atom, Literal
 
 T = TypeVar("T")
 
 LOOK_S = 0.25
 """How often OBS is looked at unasked: observations also grow stale, which is no change."""
+
+LONGER = "which is longer than earlier starts took"
 
 NAMED = 4
 """How many missing effects a reason names; the step has them all."""
@@ -73,10 +77,11 @@ class Looking:
 
     async def effect(
         self, wanted: Iterable[Literal], timeout_s: float
-    ) -> tuple[Sequence[Literal], Sequence[Literal]]:
-        """Await what a step makes expected; return what of it OBS showed, and what it did not.
+    ) -> tuple[Sequence[Literal], Sequence[Literal], str]:
+        """Await what a step makes expected; return what of it OBS showed, what it did not, and within what.
 
-        Awaited is what somebody observes: the robot's `observed` list names it, or OBS knows it already.
+        Awaited is what somebody observes: the robot's `observed` list names it, or OBS knows it already. It
+        is given up before the time-out where earlier starts say that it would be there by now.
         """
         awaited = {
             literal
@@ -90,12 +95,19 @@ class Looking:
         def settling_s() -> float:
             return max((self._sight.settling_s(w.atom) for w in awaited), default=0.0)
 
-        left = await self._until_none(missing, timeout_s, settling_s) or frozenset()
+        began, began_ns = time.monotonic(), CLOCK.now_ns()
+
+        def known_s(left: frozenset[Literal]) -> float:
+            return self._sight.may_take_s(left, began_ns)
+
+        left = await self._until_none(missing, timeout_s, settling_s, known_s) or frozenset()
+        took_s = time.monotonic() - began
+        within = f"{timeout_s:g} s" if took_s >= timeout_s else f"{took_s:.1f} s, {LONGER}"
         # Another step may have begun meanwhile and taken away what this one gave: not missing.
         left &= self._prediction.expected()
         seen = sorted(awaited - left)
         self._agreed.update(seen)
-        return tuple(seen), tuple(sorted(left))
+        return tuple(seen), tuple(sorted(left)), within
 
     async def contradiction(self) -> Literal:
         """Return a literal that the plan predicts and that OBS contradicts for longer than a flutter.
@@ -119,17 +131,24 @@ class Looking:
             await self._sight.changed(revision, self._hold_s / 2 if broken else 1.0)
 
     async def _until_none(
-        self, wrong: Callable[[], T | None], timeout_s: float, longer_s: Callable[[], float] = lambda: 0.0
+        self,
+        wrong: Callable[[], T | None],
+        timeout_s: float,
+        longer_s: Callable[[], float] = lambda: 0.0,
+        at_most_s: Callable[[T], float] = lambda answer: inf,
     ) -> T | None:
         """Wait until `wrong()` is None, looking at each change of OBS; return its last answer.
 
-        `longer_s`: how much longer than the time-out observers may need.
+        `longer_s`: how much longer than the time-out observers may need; `at_most_s`: after what time more
+        that answer is the last.
         """
         deadline = time.monotonic() + timeout_s
         while True:
             revision = self._sight.revision
             answer = wrong()
             left = deadline + longer_s() - time.monotonic()
+            if answer is not None:
+                left = min(left, at_most_s(answer))
             if answer is None or left <= 0:
                 return answer
             await self._sight.changed(revision, min(left, LOOK_S))

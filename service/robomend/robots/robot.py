@@ -213,6 +213,7 @@ class Robot:
         if self.system.loops:
             self._circles.hear(update.entries)
         self.sight.hear(update.entries, changed)
+        self.sight.start_ups.hear(changed, self.system.parts)
         return changed, tuple(kept.values())
 
     # --- what happens to what is held

@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Collection, Iterable
 from dataclasses import replace
+from math import inf
 from typing import TYPE_CHECKING
 
 from robomend.entry import Entry
@@ -22,6 +23,7 @@ from robomend.robots.clock import CLOCK
 from robomend.robots.declared import DeclaredAgents, Delays
 from robomend.robots.evidence import Dating
 from robomend.robots.source_clocks import SourceClocks
+from robomend.robots.start_ups import StartUps
 from robomend_client.literals import Atom, Literal
 
 if TYPE_CHECKING:
@@ -48,6 +50,7 @@ class Sight:
         "_rose",
         "_settle",
         "declared",
+        "start_ups",
         "unconfirmed",
     )
 
@@ -62,6 +65,7 @@ class Sight:
         self._off: set[Atom] = set()  # what was heard to be off, or not to run, since we hear of the robot
         self._listed: tuple[tuple[str, ...], Vocabulary, frozenset[Atom]] | None = None
         self.declared = DeclaredAgents()
+        self.start_ups = StartUps()
         self.unconfirmed = Unconfirmed()
 
     # --- what is seen
@@ -141,6 +145,11 @@ class Sight:
         if atom not in self.unconfirmed or self.value(atom) is not None:
             return 0.0
         return self.delays(atom).settling_ns / 1e9 + SLACK_S
+
+    def may_take_s(self, missing: Collection[Literal], since_ns: int) -> float:
+        """Return in how many seconds one of these, awaited since then, will have had more than its time."""
+        parts = self._robot.system.parts
+        return inf if parts is None else self.start_ups.may_take_s(missing, since_ns, parts, self)
 
     def _those(self, how: Confirmed) -> tuple[Atom, ...]:
         if not self.unconfirmed:

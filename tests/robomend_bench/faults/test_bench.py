@@ -10,6 +10,7 @@ from robomend_bench.faults import trial as trials
 from robomend_bench.faults.bench import run_trials
 from robomend_bench.faults.live import LiveRobot
 from robomend_bench.faults.record import Trial
+from robomend_bench.faults.robot import find_robot
 from robomend_bench.faults.trial import Terms
 
 TWO = [Trial("base", "hung-node", 1, 1), Trial("pipeline", "dead-node", 1, 2)]
@@ -35,7 +36,7 @@ def test_a_service_that_dies_is_an_error_of_its_trial_and_started_again(
     assert ticks
 
 
-def test_an_error_of_the_bench_in_one_robot_is_told_and_the_others_go_on(
+def test_robots_are_switched_on_before_their_faults_and_an_error_in_one_leaves_the_others_alone(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     real = LiveRobot.tick
@@ -46,7 +47,10 @@ def test_an_error_of_the_bench_in_one_robot_is_told_and_the_others_go_on(
         real(live, now_s, late_s)
 
     monkeypatch.setattr(LiveRobot, "tick", break_one)
-    [first, second], _ = asyncio.run(run_trials(TWO, Terms("fast"), jobs=2))
+    [first, second], _ = asyncio.run(run_trials(TWO, Terms("fast", boots=True), jobs=2))
     assert first.error == "the bench failed: RuntimeError: a mistake"
     assert second.error == ""
     assert second.acts
+    stopped = max(len(state) for at_s, state in second.states if at_s < 0)
+    assert stopped == len(find_robot("pipeline").anatomy.nodes)
+    assert all(at_s > 0 for at_s in [*(a.at_s for a in second.acts), *(r.at_s for r in second.repairs)])

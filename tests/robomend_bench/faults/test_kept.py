@@ -52,6 +52,7 @@ def test_a_line_that_was_cut_off_is_played_again_and_the_file_goes_on(tmp_path: 
             json.dumps({"terms": {**TERMS, "observers": "published"}}),
             "observers: 'published' there, 'fast' now",
         ),
+        (json.dumps({"terms": {**TERMS, "boots": True}}), "boots: True there, None now"),
         ("a list of purchases", "is no file of scores"),
         ("[1]", "is no file of scores"),
         (json.dumps({"terms": TERMS}) + "\n{}\n" + json.dumps(WELL.as_json()), "line 2: no score"),

@@ -76,7 +76,7 @@ class ActionBody(In):
     executor: ExecutorBody | None = None
     timeout_s: float | None = Field(default=None, gt=0, le=86400, description="for the executor's answer")
     effect_timeout_s: float | None = Field(
-        default=None, gt=0, le=86400, description="from the answer to its effect"
+        default=None, gt=0, le=86400, description="from the answer to its effect, at most"
     )
     retries: int | None = Field(default=None, ge=0, le=100)
     idempotent: bool | None = Field(

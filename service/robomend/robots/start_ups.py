@@ -1,0 +1,181 @@
+"""How long a robot's nodes took to be heard, of their latest starts: so a start in vain is known for one.
+
+    seen:    not running(n), running(n) ──► ok(t), t of n       how long it took, whoever started n
+    awaited: start_node(n) has answered ──► not ok(t)           in vain after twice that and more
+
+In memory, of one robot: computers differ, models do not tell. Only a start that was seen from its beginning,
+and that nobody has to wait with for a device, counts; of everything else nothing is known, and whoever waits
+does so for as long as is configured.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Mapping
+from math import inf
+from typing import Protocol
+
+from robomend.entry import Entry
+from robomend.model.components import ComponentModel, Node
+from robomend.planning.policy import NODE_ACTIONS
+from robomend.robots.clock import CLOCK
+from robomend.robots.declared import Delays
+from robomend_client.actions import Action
+from robomend_client.literals import Atom, Literal
+
+LATEST = 8
+"""Starts that are remembered of each topic."""
+
+LONGEST_NS = 60 * 10**9
+"""What took longer is no start: something else was wrong meanwhile."""
+
+TIMES = 2
+"""A start may take so many times the longest of the latest."""
+
+LEAST_NS = 10**9
+"""It may take so long in any case: computers are busy now and then."""
+
+SLACK_NS = 300_000_000
+"""For what is on its way."""
+
+
+class Seen(Protocol):
+    """OBS as a repair looks at it (robomend.robots.sight)."""
+
+    def value(self, atom: Atom) -> bool | None:
+        """Return whether it is seen to hold, on nothing from before the last act; None: nobody knows."""
+        ...
+
+    def reported(self, atom: Atom) -> bool:
+        """Return whether somebody reports it."""
+        ...
+
+    def seen_off(self, atom: Atom) -> bool:
+        """Return whether it was ever heard to be off, or not to run."""
+        ...
+
+    def rose_ns(self, atom: Atom) -> int | None:
+        """Return since when something that holds is known to."""
+        ...
+
+    def delays(self, atom: Atom) -> Delays:
+        """Return how fast its observers are."""
+        ...
+
+
+class StartUps:
+    """Of one robot."""
+
+    __slots__ = ("_began", "_began_by_us", "_others_until_ns", "_publishers", "_stopped", "_took")
+
+    def __init__(self) -> None:
+        self._stopped: set[str] = set()  # nodes that were heard not to run
+        self._began: dict[str, int] = {}  # node that was seen to begin -> since when it runs
+        self._took: dict[str, deque[int]] = {}  # topic -> of its publisher's latest starts
+        self._began_by_us: dict[str, int] = {}  # node -> when its start was last ordered by a repair
+        self._others_until_ns = 0  # acts on devices may show until then
+        self._publishers: tuple[ComponentModel, Mapping[str, tuple[Node, ...]]] | None = None
+
+    # --- what happens
+
+    def hear(self, changed: Iterable[Entry], parts: ComponentModel | None) -> None:
+        """Take note of what was news."""
+        if parts is None:
+            return
+        for entry in changed:
+            match entry.atom:
+                case Atom("running", (node,)) if node in parts.nodes:
+                    self._ran(node, entry)
+                case Atom("ok", (topic,)) if entry.positive and self._began:
+                    self._heard(topic, entry, parts)
+
+    def acted(self, action: Action, sent_ns: int, shows_ns: int) -> None:
+        """A repair's act has answered; what it does to a device shows until `shows_ns`, at the latest."""
+        if action.name not in NODE_ACTIONS:
+            self._others_until_ns = max(self._others_until_ns, shows_ns)
+        elif action.name == "start_node":
+            self._began_by_us.update(dict.fromkeys(action.parameters, sent_ns))
+
+    def _ran(self, node: str, entry: Entry) -> None:
+        if not entry.positive:
+            self._stopped.add(node)
+            self._began.pop(node, None)
+        elif node in self._stopped:
+            self._stopped.discard(node)
+            self._began[node] = entry.since_ns or entry.time_ns
+
+    def _heard(self, topic: str, entry: Entry, parts: ComponentModel) -> None:
+        for node in self.publishers(parts).get(topic, ()):
+            began_ns = self._began.get(node.name)
+            if began_ns is None or entry.since_ns is None:
+                continue
+            if 0 <= entry.since_ns - began_ns <= LONGEST_NS:
+                self._took.setdefault(topic, deque(maxlen=LATEST)).append(entry.since_ns - began_ns)
+
+    # --- what is known
+
+    def publishers(self, parts: ComponentModel) -> Mapping[str, tuple[Node, ...]]:
+        """Return topic -> the nodes that publish it."""
+        if self._publishers is None or self._publishers[0] is not parts:
+            found: dict[str, tuple[Node, ...]] = {}
+            for node in parts.nodes.values():
+                for topic in node.publishes:
+                    found[topic] = (*found.get(topic, ()), node)
+            self._publishers = parts, found
+            self._took = {topic: took for topic, took in self._took.items() if topic in found}
+        return self._publishers[1]
+
+    def may_take_ns(self, topic: str) -> int | None:
+        """Return how long it may take until a topic is heard of a node that was started; None: unknown."""
+        took = self._took.get(topic)
+        return None if not took else max(TIMES * max(took), LEAST_NS)
+
+    def after_our_start_ns(self, node: Node, began_ns: int, seen: Seen) -> int | None:
+        """Return how long a node's topics may take to be heard after a repair started it; None: unknown."""
+        ordered_ns = self._began_by_us.get(node.name)
+        if ordered_ns is None or began_ns < ordered_ns or CLOCK.now_ns() < self._others_until_ns:
+            return None
+        longest_ns = 0
+        for atom in (Atom("ok", (topic,)) for topic in node.publishes):
+            if seen.reported(atom):
+                may_take_ns = self.may_take_ns(atom.args[0])
+                if may_take_ns is None:
+                    return None
+                longest_ns = max(longest_ns, may_take_ns + seen.delays(atom).settling_ns)
+        return longest_ns or None
+
+    def may_take_s(
+        self, missing: Iterable[Literal], since_ns: int, parts: ComponentModel, seen: Seen
+    ) -> float:
+        """Return in how many seconds one of the missing literals, awaited since then, will have had more than
+        its time; inf: nobody knows.
+        """
+        now_ns = CLOCK.now_ns()
+        if now_ns < self._others_until_ns:
+            return inf
+        ends = [self._end_ns(literal, since_ns, parts, seen) for literal in missing]
+        return min((end - now_ns for end in ends if end is not None), default=inf) / 1e9
+
+    def _end_ns(self, literal: Literal, since_ns: int, parts: ComponentModel, seen: Seen) -> int | None:
+        atom = literal.atom
+        if not (literal.positive and atom.predicate == "ok" and seen.value(atom) is False):
+            return None  # no topic, or its observer has not said yet how it is after the act
+        (topic,) = atom.args
+        may_take_ns = self.may_take_ns(topic)
+        nodes = self.publishers(parts).get(topic, ())
+        needed = [each for node in nodes for each in _needs(node, topic)]
+        if may_take_ns is None or not all(seen.value(each) for each in needed):
+            return None
+        devices = {name for node in nodes for name in node.drives}
+        devices |= {feeder for name in devices for feeder in parts.feeders(name)}
+        switched = [each for each in (Atom("on", (name,)) for name in devices) if seen.seen_off(each)]
+        if any((seen.rose_ns(each) or 0) + LONGEST_NS > since_ns for each in switched):
+            return None  # a device may take longer to boot than its driver
+        from_ns = max([since_ns, *(seen.rose_ns(each) or 0 for each in needed)])
+        return from_ns + may_take_ns + seen.delays(atom).settling_ns + SLACK_NS
+
+
+def _needs(node: Node, topic: str) -> list[Atom]:
+    """Return what is observed of what a node needs to publish a topic, its devices left out."""
+    inputs = node.publishes[topic] if not node.drives or node.inputs_matter else ()
+    return [Atom("running", (node.name,)), *(Atom("ok", (name,)) for name in inputs)]
