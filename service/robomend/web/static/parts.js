@@ -1,5 +1,5 @@
 // Parts of the page, fetched anew at the page's own address, and put in place where they differ.
-const BYTES_PER_S = 5000; // on average; the first fetch after a quiet while is at once
+const BYTES_PER_S = 5000; // on average, all that comes over the network; the first fetch after a quiet while is at once
 const LEAST_MS = 200;
 const AGAIN_MS = 1500;
 
