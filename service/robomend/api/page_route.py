@@ -107,7 +107,7 @@ async def page(request: Request, template: str, status: int = 200, **values: Any
     turns: PageTurns = request.app.state.turns
     async with turns.turn() as turn:
         text = await turn.joined(pieces(template, **values))
-        await turn.others()
+        await turn.slice()
         return packed(request, text.encode(), "text/html; charset=utf-8", headers, status)
 
 

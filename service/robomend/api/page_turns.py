@@ -16,7 +16,7 @@ import time
 from collections.abc import AsyncIterator, Callable, Iterable
 from contextlib import asynccontextmanager
 
-SLICE_S = 0.0005
+SLICE_S = 0.001
 """Of the event loop, without looking up."""
 
 MOST_S = 0.04
@@ -24,7 +24,7 @@ MOST_S = 0.04
 
 PAUSE_S = 0.001
 
-STEPS = 3
+STEPS = 2
 """Rounds of the event loop from the first byte of a batch until it is counted."""
 
 

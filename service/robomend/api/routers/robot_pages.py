@@ -58,7 +58,6 @@ async def robot_page(
     """Show a robot: how it is and why, its repair, OBS, the board, and its past."""
     wanted = wanted_parts(request, PARTS)
     turns: PageTurns = request.app.state.turns
-    await turns.others()
     state = await parts.robots.diagnosed(robot)
     values: dict[str, Any] = {"robot": robot, "spans": SPANS_S}
     values |= _of_diagnosis(state)
@@ -81,8 +80,7 @@ async def robot_page(
         wired = None if state.config.board is None else await parts.robots.board(robot)
         values["board"] = None if wired is None else board_out(wired)
     if "past" in wanted:
-        await turns.others()
-        values |= await _past(parts, robot, until, span)
+        values |= await _past(parts, turns, robot, until, span)
     return await page(request, "robot.html", **shell(request, parts, principal, wanted), **values)
 
 
@@ -154,7 +152,9 @@ def _graph(state: Robot, found: Mapping[str, Any], explained: Any) -> Markup | N
     return Markup(graph.svg(graph.layout(model), found, seen, links))
 
 
-async def _past(parts: Parts, robot: str, until_ms: int | None, span_s: int | None) -> dict[str, Any]:
+async def _past(
+    parts: Parts, turns: PageTurns, robot: str, until_ms: int | None, span_s: int | None
+) -> dict[str, Any]:
     """Return the timeline of a span of time, and the addresses of those before and after it."""
     now_ms = time.time_ns() // 1_000_000
     repairs = await parts.repairs.repairs(robot, before=None, limit=REPAIRS)
@@ -170,11 +170,14 @@ async def _past(parts: Parts, robot: str, until_ms: int | None, span_s: int | No
 
     found, complete = await parts.store.read(look)
     drawn = past.timeline(robot, start_ns, end_ns, found, repairs)
-    shown = bool(drawn.rows or drawn.actions)
+    figures: dict[figure.Width, Markup | None] = dict.fromkeys((figure.WIDE, figure.NARROW))
+    if drawn.rows or drawn.actions:
+        for width in figures:
+            await turns.others()
+            figures[width] = Markup(figure.svg(drawn, width))  # the figure escapes what it shows
     return {
-        # The figure escapes what it shows.
-        "past": Markup(figure.svg(drawn)) if shown else None,
-        "past_narrow": Markup(figure.svg(drawn, figure.NARROW)) if shown else None,
+        "past": figures[figure.WIDE],
+        "past_narrow": figures[figure.NARROW],
         "past_complete": complete,
         "span": span_s,
         "start_ms": start_ms,
