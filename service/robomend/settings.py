@@ -160,6 +160,9 @@ class Settings(BaseModel):
     batch_folder: Path | None = Field(
         None, description="logs below it may be named by who asks for a batch; unset: uploads only"
     )
+    benchmark_folder: Path | None = Field(
+        None, description="reports of `robomend-bench --out`, which the page shows; unset: none"
+    )
     batches_at_once: int = Field(1, ge=1, le=64, description="batches that run; each is processes of its own")
     batch_workers: int = Field(1, ge=1, le=256, description="processes of one batch")
     batch_nice: int = Field(5, ge=0, le=19, description="how far its processes give way to the service")

@@ -23,7 +23,7 @@ from robomend_bench.service.process import Served
 from robomend_bench.service.robots import SimulatedRobot
 from robomend_bench.service.wire import ServiceGone, connect, follow, request
 
-BYTES_PER_S = 5000
+BYTES_PER_S = 4800
 LEAST_S = 0.2
 WARM_UP_S = 3.0
 

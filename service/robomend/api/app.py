@@ -21,10 +21,12 @@ from robomend.api.edge import Edge
 from robomend.api.express import Express
 from robomend.api.gate import Admission, Admitter
 from robomend.api.openapi import DESCRIPTION, TAGS, complete
+from robomend.api.page_turns import PageTurns
 from robomend.api.routers import (
     actions,
     batch_pages,
     batches,
+    benchmark_pages,
     board,
     control,
     diagnosis,
@@ -84,6 +86,7 @@ ROUTERS = (
     model_reports,
     record_pages,
     batch_pages,
+    benchmark_pages,
 )
 
 CONTROLLED = frozenset({f"{API}/stop", "/healthz", "/readyz"})
@@ -118,6 +121,7 @@ def create_app(parts: Parts, *, lifespan: Lifespan | None = None) -> FastAPI:
     app.state.gate = Admission(parts.store, parts.settings, parts.metrics)
     app.state.fleet = Fleet(parts.store, parts.robots.memory)
     app.state.pace = PagePace()
+    app.state.turns = PageTurns(lambda: parts.shedding.under_way)
     problems.install(app)
     for module in ROUTERS:
         # Appended, not included: an included router is matched through a context of its own on every request.

@@ -23,10 +23,11 @@ from starlette.responses import RedirectResponse, Response
 from robomend.api.body import check_content_type, read_chunks
 from robomend.api.gate import GuardedRoute
 from robomend.api.origin import foreign
+from robomend.api.page_turns import PageTurns
 from robomend.api.problems import Problem, of_error, of_validation
 from robomend.errors import RobomendError
 from robomend.web.page_pace import PagePace
-from robomend.web.rendering import render
+from robomend.web.rendering import pieces
 
 PARTS_HEADER = "robomend-parts"
 """Of a request for some parts of a page only."""
@@ -63,11 +64,11 @@ class PageRoute(GuardedRoute):
             try:
                 return await handle(request)
             except Problem as problem:
-                return problem_page(request, problem)
+                return await problem_page(request, problem)
             except RobomendError as error:
-                return problem_page(request, of_error(error))
+                return await problem_page(request, of_error(error))
             except RequestValidationError as error:
-                return problem_page(request, of_validation(error))
+                return await problem_page(request, of_validation(error))
 
         return shown
 
@@ -97,13 +98,17 @@ def check_ours(request: Request) -> None:
         raise Problem(400, "a form must say whose page it is on, as browsers do (Origin, Sec-Fetch-Site)")
 
 
-def page(request: Request, template: str, status: int = 200, **values: Any) -> Response:
+async def page(request: Request, template: str, status: int = 200, **values: Any) -> Response:
     """Return a page, or of it what the request's `Robomend-Parts` names."""
     headers = HEADERS
     if PARTS_HEADER in request.headers:
         pace: PagePace = request.app.state.pace
         headers = {**HEADERS, "Robomend-Again-Ms": f"{pace.again_s(time.monotonic()) * 1000:.0f}"}
-    return packed(request, render(template, **values).encode(), "text/html; charset=utf-8", headers, status)
+    turns: PageTurns = request.app.state.turns
+    async with turns.turn() as turn:
+        text = await turn.joined(pieces(template, **values))
+        await turn.slice()
+        return packed(request, text.encode(), "text/html; charset=utf-8", headers, status)
 
 
 def back(to: str) -> Response:
@@ -122,12 +127,12 @@ def packed(
     return Response(body, status, headers, media_type)
 
 
-def problem_page(request: Request, problem: Problem) -> Response:
+async def problem_page(request: Request, problem: Problem) -> Response:
     """Return a problem for people. Without a key, it is the page for signing in."""
     address = request.url.path + (f"?{request.url.query}" if request.url.query else "")
     template = "sign_in.html" if problem.status == 401 and request.method == "GET" else "problem.html"
     values = {"problem": problem, "to": address, "method": request.method, "told": False}
-    answer = page(request, template, problem.status, **values)
+    answer = await page(request, template, problem.status, **values)
     for name, value in problem.headers.items():
         answer.headers[name] = value
     return answer

@@ -24,7 +24,7 @@ from robomend.web.suspicion import Suspicion
 COLUMN, ROW = 216, 40  # from one box to the next, pixels
 BOX, HEIGHT = 168, 28
 MARGIN = 12
-LETTERS = 20
+LETTERS = 19
 """Of a name that is shown; the rest is in its title."""
 
 SWEEPS = 6
@@ -51,8 +51,24 @@ class Layout:
     edges: Sequence[tuple[Thing, Thing]]
 
 
+_kept: dict[int, tuple[ComponentModel, Layout]] = {}
+"""The newest layouts: of a model that does not change, everything stands where it stood."""
+
+KEPT = 64
+
+
 def layout(model: ComponentModel) -> Layout:
     """Return where each thing of a model stands."""
+    known, laid_out = _kept.get(id(model), (None, None))
+    if known is not model or laid_out is None:
+        laid_out = _laid_out(model)
+        _kept[id(model)] = (model, laid_out)
+        while len(_kept) > KEPT:
+            del _kept[next(iter(_kept))]
+    return laid_out
+
+
+def _laid_out(model: ComponentModel) -> Layout:
     edges = _edges(model)
     things = list(
         dict.fromkeys(

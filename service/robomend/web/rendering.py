@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Iterator
 from datetime import UTC, datetime
 from functools import cache, lru_cache
 from pathlib import Path
@@ -19,6 +20,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from robomend.repairs.account import how_it_ended, not_chosen, since, waited
+from robomend.web.plan_graph import svg as plan_svg
 from robomend.web.words import duration, layers, listed, repair_state, without
 
 HERE = Path(__file__).resolve().parent
@@ -48,6 +50,11 @@ MEDIA_TYPES = {".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+
 def render(template: str, **values: Any) -> str:
     """Return a template with its values."""
     return _environment().get_template(template).render(values)
+
+
+def pieces(template: str, **values: Any) -> Iterator[str]:
+    """Yield a template with its values, piece by piece as it is made."""
+    return _environment().get_template(template).generate(values)
 
 
 @lru_cache(maxsize=4096)
@@ -90,7 +97,9 @@ def _environment() -> Environment:
         lstrip_blocks=True,
     )
     environment.filters.update(listed=listed, repair_state=repair_state, layers=layers, json=in_json)
-    environment.filters.update(without=without)
+    environment.filters.update(
+        without=without, plan_graph=lambda plan, states: Markup(plan_svg(plan, states))
+    )
     environment.filters.update(name=name, time=time, percent=percent, amount=amount, duration=duration)
     environment.filters.update(since=since, not_chosen=not_chosen, how_it_ended=how_it_ended, waited=waited)
     environment.globals.update(static=static_address, fleet_address=fleet_address, navigation=NAVIGATION)

@@ -27,7 +27,7 @@ async def batches_page(
     found = await parts.batches.page(paging) if "batches" in wanted else None
     around = shell(request, parts, principal, wanted)
     known = await parts.store.read(models.page, Paging(limit=1000)) if not around["fragment"] else None
-    return page(
+    return await page(
         request,
         "batches.html",
         **around,
@@ -55,7 +55,7 @@ async def batch_page(
     wanted = wanted_parts(request, ("stop", "batch"))
     around = shell(request, parts, principal, wanted)
     found = await parts.batches.batch(batch)
-    return page(request, "batch.html", **around, one=found, open_states=OPEN)
+    return await page(request, "batch.html", **around, one=found, open_states=OPEN)
 
 
 @router.post("/ui/batches/{batch}")

@@ -45,7 +45,7 @@ async def models_page(
     """List the models, and offer to write another."""
     found = await parts.store.read(models.page, paging)
     values: dict[str, Any] = {"models": found, "name": "", "source": EMPTY, "expected": "", "problem": None}
-    return page(request, "models.html", **_around(request, parts, principal), **values)
+    return await page(request, "models.html", **_around(request, parts, principal), **values)
 
 
 @router.get("/ui/models/{name}")
@@ -57,7 +57,7 @@ async def model_page(
     versions = await parts.store.read(models.versions, name, Paging(limit=50))
     shown = next((one for one in versions.items if one.number == version), model)
     values: dict[str, Any] = {"model": shown, "system": system, "versions": versions.items, "newest": model}
-    return page(
+    return await page(
         request,
         "model.html",
         **_around(request, parts, principal),
@@ -90,7 +90,7 @@ async def put_model(request: Request, parts: PartsDep, principal: PrincipalDep) 
         values = {"name": name, "source": source, "expected": expected, "problem": problem}
         around = _around(request, parts, principal)
         values["excerpt"] = _excerpt(source, problem.extra.get("line"))
-        return page(request, "model_refused.html", problem.status, **around, **values)
+        return await page(request, "model_refused.html", problem.status, **around, **values)
     return back(f"/ui/models/{name}")
 
 
@@ -115,7 +115,7 @@ async def what_if(
         except RobomendError as error:
             answer["problem"] = of_error(error)
     around = _around(request, parts, principal)
-    return page(request, "what_if.html", **around, **values, **answer, most=SHOWN)
+    return await page(request, "what_if.html", **around, **values, **answer, most=SHOWN)
 
 
 async def _answer(parts: Parts, model: str, asked: Mapping[str, list[str]]) -> dict[str, Any]:

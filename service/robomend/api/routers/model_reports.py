@@ -51,7 +51,7 @@ async def isolability_page(
         values["figure"] = None if report["matrix"] is None else _figure(name, report)
     except RobomendError as error:
         values["problem"] = of_error(error)
-    return page(request, "isolability.html", **_around(request, parts, principal), **values)
+    return await page(request, "isolability.html", **_around(request, parts, principal), **values)
 
 
 @router.get("/ui/models/{name}/compare")
@@ -77,7 +77,7 @@ async def compare_page(
         values["change"] = isolability_change(*[await _report(parts, system, None) for system in systems])
     except RobomendError as error:
         values["problem"] = of_error(error)
-    return page(request, "compare.html", **_around(request, parts, principal), **values)
+    return await page(request, "compare.html", **_around(request, parts, principal), **values)
 
 
 async def _report(parts: Parts, system: System, observed: Any) -> dict[str, Any]:

@@ -41,7 +41,7 @@ async def fleet_page(
     wanted = wanted_parts(request, ("stop", "fleet"))
     fleet = request.app.state.fleet
     found = await fleet.page(search=q, state=state, number=number, rows=rows) if "fleet" in wanted else None
-    return page(
+    return await page(
         request,
         "fleet.html",
         **shell(request, parts, principal, wanted),
@@ -55,7 +55,7 @@ async def fleet_page(
 @router.get("/ui/sign-in")
 async def sign_in_page(request: Request, to: Annotated[str, Query(max_length=2000)] = "/") -> Response:
     """Ask for a key."""
-    return page(request, "sign_in.html", to=ours(to), problem=None, told=False)
+    return await page(request, "sign_in.html", to=ours(to), problem=None, told=False)
 
 
 @router.post("/ui/sign-in")
@@ -67,7 +67,7 @@ async def sign_in(request: Request) -> Response:
     try:
         _, cookie = await gate.sign_in(request, form.get("key", "").strip())
     except Problem as problem:
-        return page(request, "sign_in.html", problem.status, to=to, problem=problem, told=True)
+        return await page(request, "sign_in.html", problem.status, to=to, problem=problem, told=True)
     answer = back(to)
     answer.headers.append("Set-Cookie", cookie)
     return answer

@@ -32,7 +32,7 @@ async def repairs_page(
     wanted = wanted_parts(request, ("stop", "repairs"))
     found = await parts.store.read(repairs.page, robot, paging) if "repairs" in wanted else None
     around = shell(request, parts, principal, wanted)
-    return page(request, "repairs.html", **around, found=found, of_robot=robot, cursor=paging.cursor)
+    return await page(request, "repairs.html", **around, found=found, of_robot=robot, cursor=paging.cursor)
 
 
 @router.get("/ui/robots/{robot}/drills")
@@ -44,7 +44,7 @@ async def drills_page(
     drills = [DrillOut.model_validate(drill) for drill in found]
     older = drills[-1].id if len(drills) == paging.limit else None
     around = shell(request, parts, principal, wanted_parts(request, ("stop", "drills")))
-    return page(request, "drills.html", **around, robot=robot, drills=drills, next=older)
+    return await page(request, "drills.html", **around, robot=robot, drills=drills, next=older)
 
 
 @router.get("/ui/audit")
@@ -58,7 +58,7 @@ async def audit_page(
     """Show who did what, when and why, newest first."""
     found = await parts.store.read(lambda view: audit.page(view, paging, robot=robot))
     around = shell(request, parts, principal, wanted_parts(request, ("stop",)))
-    return page(request, "audit.html", **around, found=found, of_robot=robot)
+    return await page(request, "audit.html", **around, found=found, of_robot=robot)
 
 
 @router.get("/ui/keys")
@@ -66,7 +66,7 @@ async def keys_page(request: Request, parts: PartsDep, principal: PrincipalDep) 
     """List the keys, revoked ones included; never their text."""
     found = await parts.store.read(api_keys.every)
     around = shell(request, parts, principal, wanted_parts(request, ("stop",)))
-    return page(request, "keys.html", **around, keys=found)
+    return await page(request, "keys.html", **around, keys=found)
 
 
 @router.get("/ui/notifications")
@@ -78,7 +78,7 @@ async def notifications_page(
     around = shell(request, parts, principal, wanted_parts(request, ("stop",)))
     recipients = list(parts.notifier.recipients.values())
     public_url = parts.settings.public_url
-    return page(
+    return await page(
         request,
         "notifications.html",
         **around,

@@ -12,6 +12,7 @@ from starlette.responses import Response
 
 from robomend.api.deps import Parts, PartsDep, PrincipalDep, RepairPath, RobotPath, reporter_of
 from robomend.api.page_route import PageRoute, back, page, read_form
+from robomend.api.page_turns import PageTurns
 from robomend.api.problems import Problem
 from robomend.api.shell import shell, wanted_parts
 from robomend.api.views import board_out, obs_out
@@ -56,6 +57,7 @@ async def robot_page(
 ) -> Response:
     """Show a robot: how it is and why, its repair, OBS, the board, and its past."""
     wanted = wanted_parts(request, PARTS)
+    turns: PageTurns = request.app.state.turns
     state = await parts.robots.diagnosed(robot)
     values: dict[str, Any] = {"robot": robot, "spans": SPANS_S}
     values |= _of_diagnosis(state)
@@ -70,6 +72,7 @@ async def robot_page(
     if "diagnosis" in wanted:
         values |= await _probes(parts, state)
     if "graph" in wanted:
+        await turns.others()
         values["graph"] = _graph(state, values["found"], values["whys"])
     if "obs" in wanted:
         values |= {"obs": obs_out(state), "most": SHOWN_OBS}
@@ -77,8 +80,8 @@ async def robot_page(
         wired = None if state.config.board is None else await parts.robots.board(robot)
         values["board"] = None if wired is None else board_out(wired)
     if "past" in wanted:
-        values |= await _past(parts, robot, until, span)
-    return page(request, "robot.html", **shell(request, parts, principal, wanted), **values)
+        values |= await _past(parts, turns, robot, until, span)
+    return await page(request, "robot.html", **shell(request, parts, principal, wanted), **values)
 
 
 def _of_diagnosis(state: Robot) -> dict[str, Any]:
@@ -149,13 +152,15 @@ def _graph(state: Robot, found: Mapping[str, Any], explained: Any) -> Markup | N
     return Markup(graph.svg(graph.layout(model), found, seen, links))
 
 
-async def _past(parts: Parts, robot: str, until_ms: int | None, span_s: int | None) -> dict[str, Any]:
+async def _past(
+    parts: Parts, turns: PageTurns, robot: str, until_ms: int | None, span_s: int | None
+) -> dict[str, Any]:
     """Return the timeline of a span of time, and the addresses of those before and after it."""
     now_ms = time.time_ns() // 1_000_000
     repairs = await parts.repairs.repairs(robot, before=None, limit=REPAIRS)
     if span_s is None:  # the least that shows all of the newest repair, if that was within the hour
         ago_s = (now_ms - repairs[0]["created_ns"] // 1_000_000) / 1000 if repairs else USUAL_S
-        span_s = next((span for span in SPANS_S if ago_s < span <= 3600), USUAL_S)
+        span_s = next((span for span in SPANS_S if ago_s <= span <= 3600), USUAL_S)
     end_ms = now_ms if until_ms is None else min(until_ms, now_ms)
     start_ms = max(0, end_ms - span_s * 1000)
     start_ns, end_ns = start_ms * 1_000_000, end_ms * 1_000_000
@@ -165,11 +170,14 @@ async def _past(parts: Parts, robot: str, until_ms: int | None, span_s: int | No
 
     found, complete = await parts.store.read(look)
     drawn = past.timeline(robot, start_ns, end_ns, found, repairs)
-    shown = bool(drawn.rows or drawn.actions)
+    figures: dict[figure.Width, Markup | None] = dict.fromkeys((figure.WIDE, figure.NARROW))
+    if drawn.rows or drawn.actions:
+        for width in figures:
+            await turns.others()
+            figures[width] = Markup(figure.svg(drawn, width))  # the figure escapes what it shows
     return {
-        # The figure escapes what it shows.
-        "past": Markup(figure.svg(drawn)) if shown else None,
-        "past_narrow": Markup(figure.svg(drawn, figure.NARROW)) if shown else None,
+        "past": figures[figure.WIDE],
+        "past_narrow": figures[figure.NARROW],
         "past_complete": complete,
         "span": span_s,
         "start_ms": start_ms,
@@ -243,7 +251,7 @@ async def repair_page(
     """Show what a repair found, planned and did, in words."""
     found = await parts.repairs.repair(repair)
     wanted = wanted_parts(request, ("stop", "record"))
-    return page(
+    return await page(
         request,
         "repair.html",
         **shell(request, parts, principal, wanted),

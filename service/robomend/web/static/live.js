@@ -1,9 +1,10 @@
 // The event stream: it tells which parts to fetch, and the page tells how it is. What may be old is shown as old.
-import { refresh, refreshFor, whenLost } from "./parts.js";
+import { refresh, refreshFor, spend, whenLost } from "./parts.js";
 
 const KINDS = ["observations", "diagnosis", "repair", "action", "board", "robot", "model", "batch", "drill", "stop"];
 const AGAIN_MS = 2000; // between two tries
 const HIDDEN_MS = 20000; // a page that nobody sees holds no connection: browsers have six for a host
+const FRAME_BYTES = 60; // around the data of an event
 const SETTLES_MS = 1500; // what an event tells of may show a moment later
 
 export class Live {
@@ -39,8 +40,9 @@ export class Live {
     source.addEventListener("ping", () => this.heard());
     source.addEventListener("gap", () => { this.heard(); refresh("all"); });
     for (const kind of KINDS) {
-      source.addEventListener(kind, () => {
+      source.addEventListener(kind, (event) => {
         this.heard();
+        spend(event.data.length + FRAME_BYTES);
         refreshFor(kind);
         clearTimeout(this[kind]);
         this[kind] = setTimeout(() => refreshFor(kind), SETTLES_MS);

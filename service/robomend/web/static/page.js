@@ -89,6 +89,16 @@ document.addEventListener("keydown", (event) => {
   }
 });
 
+// Escape closes the innermost thing that is open around what is focused, and leaves the focus on what opened it.
+document.addEventListener("keydown", (event) => {
+  if (event.key !== "Escape") return;
+  if (!said.hidden) { said.hidden = true; return; }
+  const open = event.target.closest?.("details[open]");
+  if (!open) return;
+  open.open = false;
+  open.querySelector("summary").focus();
+});
+
 // --- events
 
 if (body.dataset.events) new Live(body.dataset.events, Number(body.dataset.pingS)).start();

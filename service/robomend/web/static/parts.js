@@ -1,5 +1,6 @@
 // Parts of the page, fetched anew at the page's own address, and put in place where they differ.
-const BYTES_PER_S = 5000; // on average; the first fetch after a quiet while is at once
+const BYTES_PER_S = 4800; // on average, events and all; the first fetch after a quiet while is at once
+const HEAD_BYTES = 400; // of an answer, more or less
 const LEAST_MS = 200;
 const AGAIN_MS = 1500;
 
@@ -9,12 +10,16 @@ const lost = [];
 let timer = null;
 let loading = false;
 let freeAt = 0;
+let spent = 0; // bytes of events since the last fetch
 
 /** Be told when parts were put in place, with the service's time. */
 export function whenShown(call) { shown.push(call); }
 
 /** Be told when parts could not be fetched. */
 export function whenLost(call) { lost.push(call); }
+
+/** Count what came otherwise: the next fetch waits for as much longer. */
+export function spend(bytes) { spent += bytes; }
 
 function parts() { return [...document.querySelectorAll("[data-part]")]; }
 
@@ -40,12 +45,14 @@ async function load() {
   const names = [...wanted];
   wanted.clear();
   let bytes = 0;
+  const before = Math.min(spent, BYTES_PER_S); // of a quiet while little is owed
+  spent = 0;
   let againMs = LEAST_MS;
   try {
     const answer = await fetch(location.href, { headers: { "Robomend-Parts": names.join(",") } });
     againMs = Math.max(LEAST_MS, Number(answer.headers.get("robomend-again-ms") ?? 0)); // with many pages: longer
     if (answer.ok) {
-      bytes = Number(answer.headers.get("content-length") ?? 0);
+      bytes = Number(answer.headers.get("content-length") ?? 0) + HEAD_BYTES;
       const page = new DOMParser().parseFromString(await answer.text(), "text/html");
       const again = place(page);
       const now = page.querySelector("[data-now-ms]");
@@ -62,7 +69,7 @@ async function load() {
     setTimeout(() => refresh(names), AGAIN_MS);
   }
   loading = false;
-  freeAt = Date.now() + Math.max(againMs, bytes / BYTES_PER_S * 1000);
+  freeAt = Date.now() + Math.max(againMs, (bytes + before) / BYTES_PER_S * 1000);
   plan();
 }
 
