@@ -61,6 +61,8 @@ def gid(entity: Any) -> Any:
 class Commands:
     def __init__(self, domain: int, name: str) -> None:
         self.name = name
+        self.domain = domain
+        self.kept: list[Any] = []
         self.participant = DomainParticipant(domain, qos=Qos(Policy.Userdata(b"enclave=/;")))
         topic: Any = Topic(self.participant, "ros_discovery_info", ParticipantInfo)
         self.graph = DataWriter(self.participant, topic, qos=LATCHED)
@@ -74,6 +76,16 @@ class Commands:
 
     def nothing(self, line: dict[str, Any]) -> None:
         pass
+
+    def garbage(self, line: dict[str, Any]) -> None:
+        """Say something on the graph's topic that is no graph."""
+        other: Any = struct("rmw_dds_common.msg.dds_.ParticipantEntitiesInfo_", what=str)
+        participant = DomainParticipant(self.domain, qos=Qos(Policy.Userdata(b"enclave=/;")))
+        topic: Any = Topic(participant, "ros_discovery_info", other)
+        writer: Any = DataWriter(participant, topic, qos=LATCHED)
+        self.kept.append((participant, writer))
+        for number in range(3):
+            writer.write(other(what=f"no graph {number}"))
 
     def publish(self, line: dict[str, Any]) -> None:
         topic: Any = Topic(self.participant, "rt" + line["topic"], String)

@@ -1,7 +1,7 @@
 """A robot with ROS 2 over zenoh for tests: a router, and nodes that speak as rmw_zenoh does.
 
 There is no wheel of rmw_zenoh. zenoh_node.py writes keys and attachments by its documented format with the
-wheel of zenoh itself; zenoh_peer.py is an independent package that speaks it, in an environment of its own.
+wheel of zenoh itself.
 The router and its nodes meet at a socket in a file, so that no port is taken from anybody.
 """
 

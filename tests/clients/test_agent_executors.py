@@ -6,7 +6,7 @@ import asyncio
 import os
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
@@ -18,6 +18,7 @@ from robomend_client.actions import FAILED, OK, REFUSED, Action, ActionResult
 from robomend_client.agent.executors.base import ActionExecutor, Executors
 from robomend_client.agent.executors.kinds import KINDS, ActionSpec, read_actions
 from robomend_client.agent.executors.program import Program
+from robomend_client.agent.executors.ros_programs import Launch, Lifecycle
 from robomend_client.agent.executors.systemd import Units
 from robomend_client.agent.executors.usb import ResetUsb
 from robomend_client.yaml_reader import ConfigError, read
@@ -99,6 +100,61 @@ def test_cut_off_it_is_ended_with_all_that_it_started(tmp_path: Path) -> None:
 def test_impossible_programs_are_refused_by_name(tmp_path: Path, command: list[str], complaint: str) -> None:
     with pytest.raises(ValueError, match=f"^{complaint}"):
         program(tmp_path, command, parameters={"arm": ["left"]})
+
+
+# --- ROS's own programs -----------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def ros_programs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Stand-ins that say with what they were called; robomend_ros itself is tested with a real rclpy."""
+    folder = tmp_path / "bin"
+    folder.mkdir()
+    for name in ("ros2", "roslaunch"):
+        (folder / name).write_text(
+            '#!/bin/sh\nprintf "%s|" "$0" "$@"\ncase "$*" in *broken*) exit 1;; esac\n'
+        )
+        (folder / name).chmod(0o755)
+    monkeypatch.setenv("PATH", f"{folder}:{os.environ['PATH']}")
+
+
+@pytest.mark.usefixtures("ros_programs")
+def test_a_lifecycle_is_changed_by_the_actions_name_or_by_a_transition(tmp_path: Path) -> None:
+    nodes = {"camera_node": "/front/camera", "other": "/broken"}
+    said = do(Lifecycle("activate", nodes), "camera_node").message
+    assert said.endswith("/ros2|run|robomend_ros|lifecycle|/front/camera|activate|")
+    failed = do(Lifecycle("mend", nodes, "cleanup"), "other")
+    assert (failed.code, failed.message.endswith("lifecycle|/broken|cleanup|")) == (FAILED, True)
+
+
+@pytest.mark.usefixtures("ros_programs")
+@pytest.mark.parametrize(("release", "program"), [("ros1", "roslaunch|"), ("ros2", "ros2|launch|")])
+def test_a_launch_file_is_run_with_its_arguments_which_no_shell_reads(
+    tmp_path: Path, release: str, program: str
+) -> None:
+    sides = {"arm": ["left", "$(reboot); a b"]}
+    launch = Launch("home", "arm", "home.launch", tmp_path, release, {"side": "{arm}", "v": "1"}, sides)
+    assert do(launch, "left").message.endswith(f"/{program}arm|home.launch|side:=left|v:=1|")
+    assert do(launch, "$(reboot); a b").message.endswith("|side:=$(reboot); a b|v:=1|")
+
+
+@pytest.mark.parametrize(
+    ("make", "complaint"),
+    [
+        (lambda base: Lifecycle("mend", {"a": "/a"}), "transition must be one of configure, activate"),
+        (lambda base: Lifecycle("activate", {}), "nodes must map"),
+        (lambda base: Lifecycle("activate", {"a": "-x"}), "nodes: '-x' must be a node's full name"),
+        (lambda base: Launch("a", "--x", "f", base), "package must be a name, not '--x'"),
+        (lambda base: Launch("a", "p", "", base), "file must be a name"),
+        (lambda base: Launch("a", "p", "f", base, "ros3"), "release must be one of ros1, ros2, not 'ros3'"),
+        (lambda base: Launch("a", "p", "f", base, arguments={"x": "{y}"}), "command has a place for {y}"),
+    ],
+)
+def test_what_ros_could_not_do_is_refused_by_name(
+    tmp_path: Path, make: Callable[[Path], object], complaint: str
+) -> None:
+    with pytest.raises(ValueError, match=f"^{complaint}"):
+        make(tmp_path)
 
 
 # --- systemd ----------------------------------------------------------------------------------------------

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import gc
 import json
+import os
 import socket
 from collections.abc import Awaitable, Callable
 from pathlib import Path
@@ -90,6 +91,26 @@ def test_rubbish_ends_its_own_connection_only(rubbish: bytes) -> None:
         good.close()
 
     with_broker("tcp:127.0.0.1:0", test)
+
+
+@pytest.mark.parametrize("address", ["tcp:127.0.0.1:0", "unix"])
+def test_rubbish_is_told_once_for_each_client(
+    address: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    async def test(broker: Broker, heard: Heard) -> None:
+        where = parse_address(broker.address)
+        for _ in range(3):
+            opened = asyncio.open_unix_connection(where) if isinstance(where, str) else None
+            reader, writer = await (opened or asyncio.open_connection(*where))
+            writer.write(b"what?\n")
+            with contextlib.suppress(ConnectionResetError):
+                assert await reader.read() == b""
+            writer.close()
+
+    with_broker(f"unix:{tmp_path}/bus" if address == "unix" else address, test)
+    (told,) = [record.getMessage() for record in caplog.records if record.levelname == "WARNING"]
+    place = f"process {os.getpid()}" if address == "unix" else "127.0.0.1"
+    assert told.startswith(f"the bus, a client at {place}: disconnected: ")
 
 
 @given(

@@ -38,7 +38,7 @@ ANALYZERS = {
         "timeout": 5.0,
     }
 }
-OK, ERROR, STALE = 0, 2, 3
+OK, WARN, ERROR, STALE = range(4)
 
 
 @contextmanager
@@ -65,6 +65,7 @@ def aggregator(ros: Robot, folder: Path) -> Iterator[None]:
         process.wait()
 
 
+@pytest.mark.timeout(300)  # five programs, one after another
 def test_the_real_aggregator_shows_each_component_with_level_hardware_and_explanation(tmp_path: Path) -> None:
     why = AGGREGATOR.install()
     if why and os.environ.get("CI"):
@@ -73,11 +74,11 @@ def test_the_real_aggregator_shows_each_component_with_level_hardware_and_explan
         pytest.skip(why)
     with observed_robot(tmp_path) as (ros, url, _), aggregator(ros, tmp_path):
         laser, watcher = ros.node("laser"), ros.node("watcher")
-        laser.do("publish", topic="/scan", type="std_msgs/String", rate=10)
+        laser.do("publish", topic="/map", type="std_msgs/String", rate=10)
         watcher.do("subscribe", topic="/diagnostics_agg", **DIAGNOSTICS)
         sections: dict[str, Any] = {
             "ros1": {"master": ros.master.uri},
-            "topics": {"scan": {"from": "ros1", "first_s": 60}},
+            "topics": {"map": {"from": "ros1", "first_s": 60}},
             "observers": {"laser": {"kind": "node", "from": "ros1", "preset": "ros1"}},
         }
 
@@ -93,6 +94,12 @@ def test_the_real_aggregator_shows_each_component_with_level_hardware_and_explan
         with agent(config(tmp_path, url, {}, **sections)):
             well = dict.fromkeys(["/robomend", *names], OK)
             until(lambda: levels() == well, "all well, and nothing that it has no place for", 60)
+            laser.do("hush", topic="/map")  # the map rests on the scan, which nobody observes
+            either = {**well, "/robomend": WARN, names[1]: WARN, names[2]: WARN}
+            until(lambda: levels() == either, "one of the two is broken", 60)
+            status = shown()[names[2]]
+            assert (status["message"], status["hardware_id"]) == ("perhaps broken", "mapper")
+            assert {p["key"]: p["value"] for p in status["values"]}["in diagnoses"] == "1 of 2"
             laser.kill()
             until(
                 lambda: levels() == {**well, "/robomend": ERROR, names[1]: ERROR}, "the laser is broken", 60

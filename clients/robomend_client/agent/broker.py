@@ -14,6 +14,8 @@ import contextlib
 import json
 import logging
 import os
+import socket
+import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -58,6 +60,8 @@ def read_message(line: object) -> TopicMessage | None:
 
 OnMessage = Callable[[TopicMessage], None]
 
+MOST_TOLD = 1000
+
 Diversion = Callable[[TopicMessage, bytes], None]
 """Takes a message, and the line that it came in, in place of observers and subscribers."""
 
@@ -74,6 +78,7 @@ class Broker:
         self._diverted: dict[str, Diversion] = {}
         self._server: asyncio.Server | None = None
         self._closing = False
+        self._told: set[str] = set()  # places of clients that spoke otherwise
 
     async def open(self) -> None:
         """Listen.
@@ -137,6 +142,12 @@ class Broker:
             if not self._subscribers[topic]:
                 del self._subscribers[topic]
 
+    def rubbish(self, place: str, why: str) -> None:
+        """A client does not speak as the bus does, and is disconnected: told once for each place."""
+        if place not in self._told and len(self._told) < MOST_TOLD:
+            self._told.add(place)
+            log.warning("the bus, a client at %s: disconnected: %s", place, why)
+
     def subscribe(self, peer: _Peer, topic: str) -> None:
         if topic not in peer.topics and len(peer.topics) < MOST_TOPICS:
             peer.topics.add(topic)
@@ -192,9 +203,20 @@ class _Peer(asyncio.Protocol):
             if len(self._rest) > LONGEST_LINE:
                 raise ValueError(f"a line of more than {LONGEST_LINE} bytes")
         except (ValueError, RecursionError) as error:
-            log.warning("a client of the bus was disconnected: %s", error)
+            self._broker.rubbish(self._place(), str(error))
             self._rest = b""
             self.transport.abort()
+
+    def _place(self) -> str:
+        """Return who is at the other end: its process, or its computer."""
+        wire, peer = self.transport.get_extra_info("socket"), self.transport.get_extra_info("peername")
+        if peer:
+            return str(peer[0])
+        try:
+            pid, _, _ = struct.unpack("3i", wire.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
+        except (AttributeError, OSError):  # this system does not say
+            return "this computer"
+        return f"process {pid}"
 
     def _line(self, line: bytes) -> None:
         read = json.loads(line)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 
 from robomend_client.agent.feeds import AgentParts
 from robomend_client.bridges.listening import Listening
@@ -20,6 +20,11 @@ ALL_DIAGNOSTICS = "/diagnostics"
 """In any namespace: the aggregator knows none."""
 
 NAME = re.compile(r"/?[A-Za-z][A-Za-z0-9_/]*\Z")
+
+NODE_NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+\Z")
+"""What ROS allows; who speaks the protocol by itself may call itself anything."""
+
+MOST_NAMES = 4096
 
 
 class RosBridge:
@@ -42,6 +47,7 @@ class RosBridge:
         self.problems = Problems(where)
         self._parts: AgentParts | None = None
         self._telling: Telling | None = None
+        self._names_seen: set[str] = set()
 
     def attach(self, parts: AgentParts) -> None:
         """Be a part of this agent; without one, the bridge only feeds observers."""
@@ -59,6 +65,14 @@ class RosBridge:
         """Our own node's, with its slash."""
         agent = "" if self._parts is None else "_" + re.sub(r"[^A-Za-z0-9_]", "_", self._parts.agent)
         return resolved(self.name or f"robomend{agent}")
+
+    def look_at_names(self, nodes: Iterable[str]) -> None:
+        """Tell of nodes whose names are none; they are watched all the same."""
+        for name in set(nodes) - self._names_seen:
+            if len(self._names_seen) < MOST_NAMES:
+                self._names_seen.add(name)
+                if not NODE_NAME.match(name):
+                    self.problems.tell(f"the node {name!r}"[:200], "ROS allows no such name; taken as it is")
 
     def told_topic(self, what: str) -> str:
         """Return the topic on which something is told."""

@@ -2,35 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.clients.bridges.any_robot import any_robot
 from tests.clients.running_agent import agent, config
 from tests.clients.service_double import eventually, service_double
-from tests.node_process import NodeProcess
-from tests.ros1 import robot as ros1_robot
-from tests.ros2 import robot as ros2_robot
-
-Start = Callable[[str], NodeProcess]
-
-
-@contextmanager
-def robot(origin: str, folder: Path) -> Iterator[tuple[Start, dict[str, Any]]]:
-    """A robot, and the agent's section for it."""
-    if origin == "ros1":
-        with ros1_robot(folder) as old:
-            yield old.node, {"master": old.master.uri}
-    else:
-        with ros2_robot(folder) as new:
-            yield new.node, {"domain": new.domain, "discovery": "localhost"}
 
 
 @pytest.mark.parametrize("origin", ["ros1", "ros2"])
 def test_the_robots_own_time_plays_no_part_wherever_it_jumps(origin: str, tmp_path: Path) -> None:
-    with robot(origin, tmp_path) as (node, section), service_double() as service:
+    with any_robot(origin, tmp_path) as robot, service_double() as service:
+        node = robot.node
         clock = node("clock")
         if origin == "ros1":
             clock.do("simulated")  # before others begin
@@ -52,10 +36,10 @@ def test_the_robots_own_time_plays_no_part_wherever_it_jumps(origin: str, tmp_pa
             clock.do("hush", topic="/clock")  # it stands still then
 
         sections: dict[str, Any] = {
-            origin: section,
+            origin: robot.section,
             "topics": {"scan": {"from": origin, "first_s": 60, "tolerance_hz": 8, "silence_s": 10}},
             "observers": {
-                "laser": {"kind": "node", "from": origin, "preset": origin},
+                "laser": robot.watched,
                 "time": {"kind": "qualitative", "from": origin, "source": "scan:stamp.sec"},
             },
         }

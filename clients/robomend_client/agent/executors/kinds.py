@@ -5,8 +5,7 @@
       reset_usb: {kind: reset_usb, devices: {camera: "046d:0825"}}
 
 Its keys are the parameters of the executor's class (observers/parameters.py). Bridges and other
-distributions add kinds (`lifecycle`, `launch`) by the entry points
-`robomend.agent_executors`.
+distributions add kinds by the entry points `robomend.agent_executors`.
 """
 
 from __future__ import annotations
@@ -30,6 +29,8 @@ KINDS = Registry[Callable[..., ActionExecutor]](
     {
         "process": f"{ROOM}.program:Program",
         "systemd": f"{ROOM}.systemd:Units",
+        "lifecycle": f"{ROOM}.ros_programs:Lifecycle",
+        "launch": f"{ROOM}.ros_programs:Launch",
         "reset_usb": f"{ROOM}.usb:ResetUsb",
         "medkit": "robomend_client.bridges.medkit.restart:Restart",
         "ros_action": "robomend_client.bridges.ros1.action_client:RosAction",

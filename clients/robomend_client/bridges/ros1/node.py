@@ -45,7 +45,7 @@ class RosNode:
         self.known = asyncio.Event()  # the master knows us
         self.api = ""
         self._address = address
-        self._server = XmlRpcServer(self._answer)
+        self._server = XmlRpcServer(self._answer, self._garbage)
         self._messages: asyncio.Server | None = None
         self._bursts = Bursts()
         self._subscriptions: dict[str, Subscription] = {}
@@ -156,6 +156,9 @@ class RosNode:
                 self.known.clear()
                 return [1, "", 0]
         return [-1, f"{method} is not known here", 0]
+
+    def _garbage(self, computer: str, why: str) -> None:
+        self.problems.tell(f"a caller at {computer}", f"it speaks no XML-RPC: {why}"[:200])
 
     # --- open and close --------------------------------------------------------------------------------
 

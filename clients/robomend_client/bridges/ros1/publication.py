@@ -170,7 +170,8 @@ class Subscriber(asyncio.Protocol):
 
     def _refuse(self, error: ProtocolError) -> None:
         assert self._transport is not None
-        self._problems.tell("a subscriber", str(error))
+        peer = self._transport.get_extra_info("peername")
+        self._problems.tell(f"a subscriber at {peer[0] if peer else 'somewhere'}", str(error))
         if not self._transport.is_closing():
             self._transport.write(encode_header({"error": str(error)}))
             self._transport.close()

@@ -8,7 +8,6 @@ blocked, or it answers garbage.
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import errno
 import fcntl
 import socket
@@ -180,9 +179,13 @@ async def _body(reader: asyncio.StreamReader, longest: int) -> bytes:
 class XmlRpcServer:
     """Answers calls; `answer` gets the method and its arguments, and returns what XML-RPC can carry."""
 
-    def __init__(self, answer: Callable[[str, tuple[Any, ...]], Any]) -> None:
+    def __init__(
+        self, answer: Callable[[str, tuple[Any, ...]], Any], on_garbage: Callable[[str, str], None]
+    ) -> None:
+        """`on_garbage` is told of a caller that speaks no XML-RPC: its computer, and why."""
         self.port = 0
         self._answer = answer
+        self._on_garbage = on_garbage
         self._server: asyncio.Server | None = None
         self._clients: set[asyncio.Task[Any]] = set()
 
@@ -204,12 +207,17 @@ class XmlRpcServer:
         self._clients.add(task)
         try:
             if len(self._clients) <= MOST_CLIENTS:
-                # Whoever calls and says nothing, or garbage, is dropped without a word, as a web server does.
-                with contextlib.suppress(OSError, EOFError, asyncio.LimitOverrunError, *UNREADABLE):
-                    async with timeout(CALL_S):
-                        await self._answer_one(reader, writer)
+                async with timeout(CALL_S):
+                    await self._answer_one(reader, writer)
         except asyncio.CancelledError:
             pass  # the server is closing
+        except (asyncio.LimitOverrunError, *UNREADABLE) as error:
+            self._on_garbage(_computer(writer), str(error) or type(error).__name__)
+        except asyncio.IncompleteReadError as error:
+            if error.partial:  # who looks whether anybody listens says nothing
+                self._on_garbage(_computer(writer), f"it hung up after {error.partial[:40]!r}")
+        except OSError:  # it is gone, or says nothing for CALL_S
+            pass
         finally:
             self._clients.discard(task)
             writer.close()
@@ -221,3 +229,9 @@ class XmlRpcServer:
         head = f"HTTP/1.0 200 OK\r\nContent-Type: text/xml\r\nContent-Length: {len(body)}\r\n\r\n"
         writer.write(head.encode() + body)
         await writer.drain()
+
+
+def _computer(writer: asyncio.StreamWriter) -> str:
+    """Return where a caller is; its port is another one each time."""
+    peer = writer.get_extra_info("peername")
+    return str(peer[0]) if peer else "somewhere"

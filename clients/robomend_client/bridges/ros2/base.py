@@ -175,6 +175,7 @@ class Ros2Bridge(RosBridge):
         while True:
             found = await look()
             if found is not None:
+                self.look_at_names(found)
                 table = {self.names.ours(name): runs for name, runs in found.items()}
                 if table != said or time.monotonic() - said_s >= TABLE_S:
                     deliver(NODES, table, None)

@@ -73,6 +73,9 @@ class HeardTopic:
             writer = about.gid if about is not None else b""
             node = graph.publisher(writer, self.topic, kind)
             stamp_ns = None if about is None else about.stamp_ns
+            if about is None and sample.attachment:
+                place = f"what {node} attaches to messages of {self.topic}"
+                self._problems.tell(place, f"not understood, {len(sample.attachment)} bytes: by its arrival")
             message = Message(sample.data, kind, type_hash, writer or node, node, stamp_ns)
             for on_message in self._on_message:
                 on_message(message)

@@ -226,19 +226,3 @@ def test_a_bad_file_is_refused_with_file_line_and_key(
     with pytest.raises(ConfigError, match=re.escape(complaint)) as refused:
         load(file)
     assert str(refused.value).startswith(f"{file}:1: ")
-
-
-def test_the_manual_has_every_key_of_the_section_and_its_example_is_read(tmp_path: Path) -> None:
-    manual = (Path(__file__).parents[4] / "docs" / "medkit.md").read_text()
-    file = tmp_path / "agent.yaml"
-    example = manual.partition("\n    robot: ")[2].partition("\n\n")[0]
-    file.write_text("robot: " + example.replace("\n    ", "\n") + "\n")
-    read = load(file)
-    assert {spec.origin for spec in read.observers} == {"medkit"}
-    assert [action.kind for action in read.actions] == ["medkit"]
-    file.write_text(file.read_text().replace("  url: ", "  nonsense: 1\n  url: ", 1))
-    with pytest.raises(ConfigError) as refused:
-        load(file)
-    known = re.findall(r"known are (.*)", str(refused.value))[0].split(", ")
-    table = re.findall(r"^\| `(\w+)` \|", manual.partition("| key of `medkit`")[2].partition("\n\n")[0], re.M)
-    assert sorted(known) == sorted(table)

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import asyncio
-import json
-import re
+import contextlib
+import socket
 import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from xmlrpc.client import ServerProxy
 
 import pytest
 from tests.clients.running_agent import agent, config
@@ -19,9 +20,7 @@ from tests.other_computer import OtherComputer, other_computer
 from tests.ros1 import Robot, robot
 from tests.waiting import eventually as eventually_soon
 
-from robomend_client.agent.config import load
 from robomend_client.bridges.ros1.xmlrpc import connect, is_delivered
-from robomend_client.yaml_reader import ConfigError
 
 
 @pytest.fixture
@@ -39,30 +38,42 @@ def watching(
         yield process
 
 
-def test_a_killed_node_and_its_silent_topic_reach_the_service_with_their_evidence(
+def test_peers_that_speak_garbage_to_the_agent_are_told_once_with_their_computer_and_others_are_served(
     ros: Robot, service: ServiceDouble, tmp_path: Path
 ) -> None:
-    laser = ros.node("hokuyo_node")
-    laser.do("publish", topic="/scan", type="std_msgs/String", rate=10)
-    laser.do("publish", topic="/motor", type="std_msgs/Float64", value={"data": 80.0}, rate=10)
-    sections: dict[str, Any] = {
-        "topics": {"scan": {"from": "ros1", "first_s": 60}},
-        "observers": {
-            "hokuyo_node": {"kind": "node", "from": "ros1", "preset": "ros1"},
-            "temperature": {"kind": "property", "from": "ros1", "source": "motor:data", "high": 60},
-        },
-    }
-    with watching(tmp_path, service, ros, **sections):
-        good = {"ok(scan)": True, "running(hokuyo_node)": True, "ok(temperature)": False}
-        eventually(lambda: good.items() <= service.holds().items(), "all", 60)
-        laser.kill()
-        bad = {"ok(scan)": False, "running(hokuyo_node)": False}
-        eventually(lambda: bad.items() <= service.holds().items(), "both", 60)
-        first = next(b for b in service.batches() if "not running(hokuyo_node)" in b["observations"])
-        place = first["observations"].index("not running(hokuyo_node)")
-        assert first["since"][place] >= first["onset"][place]
-        atoms = {entry["atom"] for entry in service.polls[-1]["observes"]}
-        assert atoms == {"ok(scan)", "running(hokuyo_node)", "ok(temperature)"}
+    def say(port: int, *data: bytes) -> None:
+        for one in data:
+            with socket.create_connection(("127.0.0.1", port), timeout=30) as connection:
+                connection.sendall(one)
+                connection.shutdown(socket.SHUT_WR)
+                with contextlib.suppress(ConnectionResetError):
+                    while connection.recv(4096):
+                        pass
+
+    section = {"topics": {"scan": {"from": "ros1"}}}
+    with watching(tmp_path, service, ros, **section):
+        master: Any = ServerProxy(ros.master.uri)
+        eventually(lambda: master.lookupNode("/test", "/robomend_onboard")[0] == 1, "the agent's node", 60)
+        uri = master.lookupNode("/test", "/robomend_onboard")[2]
+        node: Any = ServerProxy(uri)
+        port = node.requestTopic("/test", "/observations", [["TCPROS"]])[2][2]
+        http = b"POST / HTTP/1.0\r\nContent-Length: 4\r\n\r\nwhat"
+        say(int(uri.rstrip("/").rpartition(":")[2]), http, http, b"\x16\x03\x01 no head", b"")
+        say(port, b"GET / HTTP/1.1\r\n\r\n", b"GET / HTTP/1.1\r\n\r\n", b"\x04\0\0\0\xff\0\0\0")
+        assert node.getPid("/test")[0] == 1  # it goes on
+        watcher = ros.node("watcher")
+        definition = "float32 out_time\nstring[] obs\n"
+        kind = "tug_ist_diagnosis_msgs/Observations"
+        watcher.do("subscribe", topic="/observations", type=kind, definition=definition)
+        eventually(lambda: watcher.heard, "one that speaks as it should", 60)
+    log = (tmp_path / "agent.log").read_text()
+    for what in (
+        "a caller at 127.0.0.1: it speaks no XML-RPC: syntax error",
+        "a caller at 127.0.0.1: it speaks no XML-RPC: it hung up after b'\\x16",
+        "a subscriber at 127.0.0.1: a header of 542393671 bytes",
+        "a subscriber at 127.0.0.1: a header field of 255 bytes in a header of 4",
+    ):
+        assert log.count(what) == 1, (what, log)
 
 
 def test_without_its_master_nothing_is_said_of_nodes(
@@ -161,30 +172,6 @@ def test_whether_a_question_has_got_to_the_other_computer_is_told_from_whether_i
                 process.kill()
 
 
-@pytest.mark.parametrize(
-    ("section", "complaint"),
-    [
-        ({"master": "11311"}, "ros1.master: '11311' is no address; it should be like http://HOST:PORT/"),
-        ({"name": "a b"}, "ros1.name: must be of letters, digits, _ and /, not 'a b'"),
-        ({"pings": 1}, "ros1.pings: is no key here; did you mean ping_s?"),
-        ({"ping_s": 0}, "ros1.ping_s: must be from 0.05 to 60, not 0"),
-    ],
-)
-def test_a_bad_section_is_refused_with_file_line_and_key(
-    section: dict[str, Any], complaint: str, tmp_path: Path
-) -> None:
-    file = config(tmp_path, "http://127.0.0.1:1", {}, ros1=section)
-    done = subprocess.run(
-        [sys.executable, "-m", "robomend_client.agent.main", "--check", str(file)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 2
-    assert f"{file}:1: {complaint}" in done.stderr
-    assert json.loads(file.read_text())["ros1"] == section
-
-
 def test_rosbags_is_not_imported_for_topics_that_nobody_looks_into(tmp_path: Path) -> None:
     file = config(tmp_path, "http://127.0.0.1:1", {}, topics={"scan": {"from": "ros1"}}, ros1={})
     code = (
@@ -193,18 +180,3 @@ def test_rosbags_is_not_imported_for_topics_that_nobody_looks_into(tmp_path: Pat
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "set()"
-
-
-def test_the_manual_has_every_key_of_the_section_and_its_example_is_read(tmp_path: Path) -> None:
-    manual = (Path(__file__).parents[4] / "docs" / "ros.md").read_text()
-    file = tmp_path / "agent.yaml"
-    example = manual.partition("\n    robot: ")[2].partition("\n\n")[0]
-    file.write_text("robot: " + example.replace("\n    ", "\n") + "\n")
-    config_read = load(file)
-    assert {spec.origin for spec in config_read.observers} == {"ros1"}
-    file.write_text(file.read_text().replace("  master:", "  nonsense: 1\n  master:"))
-    with pytest.raises(ConfigError) as refused:
-        load(file)
-    known = re.findall(r"known are (.*)", str(refused.value))[0].split(", ")
-    table = re.findall(r"^\| `(\w+)` \|", manual.partition("| key of `ros1`")[2].partition("\n\n")[0], re.M)
-    assert sorted(known) == sorted(table)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 import signal
 from pathlib import Path
+from typing import Any
+from xmlrpc.client import ServerProxy
 
 from tests.clients.bridges.hearing import Heard
 from tests.clients.bridges.ros1.listening import hearing
@@ -107,5 +109,28 @@ def test_a_node_whose_host_is_unknown_is_unknown_not_stopped(ros: Robot, tmp_pat
                 "the host name 'no-such-robot.invalid' is unknown here; whether it runs is unknown"
             )
             assert heard.last("nodes")["elsewhere"] is None
+
+    asyncio.run(test())
+
+
+def test_nodes_with_names_that_ros_does_not_allow_are_told_once_and_watched(
+    ros: Robot, tmp_path: Path
+) -> None:
+    ros.node("good")
+    api: Any = ServerProxy(ros.master.uri)
+    odd = ["/a b", "/käse", "/2nd", "/x; reboot", "/{{}}"]
+    for name in (*odd, "/" + "y" * 500):  # the last one is long, and a name
+        code, why, _ = api.registerSubscriber(name, "/nothing", "std_msgs/String", "http://127.0.0.1:9/")
+        assert code == 1, why
+
+    async def test() -> None:
+        async with hearing(tmp_path, ros.master.uri, "nodes") as heard:
+            await becomes(heard, "good", True)
+            await becomes(heard, "y" * 500, False)  # nobody listens there
+            await heard.told("the node '/a b': ROS allows no such name")
+            await heard.more("nodes", 3)
+            assert len(heard.lines("ROS allows no such name")) == len(odd)
+            assert {name[1:] for name in odd} <= {name for table in heard.values["nodes"] for name in table}
+            assert heard.last("nodes")["good"] is True
 
     asyncio.run(test())

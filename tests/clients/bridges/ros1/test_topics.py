@@ -119,6 +119,28 @@ def test_a_topic_that_changes_its_type_is_told_and_heard_on(ros: Robot, tmp_path
     asyncio.run(test())
 
 
+def test_a_topic_that_changes_its_md5sum_alone_is_told_and_read_by_the_new_definition(
+    ros: Robot, tmp_path: Path
+) -> None:
+    old, new = ros.node("old"), ros.node("new")
+    motor = {"topic": "/motor", "type": "my_msgs/Motor", "rate": 20}
+    old.do("publish", definition="float64 volts\n", value={"volts": 24.0}, **motor)
+
+    async def test() -> None:
+        async with hearing(tmp_path, ros.master.uri, "motor", "motor:volts") as heard:
+            await heard.until(lambda: heard.last("motor:volts") == 24.0, "by the old definition")
+            await asyncio.to_thread(old.do, "unpublish", topic="/motor")
+            value = {"amperes": 1.0, "volts": 12.0}
+            text = "float64 amperes\nfloat64 volts\n"
+            await asyncio.to_thread(new.do, "publish", definition=text, value=value, **motor)
+            await heard.until(lambda: heard.last("motor:volts") == 12.0, "by the new definition")
+            (told,) = heard.lines("/new publishes my_msgs/Motor")
+            assert "where my_msgs/Motor" in told
+            assert set(heard.values["motor:volts"]) == {24.0, 12.0}
+
+    asyncio.run(test())
+
+
 def test_diagnostics_and_the_boards_channels_come_as_observers_read_them(ros: Robot, tmp_path: Path) -> None:
     node = ros.node("driver")
     status = {

@@ -42,3 +42,29 @@ def test_a_node_of_cyclone_dds_without_hashes_is_heard_and_seen_to_end(tmp_path:
             asyncio.run(test(number, laser))
         finally:
             laser.close()
+
+
+def test_a_name_that_ros_does_not_allow_and_a_graph_that_is_none_are_told_and_the_rest_is_heard(
+    tmp_path: Path,
+) -> None:
+    async def test(number: int, odd: NodeProcess) -> None:
+        keys = f"domain: {number}\ndiscovery: localhost\ndiscovery_s: 1\nname: robomend_test\n"
+        async with hearing(tmp_path, "ros2", keys, "scan", "nodes") as heard:
+            await heard.more("scan")
+            await asyncio.to_thread(odd.do, "garbage")
+            await heard.told("ros_discovery_info: a message cannot be read")
+            await heard.until(lambda: (heard.last("nodes") or {}).get("a b; reboot"), "it runs")
+            await heard.told("the node '/a b; reboot': ROS allows no such name")
+            await heard.more("scan")
+            await heard.more("nodes")
+            assert len(heard.lines("ROS allows no such name")) == 1
+            assert len(heard.lines("ros_discovery_info")) == 1
+
+    with domain() as number:
+        command = [sys.executable, str(NODE), str(number)]
+        odd = NodeProcess("a b; reboot", command, {**os.environ, "CYCLONEDDS_URI": HERE}, tmp_path)
+        try:
+            odd.do("publish", topic="/scan", data="far", rate=10)
+            asyncio.run(test(number, odd))
+        finally:
+            odd.close()

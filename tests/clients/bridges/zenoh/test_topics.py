@@ -54,7 +54,9 @@ def test_messages_of_every_release_are_heard_whatever_is_attached(form: str, zen
         async with hearing(zenoh_robot, "x", "x:data") as heard:
             await heard.more("x:data")
             assert heard.last("x:data") == "y"
-            assert heard.log == []
+            told = ["what /driver attaches to messages of /x: not understood, 1 bytes"] * (form == "ff")
+            assert len(heard.log) == len(told)
+            assert all(line in heard.log[0] for line in told)
 
     asyncio.run(test())
 
@@ -144,5 +146,20 @@ def test_what_is_no_token_is_told_and_disturbs_nothing(zenoh_robot: ZenohRobot) 
             assert heard.last("nodes")["driver"] is True
             await heard.told("a token: '@ros2_lv/0/x' is no token")
             assert len(heard.lines("a token")) == 3
+
+    asyncio.run(test())
+
+
+def test_a_node_whose_name_ros_does_not_allow_is_told_once_and_watched(zenoh_robot: ZenohRobot) -> None:
+    node = zenoh_robot.node("driver")
+    node.do("also", name="a b")
+
+    async def test() -> None:
+        async with hearing(zenoh_robot, "nodes") as heard:
+            await heard.until(lambda: (heard.last("nodes") or {}).get("a b"), "it runs")
+            await heard.told("the node '/a b': ROS allows no such name")
+            await asyncio.to_thread(node.do, "no_longer", name="a b")
+            await heard.until(lambda: not heard.last("nodes").get("a b"), "it does not run")
+            assert len(heard.log) == 1
 
     asyncio.run(test())

@@ -1,0 +1,78 @@
+"""The sections of the bridges in the agent's file: mistakes are named, and the manual has every key."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.clients.running_agent import config
+
+from robomend_client.agent.config import load
+from robomend_client.agent.feeds import EXTRAS, NEEDS
+from robomend_client.agent.main import main
+from robomend_client.yaml_reader import ConfigError
+
+DOCS = Path(__file__).parents[3] / "docs"
+PAGES = {"ros1": "ros.md", "ros2": "ros2.md", "zenoh": "zenoh.md", "medkit": "medkit.md"}
+NAME = "name: must be of letters, digits, _ and /, not 'a b'"
+
+
+@pytest.mark.parametrize(
+    ("origin", "section", "complaint"),
+    [
+        ("ros1", {"master": "11311"}, "master: '11311' is no address; it should be like http://HOST:PORT/"),
+        ("ros1", {"name": "a b"}, NAME),
+        ("ros1", {"pings": 1}, "pings: is no key here; did you mean ping_s?"),
+        ("ros1", {"ping_s": 0}, "ping_s: must be from 0.05 to 60, not 0"),
+        ("ros2", {"domain": 233}, "domain: must be from 0 to 232, not 233"),
+        ("ros2", {"domain": 1.5}, "domain: must be a whole number, not 1.5"),
+        ("ros2", {"discovery": "world"}, "discovery: must be"),
+        ("ros2", {"name": "a b"}, NAME),
+        ("ros2", {"publish": ["x"]}, "publish: must be of observations, diagnosis, diagnostics, not"),
+        ("ros2", {"domains": 1}, "domains: is no key here; did you mean domain?"),
+        ("zenoh", {"domain": 233}, "domain: must be from 0 to 232, not 233"),
+        ("zenoh", {"connect": "tcp/here:1"}, "connect: must be a list"),
+        ("zenoh", {"publish": ["x"]}, "publish: must be of observations, diagnosis, diagnostics, not"),
+        ("zenoh", {"conect": []}, "conect: is no key here; did you mean connect?"),
+        ("medkit", {"url": "ftp://x"}, "url: must be like http://"),
+        ("board", {"rate_hz": 0}, "rate_hz: must be from 0.1 to 20, not 0"),
+    ],
+)  # fmt: skip
+def test_a_bad_section_ends_the_agent_with_2_and_names_file_line_and_key(
+    origin: str, section: dict[str, Any], complaint: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lamp = {"kind": "property", "from": "board", "source": "board:current(lamp)", "high": 1}
+    observers = {"lamp": lamp} if origin == "board" else {}
+    file = config(tmp_path, "http://127.0.0.1:1", {}, observers=observers, **{origin: section})
+    assert main([str(file)]) == 2
+    assert f"{file}:1: {origin}.{complaint}" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("origin", EXTRAS)
+def test_without_the_extra_the_agent_ends_with_3_and_the_command(
+    origin: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(NEEDS, origin, (*NEEDS[origin], "no_module_that_anybody_has"))
+    file = config(tmp_path, "http://127.0.0.1:1", {}, **{origin: {}})
+    assert main([str(file)]) == 3
+    told = capsys.readouterr().err
+    assert f"{origin} needs what is installed with: pip install 'robomend-client[{origin}]'" in told
+
+
+@pytest.mark.parametrize("origin", PAGES)
+def test_the_manual_has_every_key_of_the_section_and_its_example_is_read(origin: str, tmp_path: Path) -> None:
+    manual = (DOCS / PAGES[origin]).read_text()
+    file = tmp_path / "agent.yaml"
+    example = manual.partition("\n    robot: ")[2].partition("\n\n")[0]
+    file.write_text("robot: " + example.replace("\n    ", "\n") + "\n")
+    assert {spec.origin for spec in load(file).observers} == {origin}
+    file.write_text(file.read_text().replace(f"\n{origin}:\n", f"\n{origin}:\n  nonsense: 1\n"))
+    with pytest.raises(ConfigError, match=rf"{origin}\.nonsense: ") as refused:
+        load(file)
+    known = re.findall(r"known are (.*)", str(refused.value))[0].split(", ")
+    table = re.findall(
+        r"^\| `(\w+)` \|", manual.partition(f"| key of `{origin}`")[2].partition("\n\n")[0], re.M
+    )
+    assert sorted(known) == sorted(table)
