@@ -204,6 +204,8 @@ def test_the_device_of_an_action_is_looked_up_in_the_model(tmp_path: Path, capsy
     model = str(tmp_path / "walker.yaml")
     assert init("init", "action", "reset_fan", "fam", "--model", model, folder=tmp_path / "a") == 2
     assert "no device 'fam'; did you mean 'fan'?" in capsys.readouterr().err
+    assert init("init", "action", "reset_fan", "camera", "--model", model, folder=tmp_path / "a") == 2
+    assert "no device 'camera' (it is a node); it has fan" in capsys.readouterr().err
     assert init("init", "action", "reset_fan", "fan", "--model", model, folder=tmp_path / "a") == 0
 
 
