@@ -1,7 +1,8 @@
 """What tests need beyond their own Python packages: installed if it is missing, one after another.
 
 `./dev test` runs this before the tests, as two workers must not install at once, and a test's time is
-limited. Tests that are started in another way install what they need themselves, under the same lock.
+limited; `./dev test PATH` has what the tests there need. Tests that are started in another way install what
+they need themselves, under the same lock.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -160,9 +161,35 @@ JAZZY = WantedRos2(
 )
 
 
-def main() -> None:
-    """Install all of it; what cannot be is said, and the tests that need it say so again."""
-    for wanted in (POSTGRESQL, CHROMIUM, IPROUTE, ROS1, AGGREGATOR, KILTED, JAZZY):
+BRIDGES = ("tests/clients",)
+
+NEEDED: dict[Wanted | WantedRos2, tuple[str, ...]] = {
+    POSTGRESQL: ("tests/store", "tests/service"),
+    CHROMIUM: ("tests/web",),
+    IPROUTE: BRIDGES,
+    ROS1: BRIDGES,
+    AGGREGATOR: BRIDGES,
+    KILTED: BRIDGES,
+    JAZZY: BRIDGES,
+}
+"""Folders most of whose tests need it; where a single test does, it installs it."""
+
+
+def needed(arguments: Sequence[str]) -> list[Wanted | WantedRos2]:
+    """Return what tests need that are started with these arguments: all of it where no path is named."""
+    paths = [Path(one.partition("::")[0]) for one in arguments if not one.startswith("-")]
+    named = [path.absolute() for path in paths if path.exists()]
+    root = Path(__file__).absolute().parents[1]
+
+    def meets(folder: Path) -> bool:
+        return any(folder.is_relative_to(path) or path.is_relative_to(folder) for path in named)
+
+    return [one for one, where in NEEDED.items() if not named or any(meets(root / place) for place in where)]
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Install what is needed; what cannot be is said, and the tests that need it say so again."""
+    for wanted in needed(arguments):
         if not wanted.there():
             print(f"tests: installing {wanted.what}", file=sys.stderr)
         why = wanted.install()
@@ -171,4 +198,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1:])

@@ -9,16 +9,25 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from textwrap import indent
 
 import pytest
 from tests.api.test_process import served
 from tests.blocks import BLOCKS, Block
+from tests.ros1 import RosMaster, ros1
 from tests.test_blocks import SERVICE
+from tests.waiting import until as wait_until
 
-TUTORIAL = [block for block in BLOCKS if block.page == "docs/tutorial.md" and not block.reason]
+from robomend.repairs.states import RepairState
+from robomend_client.rest import Client
+from robomend_client.rest.errors import StateConflict
+
+PAGE = [block for block in BLOCKS if block.page == "docs/tutorial.md"]
+TUTORIAL = [block for block in PAGE if not block.reason]
+OVER_ROS = [block for block in PAGE if block.reason and block.kind in {"python", "yaml"}]
 
 PATIENCE = {
     "robot.yaml": "observed_timeout_s: 300\n",
@@ -34,6 +43,10 @@ def bash(block: Block, folder: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         ["bash", "-euo", "pipefail", "-c", block.text], capture_output=True, text=True, timeout=60, cwd=folder
     )
+
+
+def shell(text: str) -> Block:
+    return Block("docs/tutorial.md", 0, "sh", text)
 
 
 def until(block: Block, folder: Path) -> None:
@@ -102,3 +115,80 @@ def test_the_tutorial_leads_from_nothing_to_a_repaired_robot(
                 done = bash(block, folder)
                 assert done.returncode == 0, f"{block}: {done.stdout}{done.stderr}"
     assert seen == {"python", "yaml", "sh", "serve", "background", "until"}
+
+
+def write_files(blocks: list[Block], folder: Path, url: str) -> None:
+    """Write the files of the page, each below its name."""
+    for block in blocks:
+        if named := re.match(r"# (\w+\.\w+)\n", block.text):
+            text = block.text.replace(SERVICE, url)
+            (folder / named[1]).write_text(f"{text}\n{PATIENCE.get(named[1], '')}")
+
+
+def put_in(file: Path, where: str, line: str) -> None:
+    """Put a line behind another one."""
+    text = file.read_text()
+    assert text.count(f"{where}\n") == 1, f"{file.name} has no line {where!r}"
+    file.write_text(text.replace(f"{where}\n", f"{where}\n{line}\n"))
+
+
+def halt(program: str, folder: Path) -> None:
+    """Halt the process of a program that runs in a folder."""
+    for process in Path("/proc").glob("[0-9]*"):
+        try:
+            command, there = (process / "cmdline").read_bytes().split(b"\0"), (process / "cwd").readlink()
+        except OSError:
+            continue  # it has ended meanwhile, or is another user's
+        if program.encode() in command and there == folder:
+            os.kill(int(process.name), signal.SIGSTOP)
+            return
+    raise AssertionError(f"{program} does not run")
+
+
+@pytest.mark.timeout(1500)
+def test_a_node_of_the_tutorial_is_heard_over_ros_and_restarted(monkeypatch: pytest.MonkeyPatch) -> None:
+    ros1()
+    _, node, observed, (keys, topic, process) = (block.text.splitlines() for block in OVER_ROS)
+    with ExitStack() as stack:
+        home = Path(stack.enter_context(TemporaryDirectory(prefix="robomend-"))).resolve()
+        data, folder = home / "data", home / "walker"
+        data.mkdir()
+        folder.mkdir()
+        master = RosMaster(home)
+        stack.callback(master.stop)
+        _, url = stack.enter_context(served(data))
+        write_files(PAGE, folder, url)
+        put_in(folder / "walker.yaml", "nodes:", indent(node[0], "  "))
+        put_in(folder / "robot.yaml", "observed:", indent(observed[0], "  "))
+        put_in(folder / "agent.yaml", "robot: walker", keys)
+        put_in(folder / "agent.yaml", "topics:", topic)
+        put_in(folder / "agent.yaml", "processes:", process)
+        monkeypatch.setenv("ROBOMEND_URL", url)
+        monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}:{os.environ['PATH']}")
+        for name in ("ROS_MASTER_URI", "ROS_IP", "ROS_HOME", "ROS_LOG_DIR"):
+            monkeypatch.setenv(name, master.environment[name])
+        put = bash(shell("robomend robot put walker robot.yaml --model walker.yaml"), folder)
+        assert put.returncode == 0, put.stderr
+        stack.enter_context(background(shell("robomend-agent agent.yaml"), folder))
+        client = stack.enter_context(Client(url))
+
+        def approve_what_waits() -> bool:
+            """Say yes to whatever waits for it; return whether the battery's node was restarted."""
+            found = client.repairs("walker")["items"]
+            for one in found:
+                if one["state"] == RepairState.AWAITING_APPROVAL:
+                    with suppress(StateConflict):  # the diagnosis has changed meanwhile
+                        client.approve(one["id"])
+            return any(
+                one["state"] == RepairState.REPAIRED
+                and any(step["text"] == "start_node(battery)" for step in one["plan"])
+                for one in found
+            )
+
+        def healthy() -> bool:
+            return bool(client.robot("walker").value["state"] == "healthy")
+
+        wait_until(healthy, "all three ways are heard", UNTIL_S)
+        halt("battery.py", folder)
+        wait_until(approve_what_waits, "the plan is approved, and carried out", UNTIL_S)
+        wait_until(healthy, "the node is heard again", UNTIL_S)

@@ -7,7 +7,7 @@ for, with the nearest known key, so that a typing error is an error and not a de
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from robomend_client.near import nearest
@@ -74,6 +74,10 @@ class Section:
     def error(self, key: str, message: str) -> ConfigError:
         """Return a complaint about `key`."""
         return ConfigError(self._file, self._values.get(key, self._tree).line, self._name(key), message)
+
+    def expect(self, keys: Iterable[str]) -> None:
+        """Note that these are keys, before any is read: none is then taken for another's misspelling."""
+        self._asked.update(keys)
 
     def missing(self, key: str, message: str) -> ConfigError:
         """Return a complaint that `key` is needed: about its misspelling, if that is what is there."""

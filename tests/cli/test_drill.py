@@ -72,7 +72,11 @@ def test_a_plan_says_what_would_be_done_and_what_stands_in_the_way(tmp_path: Pat
         assert run(["drill", "r1", "--plan", "--url", url]) == 1
         out = capsys.readouterr().out
         assert "told: the only diagnosis" in out
-        assert "never: switch off channel 3" in out
+        assert "never: device-off:hokuyo: switch off channel 3" in out
+        for fault in plan["faults"]:  # by the name that --fault takes
+            target = fault["topic"] or fault["component"]
+            name = fault["kind"] + (f":{target}" if target else "")
+            assert f"{name}: {fault['act']}" in out
 
 
 def test_robots_that_are_never_acted_on_or_whose_windows_are_closed_are_refused(

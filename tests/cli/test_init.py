@@ -152,6 +152,32 @@ def test_it_asks_a_person_at_a_terminal(tmp_path: Path) -> None:
     assert [process.name for process in load(tmp_path / "agent.yaml").processes] == ["camera"]
 
 
+def test_a_wrong_answer_is_asked_again_at_once(tmp_path: Path) -> None:
+    person, terminal = pty.openpty()
+    answers = ["walker", "base=seven", "base=7", "camera=image", "camera", "image", "bse", "base"]
+    answers += ["python3 'camera.py", "python3 camera.py", "often", "5", "here", "", "8600", ""]
+    os.write(person, "".join(f"{answer}\n" for answer in answers).encode())
+    command = [sys.executable, "-m", "robomend", "init", "robot"]
+    done = subprocess.run(command, stdin=terminal, capture_output=True, cwd=tmp_path, timeout=60, text=True)
+    os.close(person)
+    os.close(terminal)
+    assert done.returncode == 0, done.stderr
+    for complaint in (
+        "'seven' is no channel",
+        "'camera=image' is no name",
+        "no device is named 'bse'; did you mean 'base'?",
+        "No closing quotation",
+        "'often' is no rate",
+        "'here' is no address of a power board",
+        "'8600' is no address of a service",
+    ):
+        assert complaint in done.stderr
+    parts = load_model(tmp_path / "walker.yaml").parts
+    assert parts is not None
+    assert parts.nodes["camera"].drives == ("base",)
+    assert "http://127.0.0.1:8600" in (tmp_path / "agent.yaml").read_text()
+
+
 # --- templates
 
 
@@ -204,6 +230,8 @@ def test_the_device_of_an_action_is_looked_up_in_the_model(tmp_path: Path, capsy
     model = str(tmp_path / "walker.yaml")
     assert init("init", "action", "reset_fan", "fam", "--model", model, folder=tmp_path / "a") == 2
     assert "no device 'fam'; did you mean 'fan'?" in capsys.readouterr().err
+    assert init("init", "action", "reset_fan", "camera", "--model", model, folder=tmp_path / "a") == 2
+    assert "no device 'camera' (it is a node); it has fan" in capsys.readouterr().err
     assert init("init", "action", "reset_fan", "fan", "--model", model, folder=tmp_path / "a") == 0
 
 

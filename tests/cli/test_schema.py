@@ -157,6 +157,7 @@ BEYOND_OBSERVERS = {
 BEYOND_ACTIONS = {
     "{kind: systemd, units: {a: -H}, verb: start}": "the grammar of units",
     "{kind: systemd, units: {a: a.service}}": "a key that the executor itself needs",
+    "{kind: horn.py:Horn}": "what is in a file",
     "{kind: reset_usb, devices: {a: camera}}": "the grammar of devices",
 }
 

@@ -327,12 +327,23 @@ def test_two_executors_of_one_name_share_their_parameters() -> None:
         ("{kind: process, command: [a], shell: true}", r"x.shell: is no key here"),
         ("{kind: systemd, units: {a: -H}, verb: start}", r"x.units: units: '-H' is no unit's name"),
         ("{kind: systemd, units: {a: a.service}}", r"x.verb: verb must be one of"),
+        ("{kind: systemd, unit: {a: a.service}, verb: start}", r"x.unit: is no key here; did you mean units"),
+        ("{kind: horn.py:Horn}", r"x.kind: there is no file"),
         ("{kind: reset_usb, devices: {a: camera}}", r"x.devices: devices: 'camera' is no device"),
     ],
 )
 def test_each_mistake_is_named_with_its_place(tmp_path: Path, action: str, complaint: str) -> None:
     with pytest.raises(ConfigError, match=rf"agent.yaml:2: actions\.({complaint})"):
         specs(tmp_path, f"actions:\n  x: {action}\n")
+
+
+def test_a_key_that_is_there_is_not_taken_for_another_that_is_missing(tmp_path: Path) -> None:
+    horn = "class Horn:\n    def __init__(self, name: str, tones: list[str], times: int = 1) -> None: ...\n"
+    (tmp_path / "horn.py").write_text(horn)
+    with pytest.raises(ConfigError, match=r"agent.yaml:2: actions\.x\.tones: is missing"):
+        specs(tmp_path, "actions:\n  x: {kind: 'horn.py:Horn', times: 3}\n")
+    with pytest.raises(ConfigError, match=r"x\.kind: horn.py:Horn has no name, parameters, gives_up"):
+        specs(tmp_path, "actions:\n  x: {kind: 'horn.py:Horn', tones: [a]}\n")
 
 
 # --- your own ---------------------------------------------------------------------------------------------
@@ -355,3 +366,7 @@ def test_the_kind_of_action_of_the_manual_does_what_it_says(
     assert do(executor, "low") == ActionResult(OK, "warn(low) was sounded 3 times")
     assert (tmp_path / "horn").read_text() == "low\n" * 3
     sys.modules.pop("my_robot", None)
+    (tmp_path / "my_robot.py").write_text(code)
+    by_file = (tmp_path / "agent.yaml").read_text().replace("kind: horn", 'kind: "my_robot.py:Horn"')
+    (spec,) = specs(tmp_path, by_file)
+    assert do(spec.make(), "high") == ActionResult(OK, "warn(high) was sounded 3 times")

@@ -9,7 +9,7 @@ from pathlib import Path
 from robomend_client.agent.config import read_config
 from robomend_client.agent.executors.kinds import KINDS
 from robomend_client.agent.feeds import EXTRAS, FEEDS, NEEDS
-from robomend_client.observers.schema import by_kind, observer_schema, observing_sections
+from robomend_client.observers.schema import IN_A_FILE, by_kind, observer_schema, observing_sections
 from robomend_client.yaml_schema import DRAFT, TEXT, Schema, asked
 
 TEXTS = (
@@ -75,7 +75,7 @@ def agent_schema() -> Schema:
         properties[name] = {"description": said, **properties[name]}
     schema["$defs"] = {
         "observer": observer_schema(),
-        "action": by_kind(KINDS, {"kind": TEXT}, given=_given),
+        "action": by_kind(KINDS, {"kind": TEXT}, IN_A_FILE, _given),
     }
     return schema
 

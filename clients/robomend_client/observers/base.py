@@ -27,6 +27,8 @@ docs/observers.md, "Your own observer". To add one to robomend:
 2. observers/kinds.py: a line in KINDS;
 3. docs/observers.md: its section;
 4. tests/clients/observers/test_NAME.py.
+
+`.venv/bin/python docs/draw.py` then writes the schemas in examples/ anew.
 """
 
 from __future__ import annotations

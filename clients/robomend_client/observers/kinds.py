@@ -12,16 +12,14 @@ the file that names it. What is made here is a recipe: batch makes fresh observe
 
 from __future__ import annotations
 
-import importlib.util
 import inspect
-import sys
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import partial
-from hashlib import sha256
 from pathlib import Path
 from typing import Any, cast
 
+from robomend_client.kind_files import load_of_file
 from robomend_client.literals import Atom, parse_atom
 from robomend_client.observers.base import Observer
 from robomend_client.observers.general import GeneralObserver, Rate
@@ -160,34 +158,11 @@ def load_kind(kind: str, base: Path) -> Callable[..., Any]:
     Raises:
         UnknownKind, BrokenKind: there is none, or it cannot be imported, or a method of it is missing.
     """
-    file, colon, attribute = kind.rpartition(":")
-    found = load_file(base / file, attribute) if colon and file.endswith(".py") else KINDS.load(kind)
+    found = load_of_file(KINDS, kind, base)
     missing: frozenset[str] = getattr(found, "__abstractmethods__", frozenset())
     if missing:
         raise BrokenKind(f"{kind} has no {', '.join(sorted(missing))}")
     return found
-
-
-def load_file(file: Path, attribute: str) -> Callable[..., Any]:
-    """Return a class or function of a Python file; the file is run once, however many name it."""
-    name = f"robomend_file_{sha256(str(file.resolve()).encode()).hexdigest()[:16]}"
-    module = sys.modules.get(name)
-    if module is None:
-        if not file.is_file():
-            raise UnknownKind(f"there is no file {file}")
-        spec = importlib.util.spec_from_file_location(name, file)
-        assert spec is not None
-        assert spec.loader is not None
-        module = sys.modules[name] = importlib.util.module_from_spec(spec)
-        try:
-            spec.loader.exec_module(module)
-        except Exception as error:  # anybody's file may raise anything
-            del sys.modules[name]
-            raise BrokenKind(f"{file} cannot be run: {type(error).__name__}: {error}") from error
-    found = getattr(module, attribute, None)
-    if not callable(found):
-        raise UnknownKind(f"{file} has no class or function {attribute!r}")
-    return found  # type: ignore[no-any-return]  # whatever it is, it can be called
 
 
 def _bound(section: Section, function: Callable[..., Any]) -> Callable[..., Any]:

@@ -58,6 +58,8 @@ def read_arguments(
     parameters = list(parameters_of(make))
     names = [parameter.name for parameter, _ in parameters if parameter.name not in given]
     named = "atom" if "atom" in names else next(iter(names), "")
+    spread = (field.name for kind in spread_dataclasses(make) for field in fields(kind))
+    section.expect((*names, *spread))
     for parameter, kind in parameters:
         if parameter.name in given:
             continue

@@ -1,6 +1,7 @@
 """Observations as they come in over HTTP: one JSON batch. A stream of them is read in ndjson.py.
 
-The body is read within its limits, checked, and is a Batch then: sentences that nobody has read yet.
+The body is read within its limits, checked, and is a Batch then: sentences that nobody has read yet. Its
+route (routers/observations.py, or express.py) hands it to Robots.observe.
 """
 
 from __future__ import annotations

@@ -138,11 +138,12 @@ def show_plan(robot: str, obstacles: Sequence[str], faults: Sequence[PlantableFa
     for fault in faults:
         if fault.refused is None:
             shows = ", ".join(map(str, fault.shows)) or "nothing"
-            click.echo(f"\n  {fault.act}; undo: {fault.undo}\n      shows {shows}\n      {promised(fault)}")
+            click.echo(f"\n  {fault.name}: {fault.act}; undo: {fault.undo}")
+            click.echo(f"      shows {shows}\n      {promised(fault)}")
     click.echo()
     for fault in faults:
         if fault.refused is not None:
-            click.echo(f"never: {fault.act}: {fault.refused}")
+            click.echo(f"never: {fault.name}: {fault.act}: {fault.refused}")
     if not complete:
         click.echo(f"there are more: the first {len(faults)} are shown")
 

@@ -6,7 +6,8 @@ hardware, HN drivers of other hardware only, N nodes that drive nothing.
 
 To add a kind of component: 1. its class here, and in KINDS: keys, state, clauses; 2. in pddl/repair.pddl
 its type, the predicates of its state, its actions; 3. its section in docs/models.md, where one is shown
-whole. The format, the vocabulary, diagnosis and planning follow from these.
+whole. The format, the vocabulary, diagnosis and planning follow from these, and the schema in examples/ when
+`.venv/bin/python docs/draw.py` has written it anew.
 """
 
 from __future__ import annotations

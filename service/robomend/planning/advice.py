@@ -117,7 +117,7 @@ def parts_of(system: System) -> ComponentModel:
     return system.parts
 
 
-def in_doubt(bad: Collection[str], result: DiagnosisResult) -> frozenset[str]:
+def other_suspects(bad: Collection[str], result: DiagnosisResult) -> frozenset[str]:
     """Return the suspects that may still prevent what a repair of these components brings about: where only
     what all diagnoses share is repaired, whatever else they blame. Nothing is awaited that rests on them.
     """

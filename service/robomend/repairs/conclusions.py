@@ -44,7 +44,7 @@ class NotPermitted(RobomendError):
     code = "not-permitted"
 
 
-def situation_of(state: Robot) -> BadSets | None:
+def blamed_now(state: Robot) -> BadSets | None:
     """Return the bad sets of the present diagnoses; None when healthy, or not diagnosed."""
     if state.current is None or state.current.healthy:
         return None

@@ -13,7 +13,7 @@ from functools import partial
 
 from robomend.cycle import stands_no_more
 from robomend.diagnosis.result import DiagnosisResult
-from robomend.planning.advice import in_doubt
+from robomend.planning.advice import other_suspects
 from robomend.planning.choice import Choice
 from robomend.planning.plan import Plan
 from robomend.planning.prediction import Prediction, theory_of
@@ -70,7 +70,7 @@ class LiveRepair:
         acts.influences = self._confirming.acted
         self.rounds = max(1, chooser.policy(state).rounds - len(record.data.get("rounds", ())))
         self._permission = Permission(state, record, signals, chooser, acts, self._newest)
-        self._in_doubt: frozenset[str] = frozenset()  # suspects that the present plan leaves alone
+        self._other_suspects: frozenset[str] = frozenset()  # those that the present plan leaves alone
         self._first = 0  # number of the present round's first step within the repair
 
     # --- diagnose
@@ -113,7 +113,7 @@ class LiveRepair:
         if found.plan is not None and found.diagnosis is not None:
             if stands_no_more(found.diagnosis.bad, await self._newest()):
                 return None
-            self._in_doubt = in_doubt(found.diagnosis.bad, result)
+            self._other_suspects = other_suspects(found.diagnosis.bad, result)
             self._first = await self._record.begin_round(found, result, self._state.sight.entries())
         return found
 
@@ -155,7 +155,7 @@ class LiveRepair:
             sight=self._state.sight,
             prediction=Prediction(
                 theory_of(system.cnf),
-                [name for name in system.cnf.components if name not in self._in_doubt],
+                [name for name in system.cnf.components if name not in self._other_suspects],
                 plan.initial,
                 self._state.sight.from_outside,
             ),

@@ -11,7 +11,7 @@ from __future__ import annotations
 import time
 
 from robomend.planning.policy import Policy
-from robomend.repairs.conclusions import BadSets, situation_of
+from robomend.repairs.conclusions import BadSets, blamed_now
 from robomend.robots.robot import Robot
 from robomend.store import View, audit, repairs
 from robomend.store.records import Paging, Stop, StoredRepair
@@ -50,29 +50,29 @@ class ReasonsToRepair:
         """A person changed something: what was given up on may be worth another try."""
         self.given_up = None
 
-    def gave_up(self, situation: BadSets | None, retry_ns: int | None, *, interlocked: bool) -> None:
-        """A repair has ended; `situation` is what it could not mend."""
-        self.given_up, self.retry_ns, self.interlocked = situation, retry_ns, interlocked
+    def gave_up(self, blamed: BadSets | None, retry_ns: int | None, *, interlocked: bool) -> None:
+        """A repair has ended; `blamed` are the bad sets that it could not mend."""
+        self.given_up, self.retry_ns, self.interlocked = blamed, retry_ns, interlocked
 
     def wait_s(self, state: Robot, policy: Policy, stop: Stop) -> float:
         """Return 0 if there is a reason to begin a repair now, else after how long to look again."""
         self.held_by_stop = False
-        situation = situation_of(state)
-        if situation is None:
+        blamed = blamed_now(state)
+        if blamed is None:
             self._unhealthy = None
             if state.current is not None and state.current.healthy:
                 self.given_up = None
             return IDLE_S
         now = time.monotonic()
-        if self._unhealthy is None or self._unhealthy[0] != situation:
-            self._unhealthy = (situation, now)
+        if self._unhealthy is None or self._unhealthy[0] != blamed:
+            self._unhealthy = (blamed, now)
         held_s = now - self._unhealthy[1]
         if self.retry_ns is not None and time.time_ns() >= self.retry_ns:
             self.given_up = self.retry_ns = None
         if self.interlocked and state.interlocked() is None:
             self.given_up, self.interlocked = None, False
         acts = state.config.policy != "observe" and state.system.parts is not None
-        if not acts or situation == self.given_up:
+        if not acts or blamed == self.given_up:
             return IDLE_S
         if stop.active:
             self.held_by_stop = True

@@ -20,10 +20,10 @@ from robomend.errors import NotFound, Refused, RobomendError, StoreError
 from robomend.repairs.acts import Acts
 from robomend.repairs.conclusions import (
     BadSets,
+    blamed_now,
     conclusion,
     end_of,
     in_doubt,
-    situation_of,
     unconfirmed,
     well,
 )
@@ -63,7 +63,7 @@ class RobotRepairs:
     # --- what wakes it
 
     def poke(self) -> None:
-        """There is a new diagnosis."""
+        """There is a new diagnosis: Diagnosing calls back, and repairs.py hands it on."""
         self._news.set()
 
     def asked(self) -> None:
@@ -172,7 +172,7 @@ class RobotRepairs:
             self._needs.store, self._needs.agents, self._needs.chooser, record, signals, self.fence
         )
         listener = asyncio.create_task(self._requests.listen(repair.id, signals))
-        situation = situation_of(state)
+        blamed = blamed_now(state)
         declined = False
         try:
             heard_since = await entry.take_up(state)
@@ -180,7 +180,7 @@ class RobotRepairs:
             while (doubt := in_doubt(last)) is not None:  # nobody else may send it either: the repair stays
                 heard_since = await entry.ask_about(doubt, state)
                 last = await mend(await self._live(state, record, heard_since))
-            situation = situation_of(state)
+            blamed = blamed_now(state)
             self.stopped()
             end, reason = conclusion(last, signals, record.data)
             if end is RepairTrigger.HEALTHY:
@@ -196,7 +196,7 @@ class RobotRepairs:
             end, reason = end_of(error, signals)
             declined = isinstance(error, Declined)
             if end is RepairTrigger.OVERTAKEN:
-                situation = None  # the new one may begin a repair of its own
+                blamed = None  # the new one may begin a repair of its own
             elif end is RepairTrigger.BROKE:
                 unforeseen = not isinstance(error, RobomendError)
                 log.warning(
@@ -205,7 +205,7 @@ class RobotRepairs:
         finally:
             listener.cancel()
             await asyncio.wait({listener})
-        await self._end(entry, state, record, end, reason, situation, declined)
+        await self._end(entry, state, record, end, reason, blamed, declined)
 
     async def _end(
         self,
@@ -214,7 +214,7 @@ class RobotRepairs:
         record: RepairRecord,
         end: RepairTrigger,
         reason: str,
-        situation: BadSets | None,
+        blamed: BadSets | None,
         declined: bool,
     ) -> None:
         """Close the repair, and note what it gave up on and what it leaves to ask."""
@@ -227,7 +227,7 @@ class RobotRepairs:
         retry_ns = await entry.next_try() if end is RepairTrigger.NEEDS_PERSON else None
         reason += in_words(state, record.left_off)
         interlocked = end is RepairTrigger.NEEDS_PERSON and state.interlocked() is not None
-        self._reasons.gave_up(situation if gives_up else None, retry_ns, interlocked=interlocked)
+        self._reasons.gave_up(blamed if gives_up else None, retry_ns, interlocked=interlocked)
         given_up = self._reasons.given_up
         await record.update(
             end,

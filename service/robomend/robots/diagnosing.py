@@ -56,7 +56,7 @@ class Diagnosing:
         )
 
     def on_diagnosis(self, callback: Callable[[str], None]) -> None:
-        """Call back with a robot's id after each diagnosis, new or confirmed; it must not block."""
+        """Call back with a robot's id after each diagnosis, as repairs.py is; it must not block."""
         self._callbacks.append(callback)
 
     async def close(self) -> None:
@@ -82,7 +82,7 @@ class Diagnosing:
         news = current if current is not None and robot.announces(current) else None
         writing, ran = robot.accepted(), False
 
-        def keep(tx: Transaction) -> Json:
+        def batch_and_news(tx: Transaction) -> Json:
             nonlocal ran
             ran = True
             said = batch(tx)
@@ -91,7 +91,7 @@ class Diagnosing:
             return said
 
         try:
-            said = await self._store.write(keep, robots=(robot.id,), once=once)
+            said = await self._store.write(batch_and_news, robots=(robot.id,), once=once)
         except BaseException:  # a cancellation too: nobody knows then whether it is on disk
             robot.not_kept()
             raise

@@ -142,22 +142,22 @@ class Robots:
         """Take an update into OBS in memory, and write it with its event and, if possible, its diagnosis."""
         accepted_ns = time.time_ns()
         try:
-            changed, kept = state.apply(update)
+            changed, to_store = state.apply(update)
         except InputError:
             state.half_applied()
             raise
-        if not changed and (same := await self._renewing.keep(state, update, kept, by, once)) is not None:
+        if not changed and (same := await self._renewing.keep(state, update, to_store, by, once)) is not None:
             return same
         before, texts = state.head, [str(entry.literal) for entry in changed]
         forgotten = [str(atom) for atom in update.forgotten]
         reports = self._reports.due(state.id, by, update)
 
-        def keep(tx: Transaction) -> Json:
+        def batch(tx: Transaction) -> Json:
             revision = observations.observe(
                 tx,
                 state.id,
                 accepted=update.entries,
-                changed=kept,
+                changed=to_store,
                 forgotten=update.forgotten,
                 asserted=[record for _, record in update.asserted],
                 withdrawn=update.withdrawn,
@@ -170,7 +170,7 @@ class Robots:
             tx.emit(Kind.OBSERVATIONS, state.id, Encoded(told))
             return said
 
-        written = await self.diagnosing.write(state, keep, once)
+        written = await self.diagnosing.write(state, batch, once)
         self._reports.noted(state.id, by, update)
         return written
 

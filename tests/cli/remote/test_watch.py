@@ -15,7 +15,7 @@ from tests.cli.remote.conftest import Say, Shared
 from tests.waiting import until
 from tests.web.cable import cable
 
-from robomend.cli.remote.watch import told
+from robomend.cli.remote.watch import WORDS, Teller, told
 from robomend_client.events import Event, Kind
 
 END_S = 60.0
@@ -95,6 +95,32 @@ def line_of(kind: Kind, robot: str | None = "r1", **data: object) -> str | None:
     return None if line is None else line.removeprefix("1970-01-01 00:00 ")
 
 
+def action_line(**data: object) -> str | None:
+    step = {"id": "r-1:0", "repair": "r-1", "name": "start_node", "parameters": ["a"], **data}
+    return line_of(Kind.ACTION, "r1", **step)
+
+
+def test_every_kind_of_event_has_words() -> None:
+    assert WORDS.keys() == set(Kind)
+
+
+def test_an_action_is_told_once_for_each_thing_that_is_new_of_it() -> None:
+    teller = Teller()
+
+    def line(state: str, **data: object) -> str:
+        step = {"id": "r-1:0", "repair": "r-1", "name": "start_node", "parameters": ["a"], "state": state}
+        said = teller.told(Event(1, 0, Kind.ACTION, "r1", {**step, **data}))
+        return "" if said is None else said.rpartition("start_node(a): ")[2]
+
+    assert [line("running"), line("running"), line("running", result=0), line("running", result=0)] == [
+        "running",
+        "",
+        "answered",
+        "",
+    ]
+    assert [line("done"), line("done")] == ["done", "done"]  # over, and forgotten
+
+
 def test_each_kind_of_event_has_its_words() -> None:
     assert line_of(Kind.OBSERVATIONS, changed=["a", "b", "c", "d"]) == "r1 observed a, b, c, 1 more"
     assert line_of(Kind.OBSERVATIONS, changed=[], forgotten=["ok(scan)"]) == "r1 unknown now: ok(scan)"
@@ -102,10 +128,19 @@ def test_each_kind_of_event_has_its_words() -> None:
     assert line_of(Kind.DIAGNOSIS, result=None, fault={"detail": "too late"}) == "r1 no diagnosis: too late"
     waiting = line_of(Kind.REPAIR, id="r-1", state="awaiting-approval", plan=[{"text": "power_up(a)"}])
     assert waiting == "r1 repair r-1: awaiting-approval of power_up(a)"
-    action = line_of(Kind.ACTION, name="start_node", parameters=["a"], state="done", message="it runs")
-    assert action == "r1 action start_node(a): done: it runs"
-    assert line_of(Kind.BOARD, state="connected") == "r1 board: connected"
+    assert action_line(state="done", message="it runs") == "r1 action start_node(a): done: it runs"
+    assert action_line(state="running") == "r1 action start_node(a): running"
+    says = {"code": 1, "message": "process 7", "time_ns": 0}
+    assert action_line(state="running", feedback=says) == "r1 action start_node(a): running: process 7"
+    answered = action_line(state="running", result=0, message="it runs")
+    assert answered == "r1 action start_node(a): answered: it runs"
+    assert line_of(Kind.ACTION, name="start_node", parameters=["a"], state="queued") is None
+    assert line_of(Kind.BOARD, link="connected", reason="") == "r1 board: connected"
+    assert line_of(Kind.BOARD, link="silent", reason="no frame") == "r1 board: silent: no frame"
     assert line_of(Kind.BOARD, channels=[]) is None
+    drill = line_of(Kind.DRILL, id="d-1", state="planted", act="kill the process of a", reason="")
+    assert drill == "r1 drill d-1: planted: kill the process of a"
+    assert line_of(Kind.BATCH, None, batch="b-1", state="done", done=3) == "batch b-1: done"
     assert line_of(Kind.STOP, None, active=True, by="ann", reason="lunch") == "STOPPED by ann: lunch"
     assert line_of(Kind.STOP, None, active=False, by="ann") == "the stop is lifted by ann"
     assert line_of(Kind.MODEL, None, model="m") == "model m: new version"

@@ -9,6 +9,7 @@ from pathlib import Path
 from textwrap import dedent
 
 import pytest
+from tests.distributions import install
 
 from robomend_client.literals import Atom, parse_atom
 from robomend_client.observers import (
@@ -196,24 +197,19 @@ def test_a_class_that_does_not_say_what_is_good_is_refused_with_its_line(tmp_pat
 def test_an_observer_of_another_distribution_is_found_by_its_name(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The entry point of the manual, installed by hand."""
+    """The package of the manual, installed by hand."""
     (entry,) = blocks("toml", "Your own observer")
+    [module] = re.findall(r'^py-modules = \["(\w+)"\]$', entry, re.MULTILINE)
+    [(group, points)] = re.findall(r'"(robomend\.observers)"\]\n(.*)', entry)
+    kinds = dict(re.findall(rf'^(\w+) = "{module}:(\w+)"$', points, re.MULTILINE))
     code = blocks("python", "Your own observer")[1]
-    package = tmp_path / "site" / "my_robot"
-    package.mkdir(parents=True)
-    (package / "__init__.py").write_text("")
-    (package / "steady.py").write_text(code)
-    info = tmp_path / "site" / "my_robot-1.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: my-robot\nVersion: 1\n")
-    group, line = re.findall(r'"(robomend\.observers)"\]\n(.*)', entry)[0]
-    (info / "entry_points.txt").write_text(f"[{group}]\n{line.replace(chr(34), '')}\n")
-    monkeypatch.syspath_prepend(str(tmp_path / "site"))
+    site = install(tmp_path / "site", module, code, {group: kinds})
+    monkeypatch.syspath_prepend(str(site))
     monkeypatch.setattr(KINDS, "_loaded", {})
-    monkeypatch.delitem(sys.modules, "my_robot", raising=False)
+    monkeypatch.delitem(sys.modules, module, raising=False)
     (spec,) = specs(tmp_path, 'observers: {v: {kind: steady, source: "battery:voltage", most: 1}}')
     assert said(spec, 1.0, 1.5) == ["ok(v)"]
-    sys.modules.pop("my_robot.steady", None)
+    sys.modules.pop(module, None)
 
 
 def test_the_recipe_for_one_of_ours_lists_four_places_at_most_that_all_kinds_have() -> None:

@@ -5,7 +5,8 @@
       reset_usb: {kind: reset_usb, devices: {camera: "046d:0825"}}
 
 Its keys are the parameters of the executor's class (observers/parameters.py). Bridges and other
-distributions add kinds by the entry points `robomend.agent_executors`.
+distributions add kinds by the entry points `robomend.agent_executors`; a class of one's own is named by its
+file, `horn.py:Horn`, relative to the agent's.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from robomend_client.agent.executors.base import ActionExecutor
+from robomend_client.kind_files import load_of_file
 from robomend_client.observers.parameters import UnreadableParameter, made, read_arguments
 from robomend_client.registry import BrokenKind, Registry, UnknownKind
 from robomend_client.yaml_reader import Section
@@ -36,6 +38,10 @@ KINDS = Registry[Callable[..., ActionExecutor]](
         "ros_action": "robomend_client.bridges.ros1.action_client:RosAction",
     },
 )
+
+
+PARTS = ("name", "parameters", "gives_up", "execute")
+"""What an executor must have (base.ActionExecutor)."""
 
 
 @dataclass(frozen=True)
@@ -59,11 +65,13 @@ def read_actions(top: Section, base: Path) -> tuple[ActionSpec, ...]:
 def _read_action(name: str, section: Section, base: Path) -> ActionSpec:
     kind = section.text("kind")
     try:
-        make = KINDS.load(kind)
+        make = load_of_file(KINDS, kind, base)
         given = {"base": base} if "base" in inspect.signature(make).parameters else {}
         arguments = read_arguments(section, make, None, name, frozenset(given)) | given
         section.finish()
-        made(section, make, **arguments)
+        executor = made(section, make, **arguments)
     except (UnknownKind, BrokenKind, UnreadableParameter) as error:
         raise section.error("kind", str(error.args[0])) from error
+    if lacking := [part for part in PARTS if not hasattr(executor, part)]:
+        raise section.error("kind", f"{kind} has no {', '.join(lacking)}")
     return ActionSpec(name, kind, lambda: make(**arguments))

@@ -128,7 +128,9 @@ def command(name: str, device: str, folder: Path, model: Path | None) -> None:
         parts = load_model(model).parts
         known = () if parts is None else tuple(parts.hardware)
         if device not in known:
-            raise InputError(f"{model} has no device {device!r}{did_you_mean(device, known)}")
+            near = did_you_mean(device, known) or f"; it has {', '.join(known) or 'none at all'}"
+            node = " (it is a node)" if parts is not None and device in parts.nodes else ""
+            raise InputError(f"{model} has no device {device!r}{node}{near}")
     words = {"name": snake(name), "device": device}
     pddl = PDDL.format(**words)
     if name in load_domain().schemas:
@@ -144,7 +146,8 @@ def command(name: str, device: str, folder: Path, model: Path | None) -> None:
         },
     )
     click.echo(
-        f"next: python -m pytest {folder / f'test_{name}.py'}; in agent.yaml, beside {name}.py:\n\n{entry}\n"
+        f"next: python -m pytest {folder / f'test_{name}.py'} (pip install pytest); in agent.yaml, beside "
+        f"{name}.py:\n\n{entry}\n"
         f"and in robot.yaml the text of {name}.pddl:\n\ndomain: |\n" + indent(pddl, "  "),
         err=True,
         nl=False,

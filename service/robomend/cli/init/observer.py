@@ -79,6 +79,13 @@ def test_one_reading_says_nothing() -> None:
 ENTRY = """\
 observers:
   {name}: {{kind: "{name}.py:{camel}", source: "TOPIC:FIELD", most: 0.5}}
+
+and in the model, with a rule that says whose fault it is:
+
+properties:
+  {name}: {{}}
+rules:
+  - "not ab(COMPONENT) -> ok({name})"
 """
 
 
@@ -98,8 +105,8 @@ def command(name: str, folder: Path) -> None:
     words = {"name": snake(name), "camel": camel(name)}
     write_new(folder, {f"{name}.py": OBSERVER.format(**words), f"test_{name}.py": TEST.format(**words)})
     click.echo(
-        f"next: python -m pytest {folder / f'test_{name}.py'}; and in agent.yaml, beside {name}.py:\n\n"
-        + ENTRY.format(**words),
+        f"next: python -m pytest {folder / f'test_{name}.py'} (pip install pytest); in agent.yaml, beside "
+        f"{name}.py:\n\n" + ENTRY.format(**words),
         err=True,
         nl=False,
     )

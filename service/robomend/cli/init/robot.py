@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 import shlex
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import click
 
@@ -15,6 +15,8 @@ from robomend.errors import InputError
 
 if TYPE_CHECKING:
     from robomend.cli.init.described import Described
+
+T = TypeVar("T")
 
 ROBOT = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}\Z")
 
@@ -123,36 +125,79 @@ def _from_ros(said: Described, ros1: str | None, ros2: int | None, bag: Path | N
 def _ask(said: Described) -> None:
     """Ask a person, who may answer with names between spaces, or with nothing."""
     click.echo("Names stand between spaces; nothing is an answer, too.", err=True)
-    for name, value in _pairs(_asked("Devices (lidar=3 is on channel 3 of a power board)").split()):
-        said.devices[name] = _channel(value)
+    said.devices = _asked("Devices (lidar=3 is on channel 3 of a power board)", _devices)
     while not said.nodes:
-        said.nodes = dict.fromkeys(_asked("Nodes, the programs of the robot").split(), ())
+        said.nodes = dict.fromkeys(_asked("Nodes, the programs of the robot", _names), ())
     for node in said.nodes:
-        said.nodes[node] = tuple(_asked(f"{node} publishes the topics").split())
-        if said.devices and (driven := _asked(f"{node} drives the devices")):
-            said.drives[node] = tuple(driven.split())
-        if program := _asked(f"{node} is started by the agent with the command (nothing: not by it)"):
-            said.commands[node] = tuple(shlex.split(program))
+        said.nodes[node] = _asked(f"{node} publishes the topics", _names)
+        if said.devices and (driven := _asked(f"{node} drives the devices", _of("device", said.devices))):
+            said.drives[node] = driven
+        question = f"{node} is started by the agent with the command (nothing: not by it)"
+        if program := _asked(question, shlex.split):
+            said.commands[node] = tuple(program)
     topics = [topic for published in said.nodes.values() for topic in published]
     for topic in topics:
-        said.rates_hz[topic] = click.prompt(f"{topic} comes how often, in Hz", default=10.0, err=True)
-        if len(topics) > 1 and (inputs := _asked(f"{topic} rests on the topics")):
-            said.rests_on[topic] = tuple(inputs.split())
+        said.rates_hz[topic] = _asked(f"{topic} comes how often, in Hz", _rate, "10")
+        if len(topics) > 1 and (inputs := _asked(f"{topic} rests on the topics", _of("topic", topics))):
+            said.rests_on[topic] = inputs
     if any(channel is not None for channel in said.devices.values()):
-        board = _asked("The power board, HOST:PORT (nothing: later)")
-        said.board = _address(board) if board else None
-    said.url = click.prompt("The service", default=said.url, err=True)
+        said.board = _asked("The power board, HOST:PORT (nothing: later)", _address_or_none)
+    said.url = _asked("The service", _url, said.url)
 
 
-def _asked(question: str) -> str:
-    answer: str = click.prompt(question, default="", show_default=False, err=True)
-    return answer.strip()
+def _asked(question: str, read: Callable[[str], T], default: str = "") -> T:
+    """Return what is read of an answer; asked again until it can be read."""
+
+    def checked(answer: str) -> T:
+        try:
+            return read(answer.strip())
+        except (InputError, ValueError) as error:  # ValueError: a quote that is not closed
+            raise click.UsageError(str(error)) from error
+
+    answer: T = click.prompt(
+        question, default=default, show_default=bool(default), value_proc=checked, err=True
+    )
+    return answer
+
+
+def _names(text: str) -> tuple[str, ...]:
+    for name in text.split():
+        if "=" in name or "," in name:
+            raise InputError(f"{name!r} is no name; names stand between spaces")
+    return tuple(text.split())
+
+
+def _devices(text: str) -> dict[str, int | None]:
+    return {name: _channel(value) for name, value in _pairs(text.split())}
+
+
+def _of(what: str, known: Iterable[str]) -> Callable[[str], tuple[str, ...]]:
+    """Return a reader of names of which each was named before."""
+    there = list(known)
+
+    def read(text: str) -> tuple[str, ...]:
+        for name in (names := _names(text)):
+            _known(what, name, there)
+        return names
+
+    return read
+
+
+def _known(what: str, name: str, known: list[str]) -> None:
+    from robomend_client.near import did_you_mean
+
+    if name not in known:
+        raise InputError(f"no {what} is named {name!r}{did_you_mean(name, known)}")
+
+
+def _url(text: str) -> str:
+    if not text.startswith(("http://", "https://")):
+        raise InputError(f"{text!r} is no address of a service, as http://127.0.0.1:8600")
+    return text
 
 
 def _check_names(said: Described) -> None:
     """Refuse what speaks of something that was not named, with the nearest that was."""
-    from robomend_client.near import did_you_mean
-
     topics = [topic for published in said.nodes.values() for topic in published]
     for what, used, known in (
         ("node", [*said.drives, *said.commands], list(said.nodes)),
@@ -164,8 +209,7 @@ def _check_names(said: Described) -> None:
         ),
     ):
         for name in used:
-            if name not in known:
-                raise InputError(f"no {what} is named {name!r}{did_you_mean(name, known)}")
+            _known(what, name, known)
 
 
 def _pairs(texts: Iterable[str]) -> list[tuple[str, str]]:
@@ -197,3 +241,7 @@ def _address(text: str) -> tuple[str, int]:
     if not host or not port.isdecimal():
         raise InputError(f"{text!r} is no address of a power board, as 127.0.0.1:10001")
     return host, int(port)
+
+
+def _address_or_none(text: str) -> tuple[str, int] | None:
+    return _address(text) if text else None

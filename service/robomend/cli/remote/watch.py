@@ -11,7 +11,7 @@ import click
 from robomend.cli.remote.connection import asking, format_option, service_options
 from robomend.cli.remote.names import RobotName
 from robomend.cli.tables import at, printable
-from robomend.repairs.states import RepairState
+from robomend.repairs.states import STEP_ENDS, RepairState, StepState
 
 if TYPE_CHECKING:
     from robomend_client.events import Event
@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 
 NAMED = 3
 """Diagnoses, or literals, in one line."""
+
+MOST_ACTIONS = 1000
+"""Actions under way that are remembered."""
 
 
 @click.command("watch")
@@ -35,14 +38,14 @@ def command(
     A lost connection is taken up again, and nothing is missed that the service still keeps. With --format
     json one event is written per line. Times are UTC.
     """
-    shown = 0
+    shown, teller = 0, Teller()
     with asking(url, key, robot=robot) as client:
         if robot is not None:
             client.robot(robot)
         else:
             client.stopped()  # whether a service with this key is there: the stream would wait for one
         for event in client.events(robot, after=after, on_gap=_gap, on_connection=_Connection(url)):
-            line = _json(event) if format_ == "json" else told(event)
+            line = _json(event) if format_ == "json" else teller.told(event)
             if line is None:
                 continue
             click.echo(line if format_ == "json" else printable(line))
@@ -83,6 +86,28 @@ def _json(event: Event) -> str:
     return json.dumps(value, ensure_ascii=False)
 
 
+class Teller:
+    """Tells events to people; each action once for each thing that is new of it."""
+
+    def __init__(self) -> None:
+        self._last: dict[str, str] = {}  # of the actions under way
+
+    def told(self, event: Event) -> str | None:
+        """Return an event as a line; None where it would tell nothing, or nothing new of an action."""
+        line, action = told(event), event.data.get("id") if event.kind == "action" else None
+        if line is None or action is None:
+            return line
+        words = line.partition(" ")[2]
+        if self._last.get(action) == words:
+            return None
+        self._last.pop(action, None)
+        if event.data.get("state") not in STEP_ENDS:
+            if len(self._last) >= MOST_ACTIONS:
+                self._last.clear()
+            self._last[action] = words
+        return line
+
+
 def told(event: Event) -> str | None:
     """Return an event as a line for people; None where it would tell nothing."""
     words = WORDS[event.kind](event.data)
@@ -119,13 +144,30 @@ def _repair(data: Mapping[str, Any]) -> str:
     return words + (f": {data['reason']}" if data.get("reason") else "")
 
 
-def _action(data: Mapping[str, Any]) -> str:
-    words = f"action {data.get('name')}({', '.join(data.get('parameters', ()))}): {data.get('state')}"
-    return words + (f": {data['message']}" if data.get("message") else "")
+def _action(data: Mapping[str, Any]) -> str | None:
+    if "repair" not in data:
+        return None  # the queue of the agents; the step of the repair says the same
+    state = str(data.get("state"))
+    if state == StepState.RUNNING and data.get("result") is not None:
+        state = "answered"  # and its effect is awaited
+    words = f"action {data.get('name')}({', '.join(data.get('parameters', ()))}): {state}"
+    message = data.get("message") or (data.get("feedback") or {}).get("message")
+    return words + (f": {message}" if message else "")
 
 
 def _board(data: Mapping[str, Any]) -> str | None:
-    return f"board: {data['state']}" if "state" in data else None  # channels are seen as observations
+    if "link" not in data:
+        return None  # channels are seen as observations
+    return f"board: {data['link']}" + (f": {data['reason']}" if data.get("reason") else "")
+
+
+def _drill(data: Mapping[str, Any]) -> str:
+    words = f"drill {data.get('id')}: {data.get('state')}: {data.get('act')}"
+    return words + (f": {data['reason']}" if data.get("reason") else "")
+
+
+def _batch(data: Mapping[str, Any]) -> str:
+    return f"batch {data.get('batch')}: {data.get('state')}"
 
 
 def _robot(data: Mapping[str, Any]) -> str:
@@ -162,6 +204,8 @@ WORDS = {
     "board": _board,
     "robot": _robot,
     "model": _model,
+    "drill": _drill,
+    "batch": _batch,
     "stop": _stop,
 }
 """A line for each kind of event."""

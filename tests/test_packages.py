@@ -1,0 +1,32 @@
+"""What is installed before tests: what those need that were asked for, and no more."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from tests.packages import CHROMIUM, JAZZY, NEEDED, POSTGRESQL, ROS1, needed
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def test_all_of_it_is_needed_where_no_path_is_named() -> None:
+    assert needed([]) == needed(["-q", "--long", "-k", "a"]) == list(NEEDED)
+
+
+@pytest.mark.parametrize("path", ["tests/robots/test_configuration.py", "tests/cli::test_a", "tests/model"])
+def test_a_recipes_own_test_waits_for_no_installation(monkeypatch: pytest.MonkeyPatch, path: str) -> None:
+    monkeypatch.chdir(ROOT)
+    assert needed(["-q", path]) == []
+
+
+def test_a_folder_gets_what_is_needed_in_it_and_below_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+    assert needed(["tests/web/test_pages.py", "tests/web"]) == [CHROMIUM]
+    assert needed(["tests/store"]) == [POSTGRESQL]
+    assert {ROS1, JAZZY} <= set(needed(["tests/clients/bridges"]))
+    assert needed(["tests"]) == list(NEEDED)
+
+
+def test_the_folders_are_there() -> None:
+    assert {place for places in NEEDED.values() for place in places if not (ROOT / place).is_dir()} == set()
