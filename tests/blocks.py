@@ -4,8 +4,16 @@ A fence says its language. An indented block, and whatever a test has to know be
 right above it, which nobody sees on the page:
 
     <!-- sh -->                          shell commands; tests/test_blocks.py has the other kinds
-    <!-- sh, not run: takes minutes -->  with the reason; its options are looked at all the same
     <!-- yaml agent -->                  read as the file of an agent; also: yaml settings, json robot
+    <!-- console board -->               it goes on: it is the emulator of the page's other blocks
+    <!-- sh endless -->                  it goes on: it is run until it has said something
+
+What tests/test_blocks.py does not run says how it is looked at instead, and why:
+
+    <!-- sh, run by tests/x.py: it takes a robot -->   that test reads the block from the page, and runs it
+    <!-- sh, parsed: it takes minutes -->   each command, option, value and file is read by the command's own
+                                            parser, and the work is not done (tests/block_commands.py)
+    <!-- sh, not run: it installs as root -->  only what installs as root or wants another computer
 """
 
 from __future__ import annotations
@@ -20,7 +28,10 @@ ROOT = Path(__file__).parents[1]
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), ROOT / "docs" / "deploy" / "README.md")
 
 FENCE = re.compile(r"( *)```(\w*)\Z")
-COMMENT = re.compile(r"<!-- (?P<kind>[a-z]+)(?: (?P<use>[a-z]+))?(?:, not run: (?P<reason>.+?))? -->\Z")
+COMMENT = re.compile(
+    r"<!-- (?P<kind>[a-z]+)(?: (?P<use>[a-z]+))?"
+    r"(?:, (?P<how>not run|parsed|run by (?P<test>tests/[a-z0-9_/]+\.py)): (?P<reason>.+?))? -->\Z"
+)
 
 
 @dataclass(frozen=True)
@@ -32,7 +43,9 @@ class Block:
     kind: str  # empty: nobody says
     text: str
     use: str = ""
-    reason: str = ""  # why it is not run
+    reason: str = ""  # why tests/test_blocks.py does not run it
+    how: str = ""  # how it is looked at instead: not run, parsed, run by
+    test: str = ""  # the file that runs it
 
     def __str__(self) -> str:
         return f"{self.page}:{self.line}"
@@ -57,8 +70,10 @@ def blocks_of(page: Path) -> Iterator[Block]:
         else:
             at += 1
             continue
-        use, reason = (said["use"] or "", said["reason"] or "") if said else ("", "")
-        yield Block(name, at + 1, said["kind"] if said else kind, text, use, reason)
+        told = {key: value or "" for key, value in said.groupdict().items()} if said else {}
+        use, reason, test = (told.get(key, "") for key in ("use", "reason", "test"))
+        how = "run by" if test else told.get("how", "")
+        yield Block(name, at + 1, told.get("kind") or kind, text, use, reason, how, test)
         at = end + 1
 
 

@@ -64,13 +64,18 @@ def ratios(ours: Path, other: Path, arguments: Sequence[str], pairs: int) -> lis
     return found
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Compare this tree, as it lies there, with a revision."""
+def read_options(arguments: Sequence[str] | None) -> argparse.Namespace:
+    """Return what was asked for."""
     parser = argparse.ArgumentParser(prog="./dev processor", description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("revision")
     parser.add_argument("--pairs", type=int, default=7)
     parser.add_argument("--only", default=",".join(SUITES), help="suites, comma-separated")
-    asked = parser.parse_args(arguments)
+    return parser.parse_args(arguments)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Compare this tree, as it lies there, with a revision."""
+    asked = read_options(arguments)
     with tempfile.TemporaryDirectory() as folder:
         archive = subprocess.run(
             ["git", "archive", asked.revision], cwd=ROOT, check=True, stdout=subprocess.PIPE

@@ -1,6 +1,6 @@
 """Every command and code block of README.md and docs/*.md is run, read or compiled.
 
-How a page says what a block is, and why one is not run: tests/blocks.py.
+How a page says what a block is, and how one is looked at that is not run: tests/blocks.py.
 
 A page's blocks share a folder, as a reader's would: a file that one names (`# checks.py`) is there for the
 next. In it are the examples, and what readers have of their own: a model, an agent's file, logs.
@@ -8,6 +8,7 @@ next. In it are the examples, and what readers have of their own: a model, an ag
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import io
 import json
@@ -15,18 +16,20 @@ import os
 import re
 import shlex
 import shutil
+import signal
 import subprocess
 import sys
 import tomllib
 from collections.abc import Callable, Iterator
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
 import pytest
 from tests.api.conftest import TEDUSAR
 from tests.api.test_process import served
+from tests.block_commands import PROGRAMS, commands, parse, read
 from tests.blocks import BLOCKS, ROOT, Block
+from tests.robomend_batch.recordings import steady, write
 from tests.robomend_board.processes import running as board_running
 from tests.waiting import until
 
@@ -36,6 +39,7 @@ from robomend.api.schemas.session import SignInBody
 from robomend.cli.commands import run
 from robomend.planning.domain.loading import load_domain
 from robomend.settings import load as load_settings
+from robomend_client.agent.broker import Broker, TopicMessage
 from robomend_client.agent.config import load as load_agent
 from robomend_client.rest import Client
 from robomend_client.rest.errors import StateConflict
@@ -46,7 +50,10 @@ END_S = 300.0
 
 SERVICE = "http://127.0.0.1:8600"
 BOARD_PORT = "5000"
-ASKS = re.compile(r"\bcurl\b|\brobomend (?:robot|observe|status|watch|probes|repairs|drill)\b")
+BUS_PORT = "7411"
+BATCH = "b-7k2m9x4qhj"
+OPEN_BATCH = "b-3fwt8k6rnz"
+ASKS = re.compile(r"\bcurl\b|\brobomend (?:robot|observe|status|watch|probes|repairs|batches)\b")
 AGENT = """
 robot: my_robot
 service: {url: "http://127.0.0.1:8600"}
@@ -55,18 +62,25 @@ processes: {hokuyo_node: {command: [sleep, "60"]}}
 UNLIKE = re.compile(r"\d+(?:\.\d+)? (?:ms|s)\b")
 """What differs from run to run in the output of a command."""
 
-PROGRAMS = ("robomend", "robomend-agent", "robomend-batch", "robomend-bench", "robomend-board")
-
 
 @pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """The service that README.md starts, on a port of the test's own, with the robot that pages speak of."""
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, Path]]:
+    """The service that README.md starts, on a port of the test's own: its address and its data."""
     [block] = [block for block in BLOCKS if block.use == "serve" and block.page == "README.md"]
     _, _, arguments = block.text.partition("robomend serve ")
     assert shlex.split(arguments) == ["--data", "/tmp/robomend"]
-    with served(tmp_path_factory.mktemp("service")) as (_, url), Client(url) as client:
+    data, logs = (tmp_path_factory.mktemp(name) for name in ("service", "logs"))
+    (logs / "night").mkdir()
+    recording(logs / "night" / "a.bag")
+    (settings := data / "settings.yaml").write_text(f"batch_folder: {logs}\n")
+    with served(data, "--config", str(settings)) as (_, url), Client(url) as client:
         client.put_model("tedusar", TEDUSAR)
-        yield url
+        yield url, data
+
+
+def recording(file: Path, end_s: float = 20.0) -> None:
+    """Record a healthy robot with the topics of examples/agent.yaml."""
+    write(file, [*steady("odom", 10.0, end_s), *steady("scan", 10.0, end_s)])
 
 
 def healthy_robot(url: str) -> None:
@@ -113,6 +127,41 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+def logs_of_the_reader(url: str) -> dict[str, str]:
+    """Make what docs/batch.md speaks of: recordings, a batch that is done, and one that waits for others."""
+    for folder in ("good", "night"):
+        Path(folder).mkdir()
+        recording(Path(folder, "a.bag"))
+    for name in ("run1.mcap", "run2.mcap"):
+        recording(Path(name))
+    with Client(url) as client:
+        client.put_model("my_robot", Path("my_robot.yaml").read_text())
+        client.put_robot("mine", {"model": "my_robot", "policy": "observe"})
+        client.observe("mine", ["ok(scan)"])
+        Path("confirmed.csv").write_text("log,component\nbags/night.ndjson,lidar\n")
+        log = Path("bags/night.ndjson")
+
+        def handed_in() -> str:
+            with log.open("rb") as read:
+                return str(client.upload_batch([(log.name, read)], model="my_robot")["id"])
+
+        batch = handed_in()
+        until(lambda: client.batch(batch)["state"] == "done", "the reader's batch is done", 90)
+        return {BATCH: batch, OPEN_BATCH: [handed_in() for _ in range(WAITING)][-1]}
+
+
+WAITING = 6
+"""Batches that wait for one another, so that the last one is open for long."""
+
+
+def end_batches(url: str) -> None:
+    """Cancel what is open."""
+    with Client(url) as client:
+        for batch in client.batches()["items"]:
+            with contextlib.suppress(StateConflict):  # it has ended meanwhile
+                client.cancel_batch(batch["id"])
+
+
 def script(path: Path, command: str) -> None:
     path.write_text(f"#!/bin/sh\n{command}\n")
     path.chmod(0o755)
@@ -128,39 +177,96 @@ def test_the_blocks_of_a_page_do_what_they_say(
     page: str, folder: Path, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     blocks = [block for block in BLOCKS if block.page == page]
-    wanted = [block for block in blocks if not block.reason]
-    url = SERVICE
+    wanted = [block for block in blocks if not block.how]
+    url, batches, ports = SERVICE, dict[str, str](), dict[str, int]()
     if any(ASKS.search(block.text) for block in wanted):
-        url = request.getfixturevalue("service")
+        url, data = request.getfixturevalue("service")
         healthy_robot(url)
         monkeypatch.setenv("ROBOMEND_URL", url)
+    if any(BATCH in block.text for block in wanted):
+        batches = logs_of_the_reader(url)
+        monkeypatch.setenv("ROBOMEND_DATA", str(data))
+    if any("run.bag" in block.text for block in wanted):
+        recording(Path("run.bag"))
     with contextlib.ExitStack() as stack:
         for block in wanted:
             text = block.text.replace(SERVICE, url)
-            if block.kind == "python" and BOARD_PORT in text:
-                board = stack.enter_context(board_running("--on", "2"))
-                text = text.replace(BOARD_PORT, str(board.port))
+            if block.use == "board":
+                [words] = commands(commands_and_output(block, text)[0])
+                options = words[words.index("robomend-board") + 1 :]
+                board = stack.enter_context(board_running(*options))
+                ready = json.loads(commands_and_output(block, text)[1])
+                ports |= {str(ready["port"]): board.port, str(ready["control_port"]): board.control_port}
+                continue
+            for shown, real in ports.items():
+                text = re.sub(rf"\b{shown}\b", str(real), text)
+            for shown, real_batch in batches.items():
+                text = text.replace(shown, real_batch)
+            if "5001" in ports:
+                text = text.replace("board control ", f"board control --port {ports['5001']} ")
             try:
                 CHECKS[block.kind](block, text, folder)
             except BaseException as error:
                 error.add_note(f"the block at {block}")
                 raise
+            if OPEN_BATCH in block.text:
+                end_batches(url)
 
 
 def shell(block: Block, text: str, folder: Path) -> None:
     """Run commands; where the page shows what they write, they write that."""
-    commands, output = commands_and_output(block, text)
+    typed, output = commands_and_output(block, text)
     if block.use == "serve":
         return  # it is the service of the other blocks: see `service`
+    if block.use == "endless":
+        endless(typed, folder)
+        return
+    assert block.use == ""
+    # A console is as a person has it: there a pipe is as good as its last command.
+    strict = () if block.kind == "console" else ("-o", "pipefail")
     done = subprocess.run(
-        ["bash", "-euo", "pipefail", "-c", commands],
+        ["bash", "-eu", *strict, "-c", typed],
         capture_output=True,
         text=True,
         timeout=END_S,
         cwd=folder,
     )
-    assert done.returncode == 0, f"{commands}\n{done.stdout}{done.stderr}"
+    assert done.returncode == 0, f"{typed}\n{done.stdout}{done.stderr}"
     assert not output or same(output, done.stdout), f"the page shows\n{output}\nbut it is\n{done.stdout}"
+
+
+def endless(typed: str, folder: Path) -> None:
+    """Run what goes on until it has said something, here or on the bus of an agent; then end it."""
+
+    async def first() -> None:
+        said = asyncio.Event()
+
+        def heard(message: TopicMessage) -> None:
+            said.set()
+
+        broker = Broker("tcp:127.0.0.1:0", heard)
+        await broker.open()
+        process = await asyncio.create_subprocess_exec(
+            *("bash", "-euo", "pipefail", "-c", typed.replace(BUS_PORT, broker.address.rpartition(":")[2])),
+            cwd=folder,
+            stdout=asyncio.subprocess.PIPE,
+            start_new_session=True,
+        )
+        assert process.stdout is not None
+        line = asyncio.ensure_future(process.stdout.readline())
+        waited = asyncio.ensure_future(said.wait())
+        try:
+            await asyncio.wait({line, waited}, timeout=END_S, return_when=asyncio.FIRST_COMPLETED)
+            assert said.is_set() or line.done(), f"{typed}\nsays nothing"
+            assert said.is_set() or line.result(), f"{typed}\nhas an end"
+        finally:
+            waited.cancel()
+            os.killpg(process.pid, signal.SIGKILL)
+            await process.wait()
+            await line
+            await broker.close()
+
+    asyncio.run(first())
 
 
 def commands_and_output(block: Block, text: str) -> tuple[str, str]:
@@ -273,33 +379,49 @@ def test_every_block_says_what_it_is() -> None:
     assert [f"{block}: {block.kind or 'no kind'}" for block in BLOCKS if block.kind not in known] == []
 
 
-def test_what_is_not_run_has_its_reason() -> None:
-    left_out = [block for block in BLOCKS if block.reason]
-    assert [str(block) for block in left_out if len(block.reason.split()) < 2] == []
-    assert len(left_out) < len(BLOCKS) / 3
+@pytest.mark.parametrize("block", [block for block in BLOCKS if block.how], ids=str)
+def test_what_is_not_run_says_why_and_is_looked_at(block: Block) -> None:
+    assert len(block.reason.split()) > 1
+    if block.how == "not run":
+        assert re.match(r"it installs as root|it wants (another computer|other computers)", block.reason)
+    if block.how == "run by":
+        text = (ROOT / block.test).read_text()
+        assert "BLOCKS" in text or f'"{Path(block.page).name}"' in text, f"{block.test} reads {block.page}"
 
 
-NOT_RUN = [
-    (str(block), line)
-    for block in BLOCKS
-    if block.reason and block.kind in ("sh", "console")
-    for line in re.findall(
-        r"^(?:\$ )?(?:\./dev run )?((?:robomend)\S* .*?)(?:\s{2,}.*| > .*)?$", block.text, re.M
-    )
-]
-
-
-@pytest.mark.parametrize(("block", "line"), NOT_RUN)
-def test_what_is_not_run_has_at_least_the_options_that_there_are(
-    block: str, line: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("block", [block for block in BLOCKS if block.how in ("parsed", "not run")], ids=str)
+def test_each_word_of_a_command_that_is_not_run_is_one_that_it_takes(
+    block: Block, folder: Path, pytestconfig: pytest.Config
 ) -> None:
-    program, *arguments = shlex.split(line)
-    assert program in PROGRAMS
-    [point] = entry_points(group="console_scripts", name=program)
-    monkeypatch.setattr(sys, "argv", [program, *arguments, "--help"])
-    try:
-        code = point.load()()
-    except SystemExit as ended:
-        code = ended.code
-    assert not code, f"{block}: {capsys.readouterr().err}"
-    assert "Options:" in capsys.readouterr().out
+    for name in ("old.json", "new.json", "last.json", "cert.pem", "key.pem"):
+        Path(name).touch()
+    for name in ("DIR", "c432"):
+        Path(name).mkdir()
+    typed, _ = commands_and_output(block, block.text)
+    if block.how == "parsed":
+        parse(typed, pytestconfig)
+        return
+    for words in commands(typed):
+        if words[0] in PROGRAMS:
+            read(words, pytestconfig)
+
+
+def test_a_word_that_a_command_does_not_take_is_noticed(folder: Path, pytestconfig: pytest.Config) -> None:
+    for wrong in (
+        "robomend-bench service --only page",
+        "robomend-bench iscas85 --mode first --repeat 3",
+        "robomend-bench iscas85 --mode best",
+        "robomend-bench iscas86",
+        "robomend drill r1 --all --against nothing.json",
+        "robomend drills r1",
+        "robomend-batch run night --modell m",
+        "./dev test tests/drills/test_comand.py --long",
+        "./dev test tests/drills/test_command.py --longer",
+        "./dev test tests/drills/test_command.py -k every_falt",
+        "./dev tests",
+        "./dev processor HEAD --only plan",
+        "ros2 launch robomend_ros feeder.launch.py buss:=x",
+        "robomend-bench robots | grep 'x",
+    ):
+        with pytest.raises(Exception):  # noqa: B017, PT011  # each parser has its own
+            parse(wrong, pytestconfig)

@@ -24,7 +24,7 @@ from robomend_bench.charts import cactus, scaling
 from robomend_bench.external import read_external
 from robomend_bench.results import Run, as_json, load, save
 from robomend_bench.running import run_suite
-from robomend_bench.suite import DATA, Clock, Wish, find_suite, suite_names
+from robomend_bench.suite import DATA, Clock, External, Wish, find_suite, suite_names
 from robomend_bench.tables import comparison, markdown
 
 OTHERS = {
@@ -63,14 +63,33 @@ def _sizes(
     return "any" if value == "any" else _range(context, parameter, value)
 
 
+def _suite(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
+    if value is not None:
+        find_suite(value)
+    return value
+
+
+def _mode(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
+    suite = context.params.get("suite")  # it is eager: read before
+    if value is not None and suite is not None and value not in (modes := find_suite(suite).modes):
+        raise click.BadParameter(f"suite {suite} has no mode {value!r}: choose from {', '.join(modes)}")
+    return value
+
+
+def _externals(
+    context: click.Context, parameter: click.Parameter, value: tuple[str, ...]
+) -> tuple[External, ...]:
+    return tuple(map(read_external, value))
+
+
 def _names(context: click.Context, parameter: click.Parameter, value: str) -> tuple[str, ...]:
     return tuple(dict.fromkeys(name.strip() for name in value.split(",") if name.strip()))
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
-@click.argument("suite", required=False)
+@click.argument("suite", required=False, is_eager=True, callback=_suite)
 @click.option("--list", "listing", is_flag=True, help="List suites with their modes, and engines.")
-@click.option("--mode", help="What is measured; the suite's first mode if not given.")
+@click.option("--mode", callback=_mode, help="What is measured; the suite's first mode if not given.")
 @click.option(
     "--engines", callback=_names, default="", help="Contenders, comma-separated: sat,sat:glucose4,rc2."
 )
@@ -78,6 +97,7 @@ def _names(context: click.Context, parameter: click.Parameter, value: str) -> tu
     "--external",
     "externals",
     multiple=True,
+    callback=_externals,
     metavar="NAME=FORMAT:COMMAND",
     help="A solver of somebody else as one more contender; the format is wcnf, lp or pddl.",
 )
@@ -140,7 +160,7 @@ def command(
     listing: bool,
     mode: str | None,
     engines: tuple[str, ...],
-    externals: tuple[str, ...],
+    externals: tuple[External, ...],
     only: tuple[str, ...],
     instances: int | None,
     repeats: int,
@@ -181,8 +201,6 @@ def command(
     found = find_suite(suite)
     if mode is None:
         mode = next(iter(found.modes))
-    if mode not in found.modes:
-        raise click.UsageError(f"suite {suite} has no mode {mode!r}: choose from {', '.join(found.modes)}")
     wish = Wish(
         mode=mode,
         only=only,
@@ -194,7 +212,7 @@ def command(
         timeout_s=timeout,
         clock=clock,
         data=data,
-        external=tuple(map(read_external, externals)),
+        external=externals,
     )
     run = _with_progress(suite, wish, engines, repeats)
     if out is not None:

@@ -74,7 +74,9 @@ class Compared:
 
 
 @click.command("mutated")
-@click.option("--only", multiple=True, help=f"Circuits; repeatable.  [default: {', '.join(CIRCUITS)}]")
+@click.option(
+    "--only", multiple=True, type=click.Choice(CIRCUITS), help="Circuits; repeatable.  [default: all of them]"
+)
 @click.option("--instances", default=5, show_default=True, type=click.IntRange(1, 1000), help="A circuit.")
 @click.option("--seed", default=1, show_default=True)
 @click.option("--max-size", default=3, show_default=True, type=click.IntRange(1, 20))

@@ -18,7 +18,7 @@ import click
 
 from robomend.errors import BackendError
 from robomend_bench.batch import learning, workload
-from robomend_bench.parts import wanted
+from robomend_bench.parts import only
 from robomend_bench.service.measure import load_of_others
 from robomend_bench.service.process import processors
 
@@ -199,7 +199,7 @@ PARTS: dict[str, Callable[[dict[str, Any], Path], Measured]] = {
 
 
 @click.command("batch", context_settings={"help_option_names": ["-h", "--help"]})
-@click.option("--only", default="", help=f"Parts, comma-separated: {','.join(PARTS)}.")
+@only(PARTS)
 @click.option(
     "--rows", type=click.IntRange(100), default=10_000_000, show_default=True, help="Of a log of literals."
 )
@@ -212,7 +212,7 @@ PARTS: dict[str, Callable[[dict[str, Any], Path], Measured]] = {
 )
 @click.option("--seed", type=int, default=1, show_default=True)
 @click.option("--format", "output", type=click.Choice(["markdown", "json"]), default="markdown")
-def command(only: str, output: str, **wish: Any) -> None:
+def command(parts: tuple[str, ...], output: str, **wish: Any) -> None:
     """Measure how fast logs are diagnosed: each figure is a run of robomend-batch, start-up included.
 
     And how good what it learns is: false alarms over healthy drives, planted faults found.
@@ -225,7 +225,7 @@ def command(only: str, output: str, **wish: Any) -> None:
     """
     results: dict[str, dict[str, Any]] = {}
     rows: list[Row] = []
-    for part in wanted(only, PARTS):
+    for part in parts:
         click.echo(f"measuring: {part}", err=True)
         with tempfile.TemporaryDirectory(prefix="robomend-bench-") as folder:
             results[part], more = PARTS[part](wish, Path(folder))

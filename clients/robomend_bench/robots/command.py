@@ -11,7 +11,7 @@ from typing import Any
 
 import click
 
-from robomend_bench.parts import wanted
+from robomend_bench.parts import only
 from robomend_bench.robots import live, power, ros, ros1, ros2, streams
 from robomend_bench.service.measure import load_of_others
 from robomend_bench.service.process import processors, served
@@ -196,7 +196,7 @@ PARTS: dict[str, Callable[[dict[str, Any]], Measured]] = {
 
 
 @click.command("robots", context_settings={"help_option_names": ["-h", "--help"]})
-@click.option("--only", default="", help=f"Parts, comma-separated: {','.join(PARTS)}.")
+@only(PARTS)
 @click.option(
     "--samples", type=click.IntRange(1000), default=500_000, show_default=True, help="In part speed."
 )
@@ -223,7 +223,7 @@ PARTS: dict[str, Callable[[dict[str, Any]], Measured]] = {
 )
 @click.option("--seed", type=int, default=1, show_default=True)
 @click.option("--format", "output", type=click.Choice(["markdown", "json"]), default="markdown")
-def command(only: str, output: str, **wish: Any) -> None:
+def command(parts: tuple[str, ...], output: str, **wish: Any) -> None:
     """Measure observers in memory, and an agent under a service of its own.
 
     \b
@@ -231,7 +231,6 @@ def command(only: str, output: str, **wish: Any) -> None:
     robomend-bench robots --only speed,alarms --format json
     robomend-bench robots --only live --nodes 50
     """
-    parts = wanted(only, PARTS)
     results: dict[str, dict[str, Any]] = {}
     rows: list[Row] = []
     for part in parts:

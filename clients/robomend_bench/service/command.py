@@ -14,7 +14,7 @@ from typing import Any
 
 import click
 
-from robomend_bench.parts import wanted
+from robomend_bench.parts import only
 from robomend_bench.service.measure import load_of_others
 from robomend_bench.service.parts import MEASURES, Measured, Row, measure_start, measure_stop
 from robomend_bench.service.process import processors, reached
@@ -38,7 +38,7 @@ PARTS = (
 
 
 @click.command("service", context_settings={"help_option_names": ["-h", "--help"]})
-@click.option("--only", default="", help=f"Parts, comma-separated: {','.join(PARTS)}.")
+@only(PARTS)
 @click.option("--robots", type=click.IntRange(1, 20_000), default=1000, show_default=True)
 @click.option(
     "--rate", type=click.FloatRange(0.01, 100), default=1.0, show_default=True, help="Changes a second, each."
@@ -66,7 +66,7 @@ PARTS = (
 @click.option("--database", help="URL of a PostgreSQL database for the service, instead of SQLite.")
 @click.option("--workers", type=click.IntRange(1, 64), default=1, show_default=True, help="Of the service.")
 @click.option("--format", "output", type=click.Choice(["markdown", "json"]), default="markdown")
-def command(only: str, output: str, url: str | None, **wish: Any) -> None:
+def command(parts: tuple[str, ...], output: str, url: str | None, **wish: Any) -> None:
     """Measure `robomend serve` under load.
 
     \b
@@ -76,7 +76,6 @@ def command(only: str, output: str, url: str | None, **wish: Any) -> None:
     robomend-bench service --only stop --moments 40
     robomend-bench service --only stop-under-attack --seconds 60
     """
-    parts = wanted(only, PARTS)
     results, rows = run_parts(parts, url, **wish)
     if output == "json":
         click.echo(json.dumps(results, indent=1))
