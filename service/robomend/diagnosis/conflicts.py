@@ -46,6 +46,9 @@ SHRINKING_CALLS = 256
 MINIMISING_CALLS = 1_000
 """Questions to the solver, for the same."""
 
+ASKED_AT_ONCE = 3
+"""Components of a core whose clauses are not put into a solver of their own, if nothing else is asked."""
+
 
 @dataclass(slots=True)
 class Known:
@@ -166,7 +169,8 @@ class Conflicts:
         """Return a minimal conflict inside a core. Those supposed healthy count as observations here.
 
         Nothing follows from an abnormal component of a weak fault model, so there the clauses of the core's
-        components are all that matter: a solver of those few answers in no time.
+        components are all that matter: a solver of those few answers in no time. To make it takes longer than
+        to ask the solver of all about two or three components.
 
         Args:
             needed: components that are known to be needed.
@@ -176,7 +180,7 @@ class Conflicts:
             OutOfTime.
         """
         components, observations = apart(core, len(self._cnf.components), supposed.healthy)
-        if not self._cnf.weak:
+        if not self._cnf.weak or (components_only and len(components) <= ASKED_AT_ONCE):
             background = [*supposed.numbers, *observed.numbers]
             kept, rest, minimal = minimised(
                 oracle, components, observations, background, set(needed), components_only=components_only
