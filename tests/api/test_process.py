@@ -9,12 +9,15 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import httpx
 from tests.api.conftest import TEDUSAR
+from tests.forked import popen
 
 from robomend.cli.serve import OPEN_FILES
 
@@ -25,10 +28,12 @@ def command(*arguments: str) -> list[str]:
 
 
 @contextmanager
-def served(data: Path, *arguments: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """Run the service and yield its process and URL."""
+def served(
+    data: Path, *arguments: str, start: Callable[..., Any] = popen
+) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """Run the service and yield its process and URL; `start` as in tests/forked.py."""
     log = (data / "log").open("w")
-    process = subprocess.Popen(
+    process = start(
         command("serve", "--port", "0", "--announce", "--data", str(data), *arguments),
         stdout=subprocess.PIPE,
         stderr=log,
@@ -43,6 +48,10 @@ def served(data: Path, *arguments: str) -> Iterator[tuple[subprocess.Popen[str],
         process.kill()
         process.wait(10)
         log.close()
+
+
+started = partial(served, start=subprocess.Popen)
+"""The same from nothing: what is tested here."""
 
 
 def workers_of(pid: int) -> list[int]:
@@ -68,7 +77,7 @@ def alive(pid: int) -> bool:
 
 def test_a_signal_ends_it_in_order_with_open_streams(tmp_path: Path) -> None:
     with (
-        served(tmp_path) as (process, url),
+        started(tmp_path) as (process, url),
         httpx.stream("GET", f"{url}/api/v1/events", timeout=20) as stream,
     ):
         lines = stream.iter_lines()
@@ -79,7 +88,7 @@ def test_a_signal_ends_it_in_order_with_open_streams(tmp_path: Path) -> None:
 
 
 def test_a_kill_ends_its_workers_too_and_loses_nothing(tmp_path: Path) -> None:
-    with served(tmp_path) as (process, url), httpx.Client(base_url=f"{url}/api/v1", timeout=30) as http:
+    with started(tmp_path) as (process, url), httpx.Client(base_url=f"{url}/api/v1", timeout=30) as http:
         http.put("/models/tedusar", json={"source": TEDUSAR})
         http.put("/robots/r1", json={"model": "tedusar"})
         question = {"model": "tedusar", "observations": ["not ok(scan)"]}
@@ -96,7 +105,7 @@ def test_a_kill_ends_its_workers_too_and_loses_nothing(tmp_path: Path) -> None:
         while any(map(alive, workers)):
             assert time.monotonic() < deadline, "a worker outlived the service"
             time.sleep(0.02)
-    with served(tmp_path) as (process, url):
+    with started(tmp_path) as (process, url):
         found = httpx.get(f"{url}/api/v1/robots/r1", timeout=20).json()
         assert found["revision"] == 20
         current = httpx.get(f"{url}/api/v1/robots/r1/diagnosis?after=19&wait_s=10", timeout=20).json()
@@ -115,7 +124,7 @@ def test_it_does_not_listen_to_others_without_a_key(tmp_path: Path) -> None:
         timeout=60,
     )
     key = made.stdout.strip()
-    with served(tmp_path, "--host", "0.0.0.0") as (_, url):
+    with started(tmp_path, "--host", "0.0.0.0") as (_, url):
         assert httpx.get(f"{url}/api/v1/robots", timeout=20).status_code == 401
         head = {"Authorization": f"Bearer {key}"}
         assert httpx.get(f"{url}/api/v1/robots", headers=head, timeout=20).status_code == 200
@@ -163,7 +172,7 @@ def test_it_takes_more_connections_than_the_usual_soft_limit_allows(tmp_path: Pa
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (min(512, hard), hard))
     try:
-        with served(tmp_path) as (process, _):
+        with started(tmp_path) as (process, _):
             found = resource.prlimit(process.pid, resource.RLIMIT_NOFILE)
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.clients.running_agent import alive
+from tests.forked import popen
 from tests.repairs.robot import MODEL as SMALL
 from tests.waiting import until
 
@@ -72,7 +73,8 @@ class DrilledRobot:
 
     def _start(self, name: str, *arguments: str, announces: bool = True) -> dict[str, Any]:
         with (self.folder / f"{name}.log").open("ab") as log:
-            process = subprocess.Popen(
+            start = popen if name == "service" else subprocess.Popen
+            process = start(
                 [sys.executable, "-m", *arguments],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE if announces else log,

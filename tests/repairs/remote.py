@@ -10,6 +10,7 @@ import asyncio
 import json
 import random
 import signal
+import subprocess
 import sys
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
@@ -17,6 +18,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from tests.forked import popen
 from tests.repairs.robot import CONFIG, MODEL, Robot
 
 from robomend_client.actions import OK, ActionResult
@@ -30,24 +32,24 @@ class ServiceProcess:
     """`robomend serve` as a process; `start` again after `kill`."""
 
     arguments: tuple[str, ...]
-    process: asyncio.subprocess.Process | None = None
+    process: subprocess.Popen[str] | None = None
     client: AsyncClient | None = None
     url: str = ""  # once it was started
 
     async def start(self) -> None:
         """Start it and wait until it says its address."""
-        self.process = await asyncio.create_subprocess_exec(
-            *(sys.executable, "-m", "robomend", "serve", "--port", "0", "--announce", *self.arguments),
+        self.process = process = popen(
+            [sys.executable, "-m", "robomend", "serve", "--port", "0", "--announce", *self.arguments],
             cwd=ROOT,
-            stdout=asyncio.subprocess.PIPE,
-            stderr=asyncio.subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
         )
-        assert self.process.stdout is not None
         async with asyncio.timeout(120):
-            line = await self.process.stdout.readline()
+            line = await asyncio.to_thread(process.stdout.readline)
         assert line, "the service did not start"
         self.url = json.loads(line)["url"]
-        self.client = AsyncClient(self.url, retry=NEVER, timeout_s=10.0)
+        self.client = AsyncClient(self.url, retry=NEVER, timeout_s=30.0)
 
     async def kill(self) -> None:
         """kill -9."""
@@ -60,8 +62,9 @@ class ServiceProcess:
     async def _end(self, how: signal.Signals) -> None:
         if self.process is not None and self.process.returncode is None:
             self.process.send_signal(how)
-            async with asyncio.timeout(60):
-                await self.process.wait()
+            await asyncio.to_thread(self.process.wait, 60)
+            assert self.process.stdout is not None
+            self.process.stdout.close()
         client, self.client = self.client, None  # first, so that nobody uses one that is being closed
         if client is not None:
             await client.close()

@@ -169,10 +169,19 @@ def test_every_role_has_its_attacks_and_none_is_a_request_that_nobody_reads() ->
     assert all(len(hostile.body) < 4_000_000 for hostile in wanted)
 
 
-@pytest.mark.parametrize("part", ["single", "fleet", "memory", "posts", "ndjson", "overload", "pages"])
-def test_each_part_gives_its_figures(part: str) -> None:
-    small = ["--robots", "5", "--seconds", "1", "--changes", "10", "--writers", "4", "--observations", "2000"]
-    answer = CliRunner().invoke(command, ["--only", part, "--format", "json", *small])
+SMALL = ("--robots", "5", "--seconds", "1", "--changes", "10", "--writers", "4", "--observations", "2000")
+
+
+@pytest.mark.parametrize("parts", ["memory", "pages", "posts,ndjson"])
+def test_parts_give_their_figures_each_of_a_service_of_its_own(parts: str) -> None:
+    answer = CliRunner().invoke(command, ["--only", parts, "--format", "json", *SMALL])
+    assert answer.exit_code == 0, answer.output
+    assert set(json.loads(answer.stdout)) == set(parts.split(","))
+
+
+@pytest.mark.parametrize("part", ["single", "fleet", "overload"])
+def test_parts_give_the_figures_of_a_service_that_runs(part: str, service: Served) -> None:
+    answer = CliRunner().invoke(command, ["--only", part, "--format", "json", "--url", service.url, *SMALL])
     assert answer.exit_code == 0, answer.output
     assert set(json.loads(answer.stdout)) == {part}
 

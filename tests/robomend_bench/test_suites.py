@@ -49,7 +49,8 @@ def test_every_suite_runs_in_every_mode_and_all_agree(name: str, mode: str) -> N
     assert all(built.peak_mib > 0 for built in run.built)
 
 
-def test_the_check_is_timed_over_many_calls() -> None:
+def test_the_check_is_timed_over_many_calls(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("robomend_bench.worker.START_METHOD", "spawn")  # as users run it: see conftest.py
     run = tiny("robots-v1", "check")
     assert [sample.status for sample in run.samples] == ["ok", "ok"]
     assert all(sample.result == (1,) for sample in run.samples)
@@ -196,7 +197,7 @@ class Odd:
 def test_a_contender_that_misbehaves_harms_nobody(
     contender: str, timeout_s: float, status: str, note: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # fork, so that the child knows the suite of this test; the runs themselves spawn
+    # fork, so that the child knows the suite of this test
     monkeypatch.setattr("robomend_bench.worker.START_METHOD", "fork")
     monkeypatch.setattr("robomend_bench.worker.find_suite", lambda name: Odd())
     (group,) = Odd().groups(Wish(mode="first"))
