@@ -43,7 +43,7 @@ h1{font-size:26px;margin:0 0 2px}h2{font-size:19px;margin:36px 0 10px}
 .figure{background:#fff;border:1px solid #e4e7eb;border-radius:8px;padding:10px 16px;min-width:110px}
 .figure b{display:block;font-size:22px}.figure.bad b{color:#b23a48}
 .card{background:#fff;border:1px solid #e4e7eb;border-radius:8px;padding:12px 16px;margin:0 0 10px}
-.card h3{margin:0;font-size:16px}.card ul{margin:6px 0 0;padding-left:20px}
+.card{overflow-wrap:anywhere}.card h3{margin:0;font-size:16px}.card ul{margin:6px 0 0;padding-left:20px}
 table{border-collapse:collapse;width:100%;background:#fff;border:1px solid #e4e7eb;border-radius:8px}
 th{text-align:left;font-weight:600;color:#616e7c;font-size:13px}
 th,td{padding:7px 10px;border-bottom:1px solid #eef0f3;vertical-align:top}
@@ -52,11 +52,19 @@ td.name{overflow-wrap:anywhere;min-width:180px}
 .bar{display:flex;width:190px;height:12px;border-radius:3px;overflow:hidden;background:#eef0f3;margin-top:5px}
 .bar i{display:block}
 .tag{background:#fbe9e7;color:#8c2f23;border-radius:4px;padding:1px 7px;font-size:12px;white-space:nowrap}
-.legend i{display:inline-block;width:12px;height:12px;border-radius:2px;margin:0 5px 0 14px}
+.legend span{margin-right:14px;white-space:nowrap}
+.legend i{display:inline-block;width:12px;height:12px;border-radius:2px;margin-right:5px}
 details{background:#fff;border:1px solid #e4e7eb;border-radius:8px;margin:0 0 10px;padding:8px 14px}
 summary{cursor:pointer;overflow-wrap:anywhere}svg{max-width:100%;height:auto}
 .problem,.note{font-size:13px;color:#616e7c;overflow-wrap:anywhere}.problem{color:#8c2f23}
 @media print{details{break-inside:avoid}}
+@media screen and (max-width:760px){
+main{padding:18px 12px 40px}.figures{gap:8px}.figure{padding:8px 12px;min-width:84px}.figure b{font-size:18px}
+table,tbody{display:block}thead{display:none}td,td.name{border:0;padding:0;min-width:0}
+tr{display:flex;flex-wrap:wrap;gap:2px 14px;padding:9px 12px;border-bottom:1px solid #eef0f3}
+td.name,td.spread{width:100%}td:empty{display:none}td.n.fault::after{content:" with a fault"}.bar{width:100%}
+details{overflow-x:auto}svg{min-width:620px}
+}
 """
 
 
@@ -142,7 +150,7 @@ def _rest(count: int, words: str) -> str:
 
 
 def _legend() -> str:
-    marks = [f"<i style='background:{colour}'></i>{state}" for state, colour in COLOURS.items()]
+    marks = [f"<span><i style='background:{colour}'></i>{state}</span>" for state, colour in COLOURS.items()]
     return f"<p class='legend muted'>{''.join(marks)}</p>"
 
 
@@ -152,11 +160,13 @@ def _table(results: Results, anchors: dict[str, str]) -> str:
         state = WORDS[record["state"]]
         tag = f" <span class='tag'>{state}</span>" if state else ""
         whole = max(record_span_ns(record), 1)
+        lasts = "" if record["start_ns"] is None else escape(short_times(record_span_ns(record)))
         bar = "".join(
             f"<i style='width:{100 * record_span_ns(record, name) / whole:.2f}%;background:{colour}'></i>"
             for name, colour in COLOURS.items()
             if record_span_ns(record, name)
         )
+        bar = f"<div class='bar'>{bar}</div>" if lasts else ""
         problems = "".join(
             f"<div class='{'problem' if problem['bad'] else 'note'}'>"
             f"{escape(_inside(problem['place'], record['file']))}{escape(problem['reason'])}"
@@ -167,9 +177,8 @@ def _table(results: Results, anchors: dict[str, str]) -> str:
         faulty = record_span_ns(record, *FAULTY)
         rows.append(
             f"<tr><td class='name'>{_link(record['log'], anchors)}{tag}{problems}</td><td>{began}</td>"
-            f"<td class='n'>{escape(short_times(record_span_ns(record)))}</td>"
-            f"<td><div class='bar'>{bar}</div></td>"
-            f"<td class='n'>{escape(short_times(faulty)) if _faulty(record) else ''}</td></tr>"
+            f"<td class='n'>{lasts}</td><td class='spread'>{bar}</td>"
+            f"<td class='n fault'>{escape(short_times(faulty)) if _faulty(record) else ''}</td></tr>"
         )
     head = "<tr><th>log</th><th>began (UTC)</th><th>lasts</th><th></th><th>with a fault</th></tr>"
     return f"<table><thead>{head}</thead><tbody>{''.join(rows)}</tbody></table>"

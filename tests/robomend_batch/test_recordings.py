@@ -8,8 +8,10 @@ from pathlib import Path
 
 import polars as pl
 import pytest
+from mcap.reader import make_reader
+from mcap.writer import CompressionType
 from tests.robomend_batch.recordings import EPOCH_NS, steady, write, write_bag, write_ros2
-from tests.robomend_batch.rover import drive, told
+from tests.robomend_batch.rover import drive, drive_in_chunks, told
 from tests.robomend_batch.running import batch_run, intervals, logs, ndjson, tree
 
 from robomend_client.literals import Atom
@@ -146,6 +148,46 @@ def test_a_damaged_byte_is_no_crash(rover: tuple[Path, Path], tmp_path: Path) ->
                 tmp_path / "out", tmp_path / name, "--observers", observers, "--overwrite", model=model
             )
             assert code in (0, 2)
+
+
+@pytest.mark.parametrize(
+    ("compression", "part"),
+    [(CompressionType.ZSTD, "data"), (CompressionType.LZ4, "data"), (CompressionType.ZSTD, "index")],
+)
+def test_a_chunk_that_cannot_be_read_ends_the_log_there(
+    compression: CompressionType, part: str, rover: tuple[Path, Path], tmp_path: Path
+) -> None:
+    model, observers = rover
+    log = tmp_path / "a.mcap"
+    with log.open("wb") as file:
+        drive_in_chunks(file, drive(20.0), compression=compression)
+    with log.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    chunk = summary.chunk_indexes[len(summary.chunk_indexes) // 2]
+    data = bytearray(log.read_bytes())
+    if part == "data":
+        begin = chunk.chunk_start_offset + 100
+    else:
+        begin = chunk.chunk_start_offset + chunk.chunk_length
+    data[begin : begin + 60] = bytes(60)
+    log.write_bytes(data)
+    assert batch_run(tmp_path / "out", log, "--observers", observers, model=model) == 2
+    (told_of,) = logs(tmp_path / "out")
+    assert told_of["state"] == "ended-early"
+    assert EPOCH_NS + 4 * SECOND < told_of["end_ns"] < EPOCH_NS + 16 * SECOND
+
+
+def test_a_db3_whose_schema_is_damaged_is_refused_in_words(rover: tuple[Path, Path], tmp_path: Path) -> None:
+    model, observers = rover
+    log = write(tmp_path / "a.db3", drive(2.0))
+    data = log.read_bytes()
+    assert b"NOT NULL" in data
+    log.write_bytes(data.replace(b"NOT NULL", b"NOT \xe3ULL"))
+    assert batch_run(tmp_path / "out", log, "--observers", observers, model=model) == 2
+    (told_of,) = logs(tmp_path / "out")
+    assert told_of["state"] == "refused"
+    assert "no recording, or damaged" in told_of["problems"][0]["reason"]
 
 
 def test_time_by_the_header_is_the_time_of_the_header(rover: tuple[Path, Path], tmp_path: Path) -> None:

@@ -8,6 +8,8 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
+from playwright.sync_api import Browser
+from tests.browser import PATIENCE_MS, browser, chromium
 from tests.robomend_batch.running import batch_run, ndjson
 
 from robomend.cli.commands import run
@@ -15,6 +17,8 @@ from robomend_batch.commands import batch
 from robomend_batch.report import draw
 from robomend_batch.results import Interval
 from robomend_client.observers.base import SECOND
+
+__all__ = ("browser", "chromium")  # fixtures
 
 
 @pytest.fixture
@@ -68,6 +72,23 @@ def test_the_report_needs_nothing_else_and_quotes_what_is_in_logs(out: Path) -> 
 
     Balance().feed(text)
     assert opened == []
+
+
+@pytest.mark.parametrize("width", [390, 1280])
+def test_the_report_is_as_wide_as_the_screen_and_asks_nobody(width: int, out: Path, browser: Browser) -> None:
+    written(out)
+    context = browser.new_context(viewport={"width": width, "height": 900}, offline=True)
+    try:
+        page = context.new_page()
+        asked: list[str] = []
+        page.on("request", lambda request: asked.append(request.url))
+        page.goto(f"file://{out}/report.html", timeout=PATIENCE_MS)
+        wide, seen = page.evaluate("(r => [r.scrollWidth, r.clientWidth])(document.documentElement)")
+        assert wide == seen <= width
+        assert page.get_by_text("refused").first.is_visible()
+        assert asked == [f"file://{out}/report.html"]
+    finally:
+        context.close()
 
 
 def test_a_timeline_shows_what_is_bad_suspected_good_and_unknown() -> None:

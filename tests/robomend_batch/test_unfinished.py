@@ -240,6 +240,18 @@ def test_what_is_done_is_not_read_again(tmp_path: Path, monkeypatch: pytest.Monk
     assert read == 600
 
 
+@pytest.mark.parametrize("key", ["robot", "data"])
+def test_a_row_of_a_history_that_lacks_something_is_refused_with_its_line(key: str, tmp_path: Path) -> None:
+    log = tmp_path / "history.ndjson"
+    history(log)
+    lines = log.read_text().splitlines(keepends=True)
+    lines[7] = lines[7].replace(f'"{key}"', '"x"')
+    log.write_text("".join(lines))
+    (record,) = in_steps(setup_for(log, tmp_path / "out"), log)[0]
+    assert record["state"] == "refused"
+    assert record["problems"][0]["place"] == f"{log}:8"
+
+
 def test_a_log_that_has_changed_is_read_from_its_beginning(tmp_path: Path) -> None:
     log = tmp_path / "long.ndjson"
     ndjson(log)

@@ -18,6 +18,10 @@ HEADER = struct.Struct(">16xH10xI")
 """Of an SQLite file: the size of a page, and how many there are."""
 
 
+DAMAGE = (sqlite3.Error, ValueError, TypeError, AttributeError)
+"""What comes of damaged pages: errors of SQLite, whose text may be no UTF-8, and columns of other kinds."""
+
+
 def open_db3(path: Path) -> Recording:
     """Return a recording; Unreadable if nothing of it can be read."""
     cut = _cut(path)
@@ -28,7 +32,7 @@ def open_db3(path: Path) -> Recording:
         # SQLite refuses a file that is shorter than it says, but to whoever mends its schema.
         base.execute("PRAGMA writable_schema = ON")
         return CutDb3(path, _channels(base), cut)
-    except (sqlite3.Error, TypeError, AttributeError) as error:  # what is missing of a page is read as zeros
+    except DAMAGE as error:
         raise Unreadable(f"{cut}, and its topics cannot be read") from error
     finally:
         base.close()
@@ -85,7 +89,9 @@ class Db3:
             self.channels = _channels(self._base)
             query = "SELECT min(timestamp), max(timestamp) FROM messages"
             self.start_ns, self.end_ns = self._base.execute(query).fetchone()
-        except sqlite3.Error as error:
+            if not isinstance(self.end_ns, int | None):
+                raise ValueError(f"a time that is {self.end_ns!r}")
+        except DAMAGE as error:
             self._base.close()
             raise Unreadable(f"no recording, or damaged: {error}") from error
 
@@ -99,8 +105,10 @@ class Db3:
         try:
             with closing(self._base.execute(query, (-1 << 63 if from_ns is None else from_ns,))) as rows:
                 for time_ns, number, body in rows:
+                    if not isinstance(time_ns, int) or not isinstance(body, bytes | None):
+                        raise ValueError(f"a time that is {time_ns!r}, bytes that are {type(body).__name__}")
                     yield time_ns, number, body if wanted[number] else None
-        except sqlite3.Error as error:
+        except DAMAGE as error:
             self.cut = f"damaged: {error}"
 
     def close(self) -> None:

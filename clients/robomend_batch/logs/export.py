@@ -92,15 +92,16 @@ def read_export(path: Path, opened: Opened) -> Blocks:
     end = ExportEnd()
     rows = 0
     for place, _, row in export_rows(path, frozenset({"observations"}), end, lines):
-        robot = str(row["robot"])
+        try:
+            robot, entries = _entries(row)
+        except (ValueError, KeyError, TypeError) as error:
+            raise LogRefused(f"no row of observations: {error!r}", place) from error
         if robot not in gathered and len(gathered) >= MOST_LOGS:
             raise LogRefused(f"more than {MOST_LOGS} robots", place)
         words, into = opened.words(robot), gathered.setdefault(robot, Gathered())
-        for predicate, arguments, positive, _, time_ns, *rest in json.loads(row["data"])["e"]:
+        for literal, time_ns, expires_ns in entries:
             if any(first <= time_ns <= last for first, last in drilled.get(robot, ())):
                 continue
-            literal = Literal(Atom(predicate, tuple(arguments)), positive)
-            expires_ns = rest[0] if rest and rest[0] is not None else FOREVER
             into.add(time_ns, words.settings(str(literal), place), expires_ns)
             rows += 1
         opened.rows += 1
@@ -112,3 +113,19 @@ def read_export(path: Path, opened: Opened) -> Blocks:
     if not end.whole:
         opened.problems.add(str(path), "cut off: an export ends with a line that says so", bad=True)
         opened.ended_early = True
+
+
+def _entries(row: dict[str, Any]) -> tuple[str, list[tuple[Literal, int, int]]]:
+    """Return the robot of a row, and its literals with their times and when they expire."""
+    found = []
+    for predicate, arguments, positive, _, time_ns, *rest in json.loads(row["data"])["e"]:
+        expires_ns = rest[0] if rest and rest[0] is not None else FOREVER
+        literal = Literal(Atom(str(predicate), tuple(map(str, arguments))), bool(positive))
+        found.append((literal, _ns(time_ns), _ns(expires_ns)))
+    return str(row["robot"]), found
+
+
+def _ns(value: object) -> int:
+    if not isinstance(value, int) or not -FOREVER <= value <= FOREVER:
+        raise ValueError(f"a time that is {value!r}")
+    return value

@@ -23,13 +23,13 @@ from rosbags.interfaces import Connection, MessageDefinitionFormat
 from rosbags.rosbag2.errors import ReaderError
 from rosbags.rosbag2.storage_mcap import ChunkInfo, McapReader, decompress
 
-from robomend_batch.logs.mcap_chunk import left_of_chunk
+from robomend_batch.logs.mcap_chunk import ZstdError, left_of_chunk
 from robomend_batch.logs.recorded import Channel, Message, Recording, Stretch, Times, Unreadable
 
 INDEX = np.dtype([("time", "<u8"), ("offset", "<u8")])
 RECORD = struct.Struct("<BQ")
 INDEX_HEAD = struct.Struct("<BQHI")
-MESSAGE = 5
+MESSAGE, MESSAGE_INDEX = 5, 7
 MESSAGE_HEAD = 22
 """Bytes before the data: channel, sequence, log time, publish time."""
 
@@ -45,6 +45,7 @@ DAMAGE = (
     RuntimeError,
     KeyError,
     TypeError,
+    ZstdError,
 )
 """What readers raise where a file is cut off or damaged."""
 
@@ -155,7 +156,9 @@ class IndexedMcap:
         data: bytes | None = None
         at = 0
         while at + INDEX_HEAD.size <= len(block):
-            _, length, channel, size = INDEX_HEAD.unpack_from(block, at)
+            operation, length, channel, size = INDEX_HEAD.unpack_from(block, at)
+            if operation != MESSAGE_INDEX:
+                raise ReaderError("its index is damaged")
             if channel in wanted and size >= INDEX.itemsize:
                 index = np.frombuffer(block, INDEX, size // INDEX.itemsize, at + INDEX_HEAD.size)
                 times_ns, places = index["time"].astype(np.int64), index["offset"].astype(np.int64)

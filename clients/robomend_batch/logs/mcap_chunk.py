@@ -24,6 +24,8 @@ if sys.version_info >= (3, 14):
 else:
     from backports import zstd
 
+ZstdError = zstd.ZstdError
+
 MAGIC_BYTES = 8
 RECORD = struct.Struct("<BQ")
 HEAD = struct.Struct("<QQQII")
