@@ -131,7 +131,7 @@ def test_the_root_shows_a_key_what_it_may(start: StartService) -> None:
 
 def test_a_key_is_told_how_many_requests_it_has_left(start: StartService) -> None:
     service = start(requests_per_s=0.05, burst=5)  # none comes back while we look
-    answers = [service.api("GET", "/stop", headers={}) for _ in range(2)]
+    answers = [service.api("GET", "/robots", headers={}) for _ in range(2)]
     assert answers[0].headers["ratelimit-policy"] == '"key";q=5;w=100'
     left = [int(answer.headers["ratelimit"].partition("r=")[2].partition(";")[0]) for answer in answers]
     assert left[1] < left[0] < 5
