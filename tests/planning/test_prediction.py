@@ -13,6 +13,7 @@ from robomend.planning.prediction import THEORIES, Prediction, Theory, observabl
 from robomend_client.literals import Atom, Literal, fails, holds
 
 ON, RUNNING, SCAN = Atom("on", ("lidar",)), Atom("running", ("driver",)), Atom("ok", ("scan",))
+MAP = Atom("ok", ("map",))
 
 
 def cnf(*clauses: tuple[int, ...], atoms: tuple[Atom, ...] = (ON, RUNNING, SCAN)) -> HealthCnf:
@@ -53,6 +54,22 @@ def test_a_topic_is_expected_once_all_that_it_rests_on_is_good() -> None:
     assert prediction.expected() == {Literal(ON)}  # neither stopped for sure any more, nor running yet
     prediction.finish(RESTART)
     assert prediction.expected() == {Literal(ON), Literal(RUNNING), Literal(SCAN)}
+
+
+def test_nothing_is_expected_that_follows_from_what_was_not_to_be_seen() -> None:
+    described = cnf((-1, 3), (-2, 4), (-1, -2, 5), (-5, 6), atoms=(ON, RUNNING, SCAN, MAP))
+
+    def expected(*failed: Atom) -> frozenset[Literal]:
+        well = facts("on lidar", "good lidar", "running driver", "good driver")
+        prediction = Prediction(Theory(described), described.components, well)
+        assert Literal(MAP) in prediction.expected()
+        for atom in failed:
+            prediction.fail(Literal(atom))
+        return prediction.expected()
+
+    assert expected(MAP) == {Literal(ON), Literal(RUNNING), Literal(SCAN)}
+    assert expected(SCAN) == {Literal(ON), Literal(RUNNING)}
+    assert expected(RUNNING) == {Literal(ON), Literal(RUNNING)}  # the driver is not good
 
 
 def test_the_paper_s_opposites_are_read_as_ours() -> None:

@@ -7,8 +7,9 @@ from dataclasses import replace
 from unittest.mock import ANY
 
 import pytest
-from tests.repairs.lidar_robot import ON, RUNNING, SCAN, Robot, setting
+from tests.repairs.lidar_robot import CNF, ON, RUNNING, SCAN, Robot, setting
 
+from robomend.planning.prediction import Prediction, Theory
 from robomend.repairs.looking import LONGER, LOOK_S, Looking
 from robomend_client.literals import Atom, Literal
 
@@ -71,3 +72,23 @@ async def test_an_effect_is_given_up_before_the_time_out_where_earlier_starts_we
     seen, missing, within = await Looking(here).effect([WANTED], 600.0)
     assert (seen, missing) == ((), (WANTED,))
     assert within.endswith(LONGER)
+
+
+async def test_what_rests_on_an_effect_that_is_missing_is_awaited_no_longer() -> None:
+    map_ = Atom("ok", ("map",))
+    described = replace(CNF, atoms=(*CNF.atoms, map_), clauses=(*CNF.clauses, (-5, 6)), variables=6)
+    well = {
+        Atom(p, (c,))
+        for p, c in [("on", "lidar"), ("good", "lidar"), ("running", "driver"), ("good", "driver")]
+    }
+    here = replace(
+        setting(Robot(obs={SCAN: False, map_: False})),
+        prediction=Prediction(Theory(described), described.components, well),
+    )
+    looking = Looking(here)
+    async with asyncio.timeout(60):
+        first, second = await asyncio.gather(
+            looking.effect([WANTED], 0.01), looking.effect([Literal(map_)], 600.0)
+        )
+    assert first[:2] == ((), (WANTED,))
+    assert second[:2] == ((), ())  # it is no longer missing, nor was it seen

@@ -145,7 +145,25 @@ def test_of_a_device_that_got_its_power_lately_nobody_knows_how_long_it_takes(de
     assert left_s(found, seen, SCAN) < inf
 
 
-def test_after_an_act_on_a_device_one_waits_as_configured(clock: SimpleNamespace) -> None:
+@pytest.mark.parametrize("device", ["lidar", "rail"])
+def test_a_device_that_a_repair_switched_is_waited_for_also_where_nobody_tells_of_its_power(
+    device: str,
+) -> None:
+    found, node = StartUps(), PARTS.nodes["driver"]
+    started(found, DRIVER, SCAN, 100, 0.8)
+    started(found, DRIVER, ECHOES, 200, 0.8)
+    started(found, MAPPING, MAP, 300, 0.8)
+    found.acted(Action("r:0", "start_node", ("driver",), 1.0), 999 * S, 1005 * S)
+    assert found.after_our_start_ns(node, 1000 * S, PARTS, Seen()) is not None
+    found.acted(Action("r:1", "power_up", (device,), 1.0), 999 * S, 1005 * S)
+    assert left_s(found, Seen(), SCAN) == inf
+    assert found.after_our_start_ns(node, 1000 * S, PARTS, Seen()) is None
+    mapped = Seen()
+    mapped.values[SCAN] = True
+    assert left_s(found, mapped, MAP) < inf  # it hangs on no device
+
+
+def test_after_an_act_of_the_users_own_one_waits_as_configured(clock: SimpleNamespace) -> None:
     found = StartUps()
     started(found, DRIVER, SCAN, 100, 0.8)
     found.acted(Action("r:0", "reset_usb", ("usb1",), 1.0), 999 * S, 1005 * S)
@@ -158,11 +176,13 @@ def test_how_long_a_node_may_be_silent_is_known_of_those_that_a_repair_started()
     found, node = StartUps(), PARTS.nodes["driver"]
     started(found, DRIVER, SCAN, 100, 0.8)
     started(found, DRIVER, ECHOES, 200, 2)
-    assert found.after_our_start_ns(node, 1000 * S, Seen()) is None  # a boot may take longer than a restart
+    assert (
+        found.after_our_start_ns(node, 1000 * S, PARTS, Seen()) is None
+    )  # a boot may take longer than a restart
     found.acted(Action("r:0", "start_node", ("driver",), 1.0), 999 * S, 1005 * S)
-    assert found.after_our_start_ns(node, 1000 * S, Seen()) == round(4.5 * S)
-    assert found.after_our_start_ns(node, 998 * S, Seen()) is None
+    assert found.after_our_start_ns(node, 1000 * S, PARTS, Seen()) == round(4.5 * S)
+    assert found.after_our_start_ns(node, 998 * S, PARTS, Seen()) is None
     other = StartUps()
     started(other, DRIVER, SCAN, 100, 0.8)
     other.acted(Action("r:0", "start_node", ("driver",), 1.0), 999 * S, 1005 * S)
-    assert other.after_our_start_ns(node, 1000 * S, Seen()) is None  # echoes may take longer
+    assert other.after_our_start_ns(node, 1000 * S, PARTS, Seen()) is None  # echoes may take longer

@@ -107,6 +107,7 @@ class Prediction:
         self._given: frozenset[Literal] = frozenset()
         self._components = tuple(components)
         self._facts = set(initial)
+        self._failed: set[Literal] = set()  # what was expected, and is not to be seen
         self._expected: frozenset[Literal] | None = None  # until a fact changes
 
     def begin(self, step: Step) -> None:
@@ -126,6 +127,13 @@ class Prediction:
                 self._hold(effect.atom)
             else:
                 self._facts.discard(effect.atom)
+
+    def fail(self, literal: Literal) -> None:
+        """This was expected, and was not to be seen: nor is anything to be expected that follows from it."""
+        self._expected = None
+        self._failed.add(literal)
+        if literal.atom.predicate in OBSERVED_FACTS:
+            self._facts.discard(Atom("good", literal.atom.args))
 
     def _hold(self, fact: Atom) -> None:
         """Add a fact; its opposite goes, also where the domain (the paper's) forgets to delete it."""
@@ -148,7 +156,7 @@ class Prediction:
             if OPPOSITES.get(fact.predicate, fact.predicate) in OBSERVED_FACTS
         }
         good = [name for name in self._components if Atom("good", (name,)) in self._facts]
-        derived = self._theory.derived(good, self._given) - self._given
+        derived = self._theory.derived(good, self._given, self._failed) - self._given
         # A fact of the plan's own state is nearer than what the rules derive: a component may be called good
         # while one of its facts is on its way.
         atoms = {literal.atom for literal in facts}

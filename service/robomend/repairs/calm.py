@@ -151,8 +151,9 @@ class Calm:
     def _may_take_ns(self, name: str, began_ns: int) -> int:
         """Return how long what began then may need until it shows."""
         parts, sight = self._state.system.parts, self._state.sight
-        node = None if parts is None else parts.nodes.get(name)
-        known_ns = None if node is None else sight.start_ups.after_our_start_ns(node, began_ns, sight)
+        if parts is None or name not in parts.nodes:
+            return self._start_up_ns
+        known_ns = sight.start_ups.after_our_start_ns(parts.nodes[name], began_ns, parts, sight)
         return self._start_up_ns if known_ns is None else min(known_ns, self._start_up_ns)
 
     async def _may_change(self, result: DiagnosisResult, left: Collection[Atom]) -> bool:

@@ -83,14 +83,16 @@ class Looking:
         Awaited is what somebody observes: the robot's `observed` list names it, or OBS knows it already. It
         is given up before the time-out where earlier starts say that it would be there by now.
         """
-        awaited = {
+        awaited = frozenset(
             literal
             for literal in wanted
             if literal.atom in self._observed or self._sight.reported(literal.atom)
-        }
+        )
 
         def missing() -> frozenset[Literal] | None:
-            return frozenset(w for w in awaited if self._sight.value(w.atom) != w.positive) or None
+            # Another step may have taken away what this one gave, or have failed to give what it rests on.
+            left = awaited & self._prediction.expected()
+            return frozenset(w for w in left if self._sight.value(w.atom) != w.positive) or None
 
         def settling_s() -> float:
             return max((self._sight.settling_s(w.atom) for w in awaited), default=0.0)
@@ -103,9 +105,9 @@ class Looking:
         left = await self._until_none(missing, timeout_s, settling_s, known_s) or frozenset()
         took_s = time.monotonic() - began
         within = f"{timeout_s:g} s" if took_s >= timeout_s else f"{took_s:.1f} s, {LONGER}"
-        # Another step may have begun meanwhile and taken away what this one gave: not missing.
-        left &= self._prediction.expected()
-        seen = sorted(awaited - left)
+        seen = sorted(w for w in awaited if self._sight.value(w.atom) == w.positive)
+        for literal in left:
+            self._prediction.fail(literal)
         self._agreed.update(seen)
         return tuple(seen), tuple(sorted(left)), within
 
@@ -127,6 +129,8 @@ class Looking:
             since = {e: since.get(e, now) for e in broken}
             lasting = sorted(e for e, begun in since.items() if now - begun >= self._hold_s)
             if lasting:
+                for literal in lasting:
+                    self._prediction.fail(literal)
                 return lasting[0]
             await self._sight.changed(revision, self._hold_s / 2 if broken else 1.0)
 

@@ -16,8 +16,8 @@ from math import inf
 from typing import Protocol
 
 from robomend.entry import Entry
-from robomend.model.components import ComponentModel, Node
-from robomend.planning.policy import NODE_ACTIONS
+from robomend.model.components import ComponentModel, Hardware, Node
+from robomend.planning.policy import NODE_ACTIONS, POWER_ACTIONS
 from robomend.robots.clock import CLOCK
 from robomend.robots.declared import Delays
 from robomend_client.actions import Action
@@ -66,14 +66,23 @@ class Seen(Protocol):
 class StartUps:
     """Of one robot."""
 
-    __slots__ = ("_began", "_began_by_us", "_others_until_ns", "_publishers", "_stopped", "_took")
+    __slots__ = (
+        "_began",
+        "_began_by_us",
+        "_others_until_ns",
+        "_publishers",
+        "_stopped",
+        "_switched",
+        "_took",
+    )
 
     def __init__(self) -> None:
         self._stopped: set[str] = set()  # nodes that were heard not to run
         self._began: dict[str, int] = {}  # node that was seen to begin -> since when it runs
         self._took: dict[str, deque[int]] = {}  # topic -> of its publisher's latest starts
         self._began_by_us: dict[str, int] = {}  # node -> when its start was last ordered by a repair
-        self._others_until_ns = 0  # acts on devices may show until then
+        self._switched: dict[str, int] = {}  # device -> when a repair last switched it
+        self._others_until_ns = 0  # of other acts nobody knows on what they act: they may show until then
         self._publishers: tuple[ComponentModel, Mapping[str, tuple[Node, ...]]] | None = None
 
     # --- what happens
@@ -84,14 +93,16 @@ class StartUps:
             return
         for entry in changed:
             match entry.atom:
-                case Atom("running", (node,)) if node in parts.nodes:
+                case Atom(Node.state, (node,)) if node in parts.nodes:
                     self._ran(node, entry)
                 case Atom("ok", (topic,)) if entry.positive and self._began:
                     self._heard(topic, entry, parts)
 
     def acted(self, action: Action, sent_ns: int, shows_ns: int) -> None:
-        """A repair's act has answered; what it does to a device shows until `shows_ns`, at the latest."""
-        if action.name not in NODE_ACTIONS:
+        """A repair's act has answered; what a user's own does shows until `shows_ns`, at the latest."""
+        if action.name in POWER_ACTIONS:
+            self._switched.update(dict.fromkeys(action.parameters, CLOCK.now_ns()))
+        elif action.name not in NODE_ACTIONS:
             self._others_until_ns = max(self._others_until_ns, shows_ns)
         elif action.name == "start_node":
             self._began_by_us.update(dict.fromkeys(action.parameters, sent_ns))
@@ -130,10 +141,12 @@ class StartUps:
         took = self._took.get(topic)
         return None if not took else max(TIMES * max(took), LEAST_NS)
 
-    def after_our_start_ns(self, node: Node, began_ns: int, seen: Seen) -> int | None:
+    def after_our_start_ns(self, node: Node, began_ns: int, parts: ComponentModel, seen: Seen) -> int | None:
         """Return how long a node's topics may take to be heard after a repair started it; None: unknown."""
         ordered_ns = self._began_by_us.get(node.name)
         if ordered_ns is None or began_ns < ordered_ns or CLOCK.now_ns() < self._others_until_ns:
+            return None
+        if self._powered_after(began_ns - LONGEST_NS, [node], parts, seen):
             return None
         longest_ns = 0
         for atom in (Atom("ok", (topic,)) for topic in node.publishes):
@@ -166,16 +179,21 @@ class StartUps:
         needed = [each for node in nodes for each in _needs(node, topic)]
         if may_take_ns is None or not all(seen.value(each) for each in needed):
             return None
-        devices = {name for node in nodes for name in node.drives}
-        devices |= {feeder for name in devices for feeder in parts.feeders(name)}
-        switched = [each for each in (Atom("on", (name,)) for name in devices) if seen.seen_off(each)]
-        if any((seen.rose_ns(each) or 0) + LONGEST_NS > since_ns for each in switched):
+        if self._powered_after(since_ns - LONGEST_NS, nodes, parts, seen):
             return None  # a device may take longer to boot than its driver
         from_ns = max([since_ns, *(seen.rose_ns(each) or 0 for each in needed)])
         return from_ns + may_take_ns + seen.delays(atom).settling_ns + SLACK_NS
+
+    def _powered_after(self, time_ns: int, nodes: Iterable[Node], parts: ComponentModel, seen: Seen) -> bool:
+        """Return whether a device that one of the nodes drives, or its supply, got its power after that."""
+        names = {name for node in nodes for name in node.drives}
+        names |= {feeder for name in names for feeder in parts.feeders(name)}
+        switched = (Atom(Hardware.state, (name,)) for name in names)
+        rose_ns = (seen.rose_ns(each) or 0 for each in switched if seen.seen_off(each))
+        return any(at_ns > time_ns for at_ns in (*rose_ns, *(self._switched.get(n, 0) for n in names)))
 
 
 def _needs(node: Node, topic: str) -> list[Atom]:
     """Return what is observed of what a node needs to publish a topic, its devices left out."""
     inputs = node.publishes[topic] if not node.drives or node.inputs_matter else ()
-    return [Atom("running", (node.name,)), *(Atom("ok", (name,)) for name in inputs)]
+    return [Atom(Node.state, (node.name,)), *(Atom("ok", (name,)) for name in inputs)]
