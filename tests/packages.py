@@ -161,7 +161,7 @@ JAZZY = WantedRos2(
 )
 
 
-BRIDGES = ("tests/clients",)
+BRIDGES = ("tests/clients/bridges", "tests/clients/robomend_ros")
 
 NEEDED: dict[Wanted | WantedRos2, tuple[str, ...]] = {
     POSTGRESQL: ("tests/store", "tests/service"),

@@ -14,7 +14,9 @@ def test_all_of_it_is_needed_where_no_path_is_named() -> None:
     assert needed([]) == needed(["-q", "--long", "-k", "a"]) == list(NEEDED)
 
 
-@pytest.mark.parametrize("path", ["tests/robots/test_configuration.py", "tests/cli::test_a", "tests/model"])
+@pytest.mark.parametrize(
+    "path", ["tests/robots/test_configuration.py", "tests/cli::test_a", "tests/clients/test_bus.py"]
+)
 def test_a_recipes_own_test_waits_for_no_installation(monkeypatch: pytest.MonkeyPatch, path: str) -> None:
     monkeypatch.chdir(ROOT)
     assert needed(["-q", path]) == []
