@@ -146,7 +146,7 @@ def logs_of_the_reader(url: str) -> dict[str, str]:
                 return str(client.upload_batch([(log.name, read)], model="my_robot")["id"])
 
         batch = handed_in()
-        until(lambda: client.batch(batch)["state"] == "done", "the reader's batch is done", 90)
+        until(lambda: client.batch(batch)["state"] == "done", "the reader's batch is done", END_S)
         return {BATCH: batch, OPEN_BATCH: [handed_in() for _ in range(WAITING)][-1]}
 
 

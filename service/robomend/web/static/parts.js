@@ -119,7 +119,10 @@ function keep(old, fresh) {
 function same(fresh, focused) {
   const address = focused.getAttribute("href");
   if (address) return fresh.querySelector(`a[href="${CSS.escape(address)}"]`);
-  if (focused.name) return fresh.querySelector(`[name="${CSS.escape(focused.name)}"]:not([type=hidden])`);
-  return [...fresh.querySelectorAll("button, summary, [tabindex]")].find(
-    (each) => each.textContent === focused.textContent);
+  // Rather nothing than another answer: whoever is on "No" must not press "Yes" because the page changed.
+  const form = (each) => each.form?.getAttribute("action");
+  return [...fresh.querySelectorAll("button, input:not([type=hidden]), textarea, select, summary, [tabindex]")].find(
+    (each) => each.tagName === focused.tagName && each.name === focused.name && form(each) === form(focused)
+      && (each.tagName !== "BUTTON" || each.value === focused.value)
+      && (each.matches("input, textarea, select") || each.textContent === focused.textContent));
 }
