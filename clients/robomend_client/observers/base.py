@@ -109,7 +109,10 @@ class Observer(Protocol):
         ...
 
     def due_ns(self) -> int | None:
-        """Return when a verdict may change without another sample; None: by a sample only."""
+        """Return when a verdict may change without another sample; None: by a sample only.
+
+        A time that is past has had its answer. Who has several of them says the next one: DueAgain.
+        """
         ...
 
     def check(self, now_ns: int) -> tuple[Literal, ...]:
@@ -127,6 +130,15 @@ class Observer(Protocol):
         """Forget all samples; from `time_ns` on, judge by what comes. Also called once before the first
         sample.
         """
+        ...
+
+
+@runtime_checkable
+class DueAgain(Protocol):
+    """An observer whose verdicts turn unknown one after another: each has a time of its own."""
+
+    def due_after(self, now_ns: int) -> int | None:
+        """Return the first of those times after `now_ns`; `due_ns` may be one that is past."""
         ...
 
 

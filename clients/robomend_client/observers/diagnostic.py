@@ -19,7 +19,7 @@ Source: the paper, section IV-B.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from operator import eq, ge, gt, le, lt, ne
@@ -27,7 +27,7 @@ from typing import Any, ClassVar
 
 from robomend_client.literals import Atom, Literal, parse_atom
 from robomend_client.observers.base import Evidence, finite
-from robomend_client.observers.judgement import Judgement, earliest
+from robomend_client.observers.judgement import Judgement
 from robomend_client.observers.reading import Readings
 
 DIAGNOSTICS = "diagnostics"
@@ -153,10 +153,10 @@ class DiagnosticObserver:
             self._judge_levels(time_ns)
 
     def due_ns(self) -> int | None:
-        times = [judgement.due_ns() for judgement in self._judgements.values()]
-        if self._missing_is_bad:
-            times.append(self._heard_ns + self._lifetime_ns)
-        return earliest(times)
+        return min(self._times_ns(), default=None)
+
+    def due_after(self, now_ns: int) -> int | None:
+        return min((time_ns for time_ns in self._times_ns() if time_ns > now_ns), default=None)
 
     def check(self, now_ns: int) -> tuple[Literal, ...]:
         found = []
@@ -179,6 +179,15 @@ class DiagnosticObserver:
     def _matches(self, name: str) -> bool:
         name = name.removeprefix("/")
         return any(fnmatchcase(name, pattern.removeprefix("/")) for pattern in self._patterns)
+
+    def _times_ns(self) -> Iterator[int]:
+        """Return when a verdict turns by itself: each when nothing speaks of it for its lifetime."""
+        for judgement in self._judgements.values():
+            due_ns = judgement.due_ns()
+            if due_ns is not None:
+                yield due_ns
+        if self._missing_is_bad:
+            yield self._heard_ns + self._lifetime_ns
 
     def _missing(self, now_ns: int) -> bool:
         return self._missing_is_bad and now_ns - self._heard_ns >= self._lifetime_ns

@@ -10,7 +10,6 @@ many say the opposite, and is unknown when the newest reading is older than `lif
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
 from typing import Any
 
 from robomend_client.observers.base import Evidence
@@ -96,9 +95,3 @@ class Judgement:
         if self._verdict is None or self._lifetime_ns is None or self._newest_ns is None:
             return None
         return self._newest_ns + self._lifetime_ns
-
-
-def earliest(times: Mapping[object, int | None] | list[int | None]) -> int | None:
-    """Return the earliest of the times that there are."""
-    known = [t for t in (times.values() if isinstance(times, Mapping) else times) if t is not None]
-    return min(known, default=None)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from robomend_client.literals import Atom, Literal
-from robomend_client.observers.base import Observer, Patient, Verdict, ns
+from robomend_client.observers.base import DueAgain, Observer, Patient, Verdict, ns
 
 GRID_NS = 10_000_000
 """Ticks of observers that are due; coarse enough that many of them share a wake-up."""
@@ -19,6 +19,7 @@ class ObserverState:
 
     __slots__ = (
         "check",
+        "due_after",
         "due_ns",
         "fed",
         "feed",
@@ -38,6 +39,7 @@ class ObserverState:
         self.observer = observer
         self.number = number
         self.feed, self.check, self.due_ns = observer.feed, observer.check, observer.due_ns
+        self.due_after = observer.due_after if isinstance(observer, DueAgain) else None
         self.period_ns = observer.period_ns
         self.fed = False
         self.tick_ns = NEVER
@@ -102,7 +104,9 @@ class ObserverState:
 
     def planned_ns(self, due_ns: int | None, now_ns: int) -> int:
         """Return when to look at it again; a time that it was due at, and is past, has had its answer."""
-        tick_ns = NEVER if due_ns is None or due_ns <= now_ns else after(due_ns - 1, GRID_NS)
+        if due_ns is not None and due_ns <= now_ns:
+            due_ns = None if self.due_after is None else self.due_after(now_ns)
+        tick_ns = NEVER if due_ns is None else after(due_ns - 1, GRID_NS)
         if self.waiting:
             tick_ns = min(tick_ns, after(max(self.patient_until_ns - 1, now_ns), GRID_NS))
         if self.fed:

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from robomend_client.literals import Atom, Literal, fails, holds
-from robomend_client.observers import DiagnosticObserver, Evidence, Levels, Readings, ns
+from robomend_client.observers import DiagnosticObserver, Driver, Evidence, Levels, Readings, ns
 from robomend_client.observers.diagnostic import NumberRule
 
 PUBLISHED = Levels(**{k: v for k, v in Levels.PRESETS["published"].items() if k != "lifetime_s"})
@@ -121,3 +121,16 @@ def test_impossible_parameters_are_refused_by_name() -> None:
         DiagnosticObserver("a", [])
     with pytest.raises(ValueError, match=r"^stale must be one of"):
         Levels(stale="maybe")
+
+
+def test_each_verdict_turns_unknown_by_itself_when_nothing_speaks_of_it_any_more() -> None:
+    hot = observer(None, "temperature < 40", lifetime_s=2)
+    driver = Driver([hot], 0)
+    driver.sample("diagnostics", ns(0), status(0, temperature="20"), ns(0))
+    driver.sample("diagnostics", ns(1), status(0), ns(1))  # it does not say how hot it is any more
+    changes = driver.advance(ns(10))
+    assert [(change.time_ns, str(change.atom), change.value) for change in changes] == [
+        (ns(2), "ok(temperature)", None),
+        (ns(3), "ok(hokuyo)", None),
+    ]
+    assert driver.standing() == []
