@@ -28,6 +28,7 @@ import threading
 import time
 import traceback
 import types
+from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, NoReturn
 
 if TYPE_CHECKING:
@@ -37,6 +38,8 @@ LOADED = ("robomend.cli.main", "robomend.cli.serve", "robomend.api.runtime", "ro
 """What the template imports; nothing that starts a thread."""
 
 NUMBER = struct.Struct("<i")
+ROOT = Path(__file__).parents[1]
+
 WORDS = {"stdin", "stdout", "stderr", "text", "cwd", "env", "start_new_session"}
 """The options of subprocess.Popen that are understood."""
 
@@ -152,7 +155,9 @@ class _Template:
             self._socket.sendall(text)
         os.close(theirs)
         told = os.read(ends, NUMBER.size)
-        assert told, "the template is gone"
+        if not told:
+            self._socket = None  # the next one who needs it starts another
+            raise AssertionError("the template is gone")
         return NUMBER.unpack(told)[0], ends
 
     def _start(self) -> None:
@@ -162,6 +167,8 @@ class _Template:
                 [sys.executable, "-m", "tests.forked", str(theirs.fileno())],
                 pass_fds=(theirs.fileno(),),
                 stdin=subprocess.DEVNULL,
+                cwd=ROOT,  # wherever the test is that needs it first
+                start_new_session=True,  # whoever ends a test's processes by their group does not mean it
             )
 
 

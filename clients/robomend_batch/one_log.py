@@ -82,7 +82,7 @@ class Diagnoser:
         """Do the same for so long; None: it is to be asked again, and goes on where it was left."""
         path = Path(name)
         until_s = monotonic() + span_s
-        unfinished = Unfinished(state_file(self.setup.out, name), stamp(name), self._stays)
+        unfinished = Unfinished(state_file(self.setup.out, name), stamp(name), self._stays, span_s)
         logs = unfinished.load() or _Logs(name, self.setup, self._answers, self._observing, self._folder)
         kind = None
         try:

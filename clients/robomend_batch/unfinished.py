@@ -15,6 +15,7 @@ import os
 import pickle
 from collections.abc import Mapping
 from io import BytesIO
+from math import inf
 from pathlib import Path
 from time import monotonic
 from typing import Any
@@ -43,17 +44,18 @@ def stamp(name: str) -> Stamp:
 class Unfinished:
     """The state of one log in hand."""
 
-    def __init__(self, file: Path, stamped: Stamp, stays: Mapping[str, object]) -> None:
+    def __init__(self, file: Path, stamped: Stamp, stays: Mapping[str, object], span_s: float = inf) -> None:
         """
         Args:
             file: to keep it in.
             stamped: of the log; the state of a log that has changed does not count.
             stays: what is not written but found again, by a name.
+            span_s: for how long the log is in hand; the first state is written by its end.
         """
         self._file = file
         self._stamped = stamped
         self._stays = stays
-        self._next_s = monotonic() + EVERY_S
+        self._next_s = monotonic() + min(EVERY_S, span_s)
         self._possible = True
         self.kept = False
         """Whether there is a state."""

@@ -27,6 +27,8 @@ PLACES = {
     "recipient": "duty",
     "file": "start.js",
     "version": "1",
+    "report": "suite-first",
+    "plot": "suite-first.svg",
 }
 
 STREAMS = {"/api/v1/events", "/api/v1/robots/{robot}/events"}

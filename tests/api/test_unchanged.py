@@ -16,6 +16,9 @@ from robomend_client.literals import Atom
 
 SCAN = Atom("ok", ("scan",))
 
+CHANGE = 7
+"""Events: model, robot, first diagnosis, unknown, observations, diagnosis; and unhealthy, by another task."""
+
 
 def rows(service: Service) -> dict[str, int]:
     """Return how many rows each table has."""
@@ -48,6 +51,7 @@ def test_it_adds_no_row(start: StartService, lifetime: dict[str, Any], dated: bo
         return answer["revision"], answer["changed"]
 
     assert say(0) == (1, ["not ok(scan)", "ok(odom)"])
+    until(lambda: rows(service)["events"] == CHANGE, "all events of the change are kept")
     before = rows(service)
     assert [say(number) for number in range(1, 30)] == [(1, [])] * 29
     assert rows(service) == before

@@ -88,6 +88,8 @@ OTHER_WORDS = {
     ("repairs/execution_values.py", "failed"),  # of the sentence on a result
     ("repairs/execution_values.py", "done"),  # how an execution ends
     ("api/schemas/batch.py", "running"),  # a batch's states
+    ("web/plan_graph.py", "running"),  # the look of a step
+    ("web/plan_graph.py", "waiting"),
     ("batches/one_batch.py", "done"),
     ("cli/remote/batches.py", "done"),
     *(("batches/record.py", word) for word in ("done", "failed")),
