@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import math
+import random
+import socket
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -105,3 +108,37 @@ def test_nodes_whose_qualities_of_service_do_not_meet_are_told_once_with_their_t
             assert len(heard.lines("asks for reliable")) == 1
 
     asyncio.run(test())
+
+
+def test_datagrams_of_garbage_to_our_ports_change_nothing(ros: Ros2Robot) -> None:
+    """Whoever is on the network can send them; Cyclone DDS drops what is no RTPS, and half of one."""
+    ros.node("laser").do("publish", topic="/scan", type="std_msgs/String", rate=20)
+
+    async def test() -> None:
+        async with hearing(ros, "scan") as heard:
+            await heard.more("scan")
+            rng = random.Random(1)
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as peer:
+                ports = own_ports()
+                assert ports
+                for port in ports:
+                    for number in range(100):
+                        begin = (b"", b"RTPS", b"RTPS\x02\x01\x01\x10" + bytes(12) + b"\x15\x07")[number % 3]
+                        peer.sendto(begin + rng.randbytes(rng.randrange(1, 400)), ("127.0.0.1", port))
+            await heard.more("scan", 20)
+            late = await asyncio.to_thread(ros.node, "late")
+            await asyncio.to_thread(late.do, "publish", topic="/scan", type="std_msgs/String", rate=20)
+            await heard.more("scan", 20)
+            assert heard.log == []
+
+    asyncio.run(test())
+
+
+def own_ports() -> list[int]:
+    """Return the UDP ports on which this process listens."""
+    inodes = set()
+    for link in Path("/proc/self/fd").iterdir():
+        with suppress(OSError):  # it was that of the listing itself
+            inodes.add(link.readlink().name.removeprefix("socket:[").removesuffix("]"))
+    rows = [line.split() for line in Path("/proc/self/net/udp").read_text().splitlines()[1:]]
+    return [int(row[1].partition(":")[2], 16) for row in rows if row[9] in inodes]
