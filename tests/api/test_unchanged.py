@@ -16,16 +16,16 @@ from robomend_client.literals import Atom
 
 SCAN = Atom("ok", ("scan",))
 
-CHANGE = 7
-"""Events: model, robot, first diagnosis, unknown, observations, diagnosis; and unhealthy, by another task."""
-
 
 def rows(service: Service) -> dict[str, int]:
     """Return how many rows each table has."""
 
     def count(view: View) -> dict[str, int]:
         tables = schema.metadata.sorted_tables
-        return {table.name: view.rows(select(func.count()).select_from(table))[0][0] for table in tables}
+        counted = {table: select(func.count()).select_from(table) for table in tables}
+        # How a robot is, is told by another task, late, and not at all if it was unknown for a moment only.
+        counted[schema.events] = counted[schema.events].where(schema.events.c.kind != "robot")
+        return {table.name: view.rows(count)[0][0] for table, count in counted.items()}
 
     found: dict[str, int] = service.run(service.runtime.store.read(count))
     return found
@@ -51,7 +51,6 @@ def test_it_adds_no_row(start: StartService, lifetime: dict[str, Any], dated: bo
         return answer["revision"], answer["changed"]
 
     assert say(0) == (1, ["not ok(scan)", "ok(odom)"])
-    until(lambda: rows(service)["events"] == CHANGE, "all events of the change are kept")
     before = rows(service)
     assert [say(number) for number in range(1, 30)] == [(1, [])] * 29
     assert rows(service) == before
