@@ -31,6 +31,17 @@ def rows(service: Service) -> dict[str, int]:
     return found
 
 
+def is_diagnosed(service: Service, revision: int) -> bool:
+    """Return whether the event of this revision's diagnosis is on the disk."""
+
+    def told(view: View) -> list[str]:
+        events = select(schema.events.c.data).where(schema.events.c.kind == "diagnosis")
+        return [data for (data,) in view.rows(events)]
+
+    found: list[str] = service.run(service.runtime.store.read(told))
+    return any(data.startswith(f'{{"revision":{revision},') for data in found)
+
+
 def stored(service: Service) -> StoredObs:
     """Return OBS as it is on the disk."""
     found: StoredObs = service.run(service.runtime.store.read(observations.obs, "r1"))
@@ -51,6 +62,7 @@ def test_it_adds_no_row(start: StartService, lifetime: dict[str, Any], dated: bo
         return answer["revision"], answer["changed"]
 
     assert say(0) == (1, ["not ok(scan)", "ok(odom)"])
+    until(lambda: is_diagnosed(service, 1), "its diagnosis is kept")
     before = rows(service)
     assert [say(number) for number in range(1, 30)] == [(1, [])] * 29
     assert rows(service) == before
