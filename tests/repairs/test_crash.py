@@ -167,8 +167,9 @@ async def test_the_global_stop_holds_across_a_crash_and_what_it_ended_begins_ane
         client = running[0].client
         assert client is not None
         await client.stop("people on the floor")
-        begun_before = len(robot.ids)
         await running[0].kill()
+        await asyncio.sleep(0.2)  # what was handed out before the stop may still be on its way to the robot
+        begun_before = len(robot.ids)
         await running[0].start()
         stopped = await latest(running, ended)
         await asyncio.sleep(1.0)  # time in which it could act
