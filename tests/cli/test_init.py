@@ -132,17 +132,23 @@ def test_a_graph_of_ros_gives_model_agent_and_configuration(
     assert RobotBody.model_validate(read_robot(tmp_path / "robot.yaml")).observed == ["ok(scan)", "ok(map)"]
 
 
-def test_it_asks_a_person_at_a_terminal(tmp_path: Path) -> None:
+def asked(answers: list[str], folder: Path) -> str:
+    """Return what `init robot` says to a person at a terminal who answers this."""
     person, terminal = pty.openpty()
-    answers = ["walker", "fan", "camera detector", "image", "fan", "python3 camera.py"]
-    answers += ["people", "", "", "5", "", "", "image", ""]
     os.write(person, "".join(f"{answer}\n" for answer in answers).encode())
     command = [sys.executable, "-m", "robomend", "init", "robot"]
-    done = subprocess.run(command, stdin=terminal, capture_output=True, cwd=tmp_path, timeout=60, text=True)
+    done = subprocess.run(command, stdin=terminal, capture_output=True, cwd=folder, timeout=60, text=True)
     os.close(person)
     os.close(terminal)
     assert done.returncode == 0, done.stderr
-    assert "Nodes, the programs of the robot" in done.stderr
+    return done.stderr
+
+
+def test_it_asks_a_person_at_a_terminal(tmp_path: Path) -> None:
+    answers = ["walker", "fan", "camera detector", "image", "fan", "python3 camera.py"]
+    answers += ["people", "", "", "5", "", "", "image", ""]
+    told = asked(answers, tmp_path)
+    assert "Nodes, the programs of the robot" in told
     parts = load_model(tmp_path / "walker.yaml").parts
     assert parts is not None
     assert (parts.nodes["camera"].drives, parts.nodes["detector"].publishes) == (
@@ -153,15 +159,9 @@ def test_it_asks_a_person_at_a_terminal(tmp_path: Path) -> None:
 
 
 def test_a_wrong_answer_is_asked_again_at_once(tmp_path: Path) -> None:
-    person, terminal = pty.openpty()
     answers = ["walker", "base=seven", "base=7", "camera=image", "camera", "image", "bse", "base"]
     answers += ["python3 'camera.py", "python3 camera.py", "often", "5", "here", "", "8600", ""]
-    os.write(person, "".join(f"{answer}\n" for answer in answers).encode())
-    command = [sys.executable, "-m", "robomend", "init", "robot"]
-    done = subprocess.run(command, stdin=terminal, capture_output=True, cwd=tmp_path, timeout=60, text=True)
-    os.close(person)
-    os.close(terminal)
-    assert done.returncode == 0, done.stderr
+    told = asked(answers, tmp_path)
     for complaint in (
         "'seven' is no channel",
         "'camera=image' is no name",
@@ -171,7 +171,7 @@ def test_a_wrong_answer_is_asked_again_at_once(tmp_path: Path) -> None:
         "'here' is no address of a power board",
         "'8600' is no address of a service",
     ):
-        assert complaint in done.stderr
+        assert complaint in told
     parts = load_model(tmp_path / "walker.yaml").parts
     assert parts is not None
     assert parts.nodes["camera"].drives == ("base",)

@@ -4,6 +4,7 @@ keeps its power.
 
 from __future__ import annotations
 
+from collections.abc import Awaitable, Callable
 from pathlib import Path
 
 import pytest
@@ -32,11 +33,11 @@ def test_what_was_surely_broken_counts_until_it_helped_and_as_long_as_the_repair
     assert surely_broken([a], None) == frozenset()
 
 
-@pytest.mark.anyio
-async def test_a_mute_successor_is_replaced_before_its_device_is_suspected(tmp_path: Path) -> None:
+def first_one_mute() -> Callable[[Robot, str, str], Awaitable[int | None]]:
+    """Return what makes the first node that is started run, and say nothing."""
     mute = True
 
-    async def first_one_mute(robot: Robot, name: str, parameter: str) -> int | None:
+    async def spoiled(robot: Robot, name: str, parameter: str) -> int | None:
         nonlocal mute
         if name != "start_node" or not mute:
             return None
@@ -44,9 +45,14 @@ async def test_a_mute_successor_is_replaced_before_its_device_is_suspected(tmp_p
         robot.running[parameter] = True
         return 0
 
+    return spoiled
+
+
+@pytest.mark.anyio
+async def test_a_mute_successor_is_replaced_before_its_device_is_suspected(tmp_path: Path) -> None:
     async with service(tmp_path) as runtime, robot_on(runtime) as robot:
         await robot.settled()
-        robot.spoil = first_one_mute
+        robot.spoil = first_one_mute()
         robot.running["lidar_node"] = robot.connected["lidar_node"] = False
         repair = await the_repair(runtime)
         tried = await runtime.store.read(attempts.tried, "r1")
@@ -84,16 +90,6 @@ async def test_a_device_that_hangs_behind_the_ended_driver_is_cycled_after_a_sec
 async def test_a_start_that_takes_longer_than_earlier_ones_is_known_to_be_in_vain_before_the_time_out(
     tmp_path: Path,
 ) -> None:
-    mute = True
-
-    async def first_one_mute(robot: Robot, name: str, parameter: str) -> int | None:
-        nonlocal mute
-        if name != "start_node" or not mute:
-            return None
-        mute = False
-        robot.running[parameter] = True
-        return 0
-
     patient = {**CONFIG["actions"]["start_node"], "effect_timeout_s": 600.0}
     actions = {**CONFIG["actions"], "start_node": patient}
     async with service(tmp_path) as runtime, robot_on(runtime, policy="observe", actions=actions) as robot:
@@ -101,7 +97,7 @@ async def test_a_start_that_takes_longer_than_earlier_ones_is_known_to_be_in_vai
             robot.do("start_node" if runs else "stop_node", "lidar_node")
             await robot.settled()
         await runtime.robots.put_robot("r1", {**CONFIG, "actions": actions}, expected="*", by="test")
-        robot.spoil = first_one_mute
+        robot.spoil = first_one_mute()
         robot.running["lidar_node"] = robot.connected["lidar_node"] = False
         repair = await the_repair(runtime)
     assert repair["state"] == "repaired"

@@ -13,6 +13,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
+from abc import ABC, abstractmethod
 from collections import OrderedDict
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -56,7 +57,7 @@ class Goal:
         return {"goal_id": goal_id, "status": int(self.state), "text": self.text}
 
 
-class GoalServer:
+class GoalServer(ABC):
     """Serves one action: its goals, their states and results. Subclasses carry out."""
 
     types: Mapping[str, str]
@@ -80,9 +81,9 @@ class GoalServer:
             part: node.publish(f"{topic}/{part}", kind, describe) for part, kind in self.types.items()
         }
 
+    @abstractmethod
     async def carry_out(self, goal: Goal, wanted: Any) -> tuple[ActionResult, Mapping[str, object] | None]:
         """Return how it went, and the fields of the result (None: its number); `wanted` is the goal."""
-        raise NotImplementedError
 
     def read_goal(self, publisher: Publisher, body: bytes) -> Any:
         """Return a goal's message, None if it is none."""

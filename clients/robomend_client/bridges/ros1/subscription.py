@@ -14,6 +14,7 @@ import asyncio
 import logging
 import socket
 from collections.abc import Callable, Iterable
+from contextlib import ExitStack
 from dataclasses import dataclass
 from importlib import import_module
 
@@ -266,20 +267,18 @@ async def _connected(host: str, port: int) -> socket.socket:
     loop = asyncio.get_running_loop()
     found = await loop.getaddrinfo(host, port, type=socket.SOCK_STREAM)
     for number, (family, kind, protocol, _, address) in enumerate(found, 1):
-        wire = socket.socket(family, kind, protocol)
-        try:
+        with ExitStack() as unless_it_stands:
+            wire = unless_it_stands.enter_context(socket.socket(family, kind, protocol))
             wire.setblocking(False)
             wire.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
             for option, value in KEEPALIVE:
                 wire.setsockopt(socket.IPPROTO_TCP, option, value)
-            await loop.sock_connect(wire, address)
-        except OSError:
-            wire.close()
-            if number == len(found):
-                raise
-        except BaseException:
-            wire.close()
-            raise
-        else:
+            try:
+                await loop.sock_connect(wire, address)
+            except OSError:
+                if number == len(found):
+                    raise
+                continue
+            unless_it_stands.pop_all()
             return wire
     raise OSError(f"{host} has no address")

@@ -5,7 +5,9 @@ from __future__ import annotations
 import asyncio
 import os
 import sys
+from collections.abc import Callable, Coroutine
 from pathlib import Path
+from typing import Any
 
 from tests.clients.bridges.hearing import hearing
 from tests.node_process import NodeProcess
@@ -23,6 +25,20 @@ HERE = (
 """rmw_cyclonedds has no type information, which the wheel cannot do without; so it does not look at ours."""
 
 
+def beside_a_node(
+    name: str, test: Callable[[int, NodeProcess], Coroutine[Any, Any, None]], folder: Path
+) -> None:
+    """Run a test in a domain in which a node of this name publishes /scan."""
+    with domain() as number:
+        command = [sys.executable, str(NODE), str(number)]
+        node = NodeProcess(name, command, {**os.environ, "CYCLONEDDS_URI": HERE}, folder)
+        try:
+            node.do("publish", topic="/scan", data="far", rate=10)
+            asyncio.run(test(number, node))
+        finally:
+            node.close()
+
+
 def test_a_node_of_cyclone_dds_without_hashes_is_heard_and_seen_to_end(tmp_path: Path) -> None:
     async def test(number: int, laser: NodeProcess) -> None:
         keys = f"domain: {number}\ndiscovery: localhost\ndiscovery_s: 1\nname: robomend_test\n"
@@ -34,14 +50,7 @@ def test_a_node_of_cyclone_dds_without_hashes_is_heard_and_seen_to_end(tmp_path:
             await heard.until(lambda: not heard.last("nodes").get("laser", False), "it does not run")
             assert heard.log == []
 
-    with domain() as number:
-        command = [sys.executable, str(NODE), str(number)]
-        laser = NodeProcess("laser", command, {**os.environ, "CYCLONEDDS_URI": HERE}, tmp_path)
-        try:
-            laser.do("publish", topic="/scan", data="far", rate=10)
-            asyncio.run(test(number, laser))
-        finally:
-            laser.close()
+    beside_a_node("laser", test, tmp_path)
 
 
 def test_a_name_that_ros_does_not_allow_and_a_graph_that_is_none_are_told_and_the_rest_is_heard(
@@ -60,11 +69,4 @@ def test_a_name_that_ros_does_not_allow_and_a_graph_that_is_none_are_told_and_th
             assert len(heard.lines("ROS allows no such name")) == 1
             assert len(heard.lines("ros_discovery_info")) == 1
 
-    with domain() as number:
-        command = [sys.executable, str(NODE), str(number)]
-        odd = NodeProcess("a b; reboot", command, {**os.environ, "CYCLONEDDS_URI": HERE}, tmp_path)
-        try:
-            odd.do("publish", topic="/scan", data="far", rate=10)
-            asyncio.run(test(number, odd))
-        finally:
-            odd.close()
+    beside_a_node("a b; reboot", test, tmp_path)
