@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from robomend.cli.tables import at, printable, show_paragraph, show_table
+from robomend.cli.tables import at, diagnoses, printable, show_paragraph, show_table, some
 
 Capture = pytest.CaptureFixture[str]
 
@@ -40,3 +40,10 @@ def test_a_time_of_today_is_a_clock_and_others_have_their_day() -> None:
     assert at(noon, now_ns=noon + 10**9) == "12:00:00"
     assert at(noon, now_ns=noon + 10**14) == "2025-11-25 12:00"
     assert at(None) == ""
+
+
+def test_of_many_diagnoses_three_are_named() -> None:
+    found = [["lidar"], ["gps", "imu"], ["cam"], ["hub"], ["base"]]
+    assert diagnoses(found) == "lidar or gps with imu or cam or 2 more"
+    assert diagnoses(found[:3]) == "lidar or gps with imu or cam"
+    assert some(["a", "b", "c", "d"]) == "a, b, c, 1 more"

@@ -65,6 +65,19 @@ def test_another_way_comes_before_the_same_that_did_not_help() -> None:
     assert choose([restart], history).plan is restart.plan  # where nothing else is left, once more
 
 
+def test_of_many_reasons_why_nothing_can_be_done_four_are_told() -> None:
+    broken = [Candidate(Diagnosis((f"d{n}",)), replace(plan(0), excluded=(f"d{n}",))) for n in range(2)]
+    nothing = [
+        Candidate(Diagnosis((f"s{n}",)), replace(plan(0), unreachable=(f"s{n}: nobody mends it",)))
+        for n in range(9)
+    ]
+    assert choose(nothing[:4]).reason.endswith("s2: nobody mends it; s3: nobody mends it")
+    assert choose([*nothing, *broken]).reason == (
+        "no known repair: s0: nobody mends it; s1: nobody mends it; s2: nobody mends it; "
+        "s3: nobody mends it; 6 more reasons"
+    )
+
+
 def test_what_was_done_in_vain_is_not_repeated_when_it_hardly_helps_any_more() -> None:
     """The device is in quarantine; the driver was restarted twice, each time with its effect seen."""
     device = Candidate(Diagnosis(("imu",)), replace(plan(0), excluded=("imu",)))

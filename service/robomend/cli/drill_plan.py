@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from robomend.cli.remote.connection import asking
+from robomend.cli.tables import diagnoses
 from robomend.errors import InputError
 
 if TYPE_CHECKING:
@@ -150,7 +151,7 @@ def show_plan(robot: str, obstacles: Sequence[str], faults: Sequence[PlantableFa
 
 def promised(fault: PlantableFault) -> str:
     """Return the promise in words."""
-    named = " or ".join(" with ".join(bad) for bad in fault.diagnoses)
+    named = diagnoses(fault.diagnoses)
     nobody = "blames nobody: it is of the board, which the model does not know"
     words = {
         "unseen": "would not be noticed" if fault.component else nobody,

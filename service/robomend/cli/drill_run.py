@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from robomend.cli.remote.connection import asking
+from robomend.cli.tables import diagnoses
 from robomend.drills.score import compared, name_of, passed, report, scored
 from robomend.repairs.states import RepairState
 from robomend_client.rest.errors import ApiError, ClientError, StateConflict
@@ -173,7 +174,7 @@ def _in_words(row: Mapping[str, Any]) -> str:
     if row["outcome"] is None:
         left = "" if row["undone"] else "; NOT UNDONE yet, the service goes on"
         return f"not watched to its end: {row['why_not'] or row['state']}{left}"
-    blamed = " or ".join(" with ".join(bad) for bad in row["diagnoses"])
+    blamed = diagnoses(row["diagnoses"])
     words = {
         "told": "told",
         "among": f"one of {blamed}",

@@ -9,6 +9,20 @@ from datetime import UTC, datetime
 
 import click
 
+MANY = 3
+"""Diagnoses, or names, in one line."""
+
+
+def some(names: Sequence[str], between: str = ", ", most: int = MANY) -> str:
+    """Return the first of the names, and how many more there are."""
+    more = f"{between}{len(names) - most} more" if len(names) > most else ""
+    return between.join(names[:most]) + more
+
+
+def diagnoses(found: Iterable[Sequence[str]], most: int = MANY) -> str:
+    """Return diagnoses in one line: `lidar or lidar_node or gps with imu or 2 more`."""
+    return some([" with ".join(bad) for bad in found], " or ", most)
+
 
 def show_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
     """Write a table; what does not fit is wrapped, never cut off."""

@@ -220,6 +220,10 @@ def _cutting_less(best: Alternative | None, ranked: Sequence[Alternative]) -> Al
     return None
 
 
+TOLD = 4
+"""Reasons in one sentence why there is no repair: with five broken devices there are dozens, much alike."""
+
+
 def _nothing(candidates: Sequence[Candidate], weighed: Sequence[Alternative]) -> str:
     if not candidates:
         return "nothing is diagnosed bad"
@@ -236,7 +240,10 @@ def _nothing(candidates: Sequence[Candidate], weighed: Sequence[Alternative]) ->
     if aside:
         repairs = "its repairs keep" if len(aside) == 1 else "their repairs keep"
         sentences[f"{' and '.join(aside)} left alone for a while, as {repairs} failing"] = None
-    return "no known repair: " + "; ".join(sentences)
+    told = list(sentences)[:TOLD]
+    if len(sentences) > TOLD:
+        told.append(f"{len(sentences) - TOLD} more reasons")
+    return "no known repair: " + "; ".join(told)
 
 
 def _unplanned(one: Candidate) -> tuple[str, ...]:

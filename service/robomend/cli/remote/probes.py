@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from robomend.cli.remote.connection import asking, format_option, service_options
 from robomend.cli.remote.names import RobotName
-from robomend.cli.tables import show_paragraph, show_table
+from robomend.cli.tables import diagnoses, show_paragraph, show_table
 
 if TYPE_CHECKING:
     from robomend_client.rest import Client
@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
 DIAGNOSED_S = 30.0
 """For the diagnosis of what was just observed."""
-
-NAMED = 3
 
 
 @click.command("probes")
@@ -59,8 +57,8 @@ def probes(robot: str, answer: tuple[str, ...], limit: int, url: str, key: str |
         (
             (
                 probe["atom"],
-                _sets([one for one in bad if one not in probe["if_false"]]),
-                _sets([one for one in bad if one not in probe["if_true"]]),
+                diagnoses([one for one in bad if one not in probe["if_false"]]),
+                diagnoses([one for one in bad if one not in probe["if_true"]]),
                 f"{probe['gain_bits']:.2f}",
                 f"{probe['cost_s']:g} s",
             )
@@ -121,9 +119,4 @@ def _bad(current: Mapping[str, Any]) -> str:
     found = [one["bad"] for one in current["result"]["diagnoses"]]
     if any(not bad for bad in found):
         return "healthy: every observation is what a healthy robot would show"
-    return f"bad: {_sets(found)}" if found else "no diagnosis within the limits"
-
-
-def _sets(found: Sequence[Sequence[str]]) -> str:
-    named = [" with ".join(bad) for bad in found[:NAMED]]
-    return " or ".join(named) + (f" or {len(found) - NAMED} more" if len(found) > NAMED else "")
+    return f"bad: {diagnoses(found)}" if found else "no diagnosis within the limits"

@@ -10,15 +10,12 @@ import click
 
 from robomend.cli.remote.connection import asking, format_option, service_options
 from robomend.cli.remote.names import RobotName
-from robomend.cli.tables import at, printable
+from robomend.cli.tables import at, diagnoses, printable, some
 from robomend.repairs.states import STEP_ENDS, RepairState, StepState
 
 if TYPE_CHECKING:
     from robomend_client.events import Event
     from robomend_client.rest import ClientError
-
-NAMED = 3
-"""Diagnoses, or literals, in one line."""
 
 MOST_ACTIONS = 1000
 """Actions under way that are remembered."""
@@ -121,8 +118,8 @@ def _observations(data: Mapping[str, Any]) -> str | None:
     changed, forgotten = data.get("changed", ()), data.get("forgotten", ())
     if not changed and not forgotten:
         return None
-    words = [f"observed {_some(changed)}"] if changed else []
-    words += [f"unknown now: {_some(forgotten)}"] if forgotten else []
+    words = [f"observed {some(changed)}"] if changed else []
+    words += [f"unknown now: {some(forgotten)}"] if forgotten else []
     return "; ".join(words)
 
 
@@ -133,8 +130,7 @@ def _diagnosis(data: Mapping[str, Any]) -> str:
     found = result["diagnoses"]
     if any(not one["bad"] for one in found):
         return "healthy: every observation is what a healthy robot would show"
-    named = [" with ".join(one["bad"]) for one in found]
-    return f"bad: {_some(named, ' or ')}" if named else "no diagnosis within the limits"
+    return f"bad: {diagnoses([one['bad'] for one in found])}" if found else "no diagnosis within the limits"
 
 
 def _repair(data: Mapping[str, Any]) -> str:
@@ -174,7 +170,7 @@ def _robot(data: Mapping[str, Any]) -> str:
     what = data.get("what", "changed")
     if what == "health":
         unknown = data.get("unknown", ())
-        return f"is {data.get('state')}" + (f": {_some(unknown)}" if unknown else "")
+        return f"is {data.get('state')}" + (f": {some(unknown)}" if unknown else "")
     rest = {name: value for name, value in data.items() if name not in {"what", "etag"} and value}
     if rest.keys() == {"by"}:
         return f"robot: {what} by {rest['by']}"
@@ -189,11 +185,6 @@ def _stop(data: Mapping[str, Any]) -> str:
     if not data.get("active"):
         return f"the stop is lifted by {data.get('by')}"
     return f"STOPPED by {data.get('by')}" + (f": {data['reason']}" if data.get("reason") else "")
-
-
-def _some(names: Any, between: str = ", ") -> str:
-    more = f"{between}{len(names) - NAMED} more" if len(names) > NAMED else ""
-    return between.join(names[:NAMED]) + more
 
 
 WORDS = {
