@@ -116,7 +116,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     assert run(["init", "my_robot.yaml"]) == 0
     shutil.copy(ROOT / "examples" / "agent.yaml", "agent.yaml")
-    Path("r1.json").write_text('{"model": "my_robot", "observed": ["ok(scan)"]}')
+    Path("robot.yaml").write_text("model: my_robot\nobserved: [ok(scan)]\n")
     Path("bags").mkdir()
     lines = (
         {"time": time, "literal": sentence} for time, sentence in ((1.5, "ok(scan)"), (2.5, "not ok(scan)"))

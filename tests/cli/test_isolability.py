@@ -96,6 +96,9 @@ def test_what_a_robot_reports_is_at_hand_and_so_is_its_board(capsys: Capture, tm
         assert observed(capsys, "--robot", str(file)) == {
             "ok(scan)", "ok(odom)", "on(jaguar)", "on(hokuyo)", "on(laser_alignment)",
         }  # fmt: skip
+    file = tmp_path / "robot.yaml"
+    file.write_text("model: tedusar\nobserved: [ok(scan), not ok(odom)]\n")
+    assert observed(capsys, "--robot", str(file)) == {"ok(scan)", "ok(odom)"}
 
 
 def test_double_faults_are_compared_on_request(capsys: Capture) -> None:
@@ -117,7 +120,7 @@ def test_bad_input_is_refused(arguments: list[str], words: str, capsys: Capture)
     assert words in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("text", ["{", '{"model": 5}'])
+@pytest.mark.parametrize("text", ["{", "scan", "model: 5", '{"model": 5}'])
 def test_a_configuration_that_is_none_is_refused(text: str, tmp_path: Path, capsys: Capture) -> None:
     (tmp_path / "robot.json").write_text(text)
     assert run(["model", "check", TEDUSAR, "--isolability", "--robot", str(tmp_path / "robot.json")]) == 2

@@ -102,18 +102,17 @@ def _configuration(file: Path) -> dict[str, Any]:
     from pydantic import ValidationError
 
     from robomend.api.schemas.robots import RobotBody
+    from robomend.cli.robot_file import read_robot
 
+    values = read_robot(file)
+    if isinstance(values.get("config"), dict):
+        values = values["config"]
     try:
-        values = json.loads(file.read_text(encoding="utf-8"))
-        if isinstance(values, dict) and isinstance(values.get("config"), dict):
-            values = values["config"]
         return RobotBody.model_validate(values).model_dump(mode="json")
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(map(str, first["loc"]))
         raise InputError(f"{file}: {where}: {first['msg']}") from error
-    except ValueError as error:
-        raise InputError(f"{file}: this is no JSON: {error}") from error
 
 
 def _of_agent(file: Path, system: System) -> list[Atom]:

@@ -27,7 +27,7 @@ def command() -> None:
 @click.option("--strict", is_flag=True, help="Exit with 1 when there is a warning.")
 @click.option("--format", "format_", type=click.Choice(("table", "json")), default="table", show_default=True)
 @click.option("--isolability", is_flag=True, help="Which faults can be detected and told apart, instead.")
-@click.option("--robot", type=ExistingFile(), help="A robot's configuration (JSON): what it reports.")
+@click.option("--robot", type=ExistingFile(), help="A robot's configuration (YAML or JSON): what it reports.")
 @click.option("--agent", "agents", type=ExistingFile(), multiple=True, help="An agent's file; repeatable.")
 @click.option("--observe", "-o", multiple=True, metavar="ATOM", help='At hand, e.g. "ok(scan)"; repeatable.')
 @click.option("--double", is_flag=True, help="Compare double faults, too.")
