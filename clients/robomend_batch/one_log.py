@@ -16,7 +16,7 @@ from robomend.model.packed import opened
 from robomend.model.system import System
 from robomend.observations.language import Unknown
 from robomend_batch.answers import Answers
-from robomend_batch.logs.blocks import Advance, Place, Restart, Shown
+from robomend_batch.logs.blocks import Advance, Opened, Place, Restart, Shown
 from robomend_batch.logs.kinds import READERS, kind_of
 from robomend_batch.observing import Observing, load_observers
 from robomend_batch.parts import PartFiles, PartFolder, Parts
@@ -87,19 +87,20 @@ class Diagnoser:
         kind = None
         try:
             kind = kind_of(path)
-            for log, what in READERS[kind](path, logs):
+            for log, what in READERS[kind](path, logs.opened):
                 if not isinstance(what, Place):
                     logs.log(log).take(what)
                 elif unfinished.due:
-                    logs.begun = what.state
+                    logs.opened.begun = what.state
                     unfinished.save(logs)
                     if unfinished.kept and monotonic() >= until_s:
                         return None
             return logs.finish(kind)
         except LogRefused as error:
             logs.drop()
-            logs.problems.add(error.place or name, error.reason, bad=True)
-            return [refused(name, kind, logs.problems)]
+            problems = logs.opened.problems
+            problems.add(error.place or name, error.reason, bad=True)
+            return [refused(name, kind, problems)]
         except BaseException:  # Ctrl-C as well: whoever asked says what it was
             if not unfinished.kept:  # no part stays that nobody goes on from
                 logs.drop()
@@ -107,17 +108,12 @@ class Diagnoser:
 
 
 class _Logs:
-    """What is open of a file: Opened of logs/blocks.py."""
+    """The logs of a file, and what is open of it while it is read."""
 
     def __init__(
         self, name: str, setup: Setup, answers: Answers, observing: Observing | None, folder: PartFolder
     ) -> None:
-        self.observing = observing
-        self.begun: Any = None
-        self.by_header = setup.by_header
-        self.problems = Problems()
-        self.rows = 0
-        self.ended_early = False
+        self.opened = Opened(self.words, observing, setup.by_header)
         self._name = name
         self._setup = setup
         self._answers = answers
@@ -128,7 +124,7 @@ class _Logs:
         found = self._logs.get(log)
         if found is None:
             name = f"{self._name}#{log}" if log else self._name
-            words = Words(self._setup.system.vocabulary, self._setup.unknown, self.problems)
+            words = Words(self._setup.system.vocabulary, self._setup.unknown, self.opened.problems)
             files = PartFiles(self._folder, file_name(name))
             found = self._logs[log] = _Log(name, words, files, self._answers, self._setup.together_s)
         return found
@@ -147,8 +143,8 @@ class _Logs:
         told = [log for log in self._logs.values() if log.parts.intervals]
         if not told:
             raise LogRefused("an empty log: nothing was observed", self._name)
-        problems = self.problems.json()
-        state = "ended-early" if self.ended_early else "bad" if self.problems.bad else "ok"
+        problems = self.opened.problems.json()
+        state = "ended-early" if self.opened.ended_early else "bad" if self.opened.problems.bad else "ok"
         return [log.record(self._name, kind, state, problems) for log in told]
 
 

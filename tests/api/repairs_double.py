@@ -10,11 +10,10 @@ from robomend.errors import NotFound, StateConflict
 from robomend.repairs.agent_queue import AgentQueue
 from robomend.repairs.executors.registry import Surroundings, check
 from robomend.repairs.repair_json import repair_json
-from robomend.repairs.repairs import Json
 from robomend.repairs.stop_switch import StopSwitch
 from robomend.robots.reporters import Reporter
 from robomend.store import Store
-from robomend.store.records import StoredRepair
+from robomend.store.records import Json, StoredRepair
 
 STORED = StoredRepair("r-1", 1, "r1", "awaiting-approval", True, {"plan": [], "by": "local"}, 1, 2)
 REPAIR = repair_json(STORED)

@@ -20,8 +20,8 @@ from rosbags.interfaces import Nodetype
 from robomend_batch.learn.stretches import Stretch, Times, cut
 from robomend_batch.logs.fields import compile_field, plain
 from robomend_batch.logs.kinds import RECORDINGS, kind_of
-from robomend_batch.logs.messages import WHOLE, store_of
 from robomend_batch.logs.recorded import Channel, Recording, Unreadable
+from robomend_batch.logs.wanted import WHOLE, store_of
 from robomend_batch.problems import LogRefused, Problems
 from robomend_client.observers.base import SECOND
 from robomend_client.observers.diagnostic import LEADING_NUMBER

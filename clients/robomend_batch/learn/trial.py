@@ -11,7 +11,7 @@ from pathlib import Path
 
 from robomend_batch.learn.gathering import open_log
 from robomend_batch.learn.stretches import Stretch
-from robomend_batch.logs.messages import Wants
+from robomend_batch.logs.wanted import Wants
 from robomend_batch.observing import Observing
 from robomend_batch.problems import Problems
 from robomend_client.literals import Atom

@@ -5,14 +5,14 @@
     Restart   time begins again, here
     Place     so far the file was read, and from here it can be read on
 
-A file may hold several logs, by its column `log`; a reader asks `Open` for the words of each.
+A file may hold several logs, by its column `log`; a reader asks `Opened` for the words of each.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 from robomend.diagnosis.library import Codes
 from robomend_batch.observing import Observing
@@ -57,16 +57,12 @@ class Block(NamedTuple):
     what: Rows | Shown | Advance | Restart | Place
 
 
-class Opened(Protocol):
+@dataclass
+class Opened:
     """What is open of a file while it is read."""
 
-    problems: Problems
-    """Of the file as a whole."""
-
-    rows: int
-    """That were read."""
-
-    ended_early: bool
+    words: Callable[[str], Words]
+    """The words of one of its logs."""
 
     observing: Observing | None
     """The observers, for recorded messages."""
@@ -74,12 +70,16 @@ class Opened(Protocol):
     by_header: bool
     """Whose clock: the one in the messages' headers, or the recorder's."""
 
-    begun: Any
-    """The state of the Place to go on from; None: from the beginning."""
+    problems: Problems = field(default_factory=Problems)
+    """Of the file as a whole."""
 
-    def words(self, log: str) -> Words:
-        """Return the words of one of its logs."""
-        ...
+    rows: int = 0
+    """That were read."""
+
+    ended_early: bool = False
+
+    begun: Any = None
+    """The state of the Place to go on from; None: from the beginning."""
 
 
 Blocks = Iterator[Block]

@@ -18,20 +18,17 @@ from mcap.exceptions import EndOfFile, McapError
 from mcap.reader import NonSeekingReader
 from mcap.records import Channel as ChannelRecord
 from mcap.records import Schema
-from numpy.typing import NDArray
 from rosbags.interfaces import Connection, MessageDefinitionFormat
 from rosbags.rosbag2.errors import ReaderError
 from rosbags.rosbag2.storage_mcap import ChunkInfo, McapReader, decompress
 
+from robomend_batch.logs.chunk import RECORD, Chunk
 from robomend_batch.logs.mcap_chunk import ZstdError, left_of_chunk
 from robomend_batch.logs.recorded import Channel, Message, Recording, Stretch, Times, Unreadable
 
 INDEX = np.dtype([("time", "<u8"), ("offset", "<u8")])
-RECORD = struct.Struct("<BQ")
 INDEX_HEAD = struct.Struct("<BQHI")
-MESSAGE, MESSAGE_INDEX = 5, 7
-MESSAGE_HEAD = 22
-"""Bytes before the data: channel, sequence, log time, publish time."""
+MESSAGE_INDEX = 7
 
 LARGEST_CHUNK = 1 << 30
 
@@ -100,7 +97,7 @@ class IndexedMcap:
     def stretches(
         self, wanted: Mapping[int, bool], place: tuple[int, int] | None = None
     ) -> Iterator[Stretch]:
-        """Yield the messages chunk by chunk: as Columns, where no other chunk has messages in between.
+        """Yield the messages chunk by chunk: as a Chunk, where no other chunk has messages in between.
 
         A place is two chunks: the next one, and the first one that may have left messages behind it.
         """
@@ -149,7 +146,7 @@ class IndexedMcap:
                 )
         return sorted(left, key=itemgetter(0))
 
-    def _of_chunk(self, chunk: ChunkInfo, wanted: Mapping[int, bool]) -> Columns:
+    def _of_chunk(self, chunk: ChunkInfo, wanted: Mapping[int, bool]) -> Chunk:
         self._file.seek(chunk.chunk_start_offset + chunk.chunk_length)
         block = self._file.read(chunk.message_index_length)
         found: dict[int, tuple[Times, Times]] = {}
@@ -170,9 +167,9 @@ class IndexedMcap:
                 if wanted[channel] and data is None:
                     data = self._data(chunk)
             at += RECORD.size + length
-        columns = Columns(found, wanted, data)
-        columns.check()
-        return columns
+        messages = Chunk(found, wanted, data)
+        messages.check()
+        return messages
 
     def _data(self, chunk: ChunkInfo) -> bytes:
         if chunk.uncompressed_size > LARGEST_CHUNK:
@@ -182,53 +179,6 @@ class IndexedMcap:
         self._file.seek(chunk.chunk_start_offset + RECORD.size + 40 + len(chunk.compression))
         packed = self._file.read(chunk.compressed_size)
         return decompress(packed, chunk.compression, chunk.uncompressed_size, crc)
-
-
-class Columns:
-    """The wanted messages of one chunk: their times and places by channel, or one by one, by time."""
-
-    def __init__(
-        self, found: Mapping[int, tuple[Times, Times]], wanted: Mapping[int, bool], data: bytes | None
-    ) -> None:
-        self.times_ns = {channel: times_ns for channel, (times_ns, _) in found.items()}
-        self.until_ns = max((int(times_ns.max()) for times_ns in self.times_ns.values()), default=0)
-        self.count = sum(map(len, self.times_ns.values()))
-        self._places = {channel: places for channel, (_, places) in found.items()}
-        self._wanted = wanted
-        self._packed = data
-        self._data = np.frombuffer(data or b"", np.uint8)
-
-    def check(self) -> None:
-        """Refuse an index that leads nowhere."""
-        for channel, places in self._places.items():
-            if self._wanted[channel] and self._packed is not None:
-                room = len(self._data) - RECORD.size
-                if places.min() < 0 or places.max() > room or (self._data[places] != MESSAGE).any():
-                    raise ReaderError("the index leads nowhere")
-
-    def bodies(self, channel: int) -> tuple[NDArray[np.uint8], Times, Times]:
-        """Return bytes, and where the data of each message of a channel begins and ends in them."""
-        places = self._places[channel]
-        lengths = self._data[(places + 1)[:, None] + np.arange(8)].view("<u8")[:, 0].astype(np.int64)
-        begins = places + RECORD.size
-        return self._data, begins + MESSAGE_HEAD, np.minimum(begins + lengths, len(self._data))
-
-    def __iter__(self) -> Iterator[Message]:
-        found: list[tuple[int, int, int]] = []  # time, place, channel
-        for channel, times_ns in self.times_ns.items():
-            places = self._places[channel].tolist()
-            found += zip(times_ns.tolist(), places, [channel] * len(places), strict=True)
-        found.sort()
-        data = self._packed
-        for time_ns, place, channel in found:
-            body = None if data is None or not self._wanted[channel] else _body(data, place)
-            yield time_ns, channel, body
-
-
-def _body(data: bytes, place: int) -> bytes:
-    _, length = RECORD.unpack_from(data, place)
-    begin = place + RECORD.size
-    return data[begin + MESSAGE_HEAD : begin + length]
 
 
 class StreamedMcap:

@@ -12,48 +12,27 @@ from __future__ import annotations
 from array import array
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from robomend.observations.obs import FOREVER
 from robomend_batch.logs.blocks import Advance, Block, Blocks, Opened, Place, Restart
-from robomend_batch.logs.recorded import (
-    Channel,
-    InStretches,
-    Message,
-    Recording,
-    Sliced,
-    Together,
-    Unreadable,
-)
+from robomend_batch.logs.chunk import Chunk
+from robomend_batch.logs.recorded import InStretches, Recording, Sliced, Unreadable
+from robomend_batch.logs.wanted import Wants
 from robomend_batch.observing import Observing
 from robomend_batch.problems import LogRefused, Problems
 from robomend_batch.track import Rows
 from robomend_batch.words import Setting, Words
-from robomend_client.bridges.measured import is_board, measured
 from robomend_client.literals import Atom, Literal
-from robomend_client.observers.base import SECOND
 from robomend_client.observers.combining import Change
 from robomend_client.observers.driver import Driver
-from robomend_client.observers.kinds import ObserverSpec
 from robomend_client.observers.listener import Listener
 from robomend_client.observers.problems import ObserverProblem
 
-if TYPE_CHECKING:
-    from robomend_batch.logs.columns import Column
-
-WHOLE = {"diagnostics": ("diagnostics", "status"), "board": ("board_measurments", "channel")}
-"""Sources that are more than times or a number: their topic, and the field that observers get, as the bridges
-have it.
-"""
-
 TOGETHER = 1 << 16
-
-Want = tuple[str, Callable[[bytes], Any] | None]
-"""A source, and what makes its value of a message; None: its times suffice."""
 
 
 def read_messages(open_recording: Callable[[Path], Recording], path: Path, opened: Opened) -> Blocks:
@@ -113,7 +92,7 @@ def _observed(recording: Recording, observing: Observing, path: Path, opened: Op
     together = isinstance(recording, InStretches) and not by_header
     given: InStretches = recording if together else Sliced(recording)  # type: ignore[assignment]  # it was asked
     for stretch, place in given.stretches(wants.channels, reading.place):
-        if isinstance(stretch, Together) and wants.taken(stretch, driver):
+        if isinstance(stretch, Chunk) and wants.taken(stretch, driver):
             opened.rows += stretch.count
             stretch = ()
         for message in stretch:
@@ -228,182 +207,3 @@ class Changes:
     def _of(self, atom: Atom, shown: bool | None) -> tuple[Setting, ...]:
         canonical = self._words.canonical(Literal(atom, shown is not False))
         return self._words.unknown(canonical.atom) if shown is None else self._words.of(canonical)
-
-
-class Wants:
-    """What of a recording is wanted, and by which observers."""
-
-    def __init__(
-        self,
-        channels: Iterable[Channel],
-        specs: Iterable[ObserverSpec],
-        path: Path,
-        problems: Problems,
-        by_header: bool,
-    ) -> None:
-        self.of: dict[int, list[Want]] = {}
-        """Channel -> sources."""
-        self.channels: dict[int, bool] = {}
-        """Channel -> whether its messages' bytes are needed."""
-        self.stamps: dict[int, Callable[[bytes], int]] = {}
-        self._path = path
-        self._problems = problems
-        self._by_topic: dict[str, list[Channel]] = {}
-        self._topic_of: dict[int, str] = {}
-        for channel in channels:
-            self._by_topic.setdefault(channel.topic, []).append(channel)
-            self._topic_of[channel.number] = channel.topic
-        self._types: dict[str, Any] = {}
-        self._columns: dict[tuple[int, str], Column] = {}
-        found: dict[str, list[tuple[int, Want]] | None] = {}
-        self.specs = []
-        for spec in specs:
-            for source in sorted(spec.sources):
-                if source not in found:
-                    found[source] = self._source(source)
-            if all(found[source] is not None for source in spec.sources):
-                self.specs.append(spec)
-        for source in sorted({source for spec in self.specs for source in spec.sources}):
-            for number, want in found[source] or ():
-                self.of.setdefault(number, []).append(want)
-                self.channels[number] = self.channels.get(number, False) or want[1] is not None
-        if by_header:
-            self._by_header()
-
-    def stamp(self, message: Message) -> int:
-        """Return the time in a message's header; when it was recorded, if it has none."""
-        time_ns, number, data = message
-        stamp = self.stamps.get(number)
-        if stamp is None or data is None:
-            return time_ns
-        try:
-            return stamp(data)
-        except Exception as error:  # noqa: BLE001  # damaged bytes raise whatever
-            self.unreadable(number, error)
-            return time_ns
-
-    def taken(self, stretch: Together, driver: Driver) -> bool:
-        """Return whether a driver takes in a stretch at once; else nothing of it was taken in."""
-        samples: dict[str, tuple[Any, Callable[[], Any] | None]] = {}
-        for number, times_ns in stretch.times_ns.items():
-            for source, extract in self.of[number]:
-                column = self._columns.get((number, source))
-                if source in samples or (extract is not None and column is None):
-                    return False
-                samples[source] = times_ns, column and partial(_values, column, stretch, number)
-        if not samples or any((times_ns[1:] < times_ns[:-1]).any() for times_ns, _ in samples.values()):
-            return False
-        together = np.sort(np.concatenate([*stretch.times_ns.values()]))
-        first_ns, gap_ns = int(together[0]), int(np.diff(together).max(initial=0))
-        if first_ns < driver.now_ns:
-            return False
-        return driver.quiet(samples, max(gap_ns, first_ns - driver.now_ns), int(together[-1]))
-
-    def unreadable(self, number: int, error: Exception) -> None:
-        """A message could not be unpacked: it is left out, and counted."""
-        place = f"{self._path}: {self._topic_of[number]}"
-        self._problems.add(place, f"a message cannot be unpacked ({type(error).__name__})", bad=True)
-
-    def _source(self, source: str) -> list[tuple[int, Want]] | None:
-        """Return the channels of a source; None if the recording cannot have it."""
-        name, _, path = source.partition(":")
-        topic, field = name.removeprefix("/"), path
-        if source in WHOLE or is_board(source):
-            topic, field = WHOLE[name]
-        channels = self._by_topic.get(topic)
-        if channels is None:
-            self._problems.add(
-                f"{self._path}: {topic}", f"not recorded: what rests on {source} is unknown", bad=False
-            )
-            return None
-        if len({channel.type_name for channel in channels}) > 1:
-            kinds = ", ".join(sorted({channel.type_name for channel in channels}))
-            self._problems.add(f"{self._path}: {topic}", f"recorded with several types: {kinds}", bad=False)
-        if not field:
-            return [(channel.number, (source, None)) for channel in channels]
-        wants: list[tuple[int, Want]] = []
-        for channel in channels:
-            try:
-                wants.append((channel.number, (source, self._extract(channel, field, source))))
-            except Exception as error:  # noqa: BLE001  # a type that cannot be parsed: that topic only
-                reason = f"{source}: the type {channel.type_name} cannot be used: {error}"
-                self._problems.add(f"{self._path}: {topic}", reason, bad=True)
-        return wants or None
-
-    def _extract(self, channel: Channel, field: str, source: str) -> Callable[[bytes], Any]:
-        from robomend_batch.logs.columns import compile_column
-        from robomend_batch.logs.fields import compile_field, plain
-
-        store = self._store(channel)
-        unpack = store.deserialize_cdr if channel.cdr else store.deserialize_ros1
-        name = channel.type_name
-        if is_board(source):
-            return lambda data: measured(source, plain(getattr(unpack(data, name), field)))
-        if source in WHOLE:
-            return lambda data: plain(getattr(unpack(data, name), field))
-        column = compile_column(store.fielddefs, name, field, cdr=channel.cdr)
-        if column is not None:
-            self._columns[channel.number, source] = column
-        return compile_field(
-            store.fielddefs, name, field, cdr=channel.cdr, whole=lambda data: unpack(data, name)
-        )
-
-    def _by_header(self) -> None:
-        """Take the times of messages from their headers, where they have one."""
-        from robomend_batch.logs.fields import compile_field
-        from robomend_client.bridges.unpacking import NoField
-
-        for number, wants in self.of.items():
-            (channel,) = (c for some in self._by_topic.values() for c in some if c.number == number)
-            try:
-                store = self._store(channel)
-                seconds, nanoseconds = (
-                    compile_field(
-                        store.fielddefs,
-                        channel.type_name,
-                        f"header.stamp.{part}",
-                        cdr=channel.cdr,
-                        whole=_no_need,
-                    )
-                    for part in ("sec", "nanosec")
-                )
-            except NoField:
-                place = f"{self._path}: {channel.topic}"
-                self._problems.add(place, "no header: its times are the recorder's", bad=False)
-            except Exception as error:  # noqa: BLE001  # a type that cannot be parsed: that topic only
-                self.unreadable(number, error)
-            else:
-                self.channels[number] = True
-                self.stamps[number] = _stamp(seconds, nanoseconds)
-                self.of[number] = wants
-
-    def _store(self, channel: Channel) -> Any:
-        store = self._types.get(channel.type_name)
-        if store is None:
-            store = self._types[channel.type_name] = store_of(channel)
-        return store
-
-
-def _values(column: Column, stretch: Together, number: int) -> Any:
-    return column(*stretch.bodies(number))
-
-
-def _stamp(seconds: Callable[[bytes], Any], nanoseconds: Callable[[bytes], Any]) -> Callable[[bytes], int]:
-    return lambda data: int(seconds(data)) * SECOND + int(nanoseconds(data))
-
-
-def store_of(channel: Channel) -> Any:
-    """Return a typestore that knows a channel's type; rosbags raises whatever if it cannot be parsed."""
-    from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
-
-    text, name = channel.definition, channel.type_name
-    store = get_typestore(Stores.EMPTY if text else Stores.LATEST)
-    if text:
-        store.register(get_types_from_idl(text) if channel.idl else get_types_from_msg(text, name))
-    if name not in store.fielddefs:
-        raise ValueError("it is not defined")
-    return store
-
-
-def _no_need(data: bytes) -> Any:
-    raise ValueError("a header is at the beginning of a message")

@@ -66,25 +66,6 @@ class Recording(Protocol):
         ...
 
 
-@runtime_checkable
-class Together(Protocol):
-    """Messages that may be looked at together, or one by one, by time."""
-
-    times_ns: Mapping[int, Times]
-    """By channel, in the order of the file."""
-
-    until_ns: int
-    """The newest."""
-
-    count: int
-
-    def bodies(self, channel: int) -> tuple[NDArray[np.uint8], Times, Times]:
-        """Return bytes, and where the data of each message of a channel begins and ends in them."""
-        ...
-
-    def __iter__(self) -> Iterator[Message]: ...
-
-
 Stretch = tuple[Iterable[Message], Any]
 """Some messages, and the place behind them, from which one can go on; None: one cannot."""
 
@@ -94,7 +75,7 @@ class InStretches(Protocol):
     """A recording that hands on messages together where it can."""
 
     def stretches(self, wanted: Mapping[int, bool], place: Any = None) -> Iterator[Stretch]:
-        """Yield all of `messages`, in their order, some of them Together.
+        """Yield all of `messages`, in their order, some of them as a Chunk.
 
         Args:
             wanted: as for `messages`.

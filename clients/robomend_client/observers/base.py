@@ -26,9 +26,9 @@ docs/observers.md, "Your own observer". To add one to robomend:
 1. observers/NAME.py: the parameters (a frozen dataclass), the observer;
 2. observers/kinds.py: a line in KINDS;
 3. docs/observers.md: its section;
-4. tests/clients/observers/test_NAME.py.
+4. tests/clients/observers/test_NAME.py, and an observer in EVERY_KIND of test_kinds.py beside it.
 
-`.venv/bin/python docs/draw.py` then writes the schemas in examples/ anew.
+The schemas in examples/ follow from these; `./dev format` writes them.
 """
 
 from __future__ import annotations

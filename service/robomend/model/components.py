@@ -5,9 +5,10 @@ The kinds are the paper's (section IV-D): SH switchable hardware, H other hardwa
 hardware, HN drivers of other hardware only, N nodes that drive nothing.
 
 To add a kind of component: 1. its class here, and in KINDS: keys, state, clauses; 2. in pddl/repair.pddl
-its type, the predicates of its state, its actions; 3. its section in docs/models.md, where one is shown
-whole. The format, the vocabulary, diagnosis and planning follow from these, and the schema in examples/ when
-`.venv/bin/python docs/draw.py` has written it anew.
+its type, the predicates of its state, its actions; 3. in docs/models.md, where one is shown whole:
+its section of a model with its keys, its state among what is observed, and its sort among those that
+quantifiers range over. The format, the vocabulary, diagnosis and planning follow from these, and the
+schema in examples/, which `./dev format` writes.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """Repairs: each plan carried out, written down, looked at; the loop itself is robomend/cycle.py.
 
 states.py            the states of a repair and of its steps, as tables
-repairs.py           the repairs of all robots: which are ours, and what people may ask of them
+repairs.py           what people, pages and agents may ask of the repairs of all robots
+robot_loops.py       which robots are ours, and what wakes their loops
 robot_repairs.py     one robot's: when a repair begins, and that it ends
 live_repair.py       one repair: what the loop asks for, answered by robots, store, planners and executors
 reasons.py           whether there is a reason to begin one by itself

@@ -1,10 +1,7 @@
-"""The repair loops of all robots that this instance owns; what the HTTP interface asks of them.
-
-    orphan or new robot ──► acquire (a fence) ──► RobotRepairs: one task per robot (robot_repairs.py)
-    event in the log    ──► wakes the one that it concerns, whichever instance wrote it
+"""What the HTTP interface asks of the repairs: plans, approvals, the global stop, and what agents say.
 
 Requests (approve, cancel, a new repair) are written into the store by whichever instance was asked; the event
-wakes the owner. So nothing here depends on who owns the robot, except the loops themselves.
+wakes the owner's loop (robot_loops.py). So nothing here depends on who owns the robot.
 
 Every mapping that comes back holds JSON values only and is served as it is, in the literature's words:
 
@@ -23,10 +20,8 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
-
-import structlog
 
 from robomend.errors import NotFound, Refused, RobomendError, StateConflict
 from robomend.oneshots.oneshots import OneShots
@@ -39,7 +34,7 @@ from robomend.repairs.executors.registry import Surroundings, check
 from robomend.repairs.foresight import Asked, findings
 from robomend.repairs.record import new_repair
 from robomend.repairs.repair_json import repair_json
-from robomend.repairs.robot_repairs import RobotRepairs
+from robomend.repairs.robot_loops import RobotLoops
 from robomend.repairs.states import RepairState
 from robomend.repairs.stop_switch import StopSwitch, written
 from robomend.robots import configuring
@@ -59,25 +54,11 @@ from robomend.store import (
     repairs,
     robots,
 )
-from robomend.store.records import AuditEntry, Fence, Paging, Stop, StoredRepair
-from robomend_client.events import Event, Kind
-
-Json = Mapping[str, Any]
-
-log = structlog.get_logger("robomend.repairs.repairs")
-
-ORPHANS_S = 1.0
-"""How often robots without an owner are looked for: a dead instance's robots are taken over in about this."""
-
-CLOSE_S = 3.0
-"""For the loops to let go at shutdown."""
+from robomend.store.records import AuditEntry, Json, Paging, StoredRepair
+from robomend_client.events import Kind
 
 DECIDED_S = 1.5
 """How long `approve` and `cancel` wait for the owner, so that their answer shows the effect."""
-
-
-WAKING = frozenset({Kind.REPAIR, Kind.ROBOT, Kind.DIAGNOSIS, Kind.DRILL})
-"""Kinds of events that a robot's loop must hear of."""
 
 
 def make_repairs(
@@ -98,112 +79,20 @@ class Repairs:
         self._store = needs.store
         self.switch = needs.switch
         self.agents = needs.agents
-        self._loops: dict[str, RobotRepairs] = {}
-        self._tasks: dict[str, asyncio.Task[None]] = {}
-        self._look = asyncio.Event()
-        self._let_go: set[str] = set()  # robots whose loop ended: released before they are kept again
-        self._seeker: asyncio.Task[None] | None = None
-        self._ends: list[Callable[[], None]] = []
+        self._loops = RobotLoops(needs)
 
     # --- life
 
     async def start(self) -> None:
         """Take up the work: re-enter unfinished repairs from the journal. Called once, before serving."""
         self._needs.agents.start()
-        self._ends = [
-            self._store.subscribe(self._follow),
-            self._store.ownership.on_lost(self._lost),
-        ]
-        # After following began, so that a stop in between is not missed.
-        await self.switch.start()
-        self.switch.on_change(self._stop_changed)
-        self._needs.robots.diagnosing.on_diagnosis(self._poke)
-        self._seeker = asyncio.create_task(self._seek(), name="looking for robots without an owner")
+        await self._loops.start()
 
     async def close(self) -> None:
         """Let go within a few seconds: running actions are cancelled, journals closed, workers ended."""
-        for end in self._ends:
-            end()
-        if self._seeker is not None:
-            self._seeker.cancel()
-        for task in self._tasks.values():
-            task.cancel()
-        tasks = [*self._tasks.values(), *([self._seeker] if self._seeker else [])]
-        if tasks:
-            await asyncio.wait(tasks, timeout=CLOSE_S)
+        await self._loops.close()
         await self.switch.close()
         await self._needs.agents.close()
-
-    async def _seek(self) -> None:
-        """Acquire what nobody owns, again and again; the database may be away for a while."""
-        while True:
-            self._look.clear()
-            try:
-                await self.switch.look()
-                await self._acquire()
-            except RobomendError as error:
-                log.warning("looking for robots", code=error.code, detail=str(error))
-            except Exception:  # else no robot would ever get a loop again
-                log.exception("looking for robots")
-            with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(ORPHANS_S):
-                    await self._look.wait()
-
-    async def _acquire(self) -> None:
-        """Make a loop for each robot that nobody owns, and for each of ours that has none."""
-        ownership = self._store.ownership
-        for robot in tuple(self._let_go):
-            await ownership.release(robot)
-            self._let_go.discard(robot)
-        for robot in {*await ownership.orphans(), *ownership.held} - self._loops.keys():
-            with contextlib.suppress(NotFound):  # deleted meanwhile
-                fence = await ownership.acquire(robot)
-                if fence is not None and robot not in self._loops:
-                    self._keep(robot, fence)
-
-    def _keep(self, robot: str, fence: Fence) -> None:
-        loop = self._loops[robot] = RobotRepairs(self._needs, robot, fence)
-        task = self._tasks[robot] = asyncio.create_task(loop.run(), name=f"running of {robot}")
-        task.add_done_callback(lambda _: self._ended(robot, loop))
-
-    def _ended(self, robot: str, loop: RobotRepairs) -> None:
-        if self._loops.get(robot) is loop:
-            del self._loops[robot], self._tasks[robot]
-            # The fence may be an old one, of a robot that another instance has or that was deleted.
-            self._let_go.add(robot)
-            self._look.set()
-
-    def _lost(self, fence: Fence) -> None:
-        loop = self._loops.get(fence.robot)
-        if loop is not None and loop.fence == fence:
-            self._tasks[fence.robot].cancel()
-
-    def _poke(self, robot: str) -> None:
-        loop = self._loops.get(robot)
-        if loop is not None:
-            loop.poke()
-
-    def _follow(self, events: Sequence[Event]) -> None:
-        for event in events:
-            if event.kind is Kind.STOP:
-                self.switch.heard(_stop_of(event.data))
-            elif event.robot is not None and event.kind in WAKING:
-                if event.kind is Kind.ROBOT and event.data.get("what") == "deleted":
-                    task = self._tasks.get(event.robot)
-                    if task is not None:
-                        task.cancel()
-                elif event.robot not in self._loops:
-                    self._look.set()
-                elif event.kind is Kind.REPAIR:
-                    self._loops[event.robot].asked()
-                elif event.kind is Kind.ROBOT and event.data.get("what") in {"updated", "released"}:
-                    self._loops[event.robot].reconsider()
-                else:
-                    self._loops[event.robot].poke()
-
-    def _stop_changed(self) -> None:
-        for loop in self._loops.values():
-            loop.stopped()
 
     # --- repairs
 
@@ -439,7 +328,3 @@ class Repairs:
             tx.note(AuditEntry(by, "quarantine.release", component, robot, reason))
 
         await self._store.write(let_go, robots=(robot,))
-
-
-def _stop_of(data: Json) -> Stop:
-    return Stop(bool(data.get("active")), data.get("by"), data.get("reason", ""), data.get("since_ns"))

@@ -63,7 +63,7 @@ class RobotRepairs:
     # --- what wakes it
 
     def poke(self) -> None:
-        """There is a new diagnosis: Diagnosing calls back, and repairs.py hands it on."""
+        """There is a new diagnosis: Diagnosing calls back, and robot_loops.py hands it on."""
         self._news.set()
 
     def asked(self) -> None:

@@ -56,7 +56,7 @@ class Diagnosing:
         )
 
     def on_diagnosis(self, callback: Callable[[str], None]) -> None:
-        """Call back with a robot's id after each diagnosis, as repairs.py is; it must not block."""
+        """Call back with a robot's id after each diagnosis, as robot_loops.py is; it must not block."""
         self._callbacks.append(callback)
 
     async def close(self) -> None:

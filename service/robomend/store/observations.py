@@ -25,7 +25,8 @@ from robomend.store.records import (
     StoredBatch,
     StoredObs,
 )
-from robomend.store.transaction import LockedRobot, Transaction
+from robomend.store.rows import LockedRobot
+from robomend.store.transaction import Transaction
 from robomend.store.view import AnyRow, View
 from robomend_client.literals import Atom, Literal
 

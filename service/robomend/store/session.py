@@ -40,7 +40,7 @@ from sqlalchemy import URL, Connection, text
 
 from robomend.errors import StoreError
 from robomend.starvation import OwnSilence, waited_s
-from robomend.store.transaction import CHANNEL
+from robomend.store.group import CHANNEL
 
 POLL_S = 0.05
 """SQLite: how late an event of another process may come."""

@@ -1,6 +1,6 @@
 """The event log as it grows: every event, once, in order of id, whichever instance wrote it.
 
-Ids have no gaps and are committed in their order (transaction.py), so order is easy to keep: an own commit
+Ids have no gaps and are committed in their order (group.py), so order is easy to keep: an own commit
 that follows on the last event delivered is delivered as it is; anything else is a sign that another instance
 has written, and the log is read from the last one delivered. Signs come from the own commits and from the
 session (session.py), which hears of other instances' commits. A sign that is lost costs nothing but time, as

@@ -31,8 +31,9 @@ from sqlalchemy import Connection, exc
 
 from robomend.errors import StoreError, StoreOverloaded
 from robomend.store.database import Database, repeatable, translate
+from robomend.store.group import Group
 from robomend.store.records import IdempotencyKey
-from robomend.store.transaction import Group, Transaction
+from robomend.store.transaction import Transaction
 from robomend_client.events import Event
 
 MAX_QUEUED = 10_000

@@ -42,7 +42,7 @@ from robomend_client.yaml_reader import ConfigError, read
 ROOT = Path(__file__).parents[3]
 MANUAL = (ROOT / "docs" / "observers.md").read_text()
 
-ALL_EIGHT = """\
+EVERY_KIND = """\
 observers:
   scan: {kind: general, rate_hz: 20, tolerance_hz: 2}
   hokuyo_node: {kind: node, lifetime_s: 1}
@@ -64,8 +64,8 @@ def specs(tmp_path: Path, text: str) -> tuple[ObserverSpec, ...]:
     return found
 
 
-def test_all_eight_are_made_from_a_file(tmp_path: Path) -> None:
-    found = specs(tmp_path, ALL_EIGHT)
+def test_every_kind_is_made_from_a_file(tmp_path: Path) -> None:
+    found = specs(tmp_path, EVERY_KIND)
     assert {spec.kind for spec in found} == set(KINDS.names())
     atoms = {str(atom) for spec in found for atom in spec.atoms}
     assert {

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import re
 from collections.abc import Mapping
 from dataclasses import replace
+from importlib import import_module
+from pathlib import Path
 from typing import Any, cast
 
 import pytest
@@ -12,12 +15,15 @@ import pytest
 from robomend.board.link import BoardLink
 from robomend.errors import InputError, OptionRefused
 from robomend.repairs.agent_queue import AgentQueue
+from robomend.repairs.executors import registry
 from robomend.repairs.executors.agent import AgentExecutor
 from robomend.repairs.executors.board import BoardExecutor
 from robomend.repairs.executors.process import ProcessExecutor
 from robomend.repairs.executors.registry import EXECUTORS, Surroundings, check, executors
 from robomend.repairs.executors.webhook import WebhookExecutor
 from robomend.robots.boards import WiredBoard
+
+ROOT = Path(__file__).parents[3]
 
 NAMES = ("power_up", "shutdown", "start_node", "stop_node", "reset_usb")
 
@@ -108,7 +114,7 @@ def test_a_program_of_the_settings_and_a_webhook_are_taken() -> None:
 
 
 def test_a_kind_that_nobody_registered_is_refused_by_name_and_never_taken_for_the_agent() -> None:
-    said = "no executor is named 'agnet': choose one of board, agent, process, webhook"
+    said = f"no executor is named 'agnet': choose one of {', '.join(EXECUTORS.built_in)}"
     with pytest.raises(OptionRefused, match=f"actions.reset_usb.executor.kind: {said}"):
         check(by("agnet"), AROUND)
     with pytest.raises(OptionRefused, match=said):  # one that is stored already, say
@@ -118,3 +124,15 @@ def test_a_kind_that_nobody_registered_is_refused_by_name_and_never_taken_for_th
 def test_every_kind_of_ours_can_be_loaded() -> None:
     for kind in EXECUTORS.built_in:
         assert callable(EXECUTORS.load(kind))
+
+
+def test_what_comes_with_us_is_in_the_three_places_of_the_recipe() -> None:
+    told = registry.__doc__ or ""
+    assert re.findall(r"\b(\d)\. ", told.partition("To add one:")[2]) == ["1", "2", "3"]
+    page = (ROOT / "docs" / "repair.md").read_text(encoding="utf-8")
+    for kind, place in EXECUTORS.built_in.items():
+        module = place.partition(":")[0]
+        assert module.startswith(registry.__name__.rpartition(".")[0])
+        assert callable(import_module(module).make)
+        assert re.search(rf"^    {kind}  ", told, re.MULTILINE), f"no line for {kind} at the head"
+        assert f"\n| `{kind}` | " in page, f"no row for {kind} in docs/repair.md"

@@ -6,7 +6,8 @@
     webhook   a signed POST
 
 To add one: 1. a class with `execute` (robomend_client.actions.Executor) and a function that makes it (see
-MakeExecutor), in a module of its own here; 2. its line in EXECUTORS; 3. its row in docs/repair.md.
+MakeExecutor), in a module of its own here; 2. its lines in this file, above and in EXECUTORS; 3. its row in
+docs/repair.md.
 One of your own needs no change here: its module, and in your distribution
 
     [project.entry-points."robomend.executors"]

@@ -1,0 +1,144 @@
+"""The repair loops of the robots that this instance owns: one task for each robot (robot_repairs.py).
+
+orphan or new robot ──► acquire (a fence) ──► RobotRepairs, until the robot is lost or deleted
+event in the log    ──► wakes the one that it concerns, whichever instance wrote it
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import Callable, Sequence
+
+import structlog
+
+from robomend.errors import NotFound, RobomendError
+from robomend.repairs.dependencies import Dependencies
+from robomend.repairs.robot_repairs import RobotRepairs
+from robomend.store.records import Fence, Json, Stop
+from robomend_client.events import Event, Kind
+
+log = structlog.get_logger("robomend.repairs.robot_loops")
+
+ORPHANS_S = 1.0
+"""How often robots without an owner are looked for: a dead instance's robots are taken over in about this."""
+
+CLOSE_S = 3.0
+"""For the loops to let go at shutdown."""
+
+WAKING = frozenset({Kind.REPAIR, Kind.ROBOT, Kind.DIAGNOSIS, Kind.DRILL})
+"""Kinds of events that a robot's loop must hear of."""
+
+
+class RobotLoops:
+    """See the module. Belongs to one event loop."""
+
+    def __init__(self, needs: Dependencies) -> None:
+        self._needs = needs
+        self._store = needs.store
+        self._switch = needs.switch
+        self._loops: dict[str, RobotRepairs] = {}
+        self._tasks: dict[str, asyncio.Task[None]] = {}
+        self._look = asyncio.Event()
+        self._let_go: set[str] = set()  # robots whose loop ended: released before they are kept again
+        self._seeker: asyncio.Task[None] | None = None
+        self._ends: list[Callable[[], None]] = []
+
+    async def start(self) -> None:
+        """Begin to follow the events, then to look for robots without an owner."""
+        self._ends = [
+            self._store.subscribe(self._follow),
+            self._store.ownership.on_lost(self._lost),
+        ]
+        # After following began, so that a stop in between is not missed.
+        await self._switch.start()
+        self._switch.on_change(self._stop_changed)
+        self._needs.robots.diagnosing.on_diagnosis(self._poke)
+        self._seeker = asyncio.create_task(self._seek(), name="looking for robots without an owner")
+
+    async def close(self) -> None:
+        """Let go within a few seconds: running actions are cancelled, journals closed."""
+        for end in self._ends:
+            end()
+        if self._seeker is not None:
+            self._seeker.cancel()
+        for task in self._tasks.values():
+            task.cancel()
+        tasks = [*self._tasks.values(), *([self._seeker] if self._seeker else [])]
+        if tasks:
+            await asyncio.wait(tasks, timeout=CLOSE_S)
+
+    async def _seek(self) -> None:
+        """Acquire what nobody owns, again and again; the database may be away for a while."""
+        while True:
+            self._look.clear()
+            try:
+                await self._switch.look()
+                await self._acquire()
+            except RobomendError as error:
+                log.warning("looking for robots", code=error.code, detail=str(error))
+            except Exception:  # else no robot would ever get a loop again
+                log.exception("looking for robots")
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(ORPHANS_S):
+                    await self._look.wait()
+
+    async def _acquire(self) -> None:
+        """Make a loop for each robot that nobody owns, and for each of ours that has none."""
+        ownership = self._store.ownership
+        for robot in tuple(self._let_go):
+            await ownership.release(robot)
+            self._let_go.discard(robot)
+        for robot in {*await ownership.orphans(), *ownership.held} - self._loops.keys():
+            with contextlib.suppress(NotFound):  # deleted meanwhile
+                fence = await ownership.acquire(robot)
+                if fence is not None and robot not in self._loops:
+                    self._keep(robot, fence)
+
+    def _keep(self, robot: str, fence: Fence) -> None:
+        loop = self._loops[robot] = RobotRepairs(self._needs, robot, fence)
+        task = self._tasks[robot] = asyncio.create_task(loop.run(), name=f"running of {robot}")
+        task.add_done_callback(lambda _: self._ended(robot, loop))
+
+    def _ended(self, robot: str, loop: RobotRepairs) -> None:
+        if self._loops.get(robot) is loop:
+            del self._loops[robot], self._tasks[robot]
+            # The fence may be an old one, of a robot that another instance has or that was deleted.
+            self._let_go.add(robot)
+            self._look.set()
+
+    def _lost(self, fence: Fence) -> None:
+        loop = self._loops.get(fence.robot)
+        if loop is not None and loop.fence == fence:
+            self._tasks[fence.robot].cancel()
+
+    def _poke(self, robot: str) -> None:
+        loop = self._loops.get(robot)
+        if loop is not None:
+            loop.poke()
+
+    def _follow(self, events: Sequence[Event]) -> None:
+        for event in events:
+            if event.kind is Kind.STOP:
+                self._switch.heard(_stop_of(event.data))
+            elif event.robot is not None and event.kind in WAKING:
+                if event.kind is Kind.ROBOT and event.data.get("what") == "deleted":
+                    task = self._tasks.get(event.robot)
+                    if task is not None:
+                        task.cancel()
+                elif event.robot not in self._loops:
+                    self._look.set()
+                elif event.kind is Kind.REPAIR:
+                    self._loops[event.robot].asked()
+                elif event.kind is Kind.ROBOT and event.data.get("what") in {"updated", "released"}:
+                    self._loops[event.robot].reconsider()
+                else:
+                    self._loops[event.robot].poke()
+
+    def _stop_changed(self) -> None:
+        for loop in self._loops.values():
+            loop.stopped()
+
+
+def _stop_of(data: Json) -> Stop:
+    return Stop(bool(data.get("active")), data.get("by"), data.get("reason", ""), data.get("since_ns"))
