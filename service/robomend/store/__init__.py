@@ -6,7 +6,7 @@
     records.py       the frozen values that are kept
     schema.py        the tables;  encoding.py  values to columns;  migrations/  older databases
     view.py          View: what a query reads;  transaction.py  Transaction: what a change writes, in a group
-    models.py, robots.py, observations.py, diagnoses.py, repairs.py, journal.py, attempts.py,
+    models.py, robots.py, observations.py, start_ups.py, diagnoses.py, repairs.py, journal.py, attempts.py,
     drills.py, batch_jobs.py, agent_actions.py, api_keys.py, global_stop.py, events.py, audit.py,
     notifications.py
                      each subject: functions of a View that read it, of a Transaction that write it
