@@ -13,8 +13,8 @@ A bad component of unknown state is taken to be on: shutdown and power_up then a
 while the opposite guess would send a command without effect.
 
 Static facts come from the model: `drives` and `tied` as written; `fed_by` up the whole chain of feeders, so
-that it leads to every channel that the device loses its power with; `hangs_on` of devices without channel, the
-channels that they come back with by themselves, up to the nearest. `needs(n, m)` holds when
+that it leads to every channel that the device loses its power with; `hangs_on` of devices without channel:
+the nearest channels up the chain, with which they come back by themselves. `needs(n, m)` holds when
 something that n publishes rests on a topic of m. Cycles of topics are normal, so within a strongly connected
 component of `needs` there is no order to keep. Facts of predicates that the domain does not declare are left
 out, so one builder serves every domain.
