@@ -30,7 +30,7 @@
     (switchable ?h - hardware)          ; has a channel of the power board
     (restartable ?n - node)
     (drives ?n - node ?h - hardware)
-    (fed_by ?h - hardware ?p - hardware)   ; also through feeders that have no channel
+    (fed_by ?h - hardware ?p - hardware)   ; or by what feeds that, up the chain
     (hangs_on ?h - hardware ?p - hardware) ; fed by it, and without a channel of its own
     (needs ?n - node ?m - node)         ; m must be good before n starts
     (tied ?n - node ?m - node))         ; n must restart after m restarts

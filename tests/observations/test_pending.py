@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from robomend.entry import Entry
-from robomend.observations.pending import SLACK_NS, newest_onset, pending, returning, starting
+from robomend.observations.pending import SLACK_NS, first_fallen, newest_onset, pending, returning, starting
 from robomend_client.literals import Atom, Literal
 
 S = 10**9
@@ -18,6 +18,34 @@ def test_the_newest_onset_is_that_of_the_symptom_that_began_last() -> None:
     said = [bad(SCAN, time=10 * S, onset=7 * S), bad(MAP, time=11 * S, since=8 * S), bad(ODOM, time=6 * S)]
     assert newest_onset(said) == 8 * S
     assert newest_onset([Entry(Literal(SCAN), "general", 9 * S)]) is None
+
+
+def test_what_fell_after_a_topic_that_it_rests_on_does_not_begin_the_waiting_anew() -> None:
+    needs = {"scan": (), "odom": (), "map": ("scan",), "path": ("map", "scan")}
+    path, running = Atom("ok", ("path",)), Atom("running", ("planner",))
+    scan, map_, late = (bad(a, time=9 * S, onset=at * S) for a, at in ((SCAN, 5), (MAP, 6), (path, 7)))
+    odom, ended = bad(ODOM, time=9 * S, onset=8 * S), bad(running, time=9 * S, onset=8 * S)
+
+    def first(*symptoms: Entry) -> list[Entry]:
+        return first_fallen(symptoms, lambda names: {name: needs[name] for name in names if name in needs})
+
+    assert first(late, map_, scan) == [scan]
+    assert first(late, scan) == [scan]
+    assert first(late, map_) == [map_]
+    assert first(scan, map_, odom, ended) == [scan, odom, ended]
+    assert first(bad(SCAN, time=9 * S), map_) == [bad(SCAN, time=9 * S), map_]  # nobody knows when it fell
+
+
+def test_in_a_circle_of_topics_the_first_to_fall_counts_and_of_equal_ones_each() -> None:
+    needs = {"scan": ("scan", "map"), "map": ("scan", "map")}
+
+    def first(scan_s: int, map_s: int) -> list[Atom]:
+        symptoms = [bad(SCAN, time=9 * S, onset=scan_s * S), bad(MAP, time=9 * S, onset=map_s * S)]
+        return [entry.atom for entry in first_fallen(symptoms, lambda _: needs)]
+
+    assert first(5, 6) == [SCAN]
+    assert first(6, 5) == [MAP]
+    assert first(5, 5) == [SCAN, MAP]
 
 
 def test_a_verdict_is_pending_until_its_observer_had_its_time() -> None:

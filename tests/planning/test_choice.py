@@ -11,10 +11,10 @@ from tests.planning.candidates import SECOND, candidate, plan, tried
 
 from robomend.diagnosis.result import Diagnosis
 from robomend.planning.choice import Candidate, Look, choose, common_part
-from robomend.planning.plan import Outcome
+from robomend.planning.plan import Outcome, Plan, Step
 from robomend.planning.quarantine import quarantined
 from robomend.planning.tried import Attempt, Patience, attempt, weights
-from robomend_client.literals import Atom
+from robomend_client.literals import Atom, fails, holds
 
 
 def test_the_cheaper_of_two_equally_probable_repairs_comes_first() -> None:
@@ -271,6 +271,45 @@ def test_the_order_is_the_one_of_least_expected_cost(cases: list[tuple[int, int]
     assert abs(choice.expected_cost - least) < 1e-6
     mine = tuple(int(one.diagnosis.bad[0][1:]) for one in choice.alternatives)
     assert abs(expected_cost(mine, chances, costs) - least) < 1e-6
+
+
+def cutting(bad: str, cost: float, probability: float) -> Candidate:
+    """Return a diagnosis of a device whose plan cycles its power."""
+    cycled = planned_by_cycling(bad, cost)
+    return Candidate(Diagnosis((bad,), probability), cycled)
+
+
+def planned_by_cycling(device: str, cost: float) -> Plan:
+    off, on = (holds("off", device), fails("on", device)), (holds("on", device), fails("off", device))
+    steps = (
+        Step(0, "shutdown", (device,), cost / 2, (), (), off),
+        Step(1, "power_up", (device,), cost / 2, (), (), (*on, holds("good", device), fails("bad", device))),
+    )
+    return replace(plan(cost, device), steps=steps)
+
+
+def hopeless(bad: str, probability: float) -> Candidate:
+    """Return a diagnosis that nothing can be done about any more."""
+    return Candidate(Diagnosis((bad,), probability), plan(0, unreachable=(f"{bad}: it was done in vain",)))
+
+
+def test_a_supply_on_which_other_things_work_is_not_cut_where_that_hardly_helps() -> None:
+    choice = choose([hopeless("lamp", 0.9), cutting("rail", 41, 0.04), candidate("driver", 4, 0.06)])
+    assert choice.diagnosis == Diagnosis(("driver",), 0.06)
+    rail = next(one for one in choice.alternatives if one.diagnosis.bad == ("rail",))
+    assert rail.score == 0
+    assert rail.reason == "rail: helps with probability 0.02 at cost 41; too little to cut power for"
+    nothing = choose([hopeless("lamp", 0.9), cutting("rail", 41, 0.1)])
+    assert nothing.plan is None
+    assert "rail: helps with probability 0.05 at cost 41; too little to cut power for" in nothing.reason
+    assert "lamp: it was done in vain" in nothing.reason
+
+
+def test_power_is_cut_where_that_costs_less_than_to_call_a_person_at_once() -> None:
+    assert choose([hopeless("lamp", 0.5), cutting("rail", 41, 0.5)]).plan is not None
+    assert choose([hopeless("rest", 5 / 6), cutting("d0", 26, 1 / 6)]).plan is None
+    assert choose([cutting(f"d{number}", 26, 1 / 6) for number in range(6)]).plan is not None  # all of them
+    assert choose([cutting("whole", 1000, 1.0)]).plan is not None  # a person would try it, too
 
 
 def test_power_is_never_cycled_for_ever() -> None:

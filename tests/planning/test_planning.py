@@ -203,6 +203,32 @@ def test_what_hangs_on_a_supply_comes_back_with_it_and_its_drivers_restart(plann
     assert texts(safe) == []
 
 
+def test_a_supply_takes_the_drivers_of_all_that_it_feeds_with_it_also_through_a_hub_with_a_channel(
+    planner: str,
+) -> None:
+    hardware = {
+        "psu": Hardware("psu", 0),
+        "hub": Hardware("hub", 1, fed_by=("psu",)),
+        "camera": Hardware("camera", 2, fed_by=("hub",)),
+        "lidar": Hardware("lidar", 3, fed_by=("psu",)),
+        "mic": Hardware("mic", None, fed_by=("hub",)),
+    }
+    drivers = {"camera_node": "camera", "lidar_node": "lidar", "mic_node": "mic"}
+    nodes = {name: Node(name, drives=(device,), publishes={device: ()}) for name, device in drivers.items()}
+    robot, options = ComponentModel("r", hardware, nodes, {}), PlanOptions(planner=planner)
+
+    def restarted(*names: str) -> set[str]:
+        return {f"{action}({name})" for action in ("stop_node", "start_node") for name in names}
+
+    off = plan_for(robot, [fails("on", "psu")], ["psu"], options)
+    assert texts(off)[0] == "power_up(psu)"
+    assert set(texts(off)) == {"power_up(psu)", *restarted(*nodes)}
+    cycled = plan_for(robot, [], ["hub"], options)
+    assert set(texts(cycled)) == {"shutdown(hub)", "power_up(hub)", *restarted("camera_node", "mic_node")}
+    both = texts(plan_for(robot, [fails("on", "psu"), fails("on", "camera")], ["psu", "camera"], options))
+    assert both.index("power_up(psu)") < both.index("power_up(camera)")
+
+
 def test_a_spare_that_is_meant_to_be_off_is_switched_on_by_nothing_but_the_users_action(planner: str) -> None:
     spare = """
     (define (domain robot-repair)

@@ -2,14 +2,27 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from tests.planning.candidates import SECOND, candidate, plan, tried
+from tests.planning.robots import TEDUSAR
 
 from robomend.diagnosis.result import Diagnosis
 from robomend.planning.choice import choose
-from robomend.planning.tried import Patience, attempt, leading, repaired_by, unbroken_fits, weights
+from robomend.planning.cures import CURES, Cure
+from robomend.planning.planning import plan_for
+from robomend.planning.tried import (
+    Attempt,
+    Patience,
+    attempt,
+    leading,
+    repaired_by,
+    unbroken_fits,
+    weights,
+)
+from robomend_client.literals import fails
 
 
 def test_the_page_names_the_numbers() -> None:
@@ -31,6 +44,28 @@ def test_a_restart_that_came_with_the_power_cycle_counts_against_the_driver_too(
         [tried("jaguar", repaired="jaguar jaguar_node")],
     )
     assert found[0] == found[1] < found[2]
+
+
+def test_a_power_cycle_in_vain_says_half_as_much_against_a_device_as_it_would_cure_it() -> None:
+    """One that is broken is not cured by it; that its driver was restarted with it says as much as ever."""
+    diagnoses = [Diagnosis(("lidar",)), Diagnosis(("driver",)), Diagnosis(("other",))]
+    cycle = replace(tried("lidar", repaired="lidar driver"), cycled=frozenset({"lidar"}))
+    lidar, driver, other = weights(diagnoses, [cycle])
+    assert lidar / other == pytest.approx(1 - CURES[Cure.POWER_CYCLE] * (1 - Patience().seen_factor))
+    assert driver / other == pytest.approx(Patience().seen_factor)
+
+
+def test_the_memory_of_a_power_cycle_names_what_it_was_to_cure_as_far_as_it_was_done() -> None:
+    plan = plan_for(TEDUSAR, [], ["hokuyo"])
+
+    def memory(done: list[int] | None) -> Attempt:
+        return attempt(Diagnosis(("hokuyo",)), plan, done=done, time_ns=1, effect_seen=True, helped=False)
+
+    assert memory(None).cycled == {"hokuyo"}
+    assert memory([0]).cycled == frozenset()  # it was cut, and did not come back
+    off = plan_for(TEDUSAR, [fails("on", "hokuyo")], ["hokuyo"])
+    switched_on = attempt(Diagnosis(("hokuyo",)), off, done=None, time_ns=1, effect_seen=True, helped=False)
+    assert switched_on.cycled == frozenset()
 
 
 def test_an_attempt_counts_against_all_that_it_repaired_and_only_if_it_did_not_help() -> None:

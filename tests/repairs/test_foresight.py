@@ -9,7 +9,7 @@ import pytest
 from tests.repairs.robot import CONFIG, MODEL, ONCE, Robot, robot_on, running, service
 
 from robomend.api.runtime import Runtime
-from robomend.errors import DomainError, InputError, RobomendError
+from robomend.errors import DomainError, InputError, NotFound, RobomendError
 
 pytestmark = pytest.mark.anyio
 
@@ -58,11 +58,6 @@ async def put(runtime: Runtime, **changes: Any) -> None:
             "domain:7: 'lidar_b' is neither a component of the model nor in (:objects …); did you mean",
         ),
         (
-            {"domain": many(7)},
-            DomainError,
-            "domain:2: the action 'fix' has 7 parameters, which makes more than 1000 ground actions",
-        ),
-        (
             {"protected": ["lydar"]},
             InputError,
             "protected: the model 'small' has no component 'lydar'; did you",
@@ -76,6 +71,17 @@ async def test_what_can_never_work_is_refused_with_its_place_and_remedy(
         with pytest.raises(error) as refused:
             await put(runtime, **changes)
     assert str(refused.value).startswith(said)
+
+
+async def test_an_action_with_too_many_groundings_is_refused_when_the_robot_is_put(tmp_path: Path) -> None:
+    async with service(tmp_path) as runtime:
+        with pytest.raises(DomainError) as refused:
+            await put(runtime, domain=many(7))
+        assert str(refused.value).startswith(
+            "domain:2: the action 'fix' has 7 parameters, which makes more than 1000 ground actions"
+        )
+        with pytest.raises(NotFound):
+            await runtime.robots.memory.robot("r1")
 
 
 async def test_what_can_work_is_taken(tmp_path: Path) -> None:

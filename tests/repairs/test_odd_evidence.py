@@ -9,8 +9,10 @@ from typing import Any
 import pytest
 from tests.repairs.robot import Robot, robot_on, running, service, the_repair
 
+from robomend.errors import InputError
 from robomend.robots.batches import Batch
 from robomend.robots.clock import CLOCK
+from robomend_client.literals import Atom
 
 pytestmark = pytest.mark.anyio
 
@@ -119,6 +121,62 @@ async def test_a_robot_whose_clock_is_minutes_behind_is_not_called_repaired_on_o
     repair = await mended(tmp_path, Skewed)
     assert repair["state"] == "escalated"
     assert "nobody could confirm ok(map)" in repair["reason"]
+
+
+async def test_since_in_the_services_future_confirms_nothing_before_it_is_seen(tmp_path: Path) -> None:
+    class Ahead(WithAgent):
+        """What it says of the map is stamped ahead of the rest, and rests on what was there before."""
+
+        ahead_s = 50
+        seen_ns = 0
+
+        async def report(self) -> None:
+            now_ns = CLOCK.now_ns()
+            self.seen_ns = self.seen_ns or now_ns
+            sentences = [one for one in self.sentences() if "(map)" not in one]
+            await self.robots.observe(
+                "r1", Batch(sentences, source="agent", time_ns=now_ns, since=[now_ns] * len(sentences))
+            )
+            stamp_ns = now_ns + self.ahead_s * S
+            await self.robots.observe(
+                "r1",
+                Batch(
+                    ["ok(map)"],
+                    source="agent",
+                    time_ns=stamp_ns,
+                    since=[self.seen_ns + self.ahead_s * S],
+                    lifetime_s=120.0,
+                ),
+            )
+
+    repair = await mended(tmp_path, Ahead)
+    assert repair["state"] == "escalated"
+    assert "nobody could confirm ok(map)" in repair["reason"]
+
+
+async def test_since_after_the_batchs_own_time_is_refused_and_nothing_of_it_is_kept(tmp_path: Path) -> None:
+    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
+        await robot.settled()
+        before = runtime.robots.memory.states["r1"].obs.entries()
+        robot.silent = True
+        now_ns = CLOCK.now_ns()
+        late = Batch(["not ok(map)", "not ok(scan)"], time_ns=now_ns, since=[now_ns, now_ns + 1])
+        with pytest.raises(InputError, match=r"since\[1\]: .* is after the time of the batch"):
+            await runtime.robots.observe("r1", late)
+        after = runtime.robots.memory.states["r1"].obs.entries()
+    assert {entry.literal for entry in after} == {entry.literal for entry in before}
+
+
+@pytest.mark.parametrize("minutes", [2, 5, 60])
+async def test_a_robot_whose_clock_is_minutes_ahead_is_told_so_and_not_believed(
+    tmp_path: Path, minutes: int
+) -> None:
+    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
+        await robot.settled()
+        time_ns = CLOCK.now_ns() + minutes * 60 * S
+        with pytest.raises(InputError, match="s ahead of this service's clock; 60 are allowed"):
+            await runtime.robots.observe("r1", Batch(["not ok(map)"], time_ns=time_ns, since=[time_ns]))
+        assert runtime.robots.memory.states["r1"].sight.value(Atom("ok", ("map",))) is True
 
 
 async def test_a_settle_for_an_agent_that_is_gone_ends_and_the_reason_says_who_is_silent(

@@ -12,6 +12,7 @@ import pytest
 from tests.repairs import robot as robots_of_tests
 from tests.repairs.robot import CONFIG, SHUT_DOWN, Robot, nothing_begins, robot_on, service, the_repair
 
+from robomend.api.runtime import Runtime
 from robomend.errors import Refused, StateConflict
 from robomend.repairs.choosing import KEEP_S, Chooser
 
@@ -160,6 +161,38 @@ async def test_a_diagnosis_that_does_not_hold_begins_no_repair(tmp_path: Path) -
         robot.running["mapping"] = False
         repair = await the_repair(runtime)
     assert repair["state"] == "repaired"
+
+
+async def test_under_approve_nothing_is_asked_that_would_be_withdrawn_within_its_own_settling_time(
+    tmp_path: Path,
+) -> None:
+    async def declares(runtime: Runtime, settling_s: float) -> None:
+        """The agent says how long its observer may need until it takes a verdict back."""
+        observes = {"ok(map)": (0.1, settling_s)}
+        await runtime.repairs.orders(
+            "r1", host=None, wait_s=0.0, agent="observer", can=[], observes=observes, settled=None
+        )
+
+    async def diagnosed(runtime: Runtime, *, healthy: bool) -> None:
+        async with asyncio.timeout(60):
+            while True:
+                current = (await runtime.robots.diagnosed("r1")).current
+                if current is not None and current.healthy is healthy:
+                    return
+                await asyncio.sleep(0.02)
+
+    async with service(tmp_path) as runtime, robot_on(runtime, policy="approve") as robot:
+        await robot.settled()
+        await declares(runtime, settling_s=120.0)
+        robot.broken_topics.add("map")
+        await diagnosed(runtime, healthy=False)
+        robot.broken_topics.clear()
+        await diagnosed(runtime, healthy=True)
+        assert list(await runtime.repairs.repairs("r1", before=None, limit=1)) == []
+        await declares(runtime, settling_s=0.1)
+        robot.broken_topics.add("map")
+        asked = await the_repair(runtime, ended=False)
+    assert [step["text"] for step in asked["plan"]] == ["stop_node(mapping)", "start_node(mapping)"]
 
 
 async def test_what_flaps_faster_than_the_debounce_is_not_repaired(tmp_path: Path) -> None:

@@ -84,5 +84,5 @@ def test_after_a_restart_of_the_service_the_last_diagnosis_tells_that_it_was_up(
     result = json.loads(result_text(diagnosed(before), quoted))
     after = made()
     stored = StoredDiagnosis("r1", 2, "v1", 2, {"model_version": "v1", "result": result})
-    after.read(after.stored, MODEL, SYSTEM, StoredObs(2, before.obs.entries()), (), stored)
+    after.read(after.stored, MODEL, SYSTEM, StoredObs(2, before.obs.entries()), (), stored, {})
     assert bad_of(after) == {("est",), ("ctl",)}

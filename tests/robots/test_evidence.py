@@ -6,6 +6,8 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from robomend.entry import Entry
 from robomend.errors import InputError
@@ -59,6 +61,29 @@ def test_a_clock_that_is_ahead_is_followed_at_once_and_one_that_is_behind_when_t
     for number in range(ENOUGH - 1):
         assert clocks.offset_ns("behind", NOW - 90 * S + number * S, NOW + number * S) == 0
     assert clocks.offset_ns("behind", NOW - 80 * S, NOW + 10 * S) == 90 * S
+
+
+@given(
+    st.lists(
+        st.tuples(st.integers(0, 5), st.integers(-400, 60), st.integers(0, 400)), min_size=1, max_size=40
+    )
+)
+def test_no_evidence_is_from_the_services_future_whatever_a_source_stamps(
+    batches: list[tuple[int, int, int]],
+) -> None:
+    clocks, arrival_ns = SourceClocks(), NOW
+    for (
+        after_s,
+        ahead_s,
+        old_s,
+    ) in batches:  # a batch comes, is stamped so far ahead, and rests on what is so old
+        arrival_ns += after_s * S
+        stamp_ns = arrival_ns + ahead_s * S
+        rests_on = Dating(Obs(), clocks, 2 * S).of(
+            "agent", stamp_ns, arrival_ns, 1, [stamp_ns - old_s * S], ()
+        )
+        since_ns, _ = rests_on(OK, 0)
+        assert since_ns <= arrival_ns - old_s * S
 
 
 def test_a_lifetime_is_one_by_the_services_clock() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import inf
 from types import SimpleNamespace
 
@@ -102,6 +102,48 @@ def test_what_was_not_seen_to_begin_or_took_a_minute_was_no_start() -> None:
     assert found.may_take_ns("scan") is None
     found.hear([news(Literal(DRIVER, False), 400), news(Literal(SCAN), 401)], PARTS)  # nor when it is gone
     assert found.may_take_ns("scan") is None
+
+
+def test_a_topic_that_was_heard_already_and_comes_back_is_no_start() -> None:
+    found = StartUps()
+    started(found, DRIVER, SCAN, 100, 0.8)
+    found.hear([news(Literal(SCAN, False), 120), news(Literal(SCAN), 130)], PARTS)
+    assert found.may_take_ns("scan") == round(TIMES * 0.8 * S)
+    # The verdict of the one before stood until the new one was good: that is not news, and it falls later.
+    found.hear([news(Literal(DRIVER, False), 200), news(Literal(DRIVER), 201)], PARTS)
+    silent = Entry(Literal(SCAN, False), "agent", 220 * S, None, 220 * S, onset_ns=219 * S)
+    found.hear([silent, news(Literal(SCAN), 230)], PARTS)
+    assert found.may_take_ns("scan") == round(TIMES * 0.8 * S)
+
+
+def test_silence_whose_last_sample_was_of_the_one_before_does_not_end_a_start() -> None:
+    found = StartUps()
+    found.hear([news(Literal(DRIVER, False), 99), news(Literal(DRIVER), 100)], PARTS)
+    silent = Entry(Literal(SCAN, False), "agent", 101 * S, None, 101 * S, onset_ns=round(98.9 * S))
+    found.hear([silent, news(Literal(SCAN), 104)], PARTS)
+    assert found.may_take_ns("scan") == TIMES * 4 * S
+
+
+def test_what_is_to_be_written_is_told_once_and_what_was_read_is_known() -> None:
+    found = StartUps()
+    assert found.unwritten() == {}
+    started(found, DRIVER, SCAN, 100, 2)
+    started(found, DRIVER, SCAN, 200, 3)
+    assert found.unwritten() == {"scan": (2 * S, 3 * S)}
+    assert found.unwritten() == {}
+    other = StartUps()
+    other.recall({"scan": (2 * S, 3 * S)}, PARTS)
+    assert other.may_take_ns("scan") == TIMES * 3 * S
+    assert other.unwritten() == {}
+
+
+def test_of_topics_that_the_model_has_not_any_more_nothing_is_kept() -> None:
+    found = StartUps()
+    found.recall({"scan": (S,), "gone": (S,)}, PARTS)
+    assert found.may_take_ns("gone") is None
+    assert found.unwritten() == {"gone": ()}
+    found.publishers(replace(PARTS, nodes={"mapping": PARTS.nodes["mapping"]}))
+    assert found.unwritten() == {"scan": ()}
 
 
 def test_a_start_is_in_vain_after_twice_the_longest_and_its_observers_time() -> None:

@@ -61,7 +61,7 @@ class Life(RuleBasedStateMachine):
     @precondition(lambda self: not self.robot.gone)
     @rule()
     def read(self) -> None:
-        self.robot.read(STORED, MODEL, SYSTEM, StoredObs(len(self.disk)), (), None)
+        self.robot.read(STORED, MODEL, SYSTEM, StoredObs(len(self.disk)), (), None, {})
         self.memory = list(self.disk)
         assert not self.robot.stale
         assert self.robot.head == len(self.disk)
@@ -169,10 +169,10 @@ def test_what_was_never_read_can_only_be_read(trigger: HeldTrigger) -> None:
 
 def test_a_deleted_robot_is_never_read_again() -> None:
     robot = Robot(STORED, MODEL, SYSTEM, _unused)
-    robot.read(STORED, MODEL, SYSTEM, StoredObs(0), (), None)
+    robot.read(STORED, MODEL, SYSTEM, StoredObs(0), (), None, {})
     robot.deleted()
     with pytest.raises(NoTransition, match="gone: READ"):
-        robot.read(STORED, MODEL, SYSTEM, StoredObs(0), (), None)
+        robot.read(STORED, MODEL, SYSTEM, StoredObs(0), (), None, {})
 
 
 def test_a_diagnosis_that_nobody_began_cannot_come() -> None:

@@ -148,4 +148,5 @@ def test_every_file_of_the_migrations_is_in_the_package() -> None:
         "0005_drills.py",
         "0006_results.py",
         "0007_batch_jobs.py",
+        "0008_start_ups.py",
     ]

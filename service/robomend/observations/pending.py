@@ -2,7 +2,8 @@
 
 An observer needs time to notice. When `not ok(scan)` comes, `ok(path)` may still be the verdict of a window
 from before the fault, or another topic may have stopped whose silence nobody has noticed yet. So each verdict
-is pending until its observer had its detection time, from the newest onset of a symptom on. And what has just
+is pending until its observer had its detection time, from the newest onset of a symptom on; of symptoms that
+follow from each other along a chain of topics the one that fell first counts. And what has just
 been started is silent until it has begun: its symptoms are pending for as long as starting may take, or until
 it was heard once. A fault that went by itself is over bit by bit: what rests on something that is back may be
 back, too, and its observer has not judged yet.
@@ -26,6 +27,29 @@ def newest_onset(entries: Iterable[Entry]) -> int | None:
     """Return when the latest of the symptoms began, as far as is known; None without symptoms."""
     onsets = [entry.onset_ns or entry.since_ns or entry.time_ns for entry in entries if not entry.positive]
     return max(onsets, default=None)
+
+
+def first_fallen(
+    symptoms: Collection[Entry], needed: Callable[[Collection[str]], Mapping[str, Collection[str]]]
+) -> list[Entry]:
+    """Return the symptoms without those of topics that fell after a topic which they rest on.
+
+    Such a one needs no cause of its own. Whatever else may have made the first one fall, fell before it.
+
+    Args:
+        needed: names -> for each of them the topics that it rests on.
+    """
+    fell = {entry.atom: entry.onset_ns for entry in symptoms if entry.onset_ns is not None}
+    needs = needed({name for atom in fell for name in atom.args}) if len(fell) > 1 else {}
+
+    def follows(entry: Entry) -> bool:
+        onset_ns = fell.get(entry.atom)
+        if onset_ns is None:
+            return False
+        topics = {topic for name in entry.atom.args for topic in needs.get(name, ())}
+        return any(fell.get(Atom("ok", (topic,)), onset_ns) < onset_ns for topic in topics)
+
+    return [entry for entry in symptoms if not follows(entry)]
 
 
 def pending(

@@ -27,7 +27,7 @@ Source: D. Heckerman, J. Breese, K. Rommelse. Decision-theoretic troubleshooting
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from operator import mul
 
 from robomend.diagnosis.result import Diagnosis
@@ -118,6 +118,8 @@ def choose(
         _weigh(one, chance, candidates, chances, recent, patience)
         for one, chance in zip(candidates, chances, strict=True)
     ]
+    if not _cutting_pays(candidates, chances, patience):
+        weighed = [_spared(one) for one in weighed]
     ranked = sorted(weighed, key=lambda one: (-one.score, one.plan.cost, len(one.diagnosis.bad)))
     best = _cutting_less(next((one for one in ranked if one.score > 0), None), ranked)
     cost = _expected_cost(candidates, chances, patience)
@@ -197,6 +199,32 @@ def _weigh(
     return Alternative(one.diagnosis, plan, chance, helps, score, len(failures), reason)
 
 
+SURE = 0.5
+"""What helps as probably as this is done, whatever it costs: a person would try it, too."""
+
+
+def _cutting_pays(candidates: Sequence[Candidate], chances: Sequence[float], patience: Patience) -> bool:
+    """Return whether to go on with plans that cut power costs less in the mean than to call a person
+    when the others have failed.
+    """
+    spare = [one for one in candidates if not power_cuts(one.plan)]
+    if len(spare) == len(candidates):
+        return True
+    least = min(_costs(candidates, chances, patience, candidates))
+    return least < min(_costs(candidates, chances, patience, spare)) - LEAST_GAIN
+
+
+LEAST_GAIN = 1e-6
+"""Costs that differ by less are equal."""
+
+
+def _spared(one: Alternative) -> Alternative:
+    """Return the alternative, not to be done if it cuts power and hardly helps."""
+    if one.score <= 0 or one.helps >= SURE or not power_cuts(one.plan):
+        return one
+    return replace(one, score=0.0, reason=f"{one.reason}; too little to cut power for")
+
+
 TIED = 0.5
 """Diagnoses are tied whose weights differ by no more than this factor."""
 
@@ -234,8 +262,10 @@ def _nothing(candidates: Sequence[Candidate], weighed: Sequence[Alternative]) ->
         for sentence in one.plan.unreachable or _unplanned(one)
     )
     for one in weighed:
-        if one.plan.steps:
+        if one.plan.steps and one.failures:
             sentences[f"{' and '.join(one.diagnosis.bad)} was repaired before, and it did not help"] = None
+        elif one.plan.steps:
+            sentences[one.reason] = None
     aside = sorted({name for one in candidates for name in one.plan.excluded if name in one.diagnosis.bad})
     if aside:
         repairs = "its repairs keep" if len(aside) == 1 else "their repairs keep"
@@ -256,19 +286,33 @@ def _unplanned(one: Candidate) -> tuple[str, ...]:
 
 def _expected_cost(candidates: Sequence[Candidate], chances: Sequence[float], patience: Patience) -> float:
     """Return the expected cost of repairing, best first, until it helps or a person must come."""
+    return _costs(candidates, chances, patience, candidates)[-1]
+
+
+def _costs(
+    candidates: Sequence[Candidate],
+    chances: Sequence[float],
+    patience: Patience,
+    usable: Sequence[Candidate],
+) -> list[float]:
+    """Return the expected cost of repairing by the usable plans, best first, where a person is called after
+    none of them, after one, and so on.
+    """
     left = list(chances)
-    unused = [one for one in candidates if one.plan.steps]
+    unused = [one for one in usable if one.plan.steps]
     shares = {id(one): _shares(one.plan, candidates) for one in unused}
-    total = 0.0
+    spent = 0.0
+    found = [patience.person_cost * sum(left)]
     while unused:
         gains = [sum(map(mul, shares[id(one)], left)) for one in unused]
         index = max(range(len(unused)), key=lambda i: gains[i] / max(unused[i].plan.cost, 1e-6))
         if gains[index] <= 0:
             break
         best = unused.pop(index)
-        total += best.plan.cost * sum(left)
+        spent += best.plan.cost * sum(left)
         left = [chance * (1 - share) for chance, share in zip(left, shares[id(best)], strict=True)]
-    return total + patience.person_cost * sum(left)
+        found.append(spent + patience.person_cost * sum(left))
+    return found
 
 
 def _shares(plan: Plan, candidates: Sequence[Candidate]) -> list[float]:

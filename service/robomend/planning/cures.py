@@ -44,6 +44,11 @@ def cured(plan: Plan, bad: Collection[str]) -> float:
     return probability
 
 
+def cycled(plan: Plan) -> frozenset[str]:
+    """Return the components that the plan cures by a power cycle, if at all."""
+    return frozenset[str]().union(*(names for _, names in _power_cycles(plan)))
+
+
 def best_way(plan: Plan, bad: Collection[str], other: Callable[[Avoided], Plan]) -> Plan:
     """Return the plan, or another way to cure the same that is likelier to help for what it costs.
 

@@ -12,9 +12,9 @@ completed until exactly one of on/off, running/stopped and good/bad holds for ea
 A bad component of unknown state is taken to be on: shutdown and power_up then also mend one that was off,
 while the opposite guess would send a command without effect.
 
-Static facts come from the model: `drives` and `tied` as written; `fed_by` as written and through feeders
-that have no channel, so that it leads to every channel that the device loses its power with; `hangs_on`, the
-same for devices without channel, which come back with the channel by themselves. `needs(n, m)` holds when
+Static facts come from the model: `drives` and `tied` as written; `fed_by` up the whole chain of feeders, so
+that it leads to every channel that the device loses its power with; `hangs_on` of devices without channel:
+the nearest channels up the chain, with which they come back by themselves. `needs(n, m)` holds when
 something that n publishes rests on a topic of m. Cycles of topics are normal, so within a strongly connected
 component of `needs` there is no order to keep. Facts of predicates that the domain does not declare are left
 out, so one builder serves every domain.
@@ -106,10 +106,10 @@ def repair_problem(
         facts.update([("on", name)] if is_on else [("off", name), ("not_on", name)])
         if hardware.channel is not None:
             facts.add(("switchable", name))
-        feeders = _feeders(model, hardware)
-        facts.update(("fed_by", name, feeder) for feeder in feeders)
+        facts.update(("fed_by", name, feeder) for feeder in model.feeders(name))
         if hardware.channel is None:
-            facts.update(("hangs_on", name, feeder) for feeder in feeders if model.switchable(feeder))
+            nearest = _feeders(model, hardware)
+            facts.update(("hangs_on", name, feeder) for feeder in nearest if model.switchable(feeder))
         facts.add(("good" if is_on and name not in blamed else "bad", name))
     aside = frozenset(expected_stopped)
     needs = {pair for pair in needs_of(model) if pair[1] not in aside}
@@ -176,22 +176,11 @@ def needs_of(model: ComponentModel) -> frozenset[tuple[str, str]]:
 
 def _dragged_along(model: ComponentModel, bad: frozenset[str]) -> frozenset[str]:
     """Return the nodes that must be restarted when bad devices are repaired, less those that are bad."""
-    cut = {name for name in model.hardware if name in bad or not bad.isdisjoint(_all_feeders(model, name))}
+    cut = {name for name in model.hardware if name in bad or not bad.isdisjoint(model.feeders(name))}
     found = {name for name, node in model.nodes.items() if not cut.isdisjoint(node.drives)}
     while more := {name for name, node in model.nodes.items() if not found.isdisjoint(node.tied_to)} - found:
         found |= more
     return frozenset(found) - bad
-
-
-def _all_feeders(model: ComponentModel, device: str) -> set[str]:
-    """Return what feeds a device, and what feeds that."""
-    found: set[str] = set()
-    pending = [device]
-    while pending:
-        new = set(model.hardware[pending.pop()].fed_by) - found
-        found |= new
-        pending.extend(new)
-    return found
 
 
 def _feeders(model: ComponentModel, device: Hardware) -> list[str]:

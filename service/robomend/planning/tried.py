@@ -2,8 +2,9 @@
 
 weight of a diagnosis   its posterior, or without priors one factor a component (small sets first) and
                         how well what works fits it (robomend.diagnosis.likelihood); lowered by each
-                        repair of it that did not help: much when its effect was seen (the power is back
-                        and still nothing: it was not that), little when it was not
+                        repair of it that did not help: much when its effect was seen (it runs again and
+                        still nothing: it was not that), little when it was not, and by a half where a
+                        power cycle was the cure: a device that is broken is not cured by one
 surely broken           a node that an earlier round of the repair knew to be broken, and did not cure: to
                         blame something else instead takes one fault more, at its odds
 """
@@ -15,6 +16,7 @@ from dataclasses import dataclass, replace
 from math import exp, log
 
 from robomend.diagnosis.result import Diagnosis
+from robomend.planning.cures import CURES, Cure, cycled
 from robomend.planning.plan import Plan
 
 S_TO_NS = 1_000_000_000
@@ -30,6 +32,7 @@ class Attempt:
     effect_seen: bool  # each action's effect was seen
     helped: bool  # the next diagnosis no longer blamed `bad`
     actions: tuple[str, ...] = ()  # as text, for people
+    cycled: frozenset[str] = frozenset()  # what was to be cured by a power cycle, which seldom is for sure
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,13 +68,15 @@ def attempt(
 ) -> Attempt:
     """Return the memory of a repair; `done` are the indices of the steps that were carried out, None: all."""
     steps = tuple(step for step in plan.steps if done is None or step.index in done)
+    carried_out = replace(plan, steps=steps)
     return Attempt(
         frozenset(diagnosis.bad),
-        repaired_by(replace(plan, steps=steps)),
+        repaired_by(carried_out),
         time_ns,
         effect_seen,
         helped,
         tuple(map(str, steps)),
+        cycled(carried_out),
     )
 
 
@@ -111,7 +116,9 @@ def weights(
         bad = frozenset(diagnosis.bad)
         for one in failed:
             if bad == one.bad or (bad and bad <= one.repaired):
-                raw[position] *= patience.seen_factor if one.effect_seen else patience.unseen_factor
+                factor = patience.seen_factor if one.effect_seen else patience.unseen_factor
+                cures = CURES[Cure.OTHER if bad.isdisjoint(one.cycled) else Cure.POWER_CYCLE]
+                raw[position] *= factor + (1 - cures) * (1 - factor)
     total = sum(raw)
     return [value / total if total > 0 else 1 / len(raw) for value in raw]
 

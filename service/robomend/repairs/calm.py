@@ -17,7 +17,7 @@ from collections.abc import Awaitable, Callable, Collection, Iterable
 from functools import partial
 
 from robomend.diagnosis.result import DiagnosisResult
-from robomend.observations.pending import newest_onset, pending, returning, starting
+from robomend.observations.pending import first_fallen, newest_onset, pending, returning, starting
 from robomend.planning.choice import Choice
 from robomend.planning.influence import needed, published, touched
 from robomend.planning.prediction import OBSERVED_FACTS
@@ -111,13 +111,13 @@ class Calm:
         expected = set(state.config.expected_stopped)
         said = [e for a, e in entries.items() if a not in unconfirmed]
         symptoms = [e for e in said if not e.positive and not expected.intersection(e.atom.args)]
-        onset_ns = newest_onset(symptoms)
+        parts = state.system.parts
+        onset_ns = newest_onset(symptoms if parts is None else first_fallen(symptoms, partial(needed, parts)))
         if onset_ns is None:
             return {}
         bad = {entry.atom for entry in symptoms}
         other = (self._observed | entries.keys()) - bad
         found = pending(other, onset_ns, lambda atom: state.sight.delays(atom).detection_ns, now_ns)
-        parts = state.system.parts
         if parts is not None:
             began = {
                 entry.atom: entry.onset_ns

@@ -1,9 +1,13 @@
 """Whether there is a reason to begin a repair by itself, and what is not tried again for now.
 
 A reason is: the policy is `approve` or `auto`, the diagnosis is not healthy and has held for `hold_s`, no
-stop is active, the time is inside a maintenance window, and it is not what the last repair gave up on. That
-is tried again when the diagnosis changes, a person releases a component, the robot is configured anew, the
-back-off of a quarantine ends, or OBS shows the model's `act_when` that it did not show then.
+stop is active, the time is inside a maintenance window, and it is not what the last repair gave up on. Under
+`approve` it must have held for as long as the observers of its symptoms may need to take them back: a person
+takes longer anyway, and is asked nothing that would be withdrawn at once.
+
+What was given up on is tried again when the diagnosis changes, a person releases a component, the robot is
+configured anew, the back-off of a quarantine ends, or OBS shows the model's `act_when` that it did not show
+then.
 """
 
 from __future__ import annotations
@@ -12,7 +16,9 @@ import time
 
 from robomend.planning.policy import Policy
 from robomend.repairs.conclusions import BadSets, blamed_now
+from robomend.robots.declared import Delays
 from robomend.robots.robot import Robot
+from robomend.robots.sight import SLACK_S
 from robomend.store import View, audit, repairs
 from robomend.store.records import Paging, Stop, StoredRepair
 
@@ -77,9 +83,21 @@ class ReasonsToRepair:
         if stop.active:
             self.held_by_stop = True
             return IDLE_S
-        if held_s < policy.hold_s:
-            return policy.hold_s - held_s + 0.001
+        hold_s = policy.hold_s
+        if state.config.policy == "approve":
+            hold_s = max(hold_s, settles_s(state))
+        if held_s < hold_s:
+            return hold_s - held_s + 0.001
         return 0.0 if policy.may_begin(time.time_ns()) else IDLE_S
+
+
+def settles_s(state: Robot) -> float:
+    """Return how long the observers of what does not hold may need to take it back, as far as they say."""
+    nobody = Delays(0, 0)
+    symptoms = (entry.atom for entry in state.sight.entries() if not entry.positive)
+    settling_ns = (state.sight.declared.delays(atom, nobody).settling_ns for atom in symptoms)
+    longest_ns = max(settling_ns, default=0)
+    return longest_ns / 1e9 + SLACK_S if longest_ns else 0.0
 
 
 def reconsidered(view: View, ended: StoredRepair) -> bool:

@@ -161,6 +161,7 @@ def _attempt_of(record: StoredAttempt) -> Attempt:
         effect_seen=record.effect_seen,
         helped=record.helped,
         actions=record.actions,
+        cycled=frozenset(record.data.get("cycled", ())),
     )
 
 
@@ -174,5 +175,5 @@ def _stored(tried: Attempt, robot: str, repair: str, data: Mapping[str, Any]) ->
         effect_seen=tried.effect_seen,
         repair=repair,
         time_ns=tried.time_ns,
-        data={**data, "repaired": sorted(tried.repaired)},
+        data={**data, "repaired": sorted(tried.repaired), "cycled": sorted(tried.cycled)},
     )

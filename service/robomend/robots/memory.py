@@ -17,7 +17,7 @@ from robomend.robots.batches import Words, stored_assertion
 from robomend.robots.configuration import RobotConfig
 from robomend.robots.robot import Robot
 from robomend.robots.systems import Systems
-from robomend.store import Store, View, diagnoses, models, observations, records, robots
+from robomend.store import Store, View, diagnoses, models, observations, records, robots, start_ups
 
 WRITE_S = 10.0
 """Longest that a reader waits for a write under way before it reads the store anew."""
@@ -119,7 +119,11 @@ class Memory:
         def look(
             view: View,
         ) -> tuple[
-            records.StoredRobot, records.StoredModel, records.StoredObs, records.StoredDiagnosis | None
+            records.StoredRobot,
+            records.StoredModel,
+            records.StoredObs,
+            records.StoredDiagnosis | None,
+            dict[str, tuple[int, ...]],
         ]:
             stored = robots.get(view, robot)
             return (
@@ -127,10 +131,11 @@ class Memory:
                 models.get(view, stored.config["model"]),
                 observations.obs(view, robot),
                 diagnoses.latest(view, robot),
+                start_ups.of(view, robot),
             )
 
         try:
-            stored, model, obs, diagnosed = await self._store.read(look)
+            stored, model, obs, diagnosed, took = await self._store.read(look)
         except NotFound:
             await self.drop(robot)
             raise
@@ -146,6 +151,6 @@ class Memory:
         if state is None:
             state = self.states[robot] = Robot(stored, model, system, self.robot)
         self._use(state)
-        state.read(stored, model, system, obs, assertions, diagnosed)
+        state.read(stored, model, system, obs, assertions, diagnosed, took)
         await self._taken_up(state)
         return state

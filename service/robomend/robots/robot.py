@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Awaitable, Callable, Iterable, Sequence
+from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from robomend.entry import Entry
@@ -226,8 +226,11 @@ class Robot:
         obs: records.StoredObs,
         assertions: Iterable[Assertion],
         diagnosis: records.StoredDiagnosis | None,
+        took: Mapping[str, Sequence[int]],
     ) -> None:
-        """It was read from the store: configuration, model, OBS, and the diagnosis if it is a newer one."""
+        """It was read from the store: configuration, model, OBS, the diagnosis if it is a newer one, and how
+        long starts took.
+        """
         self._held = after(HELD, self._held, HeldTrigger.READ)
         self._configure(stored, model, system)
         self.obs = Obs(obs.entries, assertions)
@@ -237,6 +240,7 @@ class Robot:
         self.assertion_records = {assertion.name: assertion for assertion in obs.assertions}
         self._circles.hear(obs.entries)
         self.sight.hear(obs.entries)
+        self.sight.start_ups.recall(took, system.parts)
         self._head = obs.revision
         self._generation += 1
         self.observed.advance(obs.revision)

@@ -36,7 +36,7 @@ from robomend.robots.robot import Robot
 from robomend.robots.systems import Systems
 from robomend.robots.waiting import Waiting
 from robomend.settings import Settings
-from robomend.store import Store, Transaction, observations
+from robomend.store import Store, Transaction, observations, start_ups
 from robomend.store.encoding import Encoded
 from robomend.store.records import IdempotencyKey, Json
 from robomend_client.events import Kind
@@ -148,8 +148,7 @@ class Robots:
             raise
         if not changed and (same := await self._renewing.keep(state, update, to_store, by, once)) is not None:
             return same
-        before, texts = state.head, [str(entry.literal) for entry in changed]
-        forgotten = [str(atom) for atom in update.forgotten]
+        before, started = state.head, state.sight.start_ups.unwritten()
         reports = self._reports.due(state.id, by, update)
 
         def batch(tx: Transaction) -> Json:
@@ -165,8 +164,9 @@ class Robots:
                 by=by.name,
             )
             note(tx, state.id, by, update, revision, reports)
-            said = {"revision": revision, "changed": texts}
-            told = {**said, "forgotten": forgotten, "accepted_ns": accepted_ns}
+            start_ups.keep(tx, state.id, started)
+            said = {"revision": revision, "changed": [str(entry.literal) for entry in changed]}
+            told = {**said, "forgotten": [str(a) for a in update.forgotten], "accepted_ns": accepted_ns}
             tx.emit(Kind.OBSERVATIONS, state.id, Encoded(told))
             return said
 

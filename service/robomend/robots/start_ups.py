@@ -3,15 +3,16 @@
     seen:    not running(n), running(n) ──► ok(t), t of n       how long it took, whoever started n
     awaited: start_node(n) has answered ──► not ok(t)           in vain after twice that and more
 
-In memory, of one robot: computers differ, models do not tell. Only a start that was seen from its beginning,
-and that nobody has to wait with for a device, counts; of everything else nothing is known, and whoever waits
-does so for as long as is configured.
+Of one robot: computers differ, models do not tell. Only a start that was seen from its beginning, and that
+nobody has to wait with for a device, counts; of everything else nothing is known, and whoever waits does so
+for as long as is configured. What starts took is in the store, written with the observation that told of it
+(`unwritten`) and read with the robot (`recall`).
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from math import inf
 from typing import Protocol
 
@@ -67,19 +68,21 @@ class StartUps:
     """Of one robot."""
 
     __slots__ = (
-        "_began",
+        "_awaited",
         "_began_by_us",
         "_others_until_ns",
         "_publishers",
         "_stopped",
         "_switched",
         "_took",
+        "_unwritten",
     )
 
     def __init__(self) -> None:
         self._stopped: set[str] = set()  # nodes that were heard not to run
-        self._began: dict[str, int] = {}  # node that was seen to begin -> since when it runs
+        self._awaited: dict[str, dict[str, int]] = {}  # topic -> node that was seen to begin -> since when
         self._took: dict[str, deque[int]] = {}  # topic -> of its publisher's latest starts
+        self._unwritten: set[str] = set()  # topics of which the store has something else
         self._began_by_us: dict[str, int] = {}  # node -> when its start was last ordered by a repair
         self._switched: dict[str, int] = {}  # device -> when a repair last switched it
         self._others_until_ns = 0  # of other acts nobody knows on what they act: they may show until then
@@ -94,9 +97,9 @@ class StartUps:
         for entry in changed:
             match entry.atom:
                 case Atom(Node.state, (node,)) if node in parts.nodes:
-                    self._ran(node, entry)
-                case Atom("ok", (topic,)) if entry.positive and self._began:
-                    self._heard(topic, entry, parts)
+                    self._ran(parts.nodes[node], entry)
+                case Atom("ok", (topic,)) if topic in self._awaited:
+                    self._heard(topic, entry)
 
     def acted(self, action: Action, sent_ns: int, shows_ns: int) -> None:
         """A repair's act has answered; what a user's own does shows until `shows_ns`, at the latest."""
@@ -107,21 +110,45 @@ class StartUps:
         elif action.name == "start_node":
             self._began_by_us.update(dict.fromkeys(action.parameters, sent_ns))
 
-    def _ran(self, node: str, entry: Entry) -> None:
+    def _ran(self, node: Node, entry: Entry) -> None:
+        for topic in node.publishes:
+            self._awaited.get(topic, {}).pop(node.name, None)
         if not entry.positive:
-            self._stopped.add(node)
-            self._began.pop(node, None)
-        elif node in self._stopped:
-            self._stopped.discard(node)
-            self._began[node] = entry.since_ns or entry.time_ns
+            self._stopped.add(node.name)
+        elif node.name in self._stopped:
+            self._stopped.discard(node.name)
+            for topic in node.publishes:
+                self._awaited.setdefault(topic, {})[node.name] = entry.since_ns or entry.time_ns
 
-    def _heard(self, topic: str, entry: Entry, parts: ComponentModel) -> None:
-        for node in self.publishers(parts).get(topic, ()):
-            began_ns = self._began.get(node.name)
-            if began_ns is None or entry.since_ns is None:
-                continue
-            if 0 <= entry.since_ns - began_ns <= LONGEST_NS:
-                self._took.setdefault(topic, deque(maxlen=LATEST)).append(entry.since_ns - began_ns)
+    def _heard(self, topic: str, entry: Entry) -> None:
+        """A topic is heard, or not any more: of a start it is the first time that counts."""
+        for node, began_ns in tuple(self._awaited[topic].items()):
+            good_ns = entry.since_ns if entry.positive else entry.onset_ns
+            if good_ns is None or good_ns < began_ns:
+                continue  # of the one before it, or not heard since it began
+            del self._awaited[topic][node]
+            if entry.positive and good_ns - began_ns <= LONGEST_NS:
+                self._took.setdefault(topic, deque(maxlen=LATEST)).append(good_ns - began_ns)
+                self._unwritten.add(topic)
+
+    # --- what the store has
+
+    def recall(self, took: Mapping[str, Sequence[int]], parts: ComponentModel | None) -> None:
+        """Take over what the store has of the robot's starts, in place of what is known here."""
+        topics = () if parts is None else self.publishers(parts)
+        self._took = {topic: deque(ns, maxlen=LATEST) for topic, ns in took.items() if topic in topics}
+        self._unwritten = {topic for topic in took if topic not in topics}
+
+    def unwritten(self) -> dict[str, tuple[int, ...]]:
+        """Return, once, what the store is to keep: topic -> how long starts took, nothing of what is gone.
+
+        A write that fails loses one start: the topic's next one is written with all that are known.
+        """
+        if not self._unwritten:
+            return {}
+        found = {topic: tuple(self._took.get(topic, ())) for topic in sorted(self._unwritten)}
+        self._unwritten.clear()
+        return found
 
     # --- what is known
 
@@ -133,7 +160,9 @@ class StartUps:
                 for topic in node.publishes:
                     found[topic] = (*found.get(topic, ()), node)
             self._publishers = parts, found
+            self._unwritten |= self._took.keys() - found.keys()
             self._took = {topic: took for topic, took in self._took.items() if topic in found}
+            self._awaited = {topic: nodes for topic, nodes in self._awaited.items() if topic in found}
         return self._publishers[1]
 
     def may_take_ns(self, topic: str) -> int | None:

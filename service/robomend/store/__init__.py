@@ -7,7 +7,7 @@
     schema.py        the tables;  encoding.py  values to columns;  migrations/  older databases
     view.py          View: what a query reads;  transaction.py  Transaction: what a change writes
     group.py         the database transaction that changes share;  rows.py  what waits in memory until its end
-    models.py, robots.py, observations.py, diagnoses.py, repairs.py, journal.py, attempts.py,
+    models.py, robots.py, observations.py, start_ups.py, diagnoses.py, repairs.py, journal.py, attempts.py,
     drills.py, batch_jobs.py, agent_actions.py, api_keys.py, global_stop.py, events.py, audit.py,
     notifications.py
                      each subject: functions of a View that read it, of a Transaction that write it

@@ -53,6 +53,7 @@ TABLES: tuple[Table, ...] = (
     schema.tried,
     schema.quarantine,
     schema.attempts,
+    schema.start_ups,
     schema.agent_actions,
     schema.idempotency,
     schema.api_keys,

@@ -32,6 +32,7 @@ _CLEARED = (
     schema.quarantine,
     schema.tried,
     schema.attempts,
+    schema.start_ups,
     schema.agent_actions,
 )
 """What goes with a robot."""
@@ -88,7 +89,7 @@ def put(tx: Transaction, robot: str, config: Json, *, expected: str | None) -> S
 
 
 def delete(tx: Transaction, robot: str, *, expected: str | None = ANY) -> None:
-    """Delete a robot with its OBS, quarantine, memory and queued actions.
+    """Delete a robot with its OBS, quarantine, memory, start-up times and queued actions.
 
     StateConflict while a repair or a drill is open: what a drill has planted must be undone first.
     Its history stays as long as the retention says, and its revision and fencing number go on where they

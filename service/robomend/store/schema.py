@@ -32,7 +32,7 @@ from sqlalchemy import (
     text,
 )
 
-HEAD = "0007"
+HEAD = "0008"
 """The schema version that this program reads and writes."""
 
 metadata = MetaData()
@@ -313,6 +313,15 @@ quarantine = Table(
     Column("failures", Integer, nullable=False),
     _time("since_ns"),
     _time("until_ns", nullable=True),
+)
+
+start_ups = Table(
+    "start_ups",
+    metadata,
+    _name("robot", primary_key=True),
+    _name("topic", primary_key=True),
+    _name("took", nullable=False),
+    sqlite_with_rowid=False,
 )
 
 attempts = _numbered(
