@@ -12,12 +12,15 @@ that is then connected to, so that a name cannot change in between.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import hashlib
 import hmac
 import ipaddress
+import re
 import socket
 import ssl
 import time
+import unicodedata
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -96,10 +99,12 @@ def receiver(options: Mapping[str, Any], hosts: Collection[str]) -> Webhook:
         host, port = (parts.hostname or "").lower(), parts.port
     except ValueError as error:
         raise InputError(f"url: {shown_url(url)!r}: {error}") from error
-    if parts.scheme not in ("http", "https") or not host:
+    if parts.scheme not in ("http", "https") or not host or port == 0:
         raise InputError(f"url: {shown_url(url)!r} is no http or https address with a host")
     if "@" in parts.netloc:
         raise InputError("url: no user and password in an address; a receiver knows us by `secret`")
+    if not url.isprintable() or " " in url:
+        raise InputError("url: an address has no spaces or control characters")
     allowed = {name.lower() for name in hosts}
     private = host in allowed or f"{host}:{port or (443 if parts.scheme == 'https' else 80)}" in allowed
     if options.get("allow_private") and not private:
@@ -113,11 +118,18 @@ def receiver(options: Mapping[str, Any], hosts: Collection[str]) -> Webhook:
 
 
 def _is_inside(host: str) -> bool:
-    """Return whether a host is given by a private address. Names are looked up at each call."""
+    """Return whether a host is given by a private address, in whatever spelling a resolver understands.
+
+    Names are looked up at each call.
+    """
+    plain = unicodedata.normalize("NFKC", host).replace("\u3002", ".").rstrip(".").lower()
+    if re.fullmatch(r"[0-9a-fx.]+", plain):  # 127.1, 2130706433, 0x7f000001, 0177.0.0.1
+        with contextlib.suppress(OSError):
+            plain = socket.inet_ntoa(socket.inet_aton(plain))
     try:
-        return not outside(host)
+        return not outside(plain)
     except ValueError:
-        return host == "localhost" or host.endswith(".localhost")
+        return plain == "localhost" or plain.endswith(".localhost")
 
 
 def signature(secret: str, timestamp: str, body: bytes) -> str:

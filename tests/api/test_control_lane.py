@@ -120,6 +120,23 @@ def test_they_answer_on_a_connection_that_is_used_again(service: Service, before
     until(lambda: not fresh(service, "GET", "/api/v1/stop").json()["active"], "it was not lifted")
 
 
+@pytest.mark.parametrize("half", [True, False], ids=["it reads the answer", "it is gone"])
+def test_a_stop_is_in_force_though_its_client_sends_no_more(start: StartService, half: bool) -> None:
+    service = start()
+    address = ("127.0.0.1", int(service.url.rsplit(":", 1)[1]))
+    body = b'{"reason": "smoke"}'
+    head = b"POST /api/v1/stop HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
+    for sent in (body[:-1], body):
+        with socket.create_connection(address, timeout=60) as connection:
+            connection.sendall(head + b"Content-Length: %d\r\n\r\n" % len(body) + sent)
+            if half:
+                connection.shutdown(socket.SHUT_WR)
+                answer = b"".join(iter(lambda: connection.recv(65536), b""))
+                assert answer.startswith(b"HTTP/1.1 20" if sent == body else b"")
+        assert sent == body or not service.runtime.repairs.switch.active
+    until(lambda: service.runtime.repairs.switch.active, "it is not in force", 60)
+
+
 def test_what_follows_an_answer_at_once_is_answered_too(service: Service) -> None:
     line = b"GET /version-info HTTP/1.1\r\nHost: localhost\r\n"
     address = ("127.0.0.1", int(service.url.rsplit(":", 1)[1]))

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import gzip
 import json
 import socket
 
 import pytest
 from tests.api.conftest import Service, StartService
+from tests.waiting import until
+from uvicorn.protocols.http.httptools_impl import RequestResponseCycle
 
 from robomend.api import protocol
+from robomend.api.protocol import HEADERS, PIPELINED, PIPELINED_HEADERS
 
 HOST = b"Host: localhost\r\n"
 
@@ -236,6 +240,43 @@ def test_too_many_requests_in_a_row_end_their_connection(service: Service) -> No
     with connect(service) as connection:
         connection.sendall(one * 1000)
         assert rest(connection).count(b"HTTP/1.1 200") < 200
+
+
+@pytest.mark.parametrize("path", [b"/version-info", b"/healthz"])
+def test_more_headers_than_anybody_needs_are_a_431(service: Service, path: bytes) -> None:
+    line = b"GET " + path + b" HTTP/1.1\r\n" + HOST
+    few, many = (b"a:b\r\n" * count for count in (HEADERS // 2, HEADERS))
+    with connect(service) as connection:
+        connection.sendall(line + few + b"Connection: close\r\n\r\n")
+        assert rest(connection).startswith(b"HTTP/1.1 200")
+    status, body = ask(service, line + many + b"\r\n")
+    assert (status, body["code"]) == (431, "headers-too-large")
+
+
+def test_the_headers_of_requests_in_a_row_are_bounded_together(service: Service) -> None:
+    one = b"GET /version-info HTTP/1.1\r\n" + HOST
+    last = one + b"Connection: close\r\n\r\n"
+    count = PIPELINED_HEADERS // (HEADERS // 2) + 5
+    with connect(service) as connection:
+        connection.sendall((one + b"\r\n") * count + last)
+        assert rest(connection).count(b"HTTP/1.1 200") == count + 1
+    with connect(service) as connection:
+        connection.sendall((one + b"a:b\r\n" * (HEADERS // 2) + b"\r\n") * count + last)
+        assert rest(connection).count(b"HTTP/1.1 200") < count
+
+
+def test_a_connection_that_ends_holds_no_requests(service: Service, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(protocol, "LINGER_S", 60.0)
+    with connect(service) as connection:
+        connection.sendall((b"GET /version-info HTTP/1.1\r\n" + HOST + b"\r\n") * (PIPELINED + 50))
+        assert rest(connection) is not None  # it has ended, for us
+        until(lambda: _requests() < PIPELINED // 2, "they are kept while it lingers")
+
+
+def _requests() -> int:
+    """How many requests are held in this process."""
+    gc.collect()
+    return sum(isinstance(each, RequestResponseCycle) for each in gc.get_objects())
 
 
 def test_a_strangers_body_is_small(service: Service) -> None:

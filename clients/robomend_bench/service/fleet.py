@@ -144,7 +144,7 @@ async def run_fleet(
     load = load_of_others()
     asker = await connect(url)
     after = await _diagnoses(asker)
-    lost = await _differences(asker, robots)
+    lost = await differences(asker, robots)
     stream.close()
     for connection in (*connections, asker):
         connection.close()
@@ -201,7 +201,7 @@ async def _diagnoses(connection: Connection) -> dict[str, float]:
     return counts
 
 
-async def _differences(connection: Connection, robots: list[SimulatedRobot]) -> list[str]:
+async def differences(connection: Connection, robots: list[SimulatedRobot]) -> list[str]:
     """Return what the service does not know as it was sent, robot by robot."""
     lost = []
     for robot in robots:

@@ -13,7 +13,7 @@ import time
 from dataclasses import dataclass, field
 
 from robomend_bench.service.durable import run_posts
-from robomend_bench.service.fleet import prepare
+from robomend_bench.service.fleet import differences, prepare
 from robomend_bench.service.measure import Latency
 from robomend_bench.service.robots import SimulatedRobot, body
 from robomend_bench.service.wire import Connection, connect, request
@@ -39,7 +39,7 @@ class OverloadResult:
     refused: Latency  # 503
     not_sent: int  # due while the robot's request before was under way
     errors: dict[str, int]  # any other answer
-    lost: tuple[str, ...]  # robots that know of another number of changes than were accepted
+    lost: tuple[str, ...]  # robots whose state is not what was accepted, with the difference
     stop: Latency  # POST and DELETE /stop
     health: Latency
     sent_late: Latency  # the generator's own lateness
@@ -47,7 +47,6 @@ class OverloadResult:
 
 @dataclass
 class _Run:
-    accepted: dict[str, int] = field(default_factory=dict)
     times: dict[int, list[float]] = field(default_factory=lambda: {200: [], 503: []})
     errors: dict[str, int] = field(default_factory=dict)
     busy: set[str] = field(default_factory=set)  # robots with a request under way
@@ -69,8 +68,8 @@ class _Run:
                 self.times[status].append(time.perf_counter() - sent)
             else:
                 self.errors[str(status)] = self.errors.get(str(status), 0) + 1
-            if status == 200:
-                self.accepted[robot.name] = self.accepted.get(robot.name, 0) + 1
+            if status == 503:  # else its opposite, later, would say nothing new
+                robot.take_back()
 
         connection.send(request("POST", robot.path, body(robot.change())), answered)
 
@@ -101,7 +100,9 @@ async def run_overload(
         await asyncio.sleep(0.05)
     looking.cancel()
     await asyncio.wait({looking})
-    for connection in connections:
+    asker = await connect(url)
+    lost = await differences(asker, fleet)
+    for connection in (*connections, asker):
         connection.close()
     if run.busy:
         run.errors["no answer"] = len(run.busy)
@@ -113,7 +114,7 @@ async def run_overload(
         refused=Latency.of(run.times[503]),
         not_sent=run.not_sent,
         errors=run.errors,
-        lost=tuple(await _differences(url, fleet, run.accepted)),
+        lost=tuple(lost),
         stop=Latency.of(stop),
         health=Latency.of(health),
         sent_late=Latency.of(run.late),
@@ -137,16 +138,3 @@ async def _look(url: str, health: list[float], stop: list[float]) -> None:
             if status in (200, 202):
                 times.append(time.perf_counter() - began)
             await asyncio.sleep(LOOK_S)
-
-
-async def _differences(url: str, fleet: list[SimulatedRobot], accepted: dict[str, int]) -> list[str]:
-    """Return where the service knows of another number of changes than it has accepted."""
-    connection = await connect(url)
-    lost = []
-    for robot in fleet:
-        obs = await connection.api("GET", f"/robots/{robot.name}/observations")
-        known, wanted = obs["revision"], 1 + accepted.get(robot.name, 0)  # the first says that it is sound
-        if known != wanted:
-            lost.append(f"{robot.name}: revision {known}, accepted {wanted}")
-    connection.close()
-    return lost

@@ -62,6 +62,12 @@ class SimulatedRobot:
         self.revision += 1
         return [name if goes else f"not {name}"]
 
+    def take_back(self) -> None:
+        """Undo the latest change: the service has refused it."""
+        name = self._recent[-1]
+        self.holds[name] = not self.holds[name]
+        self.revision -= 1
+
     def expected(self) -> frozenset[str]:
         """Return OBS as it must be now."""
         return frozenset(name if holds else f"not {name}" for name, holds in self.holds.items())

@@ -14,6 +14,7 @@ from typing import Any
 from starlette.requests import ClientDisconnect, Request
 
 from robomend.api import strict_json
+from robomend.api.admitted import LOOK_S, look_again
 from robomend.api.problems import Problem
 from robomend.robots.readers import Readers
 from robomend.settings import Settings
@@ -85,7 +86,8 @@ async def read_chunks(
         bytes_per_s: if given, what it must come to on average, after the first `timeout_s`.
 
     Raises:
-        Problem: 413 when there is more, 408 when it stalls, 415 when it is compressed.
+        Problem: 413 when there is more, 408 when it stalls, 415 when it is compressed, 401 when its key was
+            revoked meanwhile.
         ClientDisconnect: the client went away in the middle.
     """
     check_encoding(request)
@@ -96,7 +98,7 @@ async def read_chunks(
         )
     size = 0
     more = True
-    began = time.monotonic()
+    began = looked = time.monotonic()
     while more:
         wait_s = timeout_s
         if bytes_per_s is not None:
@@ -109,6 +111,9 @@ async def read_chunks(
             raise Problem(408, slow, headers={"Connection": "close"}) from error
         if message["type"] == "http.disconnect":
             raise ClientDisconnect
+        if time.monotonic() - looked > LOOK_S:
+            await look_again(request)
+            looked = time.monotonic()
         chunk = message.get("body", b"")
         more = message.get("more_body", False)
         size += len(chunk)

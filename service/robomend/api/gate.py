@@ -21,6 +21,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from robomend.api import lists
+from robomend.api.admitted import AGAIN
 from robomend.api.body import StrictRequest
 from robomend.api.origin import foreign
 from robomend.api.problems import Problem
@@ -117,6 +118,13 @@ class Admission:
         Raises:
             Problem: 401 without a valid key where one is needed, 403 beyond the role, 429 too often.
         """
+        principal = await self.let_in(request, rule)
+        if RULES.get(rule) is not None:
+            request.scope[AGAIN] = self._admit_again
+        return principal
+
+    async def let_in(self, request: Request, rule: tuple[str, str]) -> Principal:
+        """Return who makes this request, as `admit` does, and leave nothing for later."""
         if RULES.get(rule, _NOBODY) is None:
             return LOCAL
         principal = await self._authenticate(request)
@@ -156,6 +164,12 @@ class Admission:
         except RobomendError:  # the database is away, which revokes nothing
             return True
         return True
+
+    async def _admit_again(self, request: Request) -> None:
+        """Let a request in that is under way, by its key alone."""
+        if not await self.still(request):
+            headers = {"WWW-Authenticate": 'Bearer error="invalid_token"'}
+            raise Problem(401, "the key was revoked while the request was under way", headers=headers)
 
     async def sign_in(self, request: Request, key: str) -> tuple[Principal, str]:
         """Let a browser in with a key; return who it is now, and the cookie.

@@ -4,9 +4,9 @@ uvicorn's protocol bounds neither the head nor its time: a client could fill the
 header, or hold a thousand connections with a byte a minute. What is refused here is answered with a problem,
 as everywhere. All of it holds before anybody knows whose request it is:
 
-    head       bytes and time                                   431, 408
+    head       bytes, headers and time                          431, 408
     trailers   dropped; bytes, as those of chunk heads          431
-    pipeline   so many requests behind one under way            the connection ends
+    pipeline   requests behind one under way, and their headers the connection ends
     the rest   of a body after its answer: bytes and time       the connection ends
 
 A connection that ends while its client still sends is not cut off at once: the rest is read and dropped for a
@@ -26,7 +26,7 @@ import os
 import socket
 import weakref
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NoReturn
 
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
@@ -41,8 +41,14 @@ BATCHES = b"/observations"
 GiveBack = Callable[[socket.socket], None]
 """Takes a connection between two requests."""
 
+HEADERS = 200
+"""Of a request. The shortest take some 100 bytes each, twenty times what was sent."""
+
 PIPELINED = 100
 """Requests that may wait behind one under way on a connection; each holds some kilobytes."""
+
+PIPELINED_HEADERS = 2000
+"""Of those requests together."""
 
 REST_BYTES = 256 << 10
 """Of a body that still comes when its answer is complete; read so that the connection can be used again."""
@@ -114,10 +120,13 @@ class Protocol(HttpToolsProtocol):
         super().connection_lost(exc)
         self.headers = []
 
-    def eof_received(self) -> None:
+    def eof_received(self) -> bool:  # type: ignore[override]  # asyncio asks; uvicorn always says no
+        """The client sends no more, or is gone: a whole request about the stop is done all the same."""
         if self.ending and self._raw is not None:
             self._raw.close()
         super().eof_received()
+        cycle = self.cycle
+        return self.once and cycle is not None and not (cycle.more_body or cycle.response_complete)
 
     def data_received(self, data: bytes) -> None:
         if self.ending:
@@ -148,6 +157,7 @@ class Protocol(HttpToolsProtocol):
         if self.ending or self._raw is None:
             return
         self.ending = True
+        self.pipeline.clear()  # nobody is going to answer them
         self._stop_timer()
         if not self._receiving:
             self._raw.close()
@@ -178,8 +188,11 @@ class Protocol(HttpToolsProtocol):
         self._overhead = self._body = self._rest = 0
 
     def on_header(self, name: bytes, value: bytes) -> None:
-        if self._heading:  # else it is a trailer, which nobody reads
-            super().on_header(name, value)
+        if not self._heading:  # a trailer, which nobody reads
+            return
+        if len(self.headers) >= HEADERS:
+            self._refuse_head(Problem(431, f"the request has more than {HEADERS} headers"))
+        super().on_header(name, value)
 
     def on_headers_complete(self) -> None:
         self._heading = False
@@ -190,17 +203,15 @@ class Protocol(HttpToolsProtocol):
             hosts += name == b"host"
         version = self.parser.get_http_version()
         if size > self.max_head_bytes:
-            self._refusal = self._too_large()
+            self._refuse_head(self._too_large())
         elif version not in VERSIONS:
-            self._refusal = Problem(505, f"HTTP/{version} is not spoken here: HTTP/1.1 is")
+            self._refuse_head(Problem(505, f"HTTP/{version} is not spoken here: HTTP/1.1 is"))
         elif hosts > 1:  # which one a proxy before us has looked at is anybody's guess
-            self._refusal = Problem(400, "there is more than one Host header")
+            self._refuse_head(Problem(400, "there is more than one Host header"))
         elif hosts < 1 and version == "1.1":
-            self._refusal = Problem(400, "there is no Host header")
-        elif len(self.pipeline) >= PIPELINED:
-            self._refusal = Problem(503, f"more than {PIPELINED} requests wait on this connection")
-        if self._refusal is not None:
-            raise ValueError(self._refusal.detail)  # the parser ends, and asks for send_400_response
+            self._refuse_head(Problem(400, "there is no Host header"))
+        elif self.pipeline and self._too_many_wait():
+            self._refuse_head(Problem(503, f"more than {PIPELINED} requests wait on this connection"))
         if self.direct is not None and version == "1.1" and self._is_plain(self.direct):
             self._plain = bytearray()
             return
@@ -291,6 +302,16 @@ class Protocol(HttpToolsProtocol):
         self.on_response_complete()
 
     # --- refusing
+
+    def _refuse_head(self, problem: Problem) -> NoReturn:
+        """Refuse a request for its head: the parser ends, and asks for send_400_response."""
+        self._refusal = problem
+        raise ValueError(problem.detail)
+
+    def _too_many_wait(self) -> bool:
+        """Whether what waits behind the request under way is as much as may."""
+        headers = sum(len(list(cycle.scope["headers"])) for cycle, _ in self.pipeline)
+        return len(self.pipeline) >= PIPELINED or headers >= PIPELINED_HEADERS
 
     def _too_large(self) -> Problem:
         return Problem(431, f"the head of the request has more than {self.max_head_bytes} bytes")

@@ -11,9 +11,11 @@ round, a person at the red button would wait for a database.
 from __future__ import annotations
 
 import asyncio
+from functools import partial
 
 from starlette.requests import Request
 
+from robomend.api.admitted import AGAIN
 from robomend.api.gate import Admission
 from robomend.api.problems import Problem
 from robomend.security import RULES, Principal
@@ -37,13 +39,18 @@ class UrgentAdmission:
 
     async def admit(self, request: Request, rule: tuple[str, str]) -> Principal:
         """Return who makes this request; raises as the usual gate does."""
+        admitted = await self._admit(request, rule)
+        request.scope[AGAIN] = partial(self.admit, rule=rule)  # in this loop, not in that of the usual gate
+        return admitted
+
+    async def _admit(self, request: Request, rule: tuple[str, str]) -> Principal:
         if RULES.get(rule) is None and rule in RULES:
-            return await self._usual.admit(request, rule)  # needs no key, and so nothing to wait for
+            return await self._usual.let_in(request, rule)  # needs no key, and so nothing to wait for
         if self._usual.ring.fresh and "authorization" in request.headers:
             known = self._usual.known(request, rule)
             if known is not None:
                 return known
-        asking = asyncio.run_coroutine_threadsafe(self._usual.admit(request, rule), self._loop)
+        asking = asyncio.run_coroutine_threadsafe(self._usual.let_in(request, rule), self._loop)
         usual = asyncio.wrap_future(asking)
         await asyncio.wait({usual}, timeout=USUAL_S)
         if not usual.done():

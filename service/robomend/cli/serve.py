@@ -108,7 +108,15 @@ def tell(url: str, *, announce: bool) -> None:
 
 async def serve(settings: Settings, *, announce: bool) -> int:
     """Serve until a signal comes; return the exit code."""
-    return await _run(settings, lambda url: tell(url, announce=announce), None)
+    from robomend.api.init_system import InitSystem
+
+    init_system = InitSystem()
+
+    def told(url: str) -> None:
+        tell(url, announce=announce)
+        init_system.ready()
+
+    return await _run(settings, told, None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,11 +152,18 @@ async def work(settings: Settings, inherited: Inherited) -> int:
 async def supervise(settings: Settings, *, announce: bool) -> int:
     """Keep several workers alive."""
     from robomend.api.address import url_of
+    from robomend.api.init_system import InitSystem
     from robomend.api.supervising import WorkerSupervisor, listening_socket
 
     with listening_socket(settings) as listener:
         url = url_of(listener.getsockname(), secure=settings.tls_certificate is not None)
-        supervisor = WorkerSupervisor(settings, listener, sys.argv[1:], lambda: tell(url, announce=announce))
+        init_system = InitSystem()
+
+        def ready() -> None:
+            tell(url, announce=announce)
+            init_system.ready()
+
+        supervisor = WorkerSupervisor(settings, listener, sys.argv[1:], ready)
         return await supervisor.run()
 
 

@@ -84,6 +84,16 @@ def test_a_board_carries_out_nothing_but_power() -> None:
         (by("webhook", url="http://10.0.0.1/", secret="s"), "10.0.0.1 is a private address"),
         (by("webhook", url="http://localhost/", secret="s"), "localhost is a private address"),
         (by("webhook", url="http://[::1]:80/", secret="s"), "::1 is a private address"),
+        *(
+            (by("webhook", url=f"http://{host}/", secret="s"), "is a private address")
+            for host in ("127.1", "2130706433", "0x7f000001", "0177.0.0.1", "0", "127.0.0.1.", "localhost.")
+        ),
+        (by("webhook", url="http://\uff11\uff12\uff17.0.0.1/", secret="s"), "is a private address"),
+        (by("webhook", url="http://127\u30020\u30020\u30021/", secret="s"), "is a private address"),
+        (by("webhook", url="http://\u24dbocalhost/", secret="s"), "is a private address"),
+        (by("webhook", url="http://h.example/\r\nX: y", secret="s"), "control characters"),
+        (by("webhook", url="http://h .example/", secret="s"), "no spaces"),
+        (by("webhook", url="http://h.example:0/", secret="s"), "no http or https address"),
         (by("webhook", url="http://h.example/", secret="s", allow_private=True), "webhook_hosts"),
     ],
 )

@@ -6,6 +6,7 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request, Response
 
+from robomend.api.admitted import while_admitted
 from robomend.api.deps import ActionPath, PartsDep, PrincipalDep, RobotPath, reporter_of
 from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
@@ -47,7 +48,7 @@ async def next_action(
         raise Problem(405, "actions are taken by POST, so that no page can take one", headers=headers)
     response.headers["Deprecation"] = "true"
     request.scope["robomend.waits"] = wait_s > 0
-    async with parts.robots.waiting.counted():
+    async with parts.robots.waiting.counted(), while_admitted(request):
         orders = await parts.repairs.orders(
             robot, host=host, wait_s=min(wait_s, parts.settings.max_wait_s), by=reporter_of(principal)
         )
@@ -67,7 +68,7 @@ async def poll(
     observers are to judge anew, since an action may have changed it.
     """
     request.scope["robomend.waits"] = body.wait_s > 0
-    async with parts.robots.waiting.counted():
+    async with parts.robots.waiting.counted(), while_admitted(request):
         orders = await parts.repairs.orders(
             robot,
             host=body.host,

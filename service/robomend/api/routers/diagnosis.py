@@ -6,6 +6,7 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query, Request, Response
 
+from robomend.api.admitted import while_admitted
 from robomend.api.deps import PartsDep, RobotPath
 from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
@@ -37,7 +38,8 @@ async def get_diagnosis(
     state = await parts.robots.diagnosed(robot)
     if wait_s > 0:
         request.scope["robomend.waits"] = True
-        await parts.robots.waiting.beyond(state, after, min(wait_s, parts.settings.max_wait_s))
+        async with while_admitted(request):
+            await parts.robots.waiting.beyond(state, after, min(wait_s, parts.settings.max_wait_s))
     return diagnosis_response(state)
 
 
