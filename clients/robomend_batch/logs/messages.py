@@ -33,6 +33,7 @@ from robomend_batch.observing import Observing
 from robomend_batch.problems import LogRefused, Problems
 from robomend_batch.track import Rows
 from robomend_batch.words import Setting, Words
+from robomend_client.bridges.fields import MissingField
 from robomend_client.bridges.measured import is_board, measured
 from robomend_client.literals import Atom, Literal
 from robomend_client.observers.base import SECOND
@@ -128,6 +129,9 @@ def _observed(recording: Recording, observing: Observing, path: Path, opened: Op
                 if extract is not None and data is not None:
                     try:
                         value = extract(data)
+                    except MissingField as error:
+                        wants.missing(number, error)
+                        continue
                     except Exception as error:  # noqa: BLE001  # damaged bytes raise whatever
                         wants.unreadable(number, error)
                         continue
@@ -303,6 +307,10 @@ class Wants:
         """A message could not be unpacked: it is left out, and counted."""
         place = f"{self._path}: {self._topic_of[number]}"
         self._problems.add(place, f"a message cannot be unpacked ({type(error).__name__})", bad=True)
+
+    def missing(self, number: int, error: Exception) -> None:
+        """What is looked for is not in a message's fields: no channel of the board has such a device."""
+        self._problems.add(f"{self._path}: {self._topic_of[number]}", str(error), bad=False)
 
     def _source(self, source: str) -> list[tuple[int, Want]] | None:
         """Return the channels of a source; None if the recording cannot have it."""
