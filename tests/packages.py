@@ -28,6 +28,8 @@ ROS1_IMPORTS = (
 AGGREGATOR_NODE = "/usr/lib/diagnostic_aggregator/aggregator_node"
 AGGREGATOR_LIBRARY = f"/usr/lib/{platform.machine()}-linux-gnu/libdiagnostic_aggregator.so.1d"
 
+FAKETIME_LIBRARY = Path(f"/usr/lib/{platform.machine()}-linux-gnu/faketime/libfaketime.so.1")
+
 ROS2_ENVIRONMENTS = Path(__file__).parents[1] / ".venv-ros2"
 ROS2_IMPORTS = "import rclpy, std_msgs.msg, sensor_msgs.msg, diagnostic_msgs.msg"
 
@@ -144,6 +146,7 @@ AGGREGATOR = Wanted(
     lambda: Path(AGGREGATOR_NODE).exists() and Path(AGGREGATOR_LIBRARY).exists(),
     ("libdiagnostic-aggregator-tools",),
 )
+FAKETIME = Wanted("libfaketime", FAKETIME_LIBRARY.exists, ("libfaketime",))
 IPROUTE = Wanted("the command ip", lambda: shutil.which("ip"), ("iproute2",))
 KILTED = WantedRos2(
     "kilted",
@@ -166,6 +169,7 @@ BRIDGES = ("tests/clients/bridges", "tests/clients/robomend_ros")
 NEEDED: dict[Wanted | WantedRos2, tuple[str, ...]] = {
     POSTGRESQL: ("tests/store", "tests/service"),
     CHROMIUM: ("tests/web",),
+    FAKETIME: (*BRIDGES, "tests/service"),
     IPROUTE: BRIDGES,
     ROS1: BRIDGES,
     AGGREGATOR: BRIDGES,

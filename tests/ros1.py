@@ -7,6 +7,7 @@ where CI is set. The bridge itself needs none of it: this is its other side.
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -77,6 +78,10 @@ class RosMaster:
         assert self._process.stdout is not None
         uri = self._process.stdout.readline().strip()
         self.port = int(uri.rstrip("/").rpartition(":")[2])
+
+    def signal(self, number: signal.Signals) -> None:
+        assert self._process is not None
+        self._process.send_signal(number)
 
     def stop(self) -> None:
         """Kill it: a master that crashed."""

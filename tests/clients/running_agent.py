@@ -7,7 +7,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -38,12 +38,11 @@ def config(tmp_path: Path, url: str, processes: dict[str, Any], **more: Any) -> 
 
 
 @contextmanager
-def agent(file: Path) -> Iterator[subprocess.Popen[bytes]]:
+def agent(file: Path, environment: Mapping[str, str] | None = None) -> Iterator[subprocess.Popen[bytes]]:
     """Run the agent; SIGTERM at the end, and what it says goes to a file beside its configuration."""
     with (file.parent / "agent.log").open("ab") as log:
-        process = subprocess.Popen(
-            [sys.executable, "-m", "robomend_client.agent.main", "--verbose", str(file)], stderr=log
-        )
+        command = [sys.executable, "-m", "robomend_client.agent.main", "--verbose", str(file)]
+        process = subprocess.Popen(command, stderr=log, env=environment)
         try:
             yield process
         finally:

@@ -90,6 +90,15 @@ class ServiceDouble:
                 now[sentence.removeprefix("not ")] = not sentence.startswith("not ")
         return now
 
+    def signs(self) -> dict[str, bool | None]:
+        """Return the same, and None of each atom that was reported to be unknown since."""
+        now: dict[str, bool | None] = {}
+        for batch in self.batches():
+            for sentence in batch["observations"]:
+                now[sentence.removeprefix("not ")] = not sentence.startswith("not ")
+            now.update(dict.fromkeys(batch.get("unknown", ())))
+        return now
+
     def result(self, action_id: str) -> dict[str, Any] | None:
         """Return the first result of an action, or None while there is none."""
         for p in tuple(self.posted):
@@ -228,7 +237,7 @@ def service_double() -> Iterator[ServiceDouble]:
         service.down()
 
 
-def eventually(true: Callable[[], object], what: str, within_s: float = 20.0) -> float:
+def eventually(true: Callable[[], object], what: str, within_s: float = 60.0) -> float:
     """Wait until `true()`; return how long it took. The bound only keeps a broken test from hanging."""
     began = time.monotonic()
     while not true():

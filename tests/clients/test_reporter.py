@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import logging
 import time
 from collections.abc import Awaitable, Callable
 from pathlib import Path
@@ -179,35 +180,71 @@ def test_stamps_go_on_when_the_computers_clock_is_set_back(monkeypatch: pytest.M
     assert stamps.now_ns() >= clock.ns
 
 
-def test_stamps_that_the_service_refuses_follow_the_computers_clock(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def heartbeats(
+    tmp_path: Path,
+    clock: WallClock,
+    answer: Callable[[int], httpx.Response],
+    test: Callable[[AsyncOutbox, list[int]], Awaitable[None]],
 ) -> None:
-    clock = WallClock(monkeypatch)
-    right_ns = clock.ns
-    clock.ns += HOUR_NS  # wrong at first, and mended later
+    """Run a reporter that has one thing to say beside `test`, which sees the stamps that the service gets."""
     stamped: list[int] = []
 
-    def answer(request: httpx.Request) -> httpx.Response:
-        at = json.loads(request.content)["time"]
-        stamped.append(at)
-        ahead = at > right_ns + HOUR_NS // 60
-        return httpx.Response(422 if ahead else 200, json={"code": "bad-input"} if ahead else {"revision": 1})
+    def got(request: httpx.Request) -> httpx.Response:
+        stamped.append(json.loads(request.content)["time"])
+        return answer(stamped[-1])
 
     async def run() -> None:
         buffer = DiskBuffer(tmp_path)
-        async with AsyncClient("http://service", transport=httpx.MockTransport(answer)) as client:
+        async with AsyncClient("http://service", transport=httpx.MockTransport(got)) as client:
             outbox = AsyncOutbox(client, "r", buffer)
             reporter = VerdictReporter(outbox, "agent", 0.02, 1, lambda: [Verdict(Literal(SCAN), 0)])
             reporter.report([good(SCAN, clock.ns)])
             task = asyncio.create_task(reporter.run())
             try:
                 async with timeout(20):
-                    await until(lambda: outbox.refused)
-                    clock.ns -= HOUR_NS
-                    await until(lambda: right_ns <= stamped[-1] < right_ns + HOUR_NS // 60)
+                    await test(outbox, stamped)
             finally:
                 task.cancel()
                 await asyncio.wait({task}, timeout=5)
         buffer.close()
 
     asyncio.run(run())
+
+
+def test_stamps_that_the_service_refuses_follow_the_computers_clock_and_the_first_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    clock = WallClock(monkeypatch)
+    right_ns = clock.ns
+    clock.ns += HOUR_NS  # wrong at first, and mended later
+
+    def answer(time_ns: int) -> httpx.Response:
+        ahead = time_ns > right_ns + HOUR_NS // 60
+        return httpx.Response(422 if ahead else 200, json={"code": "bad-input"} if ahead else {"revision": 1})
+
+    async def test(outbox: AsyncOutbox, stamped: list[int]) -> None:
+        await until(lambda: outbox.refused > 2)
+        clock.ns -= HOUR_NS
+        await until(lambda: right_ns <= stamped[-1] < right_ns + HOUR_NS // 60)
+
+    heartbeats(tmp_path, clock, answer, test)
+    told = [record for record in caplog.records if "the service refused" in record.message]
+    assert [record.levelname for record in told if record.levelno > logging.DEBUG] == ["ERROR"]
+
+
+def test_a_sentence_that_the_service_does_not_keep_does_not_set_the_stamps_back(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = WallClock(monkeypatch)
+    refused = {"sentence": "ok(scan)", "message": "the model does not declare it"}
+
+    async def test(outbox: AsyncOutbox, stamped: list[int]) -> None:
+        await until(lambda: len(stamped) > 2)
+        clock.ns -= HOUR_NS
+        more = len(stamped) + 5
+        await until(lambda: len(stamped) > more)
+        assert stamped == sorted(stamped)
+
+    heartbeats(
+        tmp_path, clock, lambda _: httpx.Response(200, json={"revision": 1, "refused": [refused]}), test
+    )

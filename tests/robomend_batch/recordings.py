@@ -10,11 +10,16 @@ import numpy as np
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from robomend_client.bridges.ros1.formats import BOARD, DEFINITIONS, PACKAGE
+from robomend_client.bridges.ros1.messages import full_name
 from robomend_client.observers.base import SECOND
 
 ROS1, ROS2 = get_typestore(Stores.ROS1_NOETIC), get_typestore(Stores.ROS2_HUMBLE)
+for _store in (ROS1, ROS2):
+    for _name in (f"{PACKAGE}/Channel", BOARD):
+        _store.register(get_types_from_msg(DEFINITIONS[_name], full_name(_name)))
 EPOCH_NS = 1_764_000_000 * SECOND
 
 Sample = tuple[float, str, Any]
@@ -22,6 +27,7 @@ Sample = tuple[float, str, Any]
 
 KINDS = {"odom": "nav_msgs/msg/Odometry", "scan": "sensor_msgs/msg/Range", "imu": "sensor_msgs/msg/Imu"}
 KINDS |= {"diagnostics": "diagnostic_msgs/msg/DiagnosticArray", "temperature": "std_msgs/msg/Float64"}
+KINDS |= {"board_measurments": full_name(BOARD)}
 
 
 def steady(topic: str, hz: float, end_s: float, value: float = 0.0, start_s: float = 0.0) -> list[Sample]:
@@ -74,6 +80,9 @@ def message(store: Any, topic: str, value: Any, stamp_ns: int, name: str) -> Any
             values=[pair],
         )
         return t["diagnostic_msgs/msg/DiagnosticArray"](header=header, status=[status])
+    if topic == "board_measurments":
+        channels = [t[full_name(f"{PACKAGE}/Channel")](**row) for row in value]
+        return t[full_name(BOARD)](o_time=0.0, channel=channels)
     if topic == "scan":
         return t["sensor_msgs/msg/Range"](
             header=header,

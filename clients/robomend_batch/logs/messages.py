@@ -26,6 +26,7 @@ from robomend_batch.observing import Observing
 from robomend_batch.problems import LogRefused, Problems
 from robomend_batch.track import Rows
 from robomend_batch.words import Setting, Words
+from robomend_client.bridges.fields import MissingField
 from robomend_client.literals import Atom, Literal
 from robomend_client.observers.combining import Change
 from robomend_client.observers.driver import Driver
@@ -107,6 +108,9 @@ def _observed(recording: Recording, observing: Observing, path: Path, opened: Op
                 if extract is not None and data is not None:
                     try:
                         value = extract(data)
+                    except MissingField as error:
+                        wants.missing(number, error)
+                        continue
                     except Exception as error:  # noqa: BLE001  # damaged bytes raise whatever
                         wants.unreadable(number, error)
                         continue

@@ -103,6 +103,10 @@ class Wants:
         place = f"{self._path}: {self._topic_of[number]}"
         self._problems.add(place, f"a message cannot be unpacked ({type(error).__name__})", bad=True)
 
+    def missing(self, number: int, error: Exception) -> None:
+        """What is looked for is not in a message's fields: no channel of the board has such a device."""
+        self._problems.add(f"{self._path}: {self._topic_of[number]}", str(error), bad=False)
+
     def _source(self, source: str) -> list[tuple[int, Want]] | None:
         """Return the channels of a source; None if the recording cannot have it."""
         name, _, path = source.partition(":")

@@ -15,6 +15,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -40,8 +41,8 @@ class RosNetwork:
 class RosRig(Rig, ABC):
     """A robot whose nodes publish topics at 10 Hz; the subclass starts them.
 
-    A node prints a line when it is up; it falls silent on a topic whose name is written to it, and prints
-    when that was.
+    A node prints a line when it is up. It falls silent on a topic whose name is written to it, or talks
+    again, and prints when the last message was.
     """
 
     origin: str
@@ -104,12 +105,7 @@ class RosRig(Rig, ABC):
         found = []
         for node in self._moments(seed):
             topic = self._topics[node][-1]
-            process = self._processes[node]
-            assert process.stdin is not None
-            process.stdin.write(f"/{topic}\n")
-            process.stdin.flush()
-            hushed_ns = int(line(process))
-            found.append((self.told({f"ok({topic})": False}) - hushed_ns) / 1e9)
+            found.append(self.silence_s(topic, partial(self._switch, node, topic)))
         return sorted(found)
 
     def ended_s(self, seed: int) -> list[float]:
@@ -120,6 +116,14 @@ class RosRig(Rig, ABC):
             self._processes[node].kill()
             found.append((self.told({f"running({node})": False}) - began_ns) / 1e9)
         return sorted(found)
+
+    def _switch(self, node: str, topic: str) -> int:
+        """Silence a topic, or let it talk again; return when its last message was."""
+        process = self._processes[node]
+        assert process.stdin is not None
+        process.stdin.write(f"/{topic}\n")
+        process.stdin.flush()
+        return int(line(process))
 
     def _moments(self, seed: int) -> Iterator[str]:
         draw = random.Random(seed)

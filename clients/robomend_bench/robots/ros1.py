@@ -30,18 +30,23 @@ NODE = """
 import sys, threading, time, rospy
 from std_msgs.msg import Float64
 rospy.init_node(sys.argv[1], disable_signals=True)
-talking = {t: rospy.Publisher(t, Float64, queue_size=10) for t in sys.argv[2].split(",")}
+publishers = {t: rospy.Publisher(t, Float64, queue_size=10) for t in sys.argv[2].split(",")}
+silent, last_ns, lock = set(), {}, threading.Lock()
 def talk():
     rate = rospy.Rate(10)
     while True:
-        for publisher in tuple(talking.values()):
-            publisher.publish(1.0)
+        for topic, publisher in publishers.items():
+            with lock:
+                if topic not in silent:
+                    last_ns[topic] = time.time_ns()
+                    publisher.publish(1.0)
         rate.sleep()
 threading.Thread(target=talk, daemon=True).start()
 print("up", flush=True)
 for line in sys.stdin:
-    talking.pop(line.strip())
-    print(time.time_ns(), flush=True)
+    with lock:
+        silent ^= {line.strip()}
+        print(last_ns.get(line.strip(), 0), flush=True)
 """
 
 

@@ -22,19 +22,24 @@ import sys, threading, time, rclpy
 from std_msgs.msg import Float64
 rclpy.init()
 node = rclpy.create_node(sys.argv[1])
-talking = {t: node.create_publisher(Float64, t, 10) for t in sys.argv[2].split(",")}
+publishers = {t: node.create_publisher(Float64, t, 10) for t in sys.argv[2].split(",")}
+silent, last_ns, lock = set(), {}, threading.Lock()
 def talk():
     due = time.monotonic()
     while True:
-        for publisher in tuple(talking.values()):
-            publisher.publish(Float64(data=1.0))
+        for topic, publisher in publishers.items():
+            with lock:
+                if topic not in silent:
+                    last_ns[topic] = time.time_ns()
+                    publisher.publish(Float64(data=1.0))
         due = max(due + 0.1, time.monotonic())
         time.sleep(max(0, due - time.monotonic()))
 threading.Thread(target=talk, daemon=True).start()
 print("up", flush=True)
 for line in sys.stdin:
-    talking.pop(line.strip())
-    print(time.time_ns(), flush=True)
+    with lock:
+        silent ^= {line.strip()}
+        print(last_ns.get(line.strip(), 0), flush=True)
 """
 
 

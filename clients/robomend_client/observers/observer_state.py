@@ -99,6 +99,8 @@ class ObserverState:
             known = old.get(atom)
             if known is None or known.literal.positive is not verdict.literal.positive:
                 touched[atom] = None
+            else:
+                new[atom] = _going_on(known, verdict)
         touched.update((atom, None) for atom in old if atom not in new)
         self.verdicts = new
 
@@ -124,8 +126,15 @@ class ObserverState:
                 and known.literal.positive is literal.positive
                 and literal.atom not in self.waiting
             ):
-                evidence = self.observer.evidence(literal.atom, now_ns)
-                self.verdicts[literal.atom] = Verdict(literal, *evidence)
+                verdict = Verdict(literal, *self.observer.evidence(literal.atom, now_ns))
+                self.verdicts[literal.atom] = _going_on(known, verdict)
+
+
+def _going_on(known: Verdict, verdict: Verdict) -> Verdict:
+    """Return the newer of two verdicts that agree: an observer that judges anew does not know the onset."""
+    if verdict.onset_ns is not None or known.onset_ns is None or verdict.literal.positive:
+        return verdict
+    return verdict._replace(onset_ns=known.onset_ns)
 
 
 def after(time_ns: int, period_ns: int) -> int:

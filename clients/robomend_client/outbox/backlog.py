@@ -37,7 +37,8 @@ class Backlog:
     def __init__(self, robot: str, buffer: DiskBuffer, on_refused: Refused | None) -> None:
         self.robot = robot
         self.buffer = buffer
-        self.refused = 0
+        self.refused = 0  # batches, whole
+        self._refusing = ""  # why the newest batch was refused; nothing: it was not
         self.lost = 0  # could not even be buffered
         self.last_problem: Exception | None = None  # why the newest attempt failed; None when it did not
         self._on_refused = on_refused
@@ -88,15 +89,17 @@ class Backlog:
 
     def look_at(self, accepted: Accepted) -> None:
         """Tell of sentences that the service did not keep, each once: a heartbeat says them for ever."""
+        self._refusing = ""
         for refused in accepted.get("refused", ()):
-            self.refused += 1
             if refused["sentence"] not in self._told and len(self._told) < 1000:
                 self._told.add(refused["sentence"])
                 log.error("the service did not keep %r: %s", refused["sentence"], refused["message"])
 
     def refuse(self, batch: dict[str, Any], error: ApiError) -> None:
-        """Count a batch that the service will never take, and tell of it."""
+        """Count a batch that the service will never take; of those in a row, the first is told."""
         self.refused += 1
-        log.error("the service refused %s: %s", batch["observations"], error)
+        level = logging.DEBUG if error.code == self._refusing else logging.ERROR
+        self._refusing = error.code
+        log.log(level, "the service refused %s: %s", batch["observations"], error)
         if self._on_refused is not None:
             self._on_refused(batch, error)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
@@ -41,6 +41,15 @@ class Heard:
     async def told(self, part: str) -> None:
         """Wait for a line in the log."""
         await self.until(lambda: self.lines(part), f"{part!r} in the log: {self.log}")
+
+    async def runs(self, wanted: Mapping[str, bool | None]) -> None:
+        """Wait until the table of nodes says so of these; one that is not in it does not run."""
+
+        def said() -> bool:
+            table = self.last("nodes")
+            return table is not None and all(table.get(node, False) is runs for node, runs in wanted.items())
+
+        await self.until(said, f"{wanted}, not {self.last('nodes')}")
 
     async def until(self, true: Callable[[], object], what: str) -> None:
         """Wait until something holds, while the bridge works."""

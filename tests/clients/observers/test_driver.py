@@ -269,6 +269,21 @@ def test_after_time_that_nobody_looked_at_a_silent_topic_is_found_silent() -> No
     assert (silent.time_ns, silent.value, silent.since_ns) == (ns(8.5), fails("ok", "scan"), ns(8))
 
 
+def test_a_fault_that_is_judged_anew_and_goes_on_began_when_it_began() -> None:
+    driver = Driver([GeneralObserver("scan", RATE)], 0)
+    beat(driver, "scan", 0, 20)  # the last one at 1.9 s
+    driver.advance(ns(3))
+    driver.lapse(ns(8))
+    driver.advance(ns(9))
+    assert driver.standing() == [Verdict(fails("ok", "scan"), ns(8.5), ns(1.9))]
+    (again,) = [*driver.settle(7, [SCAN]), *driver.advance(ns(10))]
+    assert (again.time_ns, again.settled, again.since_ns, again.onset_ns) == (ns(9.5), 7, ns(9), ns(1.9))
+    driver.settle(8, [SCAN])
+    assert values(beat(driver, "scan", 10.0, 20)) == ["ok(scan)"]
+    (silent,) = driver.advance(ns(20))
+    assert silent.onset_ns == ns(11.9)
+
+
 @pytest.mark.parametrize("rate", [RATE, Rate.published(), Rate(), Rate(rate_hz=100, tolerance_hz=10)])
 @pytest.mark.parametrize("late_s", [0.05, 0.15, 0.2, 0.6, 1.0, 1.3, 3.0])
 @pytest.mark.parametrize("settled_s", [0.1, 0.7, 4.0])

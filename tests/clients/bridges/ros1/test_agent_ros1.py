@@ -104,16 +104,6 @@ def test_of_the_nodes_behind_a_split_network_it_is_unknown_whether_they_run_unti
     }
     nodes = {"running(laser)", "running(silent)"}
     log = tmp_path / "agent.log"
-
-    def signs() -> dict[str, bool | None]:
-        """Return the newest sign of each atom; None: unknown."""
-        found: dict[str, bool | None] = {}
-        for batch in service.batches():
-            for literal in batch["observations"]:
-                found[literal.removeprefix("not ")] = not literal.startswith("not ")
-            found.update(dict.fromkeys(batch.get("unknown", ())))
-        return found
-
     with other_computer() as computer, robot(tmp_path, computer.there, computer.inside) as ros:
         laser, watcher = ros.node("laser"), ros.node("watcher")
         ros.node("silent")
@@ -122,17 +112,17 @@ def test_of_the_nodes_behind_a_split_network_it_is_unknown_whether_they_run_unti
         watcher.do("subscribe", topic="/observations", **observations)
         with watching(tmp_path, service, ros, **sections):
             well = dict.fromkeys(nodes | {"running(near)", "ok(scan)"}, True)
-            eventually(lambda: well.items() <= signs().items(), "a robot that is well", 60)
+            eventually(lambda: well.items() <= service.signs().items(), "a robot that is well", 60)
             eventually(lambda: watcher.heard, "the agent at the other side", 60)
             computer.cut()
-            eventually(lambda: all(signs()[node] is None for node in nodes), "unknown", 60)
+            eventually(lambda: all(service.signs()[node] is None for node in nodes), "unknown", 60)
             eventually(lambda: "the master: " in log.read_text(), "a complaint", 60)
             if long:  # until the connections are given up
                 eventually(lambda: "the publisher at http" in log.read_text(), "lost connections", 60)
             split = log.read_text()
-            assert signs()["running(near)"]
+            assert service.signs()["running(near)"]
             computer.mend()
-            eventually(lambda: well.items() <= signs().items(), "all well again", 60)
+            eventually(lambda: well.items() <= service.signs().items(), "all well again", 60)
             eventually(lambda: log.read_text().count("is known to the master") == 2, "all anew", 60)
             before = len(watcher.heard)
             eventually(lambda: len(watcher.heard) > before, "the agent is heard again", 60)

@@ -8,18 +8,12 @@ from pathlib import Path
 from typing import Any
 from xmlrpc.client import ServerProxy
 
-from tests.clients.bridges.hearing import Heard
+import pytest
 from tests.clients.bridges.ros1.listening import hearing
 from tests.ros1 import Robot
 from tests.waiting import eventually
 
-
-async def becomes(heard: Heard, node: str, runs: bool | None) -> None:
-    def is_so() -> bool:
-        table = heard.last("nodes")
-        return table is not None and table.get(node, False) is runs
-
-    await eventually(is_so, f"{node}: {runs}, not {heard.last('nodes')}", 60)
+from robomend_client.bridges.ros1 import master
 
 
 def test_a_killed_node_stops_and_a_frozen_one_too_until_it_goes_on(ros: Robot, tmp_path: Path) -> None:
@@ -27,17 +21,17 @@ def test_a_killed_node_stops_and_a_frozen_one_too_until_it_goes_on(ros: Robot, t
 
     async def test() -> None:
         async with hearing(tmp_path, ros.master.uri, "nodes") as heard:
-            await becomes(heard, "killed", True)
-            await becomes(heard, "frozen", True)
+            await heard.runs({"killed": True})
+            await heard.runs({"frozen": True})
             killed.kill()
-            await becomes(heard, "killed", False)
+            await heard.runs({"killed": False})
             assert heard.last("nodes")["frozen"] is True
             frozen.signal(signal.SIGSTOP)
-            await becomes(heard, "frozen", False)
+            await heard.runs({"frozen": False})
             frozen.signal(signal.SIGCONT)
-            await becomes(heard, "frozen", True)
+            await heard.runs({"frozen": True})
             await asyncio.to_thread(ros.node, "killed")
-            await becomes(heard, "killed", True)
+            await heard.runs({"killed": True})
             assert heard.lines("the node /frozen is frozen")
 
     asyncio.run(test())
@@ -50,7 +44,7 @@ def test_a_killed_node_is_found_by_its_connection_before_it_would_be_asked(
 
     async def test() -> None:
         async with hearing(tmp_path, ros.master.uri, "nodes", more="ping_s: 60") as heard:
-            await becomes(heard, "killed", True)
+            await heard.runs({"killed": True})
             killed.kill()
             await eventually(lambda: heard.last("nodes")["killed"] is False, "that it is gone", 40)
 
@@ -66,14 +60,14 @@ def test_a_node_that_ends_in_order_stops_and_one_that_stops_publishing_does_not(
     async def test() -> None:
         # /rosout is the bridge's own business, and an observer's
         async with hearing(tmp_path, ros.master.uri, "nodes", "scan", "rosout") as heard:
-            await becomes(heard, "ends", True)
-            await becomes(heard, "stays", True)
+            await heard.runs({"ends": True})
+            await heard.runs({"stays": True})
             await heard.more("scan")
             await asyncio.to_thread(stays.do, "warn")
             await eventually(lambda: heard.count("rosout"), "a message of /rosout", 60)
             await asyncio.to_thread(stays.do, "unpublish", topic="/scan")
             await asyncio.to_thread(ends.do, "leave")
-            await becomes(heard, "ends", False)
+            await heard.runs({"ends": False})
             await heard.more("nodes", 5)
             assert all(table.get("stays") for table in heard.values["nodes"] if "stays" in table)
 
@@ -87,7 +81,7 @@ def test_nodes_go_on_while_the_master_is_gone_and_after_it_has_forgotten_them(
 
     async def test() -> None:
         async with hearing(tmp_path, ros.master.uri, "nodes") as heard:
-            await becomes(heard, "steady", True)
+            await heard.runs({"steady": True})
             ros.master.stop()
             await heard.told("the master: nobody listens")
             await asyncio.to_thread(ros.master.start)
@@ -95,7 +89,33 @@ def test_nodes_go_on_while_the_master_is_gone_and_after_it_has_forgotten_them(
             await heard.more("nodes", 5)
             assert all(table.get("steady") for table in heard.values["nodes"])
             node.kill()
-            await becomes(heard, "steady", False)
+            await heard.runs({"steady": False})
+
+    asyncio.run(test())
+
+
+def test_a_master_that_is_frozen_is_told_once_and_hides_no_node_that_ends(
+    ros: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(master, "CALL_S", 2.0)
+    killed = ros.node("killed")
+    ros.node("steady").do("publish", topic="/scan", type="std_msgs/String", rate=20)
+
+    async def test() -> None:
+        async with hearing(tmp_path, ros.master.uri, "nodes", "scan") as heard:
+            await heard.runs({"killed": True, "steady": True})
+            await heard.more("scan")
+            ros.master.signal(signal.SIGSTOP)
+            await heard.told("the master: lookupNode was not answered within 2 s")
+            killed.kill()
+            await heard.runs({"killed": False, "steady": True})
+            await heard.more("scan")
+            assert len(heard.lines("the master: ")) == 1
+            ros.master.signal(signal.SIGCONT)
+            await heard.told("the master: well again")
+            await asyncio.to_thread(ros.node, "killed")
+            await heard.runs({"killed": True})
+            assert all(table["steady"] for table in heard.values["nodes"] if "steady" in table)
 
     asyncio.run(test())
 
@@ -125,8 +145,8 @@ def test_nodes_with_names_that_ros_does_not_allow_are_told_once_and_watched(
 
     async def test() -> None:
         async with hearing(tmp_path, ros.master.uri, "nodes") as heard:
-            await becomes(heard, "good", True)
-            await becomes(heard, "y" * 500, False)  # nobody listens there
+            await heard.runs({"good": True})
+            await heard.runs({"y" * 500: False})  # nobody listens there
             await heard.told("the node '/a b': ROS allows no such name")
             await heard.more("nodes", 3)
             assert len(heard.lines("ROS allows no such name")) == len(odd)

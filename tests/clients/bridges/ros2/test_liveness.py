@@ -10,18 +10,11 @@ import subprocess
 import sys
 from pathlib import Path
 
-from tests.clients.bridges.hearing import Heard
 from tests.clients.bridges.ros2.listening import hearing
 from tests.ros2 import Ros2Robot
 
 from robomend_client.bridges.ros2.discovered import Participant
 from robomend_client.bridges.ros2.processes import find
-
-
-async def runs(heard: Heard, node: str, wanted: bool) -> None:
-    await heard.until(
-        lambda: heard.count("nodes") and heard.last("nodes").get(node, False) is wanted, f"{node}: {wanted}"
-    )
 
 
 def test_nodes_that_begin_end_freeze_and_are_killed(ros: Ros2Robot) -> None:
@@ -32,18 +25,18 @@ def test_nodes_that_begin_end_freeze_and_are_killed(ros: Ros2Robot) -> None:
     async def test() -> None:
         async with hearing(ros, "nodes", more="discovery_s: 1") as heard:
             for node in ("laser", "front/camera", "x" * 200):
-                await runs(heard, node, True)
+                await heard.runs({node: True})
             await asyncio.to_thread(laser.do, "no_longer", name="camera")
-            await runs(heard, "front/camera", False)
+            await heard.runs({"front/camera": False})
             assert heard.last("nodes")["laser"] is True
             laser.signal(signal.SIGSTOP)
-            await runs(heard, "laser", False)
+            await heard.runs({"laser": False})
             laser.signal(signal.SIGCONT)
-            await runs(heard, "laser", True)
+            await heard.runs({"laser": True})
             laser.kill()
-            await runs(heard, "laser", False)
+            await heard.runs({"laser": False})
             await asyncio.to_thread(ros.node, "laser")
-            await runs(heard, "laser", True)
+            await heard.runs({"laser": True})
             assert heard.log == []
 
     asyncio.run(test())

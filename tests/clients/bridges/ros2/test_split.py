@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.clients.bridges.hearing import Heard
 from tests.clients.bridges.ros2.listening import hearing
 from tests.clients.running_agent import agent, config
 from tests.clients.service_double import eventually, service_double
@@ -49,15 +48,6 @@ def robot_there(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple
 def test_of_the_nodes_behind_a_split_network_it_is_unknown_whether_they_run_until_it_is_whole_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def signs(batches: list[dict[str, Any]]) -> dict[str, bool | None]:
-        """Return the newest sign of each atom; None: unknown."""
-        found: dict[str, bool | None] = {}
-        for batch in batches:
-            for literal in batch["observations"]:
-                found[literal.removeprefix("not ")] = not literal.startswith("not ")
-            found.update(dict.fromkeys(batch.get("unknown", ())))
-        return found
-
     with robot_there(tmp_path, monkeypatch) as (computer, ros), service_double() as service:
         laser, watcher = ros.node("laser"), ros.node("watcher")
         laser.do("publish", topic="/scan", type="std_msgs/String", rate=10)
@@ -71,14 +61,14 @@ def test_of_the_nodes_behind_a_split_network_it_is_unknown_whether_they_run_unti
         complaint = f"ROS 2, the computer {computer.there}: "
         with agent(config(tmp_path, service.url, {}, **sections)):
             well = {"running(laser)": True, "ok(scan)": True}
-            eventually(lambda: well.items() <= signs(service.batches()).items(), "all well", 60)
+            eventually(lambda: well.items() <= service.signs().items(), "all well", 60)
             eventually(lambda: watcher.heard, "the agent at the other side", 60)
             computer.cut()
             split = {"running(laser)": None, "ok(scan)": False}
-            eventually(lambda: split.items() <= signs(service.batches()).items(), "unknown", 60)
+            eventually(lambda: split.items() <= service.signs().items(), "unknown", 60)
             eventually(lambda: complaint in log.read_text(), "a complaint", 60)
             computer.mend()
-            eventually(lambda: well.items() <= signs(service.batches()).items(), "all well again", 60)
+            eventually(lambda: well.items() <= service.signs().items(), "all well again", 60)
             before = len(watcher.heard)
             eventually(lambda: len(watcher.heard) > before, "the agent is heard again", 60)
     assert not any("not running(laser)" in batch["observations"] for batch in service.batches())
@@ -89,24 +79,17 @@ def test_of_the_nodes_behind_a_split_network_it_is_unknown_whether_they_run_unti
 def test_a_node_that_is_killed_on_another_computer_does_not_run_once_its_lease_is_over(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async def runs(heard: Heard, *wanted: bool | None) -> None:
-        def said() -> bool:
-            table = heard.last("nodes") or {}
-            return [table.get(node, False) for node in ("laser", "mapper")] == list(wanted)
-
-        await heard.until(said, f"{wanted}")
-
     async def test(computer: OtherComputer, ros: Ros2Robot) -> None:
         async with hearing(ros, "nodes", more="discovery_s: 1", discovery="subnet") as heard:
-            await runs(heard, True, True)
+            await heard.runs({"laser": True, "mapper": True})
             ros.nodes["laser"].kill()
-            await runs(heard, False, True)
+            await heard.runs({"laser": False, "mapper": True})
             assert heard.log == []
             computer.cut()
-            await runs(heard, False, None)
+            await heard.runs({"laser": False, "mapper": None})
             ros.nodes["mapper"].kill()
             computer.mend()  # its computer is there again, and says that nobody has its port
-            await runs(heard, False, False)
+            await heard.runs({"laser": False, "mapper": False})
             await heard.told(f"the computer {computer.there}: well again")
 
     with robot_there(tmp_path, monkeypatch) as (computer, ros):

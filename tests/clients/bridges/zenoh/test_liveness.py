@@ -5,15 +5,8 @@ from __future__ import annotations
 import asyncio
 import signal
 
-from tests.clients.bridges.hearing import Heard
 from tests.clients.bridges.zenoh.listening import hearing
 from tests.zenoh_robot import ZenohRobot
-
-
-async def runs(heard: Heard, node: str, wanted: bool) -> None:
-    await heard.until(
-        lambda: heard.count("nodes") and heard.last("nodes").get(node, False) is wanted, f"{node}: {wanted}"
-    )
 
 
 def test_nodes_that_begin_end_freeze_and_are_killed(zenoh_robot: ZenohRobot) -> None:
@@ -24,18 +17,18 @@ def test_nodes_that_begin_end_freeze_and_are_killed(zenoh_robot: ZenohRobot) -> 
     async def test() -> None:
         async with hearing(zenoh_robot, "nodes") as heard:
             for node in ("laser", "front/camera", "x" * 200):
-                await runs(heard, node, True)
+                await heard.runs({node: True})
             await asyncio.to_thread(laser.do, "no_longer", name="camera")
-            await runs(heard, "front/camera", False)
+            await heard.runs({"front/camera": False})
             assert heard.last("nodes")["laser"] is True
             laser.signal(signal.SIGSTOP)
-            await runs(heard, "laser", False)
+            await heard.runs({"laser": False})
             laser.signal(signal.SIGCONT)
-            await runs(heard, "laser", True)
+            await heard.runs({"laser": True})
             laser.kill()
-            await runs(heard, "laser", False)
+            await heard.runs({"laser": False})
             await asyncio.to_thread(zenoh_robot.node, "laser")
-            await runs(heard, "laser", True)
+            await heard.runs({"laser": True})
             assert heard.log == []
 
     asyncio.run(test())
@@ -48,7 +41,7 @@ def test_a_router_that_goes_stops_no_node_and_nobody_at_all_says_nothing_of_any(
 
     async def test() -> None:
         async with hearing(zenoh_robot, "nodes") as heard:
-            await runs(heard, "laser", True)
+            await heard.runs({"laser": True})
             await asyncio.to_thread(zenoh_robot.stop_router)
             await heard.more("nodes", 3)  # nodes talk to each other without it
             assert heard.last("nodes")["laser"] is True
@@ -60,7 +53,7 @@ def test_a_router_that_goes_stops_no_node_and_nobody_at_all_says_nothing_of_any(
             await asyncio.to_thread(zenoh_robot.node, "laser")
             await heard.told("the network: well again")
             await heard.until(lambda: heard.count("nodes") > tables, "a table")
-            await runs(heard, "laser", True)
+            await heard.runs({"laser": True})
             assert all(table["laser"] for table in heard.values["nodes"][:tables])
 
     asyncio.run(test())
@@ -76,6 +69,6 @@ def test_without_a_router_no_node_is_said_not_to_run(zenoh_robot: ZenohRobot) ->
             assert len(heard.log) == 1
             await asyncio.to_thread(zenoh_robot.start_router)
             await asyncio.to_thread(zenoh_robot.node, "laser")
-            await runs(heard, "laser", True)
+            await heard.runs({"laser": True})
 
     asyncio.run(test())

@@ -36,21 +36,13 @@ def test_of_the_nodes_behind_a_split_network_it_is_unknown_whether_they_run_unti
     async def test(computer: OtherComputer, where: str, mapper: NodeProcess) -> None:
         keys = f"connect: ['{where}']\nname: robomend_test\ndiscovery_s: 0.5\n"
         async with hearing(tmp_path, "zenoh", keys, "nodes", "scan") as heard:
-
-            async def runs(*wanted: bool | None) -> None:
-                def said() -> bool:
-                    table = heard.last("nodes") or {}
-                    return [table.get(node, False) for node in ("laser", "mapper")] == list(wanted)
-
-                await heard.until(said, f"{wanted}")
-
-            await runs(True, True)
+            await heard.runs({"laser": True, "mapper": True})
             await heard.more("scan")
             computer.cut()
-            await runs(None, None)
+            await heard.runs({"laser": None, "mapper": None})
             mapper.kill()
             computer.mend()
-            await runs(True, False)  # its router is there again, and it is not
+            await heard.runs({"laser": True, "mapper": False})  # its router is there again, and it is not
             await heard.more("scan")
             assert len(heard.lines("it does not answer any more")) == 1
             assert len(heard.lines("well again")) == 1

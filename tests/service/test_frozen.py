@@ -1,0 +1,84 @@
+"""Each part of a robot's side is frozen (SIGSTOP) for longer than what it says holds, and goes on."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from tests.api.test_process import served, workers_of
+from tests.clients.running_agent import SLEEPER, pid_file
+from tests.clients.talker import watching
+from tests.robomend_board.processes import running as emulator
+from tests.waiting import until
+
+from robomend_client.rest.sync import Client
+
+MODEL = {
+    "robomend": 1,
+    "name": "bot",
+    "hardware": {"lamp": {"channel": 3}},
+    "nodes": {"laser": {"publishes": {"scan": []}}},
+    "properties": {"lamp_draws": {}},
+}
+AGENTS = {"ok(scan)", "running(laser)"}
+BOARDS = {"on(lamp)", "ok(lamp_draws)"}
+
+
+@contextmanager
+def frozen(*pids: int) -> Iterator[None]:
+    for pid in pids:
+        os.kill(pid, signal.SIGSTOP)
+    try:
+        yield
+    finally:
+        for pid in reversed(pids):
+            os.kill(pid, signal.SIGCONT)
+
+
+def test_whoever_is_frozen_the_others_go_on_and_all_is_well_once_it_goes_on(tmp_path: Path) -> None:
+    tells = f"import os; open({str(tmp_path / 'node')!r}, 'w').write(str(os.getpid())); {SLEEPER[2]}"
+    sections: dict[str, Any] = {
+        "topics": {"scan": {"first_s": 60, "tolerance_hz": 8, "silence_s": 10}},
+        "observers": {
+            "lamp_draws": {"kind": "property", "from": "board", "source": "board:current(lamp)", "low": 0.01}
+        },
+        "board": {"rate_hz": 10},
+        "processes": {"laser": {"command": [*SLEEPER[:2], tells], "start": True}},
+    }
+    with (
+        emulator("--on", "3") as board,
+        served(tmp_path) as (service, url),
+        Client(url) as client,
+    ):
+        client.put_model("bot", json.dumps(MODEL))
+        at = {"host": "127.0.0.1", "port": board.port, "protected": [], "rate_hz": 10}
+        client.put_robot("tedusar", {"model": "bot", "policy": "observe", "board": at})
+        log = tmp_path / "agent.log"
+
+        def held() -> set[str]:
+            found = client.observations("tedusar")["observations"]
+            return {one["literal"] for one in found if one["fresh"]}
+
+        with watching(tmp_path, url, **sections) as (agent, talker):
+            talker.say("scan")
+            until(lambda: held() == AGENTS | BOARDS, "all well", 60)
+            with frozen(agent.pid):
+                until(lambda: held() == {"on(lamp)"}, "what the agent said is unknown", 60)
+            until(lambda: held() == AGENTS | BOARDS, "all well again", 60)
+            with frozen(board.process.pid):
+                until(lambda: held() == AGENTS, "what the board said is unknown", 60)
+            until(lambda: held() == AGENTS | BOARDS, "all well again", 60)
+            with frozen(service.pid, *workers_of(service.pid)):
+                until(lambda: "they wait on the disk" in log.read_text(), "nobody takes what it says", 60)
+                os.kill(pid_file(tmp_path, "node"), signal.SIGKILL)
+            gone = {"ok(scan)", "not running(laser)"} | BOARDS
+            until(lambda: held() == gone, "what happened meanwhile", 60)
+            assert log.read_text().count("they wait on the disk") == 1
+            said = str(client.history("tedusar", limit=1000))
+            assert "not running(laser)" in said
+            assert not any(wrong in said for wrong in ("not ok", "not on"))

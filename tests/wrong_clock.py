@@ -1,0 +1,46 @@
+"""A computer's clock that is wrong, for whoever is started with its environment: libfaketime.
+
+Clocks that only go on (CLOCK_MONOTONIC) are right, as they are on such a computer.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from functools import lru_cache
+from pathlib import Path
+
+import pytest
+from tests.packages import FAKETIME, FAKETIME_LIBRARY
+
+_why_not = lru_cache(maxsize=1)(FAKETIME.install)  # it is tried once
+
+
+class WrongClock:
+    """The clock; it may be set while others live by it."""
+
+    def __init__(self, folder: Path, ahead_s: float = 0.0) -> None:
+        """Skips the test where there is no such thing; in CI it fails."""
+        if why := _why_not():
+            (pytest.fail if os.environ.get("CI") else pytest.skip)(why)
+        self._file = folder / "clock"
+        self.set(ahead_s)
+
+    def set(self, ahead_s: float) -> None:
+        """Have it so far ahead of the right time, or behind it if that is negative."""
+        beside = self._file.with_suffix(".new")
+        beside.write_text(f"{ahead_s:+g}\n")
+        beside.rename(self._file)
+
+    @property
+    def environment(self) -> Mapping[str, str]:
+        """Of those who live by it."""
+        return {
+            **os.environ,
+            "LD_PRELOAD": str(FAKETIME_LIBRARY),
+            "FAKETIME_TIMESTAMP_FILE": str(self._file),
+            "FAKETIME_NO_CACHE": "1",
+            "FAKETIME_DONT_FAKE_MONOTONIC": "1",
+            "DONT_FAKE_MONOTONIC": "1",
+            "NO_FAKE_STAT": "1",
+        }
