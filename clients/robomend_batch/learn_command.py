@@ -13,6 +13,7 @@ from robomend_batch.found import find_logs
 
 if TYPE_CHECKING:
     from robomend_batch.learn.learning import Learned
+    from robomend_client.ros_graph import RosGraph
 
 MODEL, OBSERVERS = "model.yaml", "observers.yaml"
 
@@ -37,6 +38,13 @@ BAD_INPUT = 2
     show_default=True,
     help="Of all observers together, aimed at.",
 )
+@click.option("--ros1", metavar="URI", help="Master of the running robot: who publishes and who listens.")
+@click.option(
+    "--ros2",
+    metavar="DOMAIN",
+    type=click.IntRange(0, 232),
+    help="The same of a robot with ROS 2, whose recordings do not name publishers.",
+)
 @click.option("--overwrite", is_flag=True, help="Replace a draft that is there.")
 @click.option("--quiet", "-q", is_flag=True, help="Say nothing on stderr but what is wrong.")
 def command(
@@ -45,6 +53,8 @@ def command(
     update: Path | None,
     name: str,
     per_hour: float,
+    ros1: str | None,
+    ros2: int | None,
     overwrite: bool,
     quiet: bool,
 ) -> int:
@@ -56,6 +66,7 @@ def command(
 
     \b
     robomend-batch learn good/*.bag -o draft
+    robomend-batch learn good/*.mcap -o draft --ros2 0
     robomend-batch run night/ -m draft/model.yaml --observers draft/observers.yaml -o out
     robomend-batch learn good/*.bag --update agent.yaml | patch agent.yaml
     """
@@ -63,6 +74,8 @@ def command(
 
     if (out is None) == (update is None):
         raise click.UsageError("give one of --out and --update")
+    if ros1 is not None and ros2 is not None:
+        raise click.UsageError("give one of --ros1 and --ros2")
     if out is not None:
         _check_free(out, overwrite)
     names, problems = find_logs(logs)
@@ -72,6 +85,7 @@ def command(
         names,
         robot=name,
         per_hour=per_hour,
+        live=_live(ros1, ros2),
         on_log=lambda log: None if quiet else click.echo(f"read: {log}", err=True),
     )
     if out is not None:
@@ -83,6 +97,14 @@ def command(
         click.echo(proposed(update, learned.entries), nl=False)
     _tell(learned, out, quiet)
     return BAD_INPUT if problems or any(p["bad"] for p in learned.problems) else 0
+
+
+def _live(ros1: str | None, ros2: int | None) -> RosGraph:
+    """Return who publishes and listens on the running robot; nobody, if it is not to be asked."""
+    from robomend.cli.model_from_ros import graph_of
+    from robomend_client.ros_graph import RosGraph
+
+    return RosGraph() if ros1 is None and ros2 is None else graph_of(ros1, ros2, None)[0]
 
 
 def _check_free(out: Path, overwrite: bool) -> None:

@@ -15,6 +15,7 @@ import signal
 import traceback
 from collections import deque
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from multiprocessing import get_context
 from multiprocessing.connection import Connection, wait
@@ -67,7 +68,8 @@ class _Pool:
         context = get_context("spawn")
         ours, theirs = context.Pipe()
         process = context.Process(target=_work, args=(self.setup, theirs, self.threads), daemon=True)
-        process.start()
+        with _without_ctrl_c():
+            process.start()
         theirs.close()
         worker = _Worker(process, ours)
         self.workers.append(worker)
@@ -138,6 +140,16 @@ def in_workers(setup: Setup, names: Sequence[str], workers: int) -> Iterator[tup
         pool.end()
 
 
+@contextmanager
+def _without_ctrl_c() -> Iterator[None]:
+    """What is started meanwhile hears nothing of Ctrl-C: that is the run's business."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def lost(name: str, reason: str) -> Record:
     """Return the record of a file that no worker survived."""
     problems = Problems()
@@ -155,7 +167,6 @@ def _end_of(process: SpawnProcess) -> str:
 def _work(setup: Setup, pipe: Connection, threads: int) -> None:
     """Run in the worker."""
     die_with_parent()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the run's business
     os.environ["POLARS_MAX_THREADS"] = str(threads)  # before it is imported
     diagnoser = Diagnoser(setup)
     try:

@@ -1,7 +1,9 @@
 """The report: one HTML file that needs nothing else, no network and no script.
 
-figures of the run · faults, those of most logs first, with their explanation · all logs · a timeline of each
-log with a fault, as in the paper's figures 5 and 6
+figures of the run · faults, those of most logs first, with their explanation and their logs · all logs · a
+timeline of each log with a fault, as in the paper's figures 5 and 6
+
+What a bound leaves out is counted, with the command that shows it.
 """
 
 from __future__ import annotations
@@ -15,8 +17,20 @@ from robomend_batch.faults import FAULTY, Fault, explain, find_faults
 from robomend_batch.one_log import Record
 from robomend_batch.results import Interval, Results, record_span_ns, short_times, told
 
-FAULTS, TIMELINES, ROWS = 20, 100, 24
-"""Of each so many are shown; the rest is counted."""
+FAULTS, OTHERS, ROWS = 20, 500, 24
+"""Faults that are explained, those that are named beside, and components of a timeline."""
+
+NAMED = 1000
+"""Logs of a fault that are named."""
+
+OPEN, TIMELINES = 100, 2000
+"""Timelines that are open, and all of them: those of the longest faults come first."""
+
+DRAWN_BYTES = 64 << 20
+"""Of timelines together."""
+
+DRAWN_BY = "are drawn by <code>robomend-batch report OUT --log NAME --file FILE</code>"
+NAMED_BY = "are named by <code>robomend-batch compare OUT</code>"
 
 COLUMNS = 880
 """Moments of a timeline that can be told apart."""
@@ -56,6 +70,7 @@ td.name{overflow-wrap:anywhere;min-width:180px}
 .legend i{display:inline-block;width:12px;height:12px;border-radius:2px;margin-right:5px}
 details{background:#fff;border:1px solid #e4e7eb;border-radius:8px;margin:0 0 10px;padding:8px 14px}
 summary{cursor:pointer;overflow-wrap:anywhere}svg{max-width:100%;height:auto}
+details.logs{border:0;margin:6px 0 0;padding:0;background:none}details.logs ul{columns:260px}
 .problem,.note{font-size:13px;color:#616e7c;overflow-wrap:anywhere}.problem{color:#8c2f23}
 @media print{details{break-inside:avoid}}
 @media screen and (max-width:760px){
@@ -77,7 +92,8 @@ def report(results: Results, title: str) -> str:
     sentences = explain(results, shown)
     faulty = [record for record in results.records if _faulty(record)]
     faulty.sort(key=lambda record: (-record_span_ns(record, *FAULTY), record["log"]))
-    anchors = {record["log"]: f"log{number}" for number, record in enumerate(faulty[:TIMELINES])}
+    drawn = _timelines(results, faulty)
+    anchors = {record["log"]: f"log{number}" for number, record in enumerate(faulty[: len(drawn)])}
     parts = [
         "<!doctype html><html lang='en'><head><meta charset='utf-8'>",
         "<meta name='viewport' content='width=device-width,initial-scale=1'>",
@@ -86,14 +102,14 @@ def report(results: Results, title: str) -> str:
         _figures(results.records, faults),
         "<h2>Faults</h2>",
         *(_fault(fault, said, anchors) for fault, said in zip(shown, sentences, strict=True)),
-        _rest(len(faults) - FAULTS, "more faults are in the results"),
+        _others(faults[FAULTS:], anchors),
         "" if faults else "<p class='muted'>No log shows a fault.</p>",
         "<h2>Logs</h2>",
         _legend(),
         _table(results, anchors),
         *(["<h2>Timelines of the logs with faults</h2>"] if faulty else []),
-        *(_timeline(results, record, anchors[record["log"]]) for record in faulty[:TIMELINES]),
-        _rest(len(faulty) - TIMELINES, "more logs with faults are in the results"),
+        *drawn,
+        _rest(len(faulty) - len(drawn), f"more, of shorter faults, {DRAWN_BY}"),
         "</main></body></html>\n",
     ]
     return "\n".join(parts)
@@ -102,7 +118,9 @@ def report(results: Results, title: str) -> str:
 def _about(results: Results) -> str:
     settings = results.manifest.settings
     minimal = f"minimal diagnoses by {settings['minimal']}"
-    return f"model {results.system.name}; {minimal}; robomend {settings['version']}"
+    left_out = len(results.manifest.records) - len(results.records)
+    some = f"; {left_out} other logs of the run are left out" if left_out else ""
+    return f"model {results.system.name}; {minimal}; robomend {settings['version']}{some}"
 
 
 def _faulty(record: Record) -> bool:
@@ -128,17 +146,52 @@ def _figures(records: Sequence[Record], faults: Sequence[Fault]) -> str:
 
 
 def _fault(fault: Fault, sentences: Iterable[str], anchors: dict[str, str]) -> str:
-    name = told(fault.bad) if fault.bad else "what the model cannot explain, whatever is abnormal"
     times = "interval" if fault.intervals == 1 else "intervals"
-    where = f"in {len(fault.logs)} {'log' if len(fault.logs) == 1 else 'logs'}, {fault.intervals} {times}"
+    where = f"in {_count(fault)}, {fault.intervals} {times}"
     said = "".join(f"<li>{escape(sentence)}</li>" for sentence in dict.fromkeys(sentences))
+    return (
+        f"<div class='card'><h3>{escape(_name(fault))}</h3><div class='muted'>{where}, "
+        f"{escape(short_times(fault.span_ns))} together; {_longest(fault, anchors)}</div><ul>{said}</ul>"
+        f"{_logs(fault, anchors)}</div>"
+    )
+
+
+def _count(fault: Fault) -> str:
+    return "1 log" if len(fault.logs) == 1 else f"{len(fault.logs)} logs"
+
+
+def _name(fault: Fault) -> str:
+    return told(fault.bad) if fault.bad else "what the model cannot explain, whatever is abnormal"
+
+
+def _longest(fault: Fault, anchors: dict[str, str]) -> str:
     assert fault.longest is not None
     log, interval = fault.longest
-    longest = f"longest {escape(short_times(interval.span_ns))} in {_link(log, anchors)}"
-    return (
-        f"<div class='card'><h3>{escape(name)}</h3><div class='muted'>{where}, "
-        f"{escape(short_times(fault.span_ns))} together; {longest}</div><ul>{said}</ul></div>"
+    return f"longest {escape(short_times(interval.span_ns))} in {_link(log, anchors)}"
+
+
+def _logs(fault: Fault, anchors: dict[str, str]) -> str:
+    """Return the names of a fault's logs, to be unfolded; of one there is a link already."""
+    if len(fault.logs) == 1:
+        return ""
+    names = "".join(f"<li>{_link(log, anchors)}</li>" for log in sorted(fault.logs)[:NAMED])
+    title = f"<summary>its {len(fault.logs)} logs</summary>"
+    rest = _rest(len(fault.logs) - NAMED, f"more {NAMED_BY}")
+    return f"<details class='logs'>{title}<ul>{names}</ul>{rest}</details>"
+
+
+def _others(faults: Sequence[Fault], anchors: dict[str, str]) -> str:
+    """Return the faults that are not explained, to be unfolded."""
+    if not faults:
+        return ""
+    lines = "".join(
+        f"<div><b>{escape(_name(fault))}</b> in {_count(fault)}, {_longest(fault, anchors)}"
+        f"{_logs(fault, anchors)}</div>"
+        for fault in faults[:OTHERS]
     )
+    rest = _rest(len(faults) - OTHERS, f"more {NAMED_BY}")
+    many = "1 more fault" if len(faults) == 1 else f"{len(faults)} more faults"
+    return f"<details><summary>{many}</summary>{lines}{rest}</details>"
 
 
 def _link(log: str, anchors: dict[str, str]) -> str:
@@ -202,9 +255,20 @@ def _date(time_ns: int) -> str:
         return f"{seconds} s"
 
 
-def _timeline(results: Results, record: Record, anchor: str) -> str:
-    drawn = draw(record, results.intervals(record), results.system.cnf.components)
-    return f"<details id='{anchor}' open><summary><b>{escape(record['log'])}</b></summary>{drawn}</details>"
+def _timelines(results: Results, faulty: Sequence[Record]) -> list[str]:
+    """Return the timelines of these logs, as far as the bounds allow; the first ones are open."""
+    components = results.system.cnf.components
+    found: list[str] = []
+    left = DRAWN_BYTES
+    for number, record in enumerate(faulty[:TIMELINES]):
+        drawn = draw(record, results.intervals(record), components)
+        left -= len(drawn)
+        if left < 0:
+            break
+        opened = " open" if number < OPEN else ""
+        title = f"<summary><b>{escape(record['log'])}</b></summary>"
+        found.append(f"<details id='log{number}'{opened}>{title}{drawn}</details>")
+    return found
 
 
 def draw(record: Record, intervals: Iterable[Interval], components: Sequence[str]) -> str:

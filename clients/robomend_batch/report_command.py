@@ -17,17 +17,33 @@ OUT = click.Path(file_okay=False, path_type=Path)
     "--file", "-f", type=click.Path(dir_okay=False, path_type=Path), help="Default: report.html in OUT."
 )
 @click.option("--title", default="What the logs show", show_default=True)
-def command(out: Path, file: Path | None, title: str) -> int:
+@click.option(
+    "--log",
+    "logs",
+    multiple=True,
+    metavar="NAME",
+    help='Only logs of this name or pattern ("monday/*.bag"), again for more; needs --file.',
+)
+def command(out: Path, file: Path | None, title: str, logs: tuple[str, ...]) -> int:
     """Write what the results in OUT say as one HTML file, which needs no network.
 
-    It has the faults, those of most logs first, with their explanation; a table of all logs; a timeline of
-    each log with a fault.
+    It has the faults, those of most logs first, with their explanation and their logs; a table of all logs; a
+    timeline of each log with a fault, 64 MB of them at most.
+
+    \b
+    robomend-batch report out
+    robomend-batch report out --log "monday/*.bag" --file monday.html
     """
     from robomend_batch.manifest import write_beside
     from robomend_batch.report import report
     from robomend_batch.results import Results
 
-    text = report(Results(out), title)
+    if logs and file is None:
+        raise click.UsageError("--log needs --file: report.html is the report of all logs")
+    results = Results(out)
+    if logs:
+        results.choose(logs)
+    text = report(results, title)
     target = file or out / "report.html"
     try:
         write_beside(target, text.encode("utf-8", "replace"))

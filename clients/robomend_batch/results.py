@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -49,6 +50,20 @@ class Results:
         self.manifest: Manifest = read_manifest(out)
         self.records: list[Record] = self.manifest.records
 
+    def choose(self, patterns: Sequence[str]) -> None:
+        """Leave only the logs that have one of these names, or fit one as a pattern.
+
+        Raises:
+            InputError: no log fits one of them.
+        """
+        chosen: set[str] = set()
+        for pattern in patterns:
+            fits = {record["log"] for record in self.records if _fits(record["log"], pattern)}
+            if not fits:
+                raise InputError(f"no log of {self.out} is called {pattern!r}; logs.ndjson has their names")
+            chosen |= fits
+        self.records = [record for record in self.records if record["log"] in chosen]
+
     @property
     def system(self) -> System:
         """The model that they were made with."""
@@ -77,6 +92,11 @@ class Results:
                 raise InputError(f"{self.out / RESULTS / part} is gone or damaged: run again") from error
             for segment, start, end, state, bad, observations in frame.iter_rows():
                 yield Interval(segment, start, end, state, bad_of(bad), tuple(observations))
+
+
+def _fits(log: str, pattern: str) -> bool:
+    """Whether a log has this name, from its beginning or from any of its folders on."""
+    return log == pattern or any(fnmatchcase(log, either) for either in (pattern, f"*/{pattern}"))
 
 
 def bad_of(bad: Iterable[Iterable[str]] | None) -> Bad:

@@ -52,9 +52,13 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[st
     return logs, tree(folder / "out")
 
 
-def killed_in_the_middle(line: list[str], out: Path, files: str, count: int) -> bool:
-    """Start a run and kill it when it has written so many files; return whether it was not done yet."""
-    running = subprocess.Popen(line, start_new_session=True, stderr=subprocess.DEVNULL)
+def killed_in_the_middle(
+    line: list[str], out: Path, files: str, count: int, by: signal.Signals = signal.SIGKILL
+) -> bool:
+    """Start a run and end it when it has written so many files; return whether it was not done yet."""
+    said = out.with_suffix(".said")
+    with said.open("w") as stderr:
+        running = subprocess.Popen(line, start_new_session=True, stderr=stderr)
     try:
         until(
             lambda: running.poll() is not None or len(list((out / "results").glob(files))) >= count,
@@ -63,20 +67,21 @@ def killed_in_the_middle(line: list[str], out: Path, files: str, count: int) -> 
         )
     finally:
         with suppress(ProcessLookupError):
-            os.killpg(running.pid, signal.SIGKILL)
+            os.killpg(running.pid, by)
         running.wait(60)
+    assert "Traceback" not in said.read_text()
     return not (out / "logs.ndjson").exists()
 
 
-@pytest.mark.parametrize("parts", [1, 5])
+@pytest.mark.parametrize(("parts", "by"), [(1, signal.SIGKILL), (5, signal.SIGINT)])
 def test_a_run_that_is_killed_is_finished_by_the_same_command(
-    parts: int, undisturbed: tuple[Path, dict[str, bytes]], tmp_path: Path
+    parts: int, by: signal.Signals, undisturbed: tuple[Path, dict[str, bytes]], tmp_path: Path
 ) -> None:
     logs, expected = undisturbed
     for attempt in range(10):
         out = tmp_path / str(attempt)
         line = [*PROGRAM, "run", str(logs), "--model", TEDUSAR, "-o", str(out), "--quiet"]
-        if killed_in_the_middle(line, out, "*.parquet", parts):
+        if killed_in_the_middle(line, out, "*.parquet", parts, by):
             break
     else:
         pytest.fail("it was always faster")

@@ -10,6 +10,8 @@ import polars as pl
 import pytest
 from mcap.reader import make_reader
 from mcap.writer import CompressionType
+from rosbags.rosbag1 import Writer
+from tests.robomend_batch import recordings
 from tests.robomend_batch.recordings import EPOCH_NS, steady, write, write_bag, write_ros2
 from tests.robomend_batch.rover import drive, drive_in_chunks, told
 from tests.robomend_batch.running import batch_run, intervals, logs, ndjson, tree
@@ -137,6 +139,33 @@ def test_a_recording_that_is_cut_off_is_diagnosed_up_to_there(
     assert states == {"refused", "ended-early"}
 
 
+@pytest.mark.parametrize("length", [1 << 40, (1 << 64) - 1, None])
+def test_a_length_that_cannot_be_is_damage(
+    length: int | None, rover: tuple[Path, Path], tmp_path: Path
+) -> None:
+    """Libraries read as much as a record says that it has."""
+    model, observers = rover
+    log = tmp_path / "a.mcap"
+    with log.open("wb") as file:
+        drive_in_chunks(file, drive(4.0))
+    with log.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    assert summary.statistics is not None
+    data = bytearray(log.read_bytes())
+    footer = len(data) - 37
+    begin = int.from_bytes(data[footer + 9 : footer + 17], "little")  # of the first record of the summary
+    if length is None:  # some bytes too many: others are taken for the length
+        data[begin:begin] = bytes([1] * 7)
+    else:
+        data[begin + 1 : begin + 9] = length.to_bytes(8, "little")
+    log.write_bytes(data)
+    assert batch_run(tmp_path / "out", log, "--observers", observers, model=model) == 2
+    (told_of,) = logs(tmp_path / "out")
+    assert told_of["state"] == "ended-early"
+    assert told_of["end_ns"] == EPOCH_NS + round(3.95 * SECOND)  # all messages stand before it
+
+
 def test_a_damaged_byte_is_no_crash(rover: tuple[Path, Path], tmp_path: Path) -> None:
     model, observers = rover
     for name in FORMATS:
@@ -219,6 +248,31 @@ def test_a_topic_that_is_recorded_and_silent_is_silent(rover: tuple[Path, Path],
     assert batch_run(tmp_path / "out", log, "--observers", observers, model=model) == 0
     (fault,) = [start for start, state, _ in told(tmp_path / "out") if state == "faulty"]
     assert fault == pytest.approx(2.0, abs=0.02)  # `topics:` waits so long for a first message
+
+
+def test_a_topic_that_changes_its_type_is_heard_on_and_its_lost_field_is_told(
+    rover: tuple[Path, Path], tmp_path: Path
+) -> None:
+    model, observers = rover
+    store = recordings.ROS1
+    with Writer(tmp_path / "a.bag") as writer:
+        was, is_ = (
+            writer.add_connection("/odom", kind, typestore=store)
+            for kind in ("nav_msgs/msg/Odometry", "std_msgs/msg/Float64")
+        )
+        for time, topic, value in steady("odom", 20, 8.0):
+            at_ns = EPOCH_NS + round(time * SECOND)
+            of, topic = (was, "odom") if time < 4 else (is_, "other")
+            data = store.serialize_ros1(recordings.message(store, topic, value, at_ns, "base"), of.msgtype)
+            writer.write(of, at_ns, data)
+    assert batch_run(tmp_path / "out", tmp_path / "a.bag", "--observers", observers, model=model) == 2
+    (record,) = logs(tmp_path / "out")
+    reasons = [problem["reason"] for problem in record["problems"] if problem["place"].endswith(": odom")]
+    assert "recorded with several types: nav_msgs/msg/Odometry, std_msgs/msg/Float64" in reasons
+    (lost,) = [reason for reason in reasons if "std_msgs/msg/Float64 cannot be used" in reason]
+    assert "odom:twist.twist.angular.z" in lost
+    assert (record["state"], record["intervals"].get("faulty")) == ("bad", None)
+    assert intervals(tmp_path / "out")[-1]["state"] == "healthy"  # its rate goes on
 
 
 def test_no_numbers_are_left_out_and_counted(rover: tuple[Path, Path], tmp_path: Path) -> None:

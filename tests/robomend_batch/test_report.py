@@ -120,6 +120,64 @@ def test_time_that_goes_back_is_drawn_behind_what_was_before(tmp_path: Path) -> 
     assert "jaguar: suspect, 10.00 s to 15.00 s" in text
 
 
+def links(text: str, part: str) -> dict[str, str]:
+    """Return the links of a part of the report: log -> where it leads."""
+    found = re.search(part, text, re.DOTALL)
+    assert found is not None
+    return {name: to for to, name in re.findall(r"<a href='#(\w+)'>[^<]*?(\w+)\.ndjson</a>", found[0])}
+
+
+def test_each_of_many_logs_with_a_fault_is_drawn_and_the_fault_leads_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    count = 130
+    for number in range(count):  # the longest faults come first
+        ends = (0, "not ok(odom)"), (1 + number, "ok(odom)"), (200, "ok(odom)")
+        ndjson(tmp_path / f"log{number:03}.ndjson", *ends)
+    assert batch_run(tmp_path / "out", tmp_path) == 0
+    text = written(tmp_path / "out")
+    names = {f"log{number:03}" for number in range(count)}
+    of_fault = links(text, rf"<summary>its {count} logs</summary>.*?</details>")
+    assert of_fault.keys() == names
+    assert of_fault == links(text, "<table>.*</table>")
+    drawn = re.findall(r"<details id='(\w+)'( open)?><summary><b>[^<]*?(\w+)\.ndjson</b>", text)
+    assert {name: anchor for anchor, _, name in drawn} == of_fault
+    assert [bool(opened) for _, opened, _ in drawn] == [True] * 100 + [False] * 30
+
+    monkeypatch.setattr("robomend_batch.report.TIMELINES", 3)
+    text = written(tmp_path / "out")
+    assert text.count("<svg") == 3
+    assert "127 more, of shorter faults, are drawn by <code>robomend-batch report OUT --log NAME" in text
+    some = tmp_path / "some.html"
+    asked = ["report", str(tmp_path / "out"), "--log", "log00?.ndjson", "--log", "log012.ndjson"]
+    monkeypatch.undo()
+    assert run([*asked, "--file", str(some)], batch) == 0
+    shown = {f"log{number:03}" for number in (*range(10), 12)}
+    assert links(some.read_text(), "<table>.*</table>").keys() == shown
+    assert "119 other logs of the run are left out" in some.read_text()
+    assert run(asked, batch) == 2  # it would replace the report of all
+    assert run([*asked, "--log", "none.bag", "--file", str(some)], batch) == 2
+
+
+def test_what_a_report_bounds_is_counted_and_told_elsewhere(
+    out: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("robomend_batch.report.FAULTS", 1)
+    assert "<summary>1 more fault</summary><div><b>hokuyo</b> in 1 log, longest 1.0 s in" in written(out)
+    monkeypatch.setattr("robomend_batch.report.OTHERS", 0)
+    monkeypatch.setattr("robomend_batch.report.NAMED", 1)
+    monkeypatch.setattr("robomend_batch.report.DRAWN_BYTES", 0)
+    text = written(out)
+    assert text.count("1 more are named by <code>robomend-batch compare OUT</code>") == 2
+    assert "<svg" not in text
+    assert "2 more, of shorter faults" in text
+    capsys.readouterr()
+    assert run(["compare", str(out)], batch) == 0
+    told = capsys.readouterr().out
+    assert "hokuyo" in told
+    assert "two.ndjson" in told
+
+
 def test_a_run_without_faults_says_so(tmp_path: Path) -> None:
     assert batch_run(tmp_path / "out", ndjson(tmp_path / "a.ndjson", (0, "ok(odom)"), (1, "ok(odom)"))) == 0
     assert "No log shows a fault." in written(tmp_path / "out")

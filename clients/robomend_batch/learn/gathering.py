@@ -29,6 +29,7 @@ from robomend_client.observers.diagnostic import LEADING_NUMBER
 MOST_TIMES = 5_000_000
 MOST_VALUES = 20_000
 MOST_STATUSES = 200
+MOST_NODES = 1000
 MOST_FIELDS = 12
 """Of a type: the first ones."""
 
@@ -36,6 +37,9 @@ TICK_NS = SECOND // 5
 """That of the observer that compares two values."""
 
 DIAGNOSTICS, STATUS = WHOLE["diagnostics"]
+
+DISCOVERY = "ros_discovery_info"
+"""Of ROS 2: which nodes there are. What they publish it says by numbers that no recording explains."""
 
 ASIDE = ("header", "covariance", "orientation")
 """Fields that are no values whose trends one would compare: quaternions wrap, covariances stand."""
@@ -135,6 +139,7 @@ class Gathered:
 
     topics: dict[str, Topic] = field(default_factory=dict)
     statuses: dict[str, Status] = field(default_factory=dict)
+    nodes: set[str] = field(default_factory=set)  # that DISCOVERY names, with their slashes
     names: list[str] = field(default_factory=list)  # of the logs
     spans_ns: list[tuple[int, int]] = field(default_factory=list)
     problems: Problems = field(default_factory=Problems)
@@ -193,6 +198,7 @@ class _Reader:
         self._path = path
         self._log = len(found.spans_ns)
         self._diagnostics: dict[int, Callable[[bytes], Any]] = {}
+        self._discovery: dict[int, Callable[[bytes], Any]] = {}
         self._fields: dict[int, list[Means]] = {}
         self._publisher = {channel.number: channel.publisher for channel in recording.channels}
 
@@ -205,7 +211,8 @@ class _Reader:
         for channel in recording.channels:
             self._open(channel)
         latest_ns = recording.start_ns
-        wanted = {number: number in self._diagnostics or number in self._fields for number in times}
+        unpacked = self._diagnostics.keys() | self._discovery.keys() | self._fields.keys()
+        wanted = {number: number in unpacked for number in times}
         for time_ns, number, data in recording.messages(wanted):
             mine = times[number]
             if len(mine) < MOST_TIMES:
@@ -237,6 +244,10 @@ class _Reader:
         try:
             store = store_of(channel)
             unpack, name = store.deserialize_cdr if channel.cdr else store.deserialize_ros1, channel.type_name
+            if channel.topic == DISCOVERY:
+                nodes = "node_entities_info_seq"
+                self._discovery[channel.number] = lambda data: plain(getattr(unpack(data, name), nodes))
+                return
             if channel.topic == DIAGNOSTICS:
                 self._diagnostics[channel.number] = lambda data: plain(getattr(unpack(data, name), STATUS))
                 return
@@ -255,6 +266,10 @@ class _Reader:
 
     def _take(self, number: int, time_ns: int, data: bytes) -> None:
         try:
+            if number in self._discovery:
+                for node in self._discovery[number](data)[:MOST_NODES]:
+                    self._found.nodes.add(f"{node['node_namespace'].rstrip('/')}/{node['node_name']}")
+                return
             if number in self._diagnostics:
                 for status in self._diagnostics[number](data):
                     self._status(number, time_ns, status)

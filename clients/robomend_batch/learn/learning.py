@@ -24,6 +24,9 @@ from robomend_batch.learn.words import plural, slug
 from robomend_batch.observing import load_observers
 from robomend_client.literals import Atom
 from robomend_client.observers.base import SECOND
+from robomend_client.ros_graph import RosGraph
+
+NO_GRAPH = RosGraph()
 
 TELEMETRY_SHARE = 0.1
 """False alarms of the ranges of telemetry, on top of those of all others."""
@@ -58,6 +61,7 @@ def learn(
     *,
     robot: str = "robot",
     per_hour: float = 0.1,
+    live: RosGraph = NO_GRAPH,
     on_log: Callable[[str], None] = lambda name: None,
 ) -> Learned:
     """Learn from logs of a healthy robot.
@@ -66,6 +70,7 @@ def learn(
         names: of the logs.
         robot: the model's name.
         per_hour: false alarms of all observers together that are aimed at.
+        live: who publishes and listens on the running robot: of topics that the logs name nobody for.
         on_log: told of each log that was read.
 
     Raises:
@@ -79,9 +84,9 @@ def learn(
     if not found.held_back:
         found.problems.add("", "too short to hold any of it back: no false alarms are measured", bad=False)
     entries = draft.Entries()
-    publishers = model.publishers_of(found.topics.values())
+    publishers = model.publishers_of(found.topics.values(), live)
     single = {topic: next(iter(nodes)) for topic, nodes in publishers.items() if len(nodes) == 1}
-    parts = _Parts(found, single, learned_h, per_hour)
+    parts = _Parts(found, single, learned_h, per_hour, live)
     declared = model.Declared()
     text = model.draft_model(robot, _source(found), found.topics, publishers, parts.links, declared)
     known = model.declared_topics(text)
@@ -119,9 +124,10 @@ class _Parts:
     """What each way of learning finds, with its share of the false alarms."""
 
     def __init__(
-        self, found: Gathered, node_of: Mapping[str, str], learned_h: float, per_hour: float
+        self, found: Gathered, node_of: Mapping[str, str], learned_h: float, per_hour: float, live: RosGraph
     ) -> None:
         self._found = found
+        self._live = live
         self._node_of = node_of
         learned = found.learned
         topics = [name for name in sorted(found.topics) if name in node_of and name != DIAGNOSTICS]
@@ -154,7 +160,7 @@ class _Parts:
     @property
     def links(self) -> model.Links:
         """What the topics have to do with each other."""
-        return model.Links(self.delays, self.together)
+        return model.Links(self.delays, self.together, self._live, self._found.nodes)
 
     def observe(self, entries: draft.Entries, declared: model.Declared, known: frozenset[str]) -> None:
         """Add the entries of all that was found, and what the model must declare for them.

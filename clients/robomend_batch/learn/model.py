@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from robomend.model.from_graph import model_from_graph
+from robomend.model.from_graph import is_plumbing, model_from_graph
 from robomend.model.loading import load_text
 from robomend_batch.learn.delays import DelayFound
 from robomend_batch.learn.gathering import DIAGNOSTICS, Topic
@@ -30,18 +30,26 @@ class Declared:
 
 @dataclass(frozen=True, slots=True)
 class Links:
-    """What topics have to do with each other."""
+    """What topics and nodes have to do with each other."""
 
     delays: Sequence[DelayFound]
     together: Sequence[tuple[str, str]]
+    live: RosGraph  # of the running robot, if it was asked
+    recorded: Collection[str]  # nodes that a recording names without their topics
 
 
-def publishers_of(topics: Iterable[Topic]) -> dict[str, frozenset[str]]:
-    """Return the nodes that publish a topic; one that the logs do not name has a name that asks for it."""
+def publishers_of(topics: Iterable[Topic], live: RosGraph) -> dict[str, frozenset[str]]:
+    """Return the nodes that publish a topic: as the logs say, or else the running robot.
+
+    One that neither names has a name that asks for it, but for those of ROS itself.
+    """
     found = {}
     for topic in topics:
         named = frozenset(node for node in topic.publishers if not node.startswith(REPLAYED))
-        found[topic.name] = named or frozenset({UNNAMED + topic.name})
+        named = named or live.publishers.get(f"/{topic.name}", frozenset())
+        if not named and (topic.name == DIAGNOSTICS or not is_plumbing(f"/{topic.name}")):
+            named = frozenset({UNNAMED + topic.name})
+        found[topic.name] = named
     return found
 
 
@@ -63,6 +71,10 @@ def draft_model(
     for delay in links.delays:
         for heard in (delay.in_topic, *delay.more):
             listeners.setdefault("/" + heard, set()).update(publishers[delay.out_topic])
+    own = frozenset(node for found in publishers.values() for node in found)  # the recorder listens to all
+    for topic in publishers:
+        heard_by = links.live.subscribers.get(f"/{topic}", frozenset())
+        listeners.setdefault(f"/{topic}", set()).update(own & heard_by)
     blamed = frozenset(declared.properties.values()) | nodes.get(DIAGNOSTICS, frozenset())
     if blamed:
         nodes[DIAGNOSTICS] = frozenset(node for node in blamed if not node.startswith(UNNAMED + DIAGNOSTICS))
@@ -96,6 +108,9 @@ def _questions(publishers: Mapping[str, frozenset[str]], links: Links) -> list[s
             "# Who publishes these topics? The recording does not say: each has a node of its own",
             *(f"#   {comment(topic)}: {comment(UNNAMED[1:] + topic)}" for topic in unnamed),
         ]
+        if links.recorded:
+            lines += ["# Nodes that it names, without their topics:"]
+            lines += [f"#   {comment(node.removeprefix('/'))}" for node in sorted(links.recorded)]
     if links.together:
         lines += ["#", "# Sent within a moment of each other: are they of one node?"]
         lines += [f"#   {comment(first)}, {comment(second)}" for first, second in links.together]

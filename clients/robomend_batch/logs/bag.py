@@ -19,7 +19,7 @@ from lz4.frame import LZ4FrameDecompressor
 from rosbags.rosbag1 import Reader, ReaderError
 from rosbags.typesys.msg import normalize_msgtype
 
-from robomend_batch.logs.recorded import Channel, Message, Recording, Unreadable
+from robomend_batch.logs.recorded import DAMAGED, Channel, Message, Recording, Unreadable
 from robomend_client.observers.base import SECOND
 
 MAGIC = b"#ROSBAG V2.0\n"
@@ -27,7 +27,7 @@ MESSAGE, CHUNK, CONNECTION = 2, 5, 7
 LARGEST = 1 << 30
 LENGTH, STAMP = struct.Struct("<I"), struct.Struct("<II")
 
-DAMAGE = (ReaderError, OSError, ValueError, EOFError, struct.error, RuntimeError, KeyError, AssertionError)
+DAMAGE = (*DAMAGED, ReaderError)
 
 
 class Cut(Exception):
@@ -129,7 +129,7 @@ class StreamedBag:
             raise
         except Cut:
             self.cut = "cut off in the middle of a record"
-        except (OSError, ValueError, EOFError, struct.error, RuntimeError, KeyError) as error:
+        except DAMAGED as error:
             self.cut = f"damaged: {error}"
 
     def close(self) -> None:

@@ -12,13 +12,13 @@ from pathlib import Path
 from urllib.parse import quote
 
 from robomend_batch.logs.db3_cut import CutDb3
-from robomend_batch.logs.recorded import Channel, Message, Recording, Unreadable
+from robomend_batch.logs.recorded import DAMAGED, Channel, Message, Recording, Unreadable
 
 HEADER = struct.Struct(">16xH10xI")
 """Of an SQLite file: the size of a page, and how many there are."""
 
 
-DAMAGE = (sqlite3.Error, ValueError, TypeError, AttributeError)
+DAMAGE = (*DAMAGED, sqlite3.Error)
 """What comes of damaged pages: errors of SQLite, whose text may be no UTF-8, and columns of other kinds."""
 
 

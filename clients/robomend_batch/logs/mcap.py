@@ -24,7 +24,7 @@ from rosbags.rosbag2.storage_mcap import ChunkInfo, McapReader, decompress
 
 from robomend_batch.logs.chunk import RECORD, Chunk
 from robomend_batch.logs.mcap_chunk import ZstdError, left_of_chunk
-from robomend_batch.logs.recorded import Channel, Message, Recording, Stretch, Times, Unreadable
+from robomend_batch.logs.recorded import DAMAGED, Channel, Message, Recording, Stretch, Times, Unreadable
 
 INDEX = np.dtype([("time", "<u8"), ("offset", "<u8")])
 INDEX_HEAD = struct.Struct("<BQHI")
@@ -32,19 +32,7 @@ MESSAGE_INDEX = 7
 
 LARGEST_CHUNK = 1 << 30
 
-DAMAGE = (
-    ReaderError,
-    McapError,
-    OSError,
-    ValueError,
-    EOFError,
-    struct.error,
-    RuntimeError,
-    KeyError,
-    TypeError,
-    ZstdError,
-)
-"""What readers raise where a file is cut off or damaged."""
+DAMAGE = (*DAMAGED, ReaderError, McapError, ZstdError)
 
 
 def open_mcap(path: Path) -> Recording:

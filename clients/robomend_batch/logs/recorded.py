@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -117,3 +118,11 @@ class Sliced:
 
 class Unreadable(Exception):
     """A file of which nothing can be read."""
+
+
+DAMAGED = (
+    *(OSError, ValueError, EOFError, struct.error, RuntimeError, AssertionError),
+    *(KeyError, IndexError, TypeError, AttributeError),
+    *(MemoryError, OverflowError),  # a length that cannot be, and that a library wants to read at once
+)
+"""What libraries raise where a file is cut off or damaged, beside exceptions of their own."""

@@ -28,7 +28,8 @@ TOOLS = (
 
 PLUMBING = (
     *("/rosout", "/rosout_agg", "/clock", "/statistics", "/diagnostics*", "/parameter_events"),
-    *("*/parameter_updates", "*/parameter_descriptions", "/observations", "/diagnosis", "/board_measurments"),
+    *("*/parameter_updates", "*/parameter_descriptions", "/ros_discovery_info"),
+    *("/observations", "/diagnosis", "/board_measurments"),
 )
 """Topics of ROS and of robomend, which say nothing about the robot's own work."""
 
@@ -110,8 +111,13 @@ def _topics(graph: RosGraph) -> dict[str, str]:
     return found
 
 
+def is_plumbing(topic: str) -> bool:
+    """Whether a topic is one of ROS itself, or ours."""
+    return _is_any_of(topic, PLUMBING)
+
+
 def _is_aside(topic: str, graph: RosGraph) -> bool:
-    return _is_any_of(topic, PLUMBING) or bool(ACTION.search(graph.types.get(topic, "")))
+    return is_plumbing(topic) or bool(ACTION.search(graph.types.get(topic, "")))
 
 
 def _nodes(graph: RosGraph, nodes: Iterable[str], topics: dict[str, str]) -> Iterator[str]:
@@ -141,7 +147,7 @@ def _left_out(graph: RosGraph, topics: dict[str, str]) -> list[str]:
     shared, asked, silent = [], [], []
     for topic in sorted(graph.publishers.keys() | graph.subscribers.keys()):
         ours = [node for node in graph.publishers.get(topic, ()) if not _is_any_of(node, TOOLS)]
-        if topic in topics or _is_any_of(topic, PLUMBING):
+        if topic in topics or is_plumbing(topic):
             continue
         if ACTION.search(graph.types.get(topic, "")):
             asked.append(_comment(topic))

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import random
+import struct
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from mcap.writer import Writer
 from tests.robomend_batch.recordings import EPOCH_NS, steady, write
 from tests.robomend_batch.running import batch_run, intervals, ndjson
+from tests.ros2 import robot as ros2_robot
 
 from robomend.cli.commands import run as robomend
 from robomend.model.loading import load_model
@@ -147,6 +150,78 @@ def test_a_recording_that_names_no_publisher_asks_for_them(tmp_path: Path) -> No
     assert batch_run(tmp_path / "out", dead, "--observers", observers, model=model) == 0
     faulty = [one["bad"] for one in intervals(tmp_path / "out") if one["state"] == "faulty"]
     assert faulty == [[["publisher_of_scan"]]]
+
+
+def test_the_running_robot_says_who_publishes_and_who_listens(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log = write(tmp_path / "drive.mcap", [*steady("scan", 10, 120), *steady("odom", 20, 120)])
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    with ros2_robot(tmp_path) as ros:
+        ros.node("laser").do("publish", topic="/scan", type="std_msgs/String")
+        tracker = ros.node("tracker")
+        tracker.do("subscribe", topic="/scan", type="std_msgs/String")
+        tracker.do("publish", topic="/odom", type="std_msgs/String")
+        ros.node("onlooker").do("subscribe", topic="/scan", type="std_msgs/String")
+        assert learn(log, "-o", tmp_path, "--quiet", "--ros2", ros.domain) == 0
+    text = (tmp_path / "model.yaml").read_text()
+    assert "publisher_of" not in text
+    assert "onlooker" not in text
+    assert "      odom: [scan]    # nav_msgs/Odometry" in text
+    assert sorted(load_model(tmp_path / "model.yaml").cnf.components) == ["laser", "tracker"]
+
+
+def test_a_robot_that_is_not_there_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log = write(tmp_path / "drive.mcap", steady("scan", 10, 20))
+    assert learn(log, "-o", tmp_path, "--ros1", "http://127.0.0.1:1/") == 3
+    assert "nobody listens at 127.0.0.1:1" in capsys.readouterr().err
+    assert learn(log, "-o", tmp_path, "--ros1", "http://127.0.0.1:1/", "--ros2", "0") == 2
+
+
+DISCOVERY = """Gid gid
+NodeEntitiesInfo[] node_entities_info_seq
+{0}
+MSG: rmw_dds_common/Gid
+char[24] data
+{0}
+MSG: rmw_dds_common/NodeEntitiesInfo
+string<=256 node_namespace
+string<=256 node_name
+Gid[] reader_gid_seq
+Gid[] writer_gid_seq
+""".format("=" * 80)
+
+
+def test_nodes_that_a_recorded_discovery_topic_names_are_in_the_question(tmp_path: Path) -> None:
+    def text_of(name: str) -> bytes:
+        return struct.pack("<I", len(name) + 1) + name.encode() + b"\0"
+
+    def padded(data: bytes) -> bytes:
+        return data + bytes(-len(data) % 4)
+
+    told = bytes(24) + struct.pack("<I", 2)
+    for space, name in (("/", "laser"), ("/base", "drive")):
+        for part in (text_of(space), text_of(name), struct.pack("<II", 0, 0)):
+            told = padded(told) + part
+    log = tmp_path / "drive.mcap"
+    with log.open("wb") as file:
+        writer = Writer(file)
+        writer.start(profile="ros2", library="test")
+        schema = writer.register_schema(
+            "rmw_dds_common/msg/ParticipantEntitiesInfo", "ros2msg", DISCOVERY.encode()
+        )
+        discovery = writer.register_channel("/ros_discovery_info", "cdr", schema)
+        schema = writer.register_schema("std_msgs/msg/Float64", "ros2msg", b"float64 data\n")
+        scan = writer.register_channel("/scan", "cdr", schema)
+        writer.add_message(discovery, EPOCH_NS, b"\0\1\0\0" + told, EPOCH_NS)
+        for number in range(1200):
+            at_ns = EPOCH_NS + number * SECOND // 10
+            writer.add_message(scan, at_ns, b"\0\1\0\0" + bytes(8), at_ns)
+        writer.finish()  # type: ignore[no-untyped-call]  # the library's
+    assert learn(log, "-o", tmp_path, "--quiet") == 0
+    text = (tmp_path / "model.yaml").read_text()
+    assert "# Nodes that it names, without their topics:\n#   base/drive\n#   laser\n" in text
+    assert sorted(load_model(tmp_path / "model.yaml").cnf.components) == ["publisher_of_scan"]
 
 
 def test_fields_of_ros_2_messages_that_go_together_are_related(tmp_path: Path) -> None:
