@@ -14,7 +14,7 @@ from robomend.repairs.repairs import Json
 from robomend.repairs.stop_switch import StopSwitch
 from robomend.robots.reporters import Reporter
 from robomend.store import Store
-from robomend.store.records import StoredRepair
+from robomend.store.records import Quarantine, StoredRepair
 
 STORED = StoredRepair("r-1", 1, "r1", "awaiting-approval", True, {"plan": [], "by": "local"}, 1, 2)
 REPAIR = repair_json(STORED)
@@ -112,8 +112,8 @@ class RepairsDouble:
         self.calls.append(("result", action_id, code, message, by.name))
         return self.first.setdefault(action_id, {"code": code, "message": message})
 
-    async def quarantined(self, robot: str) -> Mapping[str, str]:
-        return {"jaguar": "three attempts did not help"}
+    async def quarantined(self, robot: str) -> Mapping[str, Quarantine]:
+        return {"jaguar": Quarantine(robot, "jaguar", "three attempts did not help", 3, 0, None)}
 
     async def release(self, robot: str, component: str, *, by: str, reason: str) -> None:
         self.calls.append(("release", robot, component, by, reason))

@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
@@ -59,7 +60,7 @@ from robomend.store import (
     repairs,
     robots,
 )
-from robomend.store.records import AuditEntry, Fence, Paging, Stop, StoredRepair
+from robomend.store.records import AuditEntry, Fence, Paging, Quarantine, Stop, StoredRepair
 from robomend_client.events import Event, Kind
 
 Json = Mapping[str, Any]
@@ -424,10 +425,10 @@ class Repairs:
         change = self.switch.ask(active, by=by, reason=reason)
         return self.switch.json(written=await written(change, None))
 
-    async def quarantined(self, robot: str) -> Mapping[str, str]:
-        """Return component -> why it is not tried again."""
-        entries = await self._store.read(attempts.quarantine, robot)
-        return {entry.component: entry.reason for entry in entries}
+    async def quarantined(self, robot: str) -> Mapping[str, Quarantine]:
+        """Return the components that are not tried again now."""
+        entries, now_ns = await self._store.read(attempts.quarantine, robot), time.time_ns()
+        return {entry.component: entry for entry in entries if not entry.over(now_ns)}
 
     async def release(self, robot: str, component: str, *, by: str, reason: str) -> None:
         """Let a quarantined component be tried again. NotFound if it is not in quarantine."""
