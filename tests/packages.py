@@ -144,6 +144,8 @@ AGGREGATOR = Wanted(
     lambda: Path(AGGREGATOR_NODE).exists() and Path(AGGREGATOR_LIBRARY).exists(),
     ("libdiagnostic-aggregator-tools",),
 )
+ZSH = Wanted("zsh", lambda: shutil.which("zsh"), ("zsh",))
+FISH = Wanted("fish", lambda: shutil.which("fish"), ("fish",))
 IPROUTE = Wanted("the command ip", lambda: shutil.which("ip"), ("iproute2",))
 KILTED = WantedRos2(
     "kilted",
