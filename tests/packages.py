@@ -147,6 +147,8 @@ AGGREGATOR = Wanted(
     ("libdiagnostic-aggregator-tools",),
 )
 FAKETIME = Wanted("libfaketime", FAKETIME_LIBRARY.exists, ("libfaketime",))
+ZSH = Wanted("zsh", lambda: shutil.which("zsh"), ("zsh",))
+FISH = Wanted("fish", lambda: shutil.which("fish"), ("fish",))
 IPROUTE = Wanted("the command ip", lambda: shutil.which("ip"), ("iproute2",))
 KILTED = WantedRos2(
     "kilted",

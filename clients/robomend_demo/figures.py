@@ -14,7 +14,7 @@ the service's: HTTP in both directions, OBS, diagnosis, choice, planning, dispat
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import ceil
 from typing import Any
@@ -119,23 +119,31 @@ def _shown_ns(batches: Sequence[Batch], run: StepRun, begun_ns: int) -> int:
 def _known(record: Record, first: Round) -> tuple[int, int]:
     """Return when what the first plan rests on was diagnosed (as a client saw it), and when it was observed.
 
-    That is the last new diagnosis before the plan, or the batch with which every observer had been heard,
-    whichever came later.
+    That is the first of the diagnoses that name whom the plan is against, up to the plan, or the batch with
+    which every observer had been heard, whichever came later. The last diagnosis before the plan may have
+    come while that was being made, and would make any planner look fast.
     """
-    before = [one for one in record.heard if one.arrived_ns <= first.planned_arrived_ns]
     missing = set(record.unheard)
-    arrived = record.zero_ns
-    revision = 0
-    for one in before:
-        data = one.event.data
+    heard, newest = (record.zero_ns, 0), (record.zero_ns, 0)  # when, and with which revision
+    named: tuple[int, int] | None = None
+    for one in record.heard:
+        data, moment = one.event.data, one.arrived_ns
+        if moment > first.planned_arrived_ns:
+            break
         if one.event.kind is Kind.OBSERVATIONS and missing:
             missing -= {literal.removeprefix("not ") for literal in data["changed"]}
             if not missing:
-                arrived, revision = one.arrived_ns, data["revision"]
+                heard = moment, data["revision"]
         elif one.event.kind is Kind.DIAGNOSIS and one.event.time_ns <= first.planned_ns:
-            arrived, revision = one.arrived_ns, data["revision"]
+            newest = moment, data["revision"]
+            named = (named or newest) if _names(data["result"], first.bad) else None
+    arrived, revision = max(heard, named or newest)
     observed = [batch.observed_ns for batch in record.batches if batch.revision == revision]
     return arrived, observed[0] if observed else record.zero_ns
+
+
+def _names(result: Mapping[str, Any] | None, bad: Sequence[str]) -> bool:
+    return result is not None and any(set(one["bad"]) == set(bad) for one in result["diagnoses"])
 
 
 def _last_change_ns(record: Record, before_ns: int) -> int:

@@ -13,7 +13,7 @@ from robomend.repairs.repair_json import repair_json
 from robomend.repairs.stop_switch import StopSwitch
 from robomend.robots.reporters import Reporter
 from robomend.store import Store
-from robomend.store.records import Json, StoredRepair
+from robomend.store.records import Json, Quarantine, StoredRepair
 
 STORED = StoredRepair("r-1", 1, "r1", "awaiting-approval", True, {"plan": [], "by": "local"}, 1, 2)
 REPAIR = repair_json(STORED)
@@ -111,8 +111,8 @@ class RepairsDouble:
         self.calls.append(("result", action_id, code, message, by.name))
         return self.first.setdefault(action_id, {"code": code, "message": message})
 
-    async def quarantined(self, robot: str) -> Mapping[str, str]:
-        return {"jaguar": "three attempts did not help"}
+    async def quarantined(self, robot: str) -> Mapping[str, Quarantine]:
+        return {"jaguar": Quarantine(robot, "jaguar", "three attempts did not help", 3, 0, None)}
 
     async def release(self, robot: str, component: str, *, by: str, reason: str) -> None:
         self.calls.append(("release", robot, component, by, reason))

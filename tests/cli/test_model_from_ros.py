@@ -2,16 +2,28 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 
 import pytest
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_typestore
+from tests.blocks import BLOCKS
 from tests.ros1 import robot
 from tests.ros2 import robot as ros2_robot
 
 from robomend.cli.commands import run
 from robomend.model.loading import load_text
+
+
+def shown(option: str, value: str) -> list[str]:
+    """Return the command that a page shows with an option, as far as `>`, with a value of ours for it."""
+    mine = [block for block in BLOCKS if block.test == f"tests/cli/{Path(__file__).name}"]
+    [text] = [block.text for block in mine if option in block.text]
+    program, *words = shlex.split(text.partition(">")[0])
+    assert program == "robomend"
+    words[words.index(option) + 1] = value
+    return words
 
 
 def test_the_model_of_a_running_robot(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -20,7 +32,7 @@ def test_the_model_of_a_running_robot(tmp_path: Path, capsys: pytest.CaptureFixt
         mapper = ros.node("mapper")
         mapper.do("subscribe", topic="/scan", type="std_msgs/String")
         mapper.do("publish", topic="/map", type="std_msgs/Float64")
-        assert run(["model", "from-ros", "--ros1", ros.master.uri, "--name", "bot"]) == 0
+        assert run(shown("--ros1", ros.master.uri)) == 0
     told = capsys.readouterr().out
     assert "      map: [scan]    # std_msgs/Float64\n" in told
     assert "      scan: []    # std_msgs/String\n" in told
@@ -36,7 +48,7 @@ def test_the_model_of_a_running_robot_with_ros_2(
         mapper = ros.node("mapper")
         mapper.do("subscribe", topic="/scan", type="std_msgs/String")
         mapper.do("publish", topic="/map", type="std_msgs/Float64")
-        assert run(["model", "from-ros", "--ros2", str(ros.domain), "--name", "bot"]) == 0
+        assert run(shown("--ros2", str(ros.domain))) == 0
     told = capsys.readouterr().out
     assert "      map: [scan]    # std_msgs/Float64\n" in told
     assert "      scan: []    # std_msgs/String\n" in told

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ from tests.repairs.robot import CONFIG, SHUT_DOWN, Robot, robot_on, running, ser
 from tests.waiting import for_ever
 
 from robomend.store import attempts, audit
+from robomend.store.records import Quarantine
 
 pytestmark = pytest.mark.anyio
 
@@ -110,6 +112,18 @@ async def test_a_stuck_relay_ends_with_a_person_told_the_cause(tmp_path: Path) -
     assert list(quarantined) == ["base"]
     assert robot.done.count("power_up(base)") == 3
     assert "stop_node(base_node)" not in robot.done
+
+
+async def test_what_was_left_alone_for_long_enough_is_not_told_any_more(tmp_path: Path) -> None:
+    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
+        await robot.settled()
+        robot.cut("base")
+        await the_repair(runtime)
+        fence = runtime.store.ownership.held["r1"]
+        for name, until_ns in (("over", 1), ("later", 2**62), ("for good", None)):
+            aside = Quarantine("r1", name, "its repairs keep failing", 3, since_ns=0, until_ns=until_ns)
+            await runtime.store.write(partial(attempts.put_quarantine, entry=aside, fence=fence))
+        assert set(await runtime.repairs.quarantined("r1")) == {"later", "for good"}
 
 
 async def test_repairs_of_a_planted_fault_that_keep_failing_set_nothing_aside(tmp_path: Path) -> None:
@@ -214,7 +228,7 @@ async def test_a_node_that_runs_and_soon_dies_again_is_not_restarted_for_ever(tm
     assert repair["reason"] == (
         "no known repair: mapping left alone for a while, as its repairs keep failing"
     )
-    assert aside["mapping"].startswith(
+    assert aside["mapping"].reason.startswith(
         "mapping was repaired 3 times in a row, each time it helped, and soon it was broken again"
     )
 

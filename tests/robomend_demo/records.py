@@ -70,9 +70,10 @@ class Writer:
         self.tell(at, Kind.ACTION, id="x:0", state="running")
 
 
-def restarted(name: str = "shut-down") -> Record:
+def restarted(name: str = "shut-down", *, late: bool = False) -> Record:
     """A node is dead, is restarted by the agent, and its topic comes back.
 
+    `late`: another diagnosis, which names the node as well, comes right before the plan.
     The robot: dead until seen at 100, at work from 130 (the agent has it) to 400 (the topic is seen again).
     """
     said = Writer()
@@ -81,6 +82,8 @@ def restarted(name: str = "shut-down") -> Record:
     said.repair(108, "waiting", [])
     plan = [{"index": 0, "text": "start_node(n)"}]
     first = {"diagnosis": {"bad": ["n"], "good": ["h"]}, "plan": plan, "ending": None}
+    if late:
+        said.diagnosed(115, 1, ["h"], ["n"])
     said.repair(115, "planning", [first])
     said.repair(118, "running", [first])
     said.step(120, "start_node(n)", "running", sent=120, ended=None, seen=())

@@ -34,6 +34,12 @@ def test_the_plan_is_timed_from_the_diagnosis_it_rests_on() -> None:
     assert found.diagnosis_to_plan_ms == pytest.approx(9)
 
 
+def test_a_diagnosis_that_comes_while_the_plan_is_made_is_not_the_one_it_rests_on() -> None:
+    found = figures(restarted(late=True), from_plan=False)
+    assert found.detection_s == pytest.approx(0.108)
+    assert found.diagnosis_to_plan_ms == pytest.approx(9)
+
+
 @given(INTERVALS, st.integers(0, 60), st.integers(0, 60))
 def test_the_union_of_intervals_is_what_counting_each_moment_gives(
     intervals: list[tuple[int, int]], begin: int, end: int

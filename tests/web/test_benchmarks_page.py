@@ -76,6 +76,7 @@ def test_a_report_is_shown_with_its_plots(shown: Service, look: Look) -> None:
     page = live(look(shown, viewport={"width": 390, "height": 800}), "/ui/benchmarks")
     page.get_by_role("link", name="iscas85-first").click()
     expect(page.get_by_role("heading", name="iscas85 version 1, first")).to_be_visible()
+    expect(page.locator("main p code")).to_have_text("robomend-bench iscas85 --only c432")
     expect(page.locator("table.report tbody tr")).to_have_count(2)
     plot = page.locator("img.plot")
     expect(plot).to_have_count(1)

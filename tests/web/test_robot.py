@@ -149,6 +149,21 @@ def test_a_click_that_comes_too_late_has_a_clear_answer(service: Service, look: 
     page.unroute("**/ui/robots/late")
 
 
+def test_a_second_person_who_says_yes_is_told_that_it_was_said(service: Service, look: Look) -> None:
+    service.with_robot("twice")
+    service.observe("not on(jaguar)", robot="twice")
+    first, second = awaiting(service, look, "twice"), awaiting(service, look, "twice")
+    # Their page would follow the event before they click.
+    second.route("**/ui/robots/twice", lambda route: route.abort())
+    first.get_by_role("button", name="Approve").dblclick()
+    expect(first.locator("#said")).to_have_text("Taken down.")
+    second.get_by_role("button", name="Approve").click()
+    expect(second.locator("#said")).to_contain_text(re.compile("awaits no approval|already"))
+    second.unroute("**/ui/robots/twice")
+    audit = service.api("GET", "/audit", params={"robot": "twice"}).json()["items"]
+    assert [one["action"] for one in audit].count("repair.approve") == 1
+
+
 def test_a_plan_is_shown_without_acting(service: Service, look: Look) -> None:
     service.with_robot("observed", policy="observe")
     service.observe("not on(jaguar)", robot="observed")

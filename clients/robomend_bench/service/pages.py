@@ -3,11 +3,12 @@
     idle     the service's processor time, without pages ──► with all of them open
     loaded   the same open-loop load   alone ──► with the pages ──► alone again
 
-An open page is what a browser's is to the service: an event stream, and with an event that concerns it the
-parts that differ, fetched at once after a quiet while and then so that they come to `BYTES_PER_S` on average,
-or as much later as the service says (service/robomend/web/static/parts.js). Every second page is the list of
-all robots, the others are of one robot each. No browser takes part: with fifty of them on one machine, the
-browsers would be measured.
+An open page is what a browser's is to the service: the whole of it once, then an event stream and all of its
+parts again, and with an event that concerns it the parts that differ, fetched at once after a quiet while and
+then so that they come to `BYTES_PER_S` on average, or as much later as the service says
+(service/robomend/web/static/parts.js). All are open before anything is measured. Every second page is the
+list of all robots, the others are of one robot each. No browser takes part: with fifty of them on one
+machine, the browsers would be measured.
 """
 
 from __future__ import annotations
@@ -82,9 +83,15 @@ async def _open_page(url: str, path: str, parts: str, follows: str, fetched: Fet
         if b"event: ping" not in frame:
             changed.set()
 
+    connection = await connect(url)
+    status, _ = await connection.ask(request("GET", path, accept_encoding="gzip"))
+    if status != 200:
+        raise RuntimeError(f"GET {path}: {status}")
+
     async def fetch() -> None:
+        nonlocal connection
         wire = request("GET", path, robomend_parts=parts, accept_encoding="gzip")
-        connection = await connect(url)
+        changed.set()  # as a browser does when its stream stands
         try:
             while True:
                 await changed.wait()

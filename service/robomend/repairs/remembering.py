@@ -42,11 +42,7 @@ def remembered(view: View, robot: str, patience: Patience) -> Remembered:
     records = attempts.tried(view, robot, drill=now_of)
     return Remembered(
         tuple(map(_attempt_of, records)),
-        tuple(
-            entry.component
-            for entry in attempts.quarantine(view, robot)
-            if entry.until_ns is None or entry.until_ns > now
-        ),
+        tuple(entry.component for entry in attempts.quarantine(view, robot) if not entry.over(now)),
         useless_of(records, since_ns=now - int(patience.memory_s * 1e9)),
         attempts.counted(view, robot, now - HOUR_NS),
         surely_broken(records, repairs.newest(view, [robot]).get(robot)),

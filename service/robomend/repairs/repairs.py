@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import time
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
@@ -54,7 +55,7 @@ from robomend.store import (
     repairs,
     robots,
 )
-from robomend.store.records import AuditEntry, Json, Paging, StoredRepair
+from robomend.store.records import AuditEntry, Json, Paging, Quarantine, StoredRepair
 from robomend_client.events import Kind
 
 DECIDED_S = 1.5
@@ -313,10 +314,10 @@ class Repairs:
         change = self.switch.ask(active, by=by, reason=reason)
         return self.switch.json(written=await written(change, None))
 
-    async def quarantined(self, robot: str) -> Mapping[str, str]:
-        """Return component -> why it is not tried again."""
-        entries = await self._store.read(attempts.quarantine, robot)
-        return {entry.component: entry.reason for entry in entries}
+    async def quarantined(self, robot: str) -> Mapping[str, Quarantine]:
+        """Return the components that are not tried again now."""
+        entries, now_ns = await self._store.read(attempts.quarantine, robot), time.time_ns()
+        return {entry.component: entry for entry in entries if not entry.over(now_ns)}
 
     async def release(self, robot: str, component: str, *, by: str, reason: str) -> None:
         """Let a quarantined component be tried again. NotFound if it is not in quarantine."""

@@ -235,6 +235,11 @@ class Sight:
         usual_ns = 0 if atom.predicate in OBSERVED_FACTS else self._usual_ns
         return self.declared.delays(atom, Delays(usual_ns, usual_ns))
 
+    def told_ns(self, source: str, time_ns: int) -> int:
+        """Return when a source said something, by this computer's clock: the source's may be a minute off."""
+        by_ours = time_ns + self._clocks.lives_on_ns(source)
+        return min(by_ours, CLOCK.now_ns()) - CLOCK.ahead_ns
+
     def evidence(self) -> Dating:
         """Return what dates the observations of a batch."""
         return Dating(self._robot.obs, self._clocks, self._usual_ns)

@@ -284,6 +284,10 @@ class Quarantine:
     since_ns: int
     until_ns: int | None
 
+    def over(self, now_ns: int) -> bool:
+        """Return whether its time is over."""
+        return self.until_ns is not None and self.until_ns <= now_ns
+
 
 @dataclass(frozen=True, slots=True)
 class AuditEntry:

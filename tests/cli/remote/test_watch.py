@@ -68,7 +68,7 @@ def test_what_happens_is_told_live_and_over_a_lost_connection(shared: Shared, ro
         shared.client.observe(robot, ["ok(scan)"])
         line.mend()
         assert f" {robot} observed ok(scan)" in lines.get(timeout=END_S)
-        assert f" {robot} healthy: " in lines.get(timeout=END_S)
+        assert f" {robot} no fault: " in lines.get(timeout=END_S)
         assert said[2] == "connected again"
 
 
@@ -119,6 +119,12 @@ def test_an_action_is_told_once_for_each_thing_that_is_new_of_it() -> None:
         "",
     ]
     assert [line("done"), line("done")] == ["done", "done"]  # over, and forgotten
+
+
+def test_a_robot_that_nobody_observes_is_not_called_healthy() -> None:
+    nobody = line_of(Kind.DIAGNOSIS, result={"diagnoses": [{"bad": []}]})
+    assert nobody == "r1 no fault: nothing that was observed speaks against a component"
+    assert line_of(Kind.ROBOT, what="health", state="unknown", unknown=[]) == "r1 is unknown"
 
 
 def test_each_kind_of_event_has_its_words() -> None:

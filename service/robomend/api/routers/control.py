@@ -75,7 +75,7 @@ def _answer(parts: Parts, response: Response, on_disk: bool) -> StopOut:
 @router.get("/robots/{robot}/quarantine", responses=problems(404))
 async def get_quarantine(robot: RobotPath, parts: PartsDep) -> dict[str, str]:
     """Return the components that are not tried again, each with the reason."""
-    return dict(await parts.repairs.quarantined(robot))
+    return {name: entry.reason for name, entry in (await parts.repairs.quarantined(robot)).items()}
 
 
 @router.post(

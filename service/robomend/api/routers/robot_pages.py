@@ -14,6 +14,7 @@ from robomend.api.deps import Parts, PartsDep, PrincipalDep, RepairPath, RobotPa
 from robomend.api.page_route import PageRoute, back, page, read_form
 from robomend.api.page_turns import PageTurns
 from robomend.api.problems import Problem
+from robomend.api.schemas.observations import ObservedLiteral, ObsOut
 from robomend.api.shell import shell, wanted_parts
 from robomend.api.views import board_out, obs_out
 from robomend.errors import RobomendError
@@ -75,7 +76,7 @@ async def robot_page(
         await turns.others()
         values["graph"] = _graph(state, values["found"], values["whys"])
     if "obs" in wanted:
-        values |= {"obs": obs_out(state), "most": SHOWN_OBS}
+        values |= {"obs": _by_one_clock(obs_out(state), state), "most": SHOWN_OBS}
     if "board" in wanted:
         wired = None if state.config.board is None else await parts.robots.board(robot)
         values["board"] = None if wired is None else board_out(wired)
@@ -150,6 +151,26 @@ def _graph(state: Robot, found: Mapping[str, Any], explained: Any) -> Markup | N
     links = {why.component: f"#why-{index}" for index, why in enumerate(explained)}
     # The graph escapes what it shows.
     return Markup(graph.svg(graph.layout(model), found, seen, links))
+
+
+def _by_one_clock(obs: ObsOut, state: Robot) -> ObsOut:
+    """Return OBS with its times by this computer's clock, as all else on the page has them."""
+    told_ns, ahead_ns = state.sight.told_ns, CLOCK.ahead_ns
+
+    def dated(one: ObservedLiteral) -> ObservedLiteral:
+        said_ns = told_ns(one.source, one.time_ns)
+        since_ns = None if one.since_ns is None else min(one.since_ns - ahead_ns, said_ns)
+        return one.model_copy(update={"time_ns": said_ns, "since_ns": since_ns})
+
+    return obs.model_copy(
+        update={
+            "observations": [dated(one) for one in obs.observations],
+            "assertions": [
+                each.model_copy(update={"time_ns": told_ns(each.source, each.time_ns)})
+                for each in obs.assertions
+            ],
+        }
+    )
 
 
 async def _past(

@@ -10,6 +10,7 @@ import click
 
 from robomend.cli.remote.connection import asking, format_option, service_options
 from robomend.cli.remote.names import RobotName
+from robomend.cli.remote.watch import NO_FAULT
 from robomend.cli.tables import diagnoses, show_paragraph, show_table
 
 if TYPE_CHECKING:
@@ -118,5 +119,5 @@ def _bad(current: Mapping[str, Any]) -> str:
         return "not diagnosed yet"
     found = [one["bad"] for one in current["result"]["diagnoses"]]
     if any(not bad for bad in found):
-        return "healthy: every observation is what a healthy robot would show"
+        return NO_FAULT
     return f"bad: {diagnoses(found)}" if found else "no diagnosis within the limits"

@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from robomend_client.events import Event
     from robomend_client.rest import ClientError
 
+NO_FAULT = "no fault: nothing that was observed speaks against a component"
+"""Not that it is healthy: whether enough was observed for that, the robot's state says."""
+
 MOST_ACTIONS = 1000
 """Actions under way that are remembered."""
 
@@ -129,7 +132,7 @@ def _diagnosis(data: Mapping[str, Any]) -> str:
         return f"no diagnosis: {(data.get('fault') or {}).get('detail', 'not known why')}"
     found = result["diagnoses"]
     if any(not one["bad"] for one in found):
-        return "healthy: every observation is what a healthy robot would show"
+        return NO_FAULT
     return f"bad: {diagnoses([one['bad'] for one in found])}" if found else "no diagnosis within the limits"
 
 

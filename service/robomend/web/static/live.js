@@ -1,4 +1,5 @@
 // The event stream: it tells which parts to fetch, and the page tells how it is. What may be old is shown as old.
+import { passedMs } from "./clock.js";
 import { refresh, refreshFor, spend, whenLost } from "./parts.js";
 
 const KINDS = ["observations", "diagnosis", "repair", "action", "board", "robot", "model", "batch", "drill", "stop"];
@@ -30,7 +31,7 @@ export class Live {
 
   open() {
     this.source?.close();
-    this.heardAt = Date.now();
+    this.heardAt = passedMs();
     const source = this.source = new EventSource(this.address);
     source.onopen = () => { this.heard(); refresh("all"); };
     source.onerror = () => {
@@ -62,26 +63,26 @@ export class Live {
   }
 
   heard() {
-    this.heardAt = Date.now();
+    this.heardAt = passedMs();
     this.lostAt = null;
     document.body.classList.remove("stale");
     this.show("live", document.body.dataset.live);
   }
 
   lost(why) {
-    this.lostAt ??= Date.now();
+    this.lostAt ??= passedMs();
     this.why = why;
     document.body.classList.add("stale");
     this.watch();
   }
 
   watch() {
-    if (this.source && this.lostAt === null && Date.now() - this.heardAt > this.silentMs) {
+    if (this.source && this.lostAt === null && passedMs() - this.heardAt > this.silentMs) {
       this.lost("nothing is heard"); // a connection may die without a word
       this.open();
     }
     if (this.lostAt === null) return;
-    const seconds = Math.round((Date.now() - this.lostAt) / 1000);
+    const seconds = Math.round((passedMs() - this.lostAt) / 1000);
     this.show("lost", `${this.why}: shown is how it was ${seconds} s ago or earlier`);
   }
 

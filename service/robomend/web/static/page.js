@@ -1,5 +1,6 @@
 // What makes the page live: ages that grow, parts that are fetched when an event concerns them, forms that stay
 // where they are. Without it everything works as well, by reloading.
+import { passedMs } from "./clock.js";
 import { Live } from "./live.js";
 import { refresh, whenShown } from "./parts.js";
 
@@ -16,15 +17,15 @@ function say(text, wrong = false) {
   hiding = setTimeout(() => { said.hidden = true; }, wrong ? 12000 : 5000);
 }
 
-let aheadMs = Date.now() - Number(body.dataset.nowMs || Date.now());
+let beganMs = Number(body.dataset.nowMs) - passedMs(); // by the service's clock
 
 /** Write ages by the service's clock: this computer's may be minutes off. */
 function ages() {
-  const now = Date.now() - aheadMs;
+  const now = beganMs + passedMs();
   for (const time of document.querySelectorAll("time[data-ms]")) {
     if (!time.title) time.title = time.textContent;
     const seconds = Math.round((now - Number(time.dataset.ms)) / 1000);
-    const text = age(Math.abs(seconds)) + (seconds < 0 ? " ahead" : " ago");
+    const text = seconds < 0 ? `in ${age(-seconds)}` : `${age(seconds)} ago`;
     if (time.textContent !== text) time.textContent = text;
   }
 }
@@ -37,7 +38,7 @@ function age(seconds) {
 }
 
 whenShown((nowMs) => {
-  if (nowMs) aheadMs = Date.now() - nowMs;
+  if (nowMs) beganMs = nowMs - passedMs();
   ages();
 });
 ages();

@@ -1,4 +1,6 @@
 // Parts of the page, fetched anew at the page's own address, and put in place where they differ.
+import { passedMs } from "./clock.js";
+
 const BYTES_PER_S = 4800; // on average, events and all; the first fetch after a quiet while is at once
 const HEAD_BYTES = 400; // of an answer, more or less
 const LEAST_MS = 200;
@@ -23,6 +25,9 @@ export function spend(bytes) { spent += bytes; }
 
 function parts() { return [...document.querySelectorAll("[data-part]")]; }
 
+// As they came with the page, before anything is changed in them: what is the same again is left as it is.
+for (const part of parts()) part.fetched = part.outerHTML;
+
 /** Fetch the parts that an event of this kind concerns. */
 export function refreshFor(kind) {
   refresh(parts().filter((part) => part.dataset.on.split(" ").includes(kind)).map((part) => part.dataset.part));
@@ -36,7 +41,7 @@ export function refresh(names) {
 
 function plan() {
   if (timer !== null || loading || wanted.size === 0) return;
-  timer = setTimeout(load, Math.max(0, freeAt - Date.now()));
+  timer = setTimeout(load, Math.max(0, freeAt - passedMs()));
 }
 
 async function load() {
@@ -69,7 +74,7 @@ async function load() {
     setTimeout(() => refresh(names), AGAIN_MS);
   }
   loading = false;
-  freeAt = Date.now() + Math.max(againMs, (bytes + before) / BYTES_PER_S * 1000);
+  freeAt = passedMs() + Math.max(againMs, (bytes + before) / BYTES_PER_S * 1000);
   plan();
 }
 

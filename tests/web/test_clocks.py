@@ -1,0 +1,89 @@
+"""Clocks that differ: the browser's, one that is set while a page is open, and a robot's."""
+
+from __future__ import annotations
+
+import re
+import time
+
+import pytest
+from playwright.sync_api import Page, expect
+from tests.api.conftest import Service
+from tests.browser import PATIENCE_MS
+from tests.web.cable import cable
+from tests.web.conftest import Look
+from tests.web.test_fleet import LIVE
+
+expect.set_options(timeout=PATIENCE_MS)
+
+HOUR_S = 3600
+JUST_NOW = re.compile(r"^\d\d? s ago$")
+
+
+def opened(page: Page, url: str, robot: str) -> Page:
+    page.goto(f"{url}/ui/robots/{robot}")
+    page.wait_for_selector(LIVE)
+    return page
+
+
+def ages(page: Page, literal: str) -> list[str]:
+    """Return how old the evidence of an observation is shown to be, and how long ago it was said."""
+    row = page.locator('[data-part="obs"] tr', has=page.get_by_text(literal, exact=True))
+    return row.locator("time").all_inner_texts()
+
+
+@pytest.mark.parametrize("off_s", [-3 * HOUR_S, 3 * HOUR_S])
+def test_ages_are_right_whatever_the_browsers_clock_and_place(
+    service: Service, look: Look, off_s: int
+) -> None:
+    robot = f"off{off_s}".replace("-", "m")
+    service.with_robot(robot, policy="observe")
+    service.observe("not ok(map)", robot=robot)
+    service.diagnosis(robot, wait_s=30, after=0)
+    page = look(service, timezone_id="Asia/Tokyo").context.new_page()
+    page.clock.install(time=time.time() + off_s)
+    opened(page, service.url, robot)
+    expect(page.locator('[data-part="diagnosis"] time')).to_have_text(JUST_NOW)
+    assert all(JUST_NOW.match(age) for age in ages(page, "not ok(map)"))
+    found_s = service.diagnosis(robot)["time_ns"] // 10**9
+    title = page.locator('[data-part="diagnosis"] time').get_attribute("title")
+    assert title == time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(found_s))
+
+
+@pytest.mark.parametrize("off_s", [-HOUR_S, HOUR_S])
+def test_a_clock_that_is_set_while_a_page_is_open_stops_nothing(
+    service: Service, look: Look, off_s: int
+) -> None:
+    robot = f"set{off_s}".replace("-", "m")
+    service.with_robot(robot, policy="observe")
+    with cable(service.url) as through:
+        page = look(service, url=through.url).context.new_page()
+        page.clock.install()
+        opened(page, through.url, robot)
+        service.observe("not ok(map)", robot=robot)
+        expect(page.locator(".diagnoses")).to_contain_text("explains not ok(map)")
+        page.clock.set_system_time(time.time() + off_s)
+        service.observe("ok(scan)", robot=robot)
+        expect(page.locator('[data-part="obs"]')).to_contain_text("ok(scan)")
+        page.wait_for_selector(LIVE)
+        expect(page.locator('[data-part="diagnosis"] time')).to_have_text(JUST_NOW)
+        assert all(JUST_NOW.match(age) for age in ages(page, "ok(scan)"))
+        through.mute()
+        page.clock.run_for(60_000)
+        expect(page.locator('#live[data-state="lost"]')).to_contain_text(re.compile(r"\b\d\d? s ago or"))
+
+
+@pytest.mark.parametrize("off_s", [-40, 40, -HOUR_S])
+def test_what_a_robot_said_is_as_old_as_it_is_by_the_services_clock(
+    service: Service, look: Look, off_s: int
+) -> None:
+    robot = f"robot{off_s}".replace("-", "m")
+    service.with_robot(robot, policy="observe")
+    for _ in range(4):  # as many as it takes until a clock is believed to be behind
+        stamp = time.time_ns() + off_s * 10**9
+        told = service.observe(
+            "ok(scan)", "not ok(map)", robot=robot, source="agent", time=stamp, since=[stamp] * 2
+        )
+        assert told.is_success, told.text
+    page = opened(look(service).context.new_page(), service.url, robot)
+    for literal in ("ok(scan)", "not ok(map)"):
+        assert [age for age in ages(page, literal) if not JUST_NOW.match(age)] == []
