@@ -95,6 +95,7 @@ class Robot:
     spoil: Callable[[Robot, str, str], Awaitable[int | None]] | None = None
     broken_topics: set[str] = field(default_factory=set)
     silent: bool = False
+    id: str = "r1"
 
     def cut(self, device: str) -> None:
         """The device loses its power; its driver runs on, mute."""
@@ -130,12 +131,12 @@ class Robot:
             sentences, now_ns = tuple(self.sentences()), CLOCK.now_ns()
             since = (now_ns,) * len(sentences)  # it knows what is so now, and rests on nothing older
             batch = Batch(sentences, source="test robot", time_ns=now_ns, since=since)
-            await self.robots.observe("r1", batch)
+            await self.robots.observe(self.id, batch)
 
     async def settled(self) -> None:
         """Wait until the service has diagnosed the robot as it is now."""
         await self.report()
-        await self.robots.diagnosed("r1")
+        await self.robots.diagnosed(self.id)
 
     async def report_for_ever(self) -> None:
         while True:
@@ -144,7 +145,7 @@ class Robot:
 
     async def act_for_ever(self) -> None:
         while True:
-            action = await self.repairs.orders("r1", host=None, wait_s=5.0)
+            action = await self.repairs.orders(self.id, host=None, wait_s=5.0)
             if action is None:
                 continue
             parameter = action["parameters"][0]
@@ -206,11 +207,13 @@ async def nothing_begins(runtime: Runtime, for_s: float = 0.5) -> None:
         await asyncio.sleep(0.05)
 
 
-async def the_repair(runtime: Runtime, *, ended: bool = True, timeout_s: float = 60.0) -> dict[str, Any]:
+async def the_repair(
+    runtime: Runtime, robot: str = "r1", *, ended: bool = True, timeout_s: float = 60.0
+) -> dict[str, Any]:
     """Return the robot's latest repair, once it has ended (or awaits approval)."""
     async with asyncio.timeout(timeout_s):
         while True:
-            repairs = await runtime.repairs.repairs("r1", before=None, limit=1)
+            repairs = await runtime.repairs.repairs(robot, before=None, limit=1)
             if repairs:
                 repair = dict(repairs[0])
                 if (repair["finished_ns"] is not None) if ended else repair["state"] == "awaiting-approval":

@@ -63,6 +63,9 @@ def of_faults(scores: Sequence[Score]) -> list[Figure]:
             lambda s: s.escalated and s.cause_named,
         ),
         _share("false_repaired", "called repaired that were not", scores, lambda s: bool(s.false_repaired)),
+        _share(
+            "contradicted", "repairs' words against their records", scores, lambda s: bool(s.contradicted)
+        ),
         _share("right", "ended right", scores, lambda s: s.right),
         _ratio("wrong_acts", "wrong acts, of all acts", scores),
         _share("trials_wrong", "trials with a wrong act", scores, lambda s: bool(s.wrong)),

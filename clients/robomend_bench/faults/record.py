@@ -92,6 +92,7 @@ class Record:
     silences: list[tuple[str, float, float]] = field(default_factory=list)  # topic, last message, the next
     notes: list[tuple[float, str]] = field(default_factory=list)
     account: list[str] = field(default_factory=list)  # the service's own, of its repairs, if it was asked
+    contradictions: list[str] = field(default_factory=list)  # of repairs' reasons and their records
     late_s: float = 0.0  # how late the bench was at most, since the trial began
     starved_s: float = 0.0  # for how much of half a second the service was kept from the processor, at most
     end_s: float = 0.0

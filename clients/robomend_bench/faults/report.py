@@ -75,6 +75,7 @@ class Report:
         if self.points is not None:
             yield from ("", f"Points, faults and stretches alike: **{self.points:.3f}** of 1.")
         yield from self._listed("Called repaired that were not", lambda s: s.false_repaired)
+        yield from self._listed("Words against the record", lambda s: s.contradicted)
         yield from self._listed("Wrong acts", lambda s: s.wrong if s.group != "healthy" else [])
         yield from self._listed("Needless acts", lambda s: s.wrong if s.group == "healthy" else [])
         yield from self._ended_wrong()

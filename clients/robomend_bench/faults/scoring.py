@@ -39,6 +39,7 @@ class Score:
     escalated: bool | None = None
     cause_named: bool | None = None
     false_repaired: list[str] = field(default_factory=list)
+    contradicted: list[str] = field(default_factory=list)
     acts: int = 0
     wrong: list[str] = field(default_factory=list)
     best_acts: int | None = None
@@ -184,6 +185,7 @@ class _Scoring:
         truth = record.state_at(record.end_s)
         healed = not abnormal(self.anatomy, truth)
         last = record.repairs[-1] if record.repairs else None
+        found.contradicted = list(record.contradictions)
         found.false_repaired = [
             f"{seen.at_s:.2f} s: {', '.join(wrong)} still wrong"
             for seen in record.repairs

@@ -1,6 +1,7 @@
 """Scripted stand-ins for the service, on a clock of their own: what can be reached, and what idling gets.
 
     perfect   does what the cheapest policy does, as soon as the observers have told it all
+    sighted   the same, but that an act was in vain it knows when it could be seen, and no sooner
     idle      does nothing
 
 They see what the service would: literals of the real observers, fed by the same simulated robots. They make
@@ -26,12 +27,13 @@ STEP_S = 0.01
 BEFORE_S = 4.0
 """The robot runs so long before its fault, that every observer has its verdict."""
 
-STANDINS = ("perfect", "idle")
+STANDINS = ("perfect", "sighted", "idle")
 
 
 def play_with(standin: str, trial: Trial, terms: Terms) -> Record:
     """Play a trial with a stand-in; stretches are undisturbed."""
-    return _Play(find_robot(trial.robot), trial, terms, _Perfect if standin == "perfect" else _Idle).run()
+    agents = dict(zip(STANDINS, (_Perfect, _Sighted, _Idle), strict=True))
+    return _Play(find_robot(trial.robot), trial, terms, agents[standin]).run()
 
 
 class _Play:
@@ -231,3 +233,29 @@ class _Perfect(_Idle):
         plan = tuple(map(str, self._plan))
         seen = RepairSeen(self.play.now_s, self._id, state, self._bad, self._round, reason, plan)
         self.play.record.repairs.append(seen)
+
+
+class _Sighted(_Perfect):
+    """Knows how long each thing takes to the millisecond; that an act was in vain is seen after that."""
+
+    def _settled(self) -> bool:
+        if not super()._settled():
+            return False
+        return not abnormal(self.play.robot.anatomy, self.play.body.state) or self.play.now_s >= self._shows_s
+
+    @property
+    def _shows_s(self) -> float:
+        """When the silence of what was acted on says that it will not come: silence was awaited before."""
+        done = [(each.done_s, each.act) for each in self.play.record.acts if each.done_s is not None]
+        shows_s = (done_s + self._takes_s(act) for done_s, act in done)
+        return max(shows_s, default=0.0) + (self.play.terms.preset.silence_s if done else 0.0)
+
+    def _takes_s(self, act: Act) -> float:
+        """Return how long after its answer an act shows, if it helps."""
+        anatomy = self.play.robot.anatomy
+        if act.name == "start_node":
+            return self.play.scenario.slowness * anatomy.nodes[act.parameters[0]].warm_s
+        named = [
+            device for device in anatomy.devices.values() if {device.name, device.bus} & set(act.parameters)
+        ]
+        return max((device.boot_s for device in named), default=0.0)

@@ -17,9 +17,10 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from robomend_bench.faults.classes import Planted, Scenario, draw
+from robomend_bench.faults.consistency import contradictions
 from robomend_bench.faults.live import LiveRobot
 from robomend_bench.faults.observing import PRESETS, Preset
-from robomend_bench.faults.record import Record, Trial
+from robomend_bench.faults.record import ENDED, Record, Trial
 from robomend_bench.faults.robot import find_robot
 from robomend_bench.faults.stretches import STRETCH_BY_NAME, Stretch, boot
 from robomend_client.rest.asynchronous import AsyncClient
@@ -133,8 +134,7 @@ class _Play:
             else:
                 await self._break()
             live.record.end_s = live.at_s()
-            if self._terms.accounts:
-                await self._account()
+            await self._read_repairs()
             broken = [agent.broken for agent in live.agents if agent.broken]
             if broken:
                 live.record.error = f"the bench's agent has ended: {broken[0]}"
@@ -243,10 +243,15 @@ class _Play:
             enough_s += 5.0  # what starts slowly, or runs out, takes its time
         return quiet_s > enough_s
 
-    async def _account(self) -> None:
-        """Ask for the service's own account of each repair."""
-        for repair in dict.fromkeys(seen.id for seen in self._live.record.repairs):
-            self._live.record.account += (await self._client.repair(repair))["account"]
+    async def _read_repairs(self) -> None:
+        """Read each repair as a person would: what it says of itself, and whether that is what happened."""
+        record = self._live.record
+        for id in dict.fromkeys(seen.id for seen in record.repairs):
+            repair = await self._client.repair(id)
+            if repair["state"] in ENDED:
+                record.contradictions += (f"{id}: {why}" for why in contradictions(repair))
+            if self._terms.accounts:
+                record.account += repair["account"]
 
     async def _forget(self) -> None:
         """Take the robot away from the service, so that it does not care for what is no longer there."""

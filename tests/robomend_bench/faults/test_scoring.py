@@ -323,6 +323,16 @@ def test_the_perfect_stand_in_is_perfect(long: bool) -> None:
         assert found.cause_first or not found.told_apart, found
 
 
+def test_who_cannot_see_sooner_that_an_act_was_in_vain_does_the_same_and_takes_longer() -> None:
+    trials = [Trial(robot, "hung-device", 1, 1) for robot in ("base", "underwater", "arm")]
+    perfect, sighted = played("perfect", trials), played("sighted", trials)
+    assert [found.acts for found in perfect] == [found.acts for found in sighted]
+    assert all(found.right for found in sighted)
+    took = [(a.repaired_s or 0.0, b.repaired_s or 0.0) for a, b in zip(perfect, sighted, strict=True)]
+    assert all(a <= b for a, b in took)
+    assert any(a + 0.5 < b for a, b in took)  # a driver is restarted in vain before its device is cycled
+
+
 def test_idling_does_not_win() -> None:
     faults = played("idle", [trial for trial in drawn(20) if not BY_NAME[trial.cls].apart])
     assert not any(found.right for found in faults)
