@@ -253,6 +253,31 @@ def test_more_headers_than_anybody_needs_are_a_431(service: Service, path: bytes
     assert (status, body["code"]) == (431, "headers-too-large")
 
 
+def test_empty_lines_without_a_request_are_a_431(service: Service) -> None:
+    status, body = ask(service, b"\r\n" * 50_000)
+    assert (status, body["code"]) == (431, "headers-too-large")
+
+
+def test_an_answer_that_comes_after_the_end_is_no_fault_of_ours(
+    service: Service, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Whoever floods must not fill the log with tracebacks besides."""
+    with connect(service) as connection:
+        line = b"POST /api/v1/nothing HTTP/1.1\r\n" + HOST + b"Transfer-Encoding: chunked\r\n\r\n0\r\n"
+        connection.sendall(line + b"a: b\r\n" * 40_000)  # trailers; what is asked for is answered later
+        assert rest(connection).startswith(b"HTTP/1.1 4")
+    told = ""
+
+    def noted() -> bool:
+        nonlocal told
+        told += capfd.readouterr().out
+        return "/api/v1/nothing" in told
+
+    until(noted, "the request is not in the log")
+    assert "unforeseen" not in told
+    assert "Traceback" not in told
+
+
 def test_the_headers_of_requests_in_a_row_are_bounded_together(service: Service) -> None:
     one = b"GET /version-info HTTP/1.1\r\n" + HOST
     last = one + b"Connection: close\r\n\r\n"

@@ -65,9 +65,13 @@ class Transport:
     """A connection as answers see it: closing it lets the client read the answer first."""
 
     def __init__(self, transport: asyncio.Transport, protocol: Protocol) -> None:
-        self.write = transport.write
         self._transport = transport
         self._protocol = weakref.ref(protocol)  # no circle: what a connection held is free when it is gone
+
+    def write(self, data: bytes) -> None:
+        """Send; nothing where the connection has ended, or is about to."""
+        if not self.is_closing():
+            self._transport.write(data)
 
     def close(self) -> None:
         """End the connection, now or when the client has stopped sending."""
@@ -135,7 +139,13 @@ class Protocol(HttpToolsProtocol):
         self._began = int(self._receiving)
         before = self._body if self._receiving else 0
         super().data_received(data)
-        if self.ending or not self._receiving:
+        if self.ending:
+            return
+        if not self._receiving:
+            if not self._began:  # empty lines before a request
+                self._overhead += len(data)
+                if self._overhead > self.max_head_bytes:
+                    self._refuse(self._too_large())
             return
         if self._plain is not None:
             if self._timer is None:

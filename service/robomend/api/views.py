@@ -8,6 +8,7 @@ from typing import Any
 
 from starlette.responses import Response
 
+from robomend.api.long_json import page_text
 from robomend.api.schemas.diagnosis import ProbeOut, ProbesOut
 from robomend.api.schemas.drill import DrillOut
 from robomend.api.schemas.models import FiveKeyOut, ModelOut, VersionOut
@@ -16,11 +17,10 @@ from robomend.api.schemas.repair import BoardOut, ChannelOut
 from robomend.api.schemas.robots import AgentOut, DiagnosisOptionsBody, RobotBody, RobotLine, RobotOut
 from robomend.api.schemas.session import SessionOut
 from robomend.diagnosis.probes import ProbeResult
-from robomend.diagnosis.result import DiagnosisResult, Options
+from robomend.diagnosis.result import Options
 from robomend.model.five_key import FiveKey
 from robomend.model.system import System
 from robomend.moments import rfc3339, with_texts
-from robomend.oneshots.result_json import result_json
 from robomend.repairs.repair_json import repair_json
 from robomend.robots.batches import Acknowledged
 from robomend.robots.boards import WiredBoard
@@ -191,11 +191,6 @@ def diagnosis_response(state: Robot) -> Response:
     return Response(json.dumps(body), media_type="application/json", headers={"Cache-Control": "no-store"})
 
 
-def result_response(result: DiagnosisResult) -> Response:
-    """Return an engine's answer as it is; ResultOut only describes it."""
-    return Response(json.dumps(result_json(result)), media_type="application/json")
-
-
 def probes_out(revision: int, found: ProbeResult) -> ProbesOut:
     """Return the probes with the diagnoses that they tell apart."""
     return ProbesOut(
@@ -263,27 +258,27 @@ def _as_it_is(value: Any) -> Any:
     return value
 
 
-async def history_json(store: Store, robot: str, kind: str, paging: Paging) -> dict[str, Any]:
+async def history_text(store: Store, robot: str, kind: str, paging: Paging) -> bytes:
     """Return a page of one kind of a robot's history, newest first; NotFound if there is no such robot.
 
     HistoryLine only describes it.
     """
 
-    def look(view: View) -> tuple[list[dict[str, Any]], str | None]:
+    def look(view: View) -> bytes:
         robots.get(view, robot)
         if kind == "diagnosis":
             found = diagnoses.page(view, robot, paging)
             times = [item.time_ns for item in found.items]
             drilled = drills.between(view, robot, min(times), max(times)) if times else ()
-            return [_diagnosis_line(item, drilled) for item in found.items], found.next
+            return page_text((_diagnosis_line(item, drilled) for item in found.items), found.next)
         if kind == "repair":
             begun = repairs.page(view, robot, paging)
-            return [_repair_line(item, repairs.steps(view, item.id)) for item in begun.items], begun.next
+            lines = (_repair_line(item, repairs.steps(view, item.id)) for item in begun.items)
+            return page_text(lines, begun.next)
         batches = observations.history(view, robot, paging)
-        return [_batch_line(item) for item in batches.items], batches.next
+        return page_text(map(_batch_line, batches.items), batches.next)
 
-    items, following = await store.read(look)
-    return {"items": items, "next": following}
+    return await store.read(look)
 
 
 def _diagnosis_line(item: StoredDiagnosis, drilled: Sequence[StoredDrill]) -> dict[str, Any]:

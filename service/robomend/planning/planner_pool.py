@@ -36,6 +36,9 @@ MEMORY_BYTES = 4 << 30
 """Address space, of which a planner touches about 60 MB."""
 
 
+LARGE = 500
+"""Components, from which on it takes milliseconds to choose: it is done in a thread."""
+
 EVERYDAY = (DEFAULT, FALLBACK)
 """Planners that a service is asked for."""
 
@@ -171,9 +174,11 @@ class _Attempts:
 
 async def advise(pool: PlannerPool, situation: Situation, options: PlanOptions) -> Choice:
     """Plan for the leading diagnoses in a worker and choose."""
-    wanted = [one.bad for one in situation.wanted]
+    large = len(situation.result.components) > LARGE
+    found = await asyncio.to_thread(lambda: situation.wanted) if large else situation.wanted
+    wanted = [one.bad for one in found]
     plans = await pool.plans(situation.model, situation.observed, wanted, options) if wanted else []
-    return situation.decide(plans)
+    return await asyncio.to_thread(situation.decide, plans) if large else situation.decide(plans)
 
 
 def advise_now(pool: PlannerPool, situation: Situation, options: PlanOptions) -> Choice:

@@ -121,7 +121,7 @@ def _unobserved(state: Robot) -> Iterator[str]:
 
 def _observed(config: RobotConfig, state: Robot) -> frozenset[Atom]:
     found: set[Atom] = set()
-    for sentence in config.observed:
+    for sentence in dict.fromkeys(config.observed):
         try:
             found.update(literal.atom for literal in parse(sentence, state.system.vocabulary))
         except RobomendError:  # a name that the model has lost: the check of names says so

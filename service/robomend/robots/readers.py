@@ -114,9 +114,11 @@ class Readers:
         if self._at_once and len(source) <= SHORT_MODEL and not QUANTIFIER.search(source):
             return read_model(source, name, format, self._limits)
         async with self._turn(guest):
-            return await self.pool.run(
+            system = await self.pool.run(
                 read_model, source, name, format, self._limits, timeout_s=self._settings.reading_timeout_s
             )
+        await asyncio.to_thread(system.vocabulary.prepare)
+        return system
 
     async def assertion(
         self,

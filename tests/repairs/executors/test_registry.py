@@ -74,6 +74,7 @@ def test_a_board_carries_out_nothing_but_power() -> None:
     [
         (by("process"), "the service's settings name no program 'reset_usb' \\(programs: usb-reset\\)"),
         (by("process", program="rm"), "name no program 'rm'"),
+        (by("process", program="usb-reset", arguments=["--exec=sh"]), "takes `program`, .* and nothing else"),
         (by("webhook"), "a webhook needs url and secret"),
         (by("webhook", url="https://h", secret="s", method="GET"), "a webhook needs url and secret"),
         (by("webhook", url="file:///etc/passwd", secret="s"), "is no http or https address"),

@@ -5,17 +5,18 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 from fastapi import APIRouter, Query
-from starlette.responses import JSONResponse
+from starlette.responses import Response
 
 from robomend.api.deps import PartsDep, RobotPath, SpanDep
 from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
+from robomend.api.long_json import page_text, response_of
 from robomend.api.schemas.audit import AuditOut
 from robomend.api.schemas.base import NAME, Items
 from robomend.api.schemas.history import HistoryLine
-from robomend.api.views import audit_json, history_json
+from robomend.api.views import audit_json, history_text
 from robomend.security import API
-from robomend.store import audit
+from robomend.store import View, audit
 
 router = APIRouter(prefix=API, tags=["history"], route_class=GuardedRoute)
 
@@ -26,9 +27,9 @@ async def get_history(
     parts: PartsDep,
     paging: SpanDep,
     kind: Literal["observations", "diagnosis", "repair"] = "observations",
-) -> JSONResponse:
+) -> Response:
     """Return accepted batches, diagnoses or repairs over time, newest first."""
-    return JSONResponse(await history_json(parts.store, robot, kind, paging))
+    return response_of(await history_text(parts.store, robot, kind, paging))
 
 
 @router.get("/audit", response_model=Items[AuditOut], responses=problems())
@@ -40,7 +41,11 @@ async def get_audit(
     action: Annotated[
         str | None, Query(max_length=100, description="what was done", examples=["robot.put"])
     ] = None,
-) -> JSONResponse:
+) -> Response:
     """Return the audit log, newest first, of everything or of one robot, actor or action."""
-    page = await parts.store.read(audit.page, paging, robot=robot, actor=actor, action=action)
-    return JSONResponse({"items": [audit_json(entry) for entry in page.items], "next": page.next})
+
+    def look(view: View) -> bytes:
+        page = audit.page(view, paging, robot=robot, actor=actor, action=action)
+        return page_text(map(audit_json, page.items), page.next)
+
+    return response_of(await parts.store.read(look))

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from fastapi import APIRouter, Response
-from starlette.responses import JSONResponse
 
 from robomend.api.deps import PartsDep
 from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
+from robomend.api.long_json import result_response, value_response
 from robomend.api.schemas.diagnosis import AskBody, ResultOut
 from robomend.api.schemas.plans import ChoiceOut
 from robomend.api.schemas.repair import OneShotPlanBody
-from robomend.api.views import engine_options, result_response
+from robomend.api.views import engine_options
 from robomend.oneshots.plan_json import choice_json
 from robomend.security import API
 
@@ -24,11 +24,11 @@ async def diagnose(body: AskBody, parts: PartsDep) -> Response:
     subject = await parts.robots.models.subject(body.model, body.source)
     asked = await parts.robots.models.question(subject, body.observations)
     options = engine_options(body.options, parts.settings, healthy=body.healthy, abnormal=body.abnormal)
-    return result_response(await parts.one_shots.diagnose(subject, asked, body.options.engine, options))
+    return await result_response(await parts.one_shots.diagnose(subject, asked, body.options.engine, options))
 
 
 @router.post("/plans", response_model=ChoiceOut, responses=problems(404, body=True))
-async def plan(body: OneShotPlanBody, parts: PartsDep) -> JSONResponse:
+async def plan(body: OneShotPlanBody, parts: PartsDep) -> Response:
     """Choose and plan a repair over a model and observations, or plan for the components `bad`."""
     subject = await parts.robots.models.subject(body.model, body.source)
     asked = await parts.robots.models.question(subject, body.observations)
@@ -41,4 +41,5 @@ async def plan(body: OneShotPlanBody, parts: PartsDep) -> JSONResponse:
         timeout_s=body.timeout_s,
         pddl=body.pddl,
     )
-    return JSONResponse(choice_json(choice, subject.system.cnf.components))
+    components = subject.system.cnf.components
+    return await value_response(choice_json(choice, components), len(components))

@@ -8,11 +8,12 @@ from __future__ import annotations
 from typing import Annotated
 
 from fastapi import APIRouter, Query
-from starlette.responses import JSONResponse
+from starlette.responses import JSONResponse, Response
 
 from robomend.api.deps import PartsDep, PrincipalDep, RepairPath, RobotPath, SpanDep
 from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
+from robomend.api.long_json import page_text, response_of
 from robomend.api.schemas.base import Items
 from robomend.api.schemas.repair import DecisionBody, RepairBody
 from robomend.api.schemas.repair_record import RepairOut
@@ -63,15 +64,15 @@ async def list_all_repairs(
     paging: SpanDep,
     state: RepairState | None = None,
     open_only: Annotated[bool, Query(alias="open", description="only those that have not ended")] = False,
-) -> JSONResponse:
+) -> Response:
     """List the repairs of all robots, newest first; of one state, or begun in a span of time."""
 
-    def look(view: View) -> dict[str, object]:
+    def look(view: View) -> bytes:
         found = repairs.page(view, None, paging, open_only=open_only, state=state)
-        items = [with_texts(repair_json(one, repairs.steps(view, one.id))) for one in found.items]
-        return {"items": items, "next": found.next}
+        items = (with_texts(repair_json(one, repairs.steps(view, one.id))) for one in found.items)
+        return page_text(items, found.next)
 
-    return JSONResponse(await parts.store.read(look))
+    return response_of(await parts.store.read(look))
 
 
 @router.get("/repairs/{repair}", response_model=RepairOut, responses=problems(404))

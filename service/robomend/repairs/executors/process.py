@@ -44,6 +44,11 @@ GRACE_S = 0.5
 
 def make(action: str, options: Mapping[str, Any], around: Surroundings) -> Executor:
     """Return the program of the service's settings that the options name (see registry.MakeExecutor)."""
+    if options.keys() - {"program"}:
+        raise InputError(
+            f"actions.{action}: a program's executor takes `program`, a name in the service's settings, and "
+            "nothing else: its arguments are in the settings, too"
+        )
     name = options.get("program", action)
     if not isinstance(name, str) or name not in around.programs:
         known = ", ".join(sorted(around.programs)) or "none"

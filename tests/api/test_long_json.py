@@ -1,0 +1,70 @@
+"""Answers that may be long are written beside the event loop, and say the same."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+import pytest
+from tests.api.conftest import TEDUSAR, Service
+
+from robomend.api import long_json
+
+
+@pytest.fixture
+def writers(monkeypatch: pytest.MonkeyPatch) -> set[threading.Thread]:
+    """The threads that have written JSON."""
+    found: set[threading.Thread] = set()
+
+    def noted(function: Any) -> Any:
+        def wrapper(value: Any) -> Any:
+            found.add(threading.current_thread())
+            return function(value)
+
+        return wrapper
+
+    for name in ("_text", "_long_result"):
+        monkeypatch.setattr(long_json, name, noted(getattr(long_json, name)))
+    return found
+
+
+async def this_thread() -> threading.Thread:
+    return threading.current_thread()
+
+
+PAGES = ("/robots/long/history", "/robots/long/history?kind=diagnosis", "/audit", "/repairs")
+
+
+def test_pages_of_lists_are_written_where_they_are_read(
+    service: Service, writers: set[threading.Thread]
+) -> None:
+    service.with_robot("long")
+    service.observe("not ok(scan)", robot="long")
+    loop = service.run(this_thread())
+    for path in PAGES:
+        writers.clear()
+        assert service.api("GET", path).json().keys() == {"items", "next"}
+        assert writers
+        assert loop not in writers
+
+
+@pytest.mark.parametrize("path", ["/diagnoses", "/plans"])
+def test_a_long_result_says_the_same_as_a_short_one(
+    service: Service, monkeypatch: pytest.MonkeyPatch, writers: set[threading.Thread], path: str
+) -> None:
+    asked = {"source": TEDUSAR, "observations": ["not ok(scan)"]}
+    loop = service.run(this_thread())
+
+    def answer() -> Any:
+        value = service.api("POST", path, json=asked, timeout=60).json()
+        for each in (value, value.get("plan") or {}, *value.get("alternatives", ())):
+            each.pop("elapsed_s", None)
+        return value
+
+    short = answer()
+    assert writers == {loop}
+    writers.clear()
+    monkeypatch.setattr(long_json, "SHORT", 0)
+    assert answer() == short
+    assert writers
+    assert loop not in writers
