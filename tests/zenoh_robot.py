@@ -22,6 +22,22 @@ from tests.node_process import NodeProcess
 
 NODE = Path(__file__).parent / "zenoh_node.py"
 
+ROUTER = """
+import json, sys, zenoh
+listen, connect = sys.argv[1:3]
+config = zenoh.Config()
+config.insert_json5("mode", '"router"')
+config.insert_json5("scouting/multicast/enabled", "false")
+config.insert_json5("listen/endpoints", json.dumps([listen]))
+config.insert_json5("connect/endpoints", json.dumps([connect] if connect else []))
+config.insert_json5("transport/link/tx/lease", "2000")
+config.insert_json5("adminspace/enabled", "true")
+with zenoh.open(config):
+    for line in sys.stdin:
+        print('{"answer": null}', flush=True)
+"""
+"""In a process of its own. Whoever does not hear it takes it for lost after 2 s, not after 10."""
+
 
 def open_session(mode: str, **endpoints: str) -> Any:
     """Open a session that looks nowhere but where it is told to."""

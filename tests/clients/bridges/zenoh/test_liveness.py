@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import signal
+import sys
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
 
+from tests.clients.bridges.hearing import hearing as any_hearing
 from tests.clients.bridges.zenoh.listening import hearing
-from tests.zenoh_robot import ZenohRobot
+from tests.node_process import NodeProcess
+from tests.zenoh_robot import NODE, ROUTER, ZenohRobot
 
 
 def test_nodes_that_begin_end_freeze_and_are_killed(zenoh_robot: ZenohRobot) -> None:
@@ -57,6 +64,37 @@ def test_a_router_that_goes_stops_no_node_and_nobody_at_all_says_nothing_of_any(
             assert all(table["laser"] for table in heard.values["nodes"][:tables])
 
     asyncio.run(test())
+
+
+def test_a_router_that_is_frozen_or_killed_hides_no_node_that_ends(tmp_path: Path) -> None:
+    async def test(where: str, nodes: Mapping[str, NodeProcess]) -> None:
+        keys = f"connect: ['{where}']\nname: robomend_test\ndiscovery_s: 0.5\n"
+        async with any_hearing(tmp_path, "zenoh", keys, "nodes", "scan") as heard:
+            await heard.runs({"laser": True, "mapper": True, "camera": True})
+            await heard.more("scan")
+            nodes["router"].signal(signal.SIGSTOP)
+            nodes["laser"].kill()
+            await heard.runs({"laser": False, "mapper": True, "camera": True})
+            await heard.more("scan")
+            nodes["router"].kill()
+            nodes["mapper"].kill()
+            await heard.runs({"mapper": False, "camera": True})
+            await heard.more("scan")
+            assert not any(table.get("camera", True) is False for table in heard.values["nodes"])
+
+    with tempfile.TemporaryDirectory(prefix="zenoh-") as sockets:
+        where = f"unixsock-stream/{sockets}/router"
+        nodes: dict[str, NodeProcess] = {}
+        try:
+            for name in ("router", "laser", "mapper", "camera"):
+                inside = ["-c", ROUTER, where, ""] if name == "router" else [str(NODE), where]
+                nodes[name] = NodeProcess(name, [sys.executable, *inside], os.environ, tmp_path)
+                nodes[name].do("nothing")
+            nodes["camera"].do("publish", topic="/scan", type="std_msgs/String", rate=10)
+            asyncio.run(test(where, nodes))
+        finally:
+            for process in reversed(nodes.values()):
+                process.close()
 
 
 def test_without_a_router_no_node_is_said_not_to_run(zenoh_robot: ZenohRobot) -> None:

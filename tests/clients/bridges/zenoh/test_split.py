@@ -11,23 +11,7 @@ from pathlib import Path
 from tests.clients.bridges.hearing import hearing
 from tests.node_process import NodeProcess
 from tests.other_computer import OtherComputer, other_computer
-from tests.zenoh_robot import NODE
-
-ROUTER = """
-import json, sys, zenoh
-listen, connect = sys.argv[1:3]
-config = zenoh.Config()
-config.insert_json5("mode", '"router"')
-config.insert_json5("scouting/multicast/enabled", "false")
-config.insert_json5("listen/endpoints", json.dumps([listen]))
-config.insert_json5("connect/endpoints", json.dumps([connect] if connect else []))
-config.insert_json5("transport/link/tx/lease", "2000")
-config.insert_json5("adminspace/enabled", "true")
-with zenoh.open(config):
-    for line in sys.stdin:
-        print('{"answer": null}', flush=True)
-"""
-"""Whoever does not hear it takes it for lost after 2 s, not after 10."""
+from tests.zenoh_robot import NODE, ROUTER
 
 
 def test_of_the_nodes_behind_a_split_network_it_is_unknown_whether_they_run_until_it_is_whole_again(
