@@ -75,6 +75,33 @@ def test_a_page_waits_while_a_batch_is_under_way_and_goes_on_after_it(
     assert log[:5] == ["asked 2", "asked 1", "asked 1", "asked 0", "page"]
 
 
+def test_of_many_pages_that_ask_together_a_few_come_at_once_and_the_others_apart(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    now_s = 100.0
+    waited: list[float] = []
+
+    async def sleep(seconds: float) -> None:
+        if seconds > 1e-6:
+            waited.append(seconds)
+
+    async def ask(turns: PageTurns, pages: int) -> list[float]:
+        waited.clear()
+        for _ in range(pages):
+            await turns.apart()
+        return [round(one / page_turns.APART_S, 3) for one in waited]
+
+    monkeypatch.setattr(time, "monotonic", lambda: now_s)
+    monkeypatch.setattr(asyncio, "sleep", sleep)
+    turns, few = PageTurns(lambda: 0), page_turns.AT_ONCE
+    assert asyncio.run(ask(turns, few)) == []
+    assert asyncio.run(ask(turns, 3)) == [1, 2, 3]
+    now_s += 60  # a quiet while
+    assert asyncio.run(ask(turns, few + 1)) == [1]
+    asyncio.run(ask(turns, 1000))
+    assert max(waited) < page_turns.LONGEST_S
+
+
 def test_a_page_comes_however_busy_robots_are(monkeypatch: pytest.MonkeyPatch) -> None:
     # The clock ticks with each look at it, so that nothing here depends on how fast the machine is.
     ticks = count()

@@ -61,6 +61,9 @@ class PageRoute(GuardedRoute):
         handle = super().get_route_handler()
 
         async def shown(request: Request) -> Response:
+            if PARTS_HEADER in request.headers:
+                turns: PageTurns = request.app.state.turns
+                await turns.apart()
             try:
                 return await handle(request)
             except Problem as problem:

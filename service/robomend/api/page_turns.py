@@ -24,6 +24,14 @@ MOST_S = 0.04
 
 PAUSE_S = 0.001
 
+AT_ONCE = 5
+"""Pages that follow an event are made at once; of more that ask together, one each `APART_S`."""
+
+APART_S = 0.03
+
+LONGEST_S = 1.0
+"""Nobody waits longer for a place, however many ask."""
+
 STEPS = 2
 """Rounds of the event loop from the first byte of a batch until it is counted."""
 
@@ -67,6 +75,17 @@ class PageTurns:
         """`under_way` counts the batches that are being kept."""
         self._under_way = under_way
         self._one = asyncio.Lock()
+        self._next_s = 0.0
+
+    async def apart(self) -> None:
+        """Wait for a place, where many pages ask together: the first change of a fleet concerns all of them,
+        and fifty in one go are a third of a second in which each change of a robot is late.
+        """
+        now_s = time.monotonic()
+        self._next_s = min(max(now_s, self._next_s) + APART_S, now_s + LONGEST_S)
+        wait_s = self._next_s - now_s - AT_ONCE * APART_S
+        if wait_s > 0:
+            await asyncio.sleep(wait_s)
 
     async def others(self) -> None:
         """Let robots, and the pages before, go first."""
