@@ -18,7 +18,7 @@ from robomend.diagnosis.result import Minimal, Options
 from robomend.errors import ContradictoryModel, OptionRefused, UnknownComponent
 from robomend.model.cnf import HealthCnf
 from robomend_bench.generator import make_robot, observe
-from robomend_client.literals import Atom, Literal
+from robomend_client.literals import Atom, Literal, holds
 
 OURS = tuple(ENGINES.built_in)
 ALL = Options(limit=None, timeout_s=None)
@@ -188,6 +188,14 @@ def test_the_minimum_beside_what_is_supposed_of_a_circuit(name: str) -> None:
     least = min(map(len, explains))
     assert {frozenset(bad) for bad in found} == {bad for bad in explains if len(bad) == least}
     assert all(len(set(bad)) == len(bad) for bad in found)
+
+
+@pytest.mark.parametrize("name", ["sat", "maxsat", "cda_star"])
+def test_what_is_supposed_abnormal_may_be_too_many_by_itself(name: str) -> None:
+    cnf = model(2, [(-1, 3)], priors={"c1": 0.1, "c2": 0.2})
+    options = Options(order="probability", max_size=0, abnormal=frozenset({"c2"}))
+    result = make_engine(name, cnf).diagnose([holds("ok", "a1")], options)
+    assert (result.diagnoses, result.stopped_by) == ((), "size")
 
 
 @engines

@@ -5,10 +5,12 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.diagnosis.netlists import circuit
 from tests.diagnosis.systems import brute_force, model, systems
 
 from robomend.diagnosis.engines import make_engine
 from robomend.diagnosis.result import Options
+from robomend.diagnosis.snapshots import diagnose_snapshots
 from robomend.errors import ContradictoryModel
 from robomend.model.cnf import HealthCnf
 from robomend_client.literals import Literal, fails, holds
@@ -61,3 +63,39 @@ def test_a_check_refuses_a_literal_and_its_opposite_whatever_was_checked_before(
             engine.consistent([*seen, holds("nobody", "mentions"), fails("nobody", "mentions")])
         assert engine.consistent([*seen, holds("nobody", "mentions")])
     engine.close()
+
+
+def test_the_conflicts_are_the_same_in_either_order() -> None:
+    cnf = model(3, [(-1, -2, 4), (-3, 5)], atoms=2, priors={"c1": 0.1, "c2": 0.3, "c3": 0.2})
+    seen = [fails("ok", "a1"), fails("ok", "a2")]
+    engine = make_engine("sat", cnf)
+    by_size = engine.diagnose(seen)
+    by_probability = engine.diagnose(seen, Options(order="probability"))
+    assert {one.components for one in by_size.conflicts} == {("c1", "c2"), ("c3",)}
+    assert by_probability.conflicts == by_size.conflicts
+    assert [one.bad for one in by_probability.diagnoses] == [("c2", "c3"), ("c1", "c3")]
+
+
+def test_of_a_supposition_that_cannot_be_only_what_refutes_it_is_told() -> None:
+    cnf = model(2, [(-1, 3), (-2, 4)], atoms=2)
+    seen, supposed = [fails("ok", "a1"), fails("ok", "a2")], Options(healthy=frozenset({"c2"}))
+    for result in (
+        make_engine("sat", cnf).diagnose(seen, supposed),
+        diagnose_snapshots(cnf, [seen], supposed),
+    ):
+        assert (result.diagnoses, result.complete) == ((), True)
+        (conflict,) = result.conflicts
+        assert conflict.unmet in (None, fails("ok", "a2"))
+        assert conflict.text.startswith("a2 should be ok because c2 is ")
+
+
+def test_where_a_supposition_cannot_be_no_larger_diagnosis_is_promised() -> None:
+    cnf = circuit("c17").cnf
+    engine = make_engine("sat", cnf)
+    seen = [holds("v", "1"), holds("v", "3"), holds("v", "10")]  # 10 is their NAND
+    supposed = frozenset({"10"}), frozenset({"22"})
+    for size in (0, 1, None):
+        options = Options(minimal="cardinality", max_size=size, healthy=supposed[0], abnormal=supposed[1])
+        result = engine.diagnose(seen, options)
+        assert (result.diagnoses, result.stopped_by) == ((), None)
+    assert engine.diagnose(seen, Options(minimal="cardinality", max_size=0)).stopped_by == "size"

@@ -74,9 +74,13 @@ class ByConflicts:
             return
         masks = [one.mask for one in derived]
         if 0 in masks:
+            answer.minimal = [0]
             raise NoDiagnosis
-        groups = [minimal(group) for group in independent(masks)]
-        answer.minimal = [mask for group in groups for mask in group]
+        groups = independent(masks)
+        answer.minimal = masks
+        if len(groups) < len(masks):
+            groups = [minimal(group) for group in groups]
+            answer.minimal = [mask for group in groups for mask in group]
         if len(groups) == len(answer.minimal) and self._few(answer, options):
             found = one_of_each(answer.minimal)
             answer.count = len(found)
@@ -150,7 +154,7 @@ class ByConflicts:
         if derived is None:
             find_conflict = self._conflict_finder(observed, what_if, answer, widest=len(self._cnf.components))
         else:
-            masks = minimal([one.mask for one in derived])
+            masks = answer.minimal = minimal([one.mask for one in derived])
             if 0 in masks:
                 raise NoDiagnosis
 

@@ -57,8 +57,11 @@ class BySolver:
         assumptions = [*observed.numbers, *what_if.numbers]
         forced = len(what_if.abnormal)
         room = None if options.max_size is None else options.max_size - forced
-        if room is not None and room < 0:
-            raise MinimumTooLarge
+        if room is not None:
+            if not known and not self._consistency.any_more(assumptions, known):
+                raise NoDiagnosis  # nor are there larger ones
+            if room < 0:
+                raise MinimumTooLarge
         minima = self._guided.minimum(
             assumptions, max(0, size - forced), room, what_if.healthy | what_if.abnormal
         )

@@ -80,7 +80,7 @@ class MaxSatEngine(BaseEngine):
                 answer.modes[bad] = self._consistency.modes_of(bad, model)
                 answer.add(bad)
             if not abnormal:
-                return
+                break
             rc2.add_clause(abnormal)
         if least is None:
             raise NoDiagnosis
