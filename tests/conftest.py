@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import gc
+import importlib
+from collections.abc import Iterator
+from importlib.util import find_spec
 
 import pytest
 from hypothesis import HealthCheck, settings
+from tests.forked import at_once
 from tests.order import dealt
 
 # The machine may be busy: no test is judged by its time, pytest-timeout ends what hangs.
@@ -56,3 +60,12 @@ def long(request: pytest.FixtureRequest) -> bool:
 @pytest.fixture(scope="session")
 def anyio_backend() -> str:
     return "asyncio"
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _workers_begin_at_once() -> Iterator[None]:
+    """The workers of services in this process are forked from one that has loaded the planners."""
+    with pytest.MonkeyPatch.context() as patch:
+        if find_spec("robomend") is not None:  # the client is tested without it
+            at_once(patch, importlib.import_module("robomend.workers.process"))
+        yield

@@ -5,6 +5,9 @@ imports it once, has a single thread, and forks whoever is asked for: each with 
 and output of its own, and its own end. How a program starts is tested with fresh interpreters, in
 tests/api/test_process.py; what a test puts on PYTHONPATH, and lines that coverage counts, need one as well.
 
+The workers of a service (robomend.workers) are such programs, too: to load the planners takes seconds, and
+each service begins with a worker that few tests need. tests/workers/ has fresh ones.
+
     process = popen([sys.executable, "-m", "robomend", "serve", …], stdout=subprocess.PIPE, text=True)
 """
 
@@ -13,6 +16,7 @@ from __future__ import annotations
 import array
 import atexit
 import contextlib
+import fcntl
 import gc
 import importlib
 import json
@@ -40,8 +44,11 @@ LOADED = ("robomend.cli.main", "robomend.cli.serve", "robomend.api.runtime", "ro
 NUMBER = struct.Struct("<i")
 ROOT = Path(__file__).parents[1]
 
-WORDS = {"stdin", "stdout", "stderr", "text", "cwd", "env", "start_new_session"}
+WORDS = {"stdin", "stdout", "stderr", "text", "cwd", "env", "start_new_session", "pass_fds", "process_group"}
 """The options of subprocess.Popen that are understood."""
+
+MOST_DESCRIPTORS = 8
+"""Of a process: its three streams, what is passed on, and what tells its end."""
 
 
 class Forked:
@@ -52,6 +59,10 @@ class Forked:
         self.returncode: int | None = None
         self.stdout = stdout
         self._ends = ends
+        self._lock = threading.Lock()  # the pool of workers looks from several threads
+
+    def __del__(self) -> None:
+        os.close(self._ends)
 
     def poll(self) -> int | None:
         """Return how it ended: the exit code, or minus the signal; None: it runs."""
@@ -69,9 +80,10 @@ class Forked:
 
     def _look(self, timeout_s: float | None) -> int | None:
         if self.returncode is None and select.select([self._ends], [], [], timeout_s)[0]:
-            told = os.read(self._ends, NUMBER.size)
-            self.returncode = NUMBER.unpack(told)[0] if told else -signal.SIGKILL
-            os.close(self._ends)
+            with self._lock:
+                if self.returncode is None:
+                    told = os.read(self._ends, NUMBER.size)
+                    self.returncode = NUMBER.unpack(told)[0] if told else -signal.SIGKILL
         return self.returncode
 
     def send_signal(self, number: int) -> None:
@@ -113,14 +125,18 @@ def popen(command: list[str], **options: Any) -> Any:
 
     out = descriptor("stdout", 1)
     error = out if options.get("stderr") == subprocess.STDOUT else descriptor("stderr", 2)
+    passed = [int(number) for number in options.get("pass_fds", ())]
     asked = {
         "command": [str(word) for word in command[1:]],
         "folder": str(options.get("cwd") or os.getcwd()),
         "environment": environment,
         "session": bool(options.get("start_new_session")),
+        "group": options.get("process_group") == 0,
+        "passed": passed,
+        "by": os.getpid(),
     }
     try:
-        pid, ends = _TEMPLATE.fork(asked, descriptor("stdin", 0), out, error)
+        pid, ends = _TEMPLATE.fork(asked, descriptor("stdin", 0), out, error, *passed)
     finally:
         for stream in streams:
             stream.close()
@@ -135,10 +151,11 @@ def at_once(monkeypatch: pytest.MonkeyPatch, module: types.ModuleType) -> None:
 
 
 class _Template:
-    """The template, from outside; started when it is first needed."""
+    """The template, from outside; started when it is first needed, unless it is there: at an address."""
 
-    def __init__(self) -> None:
+    def __init__(self, address: str | None = None) -> None:
         self.path = os.environ.get("PYTHONPATH")
+        self._address = address
         self._socket: socket.socket | None = None
         self._lock = threading.Lock()
 
@@ -161,6 +178,10 @@ class _Template:
         return NUMBER.unpack(told)[0], ends
 
     def _start(self) -> None:
+        if self._address is not None:
+            self._socket = socket.socket(socket.AF_UNIX)
+            self._socket.connect(self._address)
+            return
         self._socket, theirs = socket.socketpair()
         with theirs:
             subprocess.Popen(
@@ -190,53 +211,123 @@ def serve(control: socket.socket) -> None:
     signal.set_wakeup_fd(woken, warn_on_full_buffer=False)
     signal.signal(signal.SIGCHLD, lambda *_: None)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    ends: dict[int, int] = {}
-    told: list[socket.socket | int] = [control, wake]
+    template = _Serving(control)
     while True:
-        ready, _, _ = select.select(told, [], [])
+        waited_for: list[int | socket.socket] = [wake, template.listener, *template.asking]
+        ready, _, _ = select.select(waited_for, [], [])
         if wake in ready:
             os.read(wake, 1000)
-        while ends and (ended := os.waitpid(-1, os.WNOHANG))[0]:
+        template.reap()
+        if template.listener in ready:
+            template.asking.append(template.listener.accept()[0])
+        for asking in [one for one in template.asking if one in ready]:
+            asked, descriptors = _request(asking)
+            if asked is None:
+                if asking is control:
+                    template.end()
+                    return
+                template.asking.remove(asking)
+                asking.close()
+            else:
+                template.fork(asked, descriptors)
+
+
+class _Serving:
+    """What the template knows of those who ask, and of those it has forked."""
+
+    def __init__(self, control: socket.socket) -> None:
+        self.asking = [control]
+        self.address = f"\0robomend-tests-{os.getpid()}"  # in no folder: processes that it forked ask there
+        self.listener = socket.socket(socket.AF_UNIX)
+        self.listener.bind(self.address)
+        self.listener.listen(64)
+        self._ends: dict[int, int] = {}  # process -> where its end is told
+        self._workers: dict[int, int] = {}  # process -> the one that it works for
+        self._warm = False
+
+    def reap(self) -> None:
+        """Tell who has ended, and end who worked for them, as the kernel would."""
+        while self._ends and (ended := os.waitpid(-1, os.WNOHANG))[0]:
             pid, status = ended
-            end = ends.pop(pid)
+            end = self._ends.pop(pid)
             with contextlib.suppress(BrokenPipeError):  # nobody wants to know
                 os.write(end, NUMBER.pack(os.waitstatus_to_exitcode(status)))
             os.close(end)
-        if control not in ready:
-            continue
-        head, descriptors, _, _ = socket.recv_fds(control, NUMBER.size, 4)
-        if not head:
-            for pid in ends:
-                os.kill(pid, signal.SIGKILL)
-            return
-        text = b""
-        while len(text) < NUMBER.unpack(head)[0]:
-            text += control.recv(NUMBER.unpack(head)[0] - len(text))
+            self._workers.pop(pid, None)
+            for worker, by in self._workers.items():
+                if by == pid:
+                    os.kill(worker, signal.SIGKILL)
+
+    def end(self) -> None:
+        """Nobody needs anything any more."""
+        for pid in self._ends:
+            os.kill(pid, signal.SIGKILL)
+
+    def fork(self, asked: dict[str, Any], descriptors: list[int]) -> None:
+        """Fork a process; `descriptors` are its own, and the last one tells its end."""
+        if asked["passed"] and not self._warm:
+            importlib.import_module("robomend.planning.planner_pool").warm()
+            gc.freeze()
+            assert threading.active_count() == 1
+            self._warm = True
         pid = os.fork()
         if not pid:
-            for inherited in (control.detach(), wake, woken, *ends.values(), descriptors[3]):
-                os.close(inherited)
-            _become(json.loads(text), descriptors[:3])
-        os.write(descriptors[3], NUMBER.pack(pid))
-        ends[pid] = descriptors.pop()
+            for asking in (self.listener, *self.asking):
+                asking.detach()
+            _become(asked, descriptors[:-1], self.address)
+        with contextlib.suppress(BrokenPipeError):  # whoever asked was killed meanwhile
+            os.write(descriptors[-1], NUMBER.pack(pid))
+        self._ends[pid] = descriptors.pop()
+        if asked["passed"]:
+            self._workers[pid] = asked["by"]
         for descriptor in descriptors:
             os.close(descriptor)
 
 
-def _become(asked: dict[str, Any], descriptors: list[int]) -> NoReturn:
+def _request(asking: socket.socket) -> tuple[dict[str, Any] | None, list[int]]:
+    """Return what is asked, and the descriptors with it; None: nobody asks any more."""
+    head, descriptors, _, _ = socket.recv_fds(asking, NUMBER.size, MOST_DESCRIPTORS)
+    text = b""
+    while head and len(text) < NUMBER.unpack(head)[0]:
+        more = asking.recv(NUMBER.unpack(head)[0] - len(text))
+        if not more:  # killed in the middle of asking
+            break
+        text += more
+    if head and text:
+        with contextlib.suppress(json.JSONDecodeError):
+            return json.loads(text), descriptors
+    for descriptor in descriptors:
+        os.close(descriptor)
+    return None, []
+
+
+def _become(asked: dict[str, Any], descriptors: list[int], template: str) -> NoReturn:
     """Be the program that was asked for, until its end."""
     signal.set_wakeup_fd(-1)
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)
     signal.signal(signal.SIGINT, signal.default_int_handler)
     if asked["session"]:
         os.setsid()
-    for number, descriptor in enumerate(descriptors):
+    if asked["group"]:
+        os.setpgid(0, 0)
+    numbers = (0, 1, 2, *asked["passed"])
+    aside = [fcntl.fcntl(number, fcntl.F_DUPFD, max(numbers) + 1) for number in descriptors]
+    for number, descriptor in zip(numbers, aside, strict=True):
         os.dup2(descriptor, number)
-        os.close(descriptor)
+    for number in map(int, os.listdir("/proc/self/fd")):
+        if number not in numbers:
+            with contextlib.suppress(OSError):  # the list's own
+                os.close(number)
     os.chdir(asked["folder"])
     os.environ.clear()
     os.environ.update(asked["environment"])
     time.tzset()
+    global _TEMPLATE
+    _TEMPLATE = _Template(template)
+    workers = importlib.import_module("robomend.workers.process")
+    vars(workers)["subprocess"] = types.SimpleNamespace(**{**vars(subprocess), "Popen": popen})
+    if asked["passed"]:  # a worker looks whether whoever asked for it is its parent; `reap` sees to that
+        vars(os)["getppid"] = lambda: asked["by"]
     sys.stdin, sys.stdout, sys.stderr = (
         os.fdopen(number, how, closefd=False, buffering=1) for number, how in enumerate("rww")
     )

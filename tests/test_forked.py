@@ -5,11 +5,17 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.clients.running_agent import alive
 from tests.forked import Forked, popen
+from tests.waiting import until
+
+from robomend.errors import WorkerTimeout
+from robomend.workers.pool import WorkerPool
 
 
 def forked(code: str, *arguments: str, **options: Any) -> Forked:
@@ -70,3 +76,38 @@ def test_what_is_on_another_path_is_a_fresh_interpreter(
     process = popen([sys.executable, "-c", "import elsewhere"])
     assert isinstance(process, subprocess.Popen)
     assert process.wait(60) == 0
+
+
+WORKS = """
+import os, sys, time
+from robomend.workers.pool import WorkerPool
+pool = WorkerPool("tests", size=1, spare=0)
+print(pool.call(os.getpid), pool.call(os.getpgrp), pool.call(time.sleep, 0), flush=True)
+sys.stdin.read()
+"""
+
+
+def test_the_worker_of_a_forked_process_is_forked_and_ends_with_it() -> None:
+    read, write = os.pipe()
+    with os.fdopen(read) as stdin, os.fdopen(write, "w"):
+        process = forked(WORKS, stdin=stdin)
+        assert process.stdout is not None
+        worker, group, _ = process.stdout.readline().split()
+        assert worker == group, "killed with what it started"
+        status = dict(line.split(":", 1) for line in Path(f"/proc/{worker}/status").read_text().splitlines())
+        assert int(status["PPid"]) not in (process.pid, os.getpid()), "it is the template's child"
+        process.kill()
+        assert process.wait(60) == -9
+    until(lambda: not alive(int(worker)), "its worker has ended")
+
+
+def test_workers_of_this_process_are_killed_in_the_middle_of_a_call() -> None:
+    pool = WorkerPool("tests", size=1, spare=0)
+    try:
+        first = pool.call(os.getpid)
+        with pytest.raises(WorkerTimeout):
+            pool.call(time.sleep, 1000, timeout_s=0.01)
+        until(lambda: not alive(first), "it was killed")
+        assert pool.call(os.getpid) != first
+    finally:
+        pool.close()

@@ -19,6 +19,7 @@ from tests.api.test_process import served
 from tests.blocks import BLOCKS, Block
 from tests.ros1 import RosMaster, ros1
 from tests.test_blocks import SERVICE
+from tests.waiting import LOOK_S
 from tests.waiting import until as wait_until
 
 from robomend.repairs.states import RepairState
@@ -54,12 +55,27 @@ def shell(text: str) -> Block:
     return Block("docs/tutorial.md", 0, "sh", text)
 
 
-def until(block: Block, folder: Path) -> None:
-    """Say it again until it is so, as a reader does."""
+AGAIN_S = 2.0
+"""After so long a reader says it again at the latest."""
+
+
+def until(block: Block, folder: Path, client: Client) -> None:
+    """Say it again until it is so, as a reader does: when something has happened."""
     deadline = time.monotonic() + UNTIL_S
-    while (done := bash(block, folder)).returncode != 0:
-        status = subprocess.run(["robomend", "status", "walker"], capture_output=True, text=True, timeout=60)
-        assert time.monotonic() < deadline, f"{block}: {done.stdout}{done.stderr}\n{status.stdout}"
+    while True:
+        before, again = there(client), time.monotonic() + AGAIN_S
+        done = bash(block, folder)
+        if done.returncode == 0:
+            return
+        assert time.monotonic() < deadline, f"{block}: {done.stdout}{done.stderr}\n{before}"
+        while there(client) == before and time.monotonic() < again:
+            time.sleep(LOOK_S)
+
+
+def there(client: Client) -> tuple[str, list[str]]:
+    """Return how the robot of the page is, and its repairs."""
+    repairs = client.repairs("walker")["items"]
+    return client.robot("walker").value["state"], [repair["state"] for repair in repairs]
 
 
 @contextmanager
@@ -104,6 +120,7 @@ def test_the_tutorial_leads_from_nothing_to_a_repaired_robot(
         data, folder = home / "data", home / "walker"
         data.mkdir()
         _, url = stack.enter_context(served(data))
+        client = stack.enter_context(Client(url))
         monkeypatch.setenv("ROBOMEND_URL", url)
         monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}:{os.environ['PATH']}")
         for block in TUTORIAL:
@@ -114,7 +131,7 @@ def test_the_tutorial_leads_from_nothing_to_a_repaired_robot(
             elif block.use == "background":
                 stack.enter_context(background(block, folder))
             elif block.use == "until":
-                until(block, folder)
+                until(block, folder, client)
             elif block.use != "serve":
                 done = bash(block, folder if folder.exists() else home)  # the first one makes the folder
                 assert done.returncode == 0, f"{block}: {done.stdout}{done.stderr}"

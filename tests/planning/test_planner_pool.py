@@ -9,12 +9,15 @@ from pathlib import Path
 import pytest
 from tests.distributions import install
 from tests.planning.robots import ALL_OFF, POWER_UP, TEDUSAR, texts
+from tests.workers.conftest import workers_from_nothing
 
 from robomend.errors import DomainError, SolverError, WorkerDied
 from robomend.planning.plan import Outcome
 from robomend.planning.planner_pool import PlannerPool
 from robomend.planning.planning import PlanOptions
 from robomend_client.literals import fails
+
+__all__ = ["workers_from_nothing"]  # a fixture of all tests here
 
 pytestmark = pytest.mark.slow
 
