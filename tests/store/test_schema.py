@@ -15,7 +15,7 @@ from robomend.store import Store, agent_actions, api_keys, global_stop, journal,
 from robomend.store.database import Database
 from robomend.store.portable import export, load
 
-OLDER = ("0001", "0002", "0003", "0005")
+OLDER = ("0001", "0002", "0003", "0005", "0006")
 
 
 def differences(connection: Connection) -> list[object]:
@@ -110,6 +110,10 @@ def test_a_new_database_has_the_schema_of_the_program(url: str) -> None:
         counters = connection.execute(schema.counters.select().order_by(schema.counters.c.name)).all()
         assert [tuple(row) for row in counters] == [("audit", 0), ("event", 0)]
     database.dispose()
+
+
+def test_the_version_before_is_among_the_older_ones() -> None:
+    assert OLDER[-1] == f"{int(schema.HEAD) - 1:04}"
 
 
 def test_the_program_is_at_the_last_migration() -> None:
