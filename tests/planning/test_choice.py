@@ -273,6 +273,20 @@ def test_the_order_is_the_one_of_least_expected_cost(cases: list[tuple[int, int]
     assert abs(expected_cost(mine, chances, costs) - least) < 1e-6
 
 
+def test_what_was_done_in_vain_together_with_something_else_is_not_done_again_alone_first() -> None:
+    """Two drivers were restarted, of one the topic is back: of the other it is the device now."""
+    both = replace(tried("driver other"), actions=("mend(driver)", "mend(other)"))
+    choice = choose([candidate("driver", 4), candidate("device", 45)], [both])
+    assert choice.diagnosis == Diagnosis(("device",))
+    driver = next(one for one in choice.alternatives if one.diagnosis.bad == ("driver",))
+    assert driver.failures == 1
+    # What it restarted on the way, as it mended something else, may still have come up mute.
+    cycle = replace(both, bad=frozenset({"device"}))
+    assert choose([candidate("driver", 4), candidate("device", 45)], [cycle]).diagnosis == Diagnosis(
+        ("driver",)
+    )
+
+
 def cutting(bad: str, cost: float, probability: float) -> Candidate:
     """Return a diagnosis of a device whose plan cycles its power."""
     cycled = planned_by_cycling(bad, cost)

@@ -12,6 +12,7 @@ from robomend.entry import Entry
 from robomend.planning.choice import Candidate, choose
 from robomend.planning.plan import Outcome, Plan
 from robomend.repairs.account import MOST, account, grounds, outcome
+from robomend.repairs.record import _decided
 from robomend_client.literals import fails, holds
 
 NO_PLAN = Plan(Outcome.UNSOLVABLE, (), 0.0, "asp", frozenset(), (), (), (), 0.0)
@@ -108,6 +109,20 @@ def test_each_round_has_its_time_and_what_was_waited_for_before_it() -> None:
         "00:00:11.000 waiting until ok(scan) is seen: ok(scan)",
         "00:00:12.000 escalated: as the test says",
     ]
+
+
+def test_what_it_took_to_decide_is_told_if_it_was_a_second_and_nothing_else_tells_of_it() -> None:
+    told = _decided({}, 2 * S, 5 * S, ["driver"])["waits"]
+    words = "00:00:02.000 waiting for verdicts, a diagnosis and a plan: driver, for 3.0 s"
+    assert account({**REPAIR, "rounds": [ROUND], "waits": told})[1] == words
+    assert "waits" not in _decided({}, 2 * S, 3 * S - 1, ["driver"])
+    waiting = {"from_ns": 2 * S, "until_ns": None, "round": 1, "why": "for observers", "names": ["ok(scan)"]}
+    assert _decided({"waits": [waiting]}, 2 * S, 5 * S, ["driver"])["waits"] == [waiting]
+    over = {**waiting, "until_ns": 3 * S}
+    second = _decided({"waits": [over], "rounds": [ROUND]}, 4 * S, 5 * S, ["driver"])["waits"]
+    assert [one["round"] for one in second] == [1, 2]
+    many = [over] * MOST
+    assert _decided({"waits": many}, 2 * S, 5 * S, ["driver"])["waits"] == many
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ import pytest
 from tests.repairs.robot import CONFIG, Robot, robot_on, running, service, the_repair
 
 from robomend.repairs.choosing import Chooser
+from robomend.repairs.conclusions import BY_ITSELF
 from robomend.robots.batches import Batch
 from robomend.robots.clock import CLOCK
 
@@ -181,3 +182,4 @@ async def test_what_becomes_well_while_it_is_planned_for_is_left_alone(
     assert planned
     assert robot.done == []
     assert (repair["state"], repair["rounds"]) == ("repaired", [])
+    assert repair["reason"] == BY_ITSELF

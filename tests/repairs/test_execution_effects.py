@@ -91,7 +91,7 @@ async def test_a_stuck_relay_is_told_by_the_missing_effect() -> None:
     ("count", "told"),
     [
         (1, "running(n)"),
-        (4, "running(n) and ok(t0) and ok(t1) and ok(t2)"),
+        (4, "running(n), ok(t0), ok(t1) and ok(t2)"),
         (5, "running(n), ok(t0), ok(t1) and 2 more"),
         (12, "running(n), ok(t0), ok(t1) and 9 more"),
     ],

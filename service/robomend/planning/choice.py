@@ -63,7 +63,7 @@ class Alternative:
     weight: float  # P(this diagnosis), what was tried taken into account; all weights sum to 1
     helps: float  # P(the plan helps)
     score: float  # helps per cost
-    failures: int  # times that this very diagnosis was repaired and it did not help
+    failures: int  # times that this was repaired, alone or with something else, and it did not help
     reason: str
 
 
@@ -177,7 +177,8 @@ def _weigh(
     bad = frozenset(one.diagnosis.bad)
     plan = one.plan
     helps = _helps(plan, one.diagnosis, candidates, chances) if plan.steps else 0.0
-    failures = [attempt for attempt in tried if attempt.bad == bad and not attempt.helped]
+    # Also what was repaired together with something else: done again alone, it is the same.
+    failures = [attempt for attempt in tried if bad <= attempt.bad and not attempt.helped]
     texts = {str(step) for step in plan.steps}
     in_vain = sum(attempt.effect_seen and texts <= set(attempt.actions) for attempt in failures)
     helps *= patience.seen_factor**in_vain  # even if the diagnosis is right, the same again hardly cures it

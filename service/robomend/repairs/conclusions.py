@@ -22,6 +22,8 @@ BadSets = frozenset[tuple[str, ...]]
 
 ALL_WELL = "every observation is what a healthy robot would show"
 
+BY_ITSELF = f"{ALL_WELL}; nothing was done, it became so by itself"
+
 NAMED = 5
 """Literals that a reason lists; the rest is counted."""
 
@@ -61,7 +63,7 @@ def well(reason: str, state: Robot) -> str:
     seen = sorted(str(literal) for literal in literals if not literal.positive)
     if not seen:
         return reason
-    words = "no component is blamed any more" if reason == ALL_WELL else reason
+    words = reason.replace(ALL_WELL, "no component is blamed any more", 1)
     return f"{words}; {named(seen)}: still seen, and the model blames nobody for it"
 
 
@@ -93,7 +95,7 @@ def conclusion(last: Turn, signals: Signals, written: Json) -> tuple[RepairTrigg
     why = last.execution.reason if last.execution is not None else ""
     match last.outcome:
         case TurnOutcome.HEALTHY:
-            return RepairTrigger.HEALTHY, ALL_WELL
+            return RepairTrigger.HEALTHY, ALL_WELL if written.get("rounds") else BY_ITSELF
         case TurnOutcome.HALTED | TurnOutcome.NOT_APPROVED:
             return RepairTrigger.HALTED, signals.reason or why or NO_REASON
         case TurnOutcome.NOTHING_TO_TRY:

@@ -162,5 +162,5 @@ def first_of(missing: Sequence[Literal]) -> str:
     """Return what was not seen as a reason names it: all of a few, or the first, what is no topic before."""
     told = [str(literal) for literal in sorted(missing, key=lambda one: one.atom.predicate == "ok")]
     if len(told) <= NAMED:
-        return " and ".join(told)
+        return " and ".join(filter(None, (", ".join(told[:-1]), told[-1])))
     return f"{', '.join(told[: NAMED - 1])} and {len(told) - NAMED + 1} more"

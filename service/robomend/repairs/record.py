@@ -204,6 +204,7 @@ class RepairRecord:
         new = {"began_ns": time.time_ns(), "diagnosis": diagnosis, "plan": steps, "why": why, "ending": None}
         rounds.append({**new, **rests_on})
         self._why = "; ".join((why, *rests_on["conflicts"]))
+        self._data = _decided(self._data, self._repair.updated_ns, time.time_ns(), bad)
         await self.update(
             RepairTrigger.PLANNED,
             reason=why,
@@ -371,6 +372,24 @@ def _waits(written: Json, what: RepairTrigger, why: str, names: Sequence[str]) -
         wait = {"from_ns": now_ns, "until_ns": None, "round": number, "why": why, "names": list(names)[:MOST]}
         waits.append(wait)
     return waits
+
+
+DECIDED = "for verdicts, a diagnosis and a plan"
+
+DECIDES_NS = 10**9
+"""A person who reads the record is told of longer times between two lines of it."""
+
+
+def _decided(written: Json, since_ns: int, now_ns: int, bad: Sequence[str]) -> dict[str, Any]:
+    """Return what is written of a repair, with what it took to decide, where that would not be told else."""
+    waits = list(written.get("waits", ()))
+    told = waits and waits[-1]["until_ns"] is None
+    if told or now_ns - since_ns < DECIDES_NS or len(waits) >= MOST:
+        return dict(written)
+    number = len(written.get("rounds", ())) + 1
+    names = list(bad)[:MOST]
+    decided = {"from_ns": since_ns, "until_ns": now_ns, "round": number, "why": DECIDED, "names": names}
+    return {**written, "waits": [*waits, decided]}
 
 
 def approval(by: str, steps: Iterable[str]) -> dict[str, object]:
