@@ -44,7 +44,7 @@ GiveBack = Callable[[socket.socket], None]
 HEADERS = 200
 """Of a request. The shortest take some 100 bytes each, twenty times what was sent."""
 
-PIPELINED = 100
+PIPELINED = 50
 """Requests that may wait behind one under way on a connection; each holds some kilobytes."""
 
 PIPELINED_HEADERS = 2000
