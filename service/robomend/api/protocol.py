@@ -44,11 +44,11 @@ GiveBack = Callable[[socket.socket], None]
 HEADERS = 200
 """Of a request. The shortest take some 100 bytes each, twenty times what was sent."""
 
-PIPELINED = 100
+PIPELINED = 50
 """Requests that may wait behind one under way on a connection; each holds some kilobytes."""
 
 PIPELINED_HEADERS = 2000
-"""Of those requests together."""
+"""Of those requests together; in bytes, as many as one head may have."""
 
 REST_BYTES = 256 << 10
 """Of a body that still comes when its answer is complete; read so that the connection can be used again."""
@@ -320,8 +320,9 @@ class Protocol(HttpToolsProtocol):
 
     def _too_many_wait(self) -> bool:
         """Whether what waits behind the request under way is as much as may."""
-        headers = sum(len(list(cycle.scope["headers"])) for cycle, _ in self.pipeline)
-        return len(self.pipeline) >= PIPELINED or headers >= PIPELINED_HEADERS
+        sizes = [len(n) + len(v) for cycle, _ in self.pipeline for n, v in cycle.scope["headers"]]
+        full = len(self.pipeline) >= PIPELINED or len(sizes) >= PIPELINED_HEADERS
+        return full or sum(sizes) > self.max_head_bytes
 
     def _too_large(self) -> Problem:
         return Problem(431, f"the head of the request has more than {self.max_head_bytes} bytes")
