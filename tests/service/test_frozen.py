@@ -23,9 +23,9 @@ MODEL = {
     "name": "bot",
     "hardware": {"lamp": {"channel": 3}},
     "nodes": {"laser": {"publishes": {"scan": []}}},
-    "properties": {"lamp_draws": {}},
+    "properties": {"lamp_draws": {}, "motor": {}},
 }
-AGENTS = {"ok(scan)", "running(laser)"}
+AGENTS = {"ok(motor)", "running(laser)"}
 BOARDS = {"on(lamp)", "ok(lamp_draws)"}
 
 
@@ -43,9 +43,9 @@ def frozen(*pids: int) -> Iterator[None]:
 def test_whoever_is_frozen_the_others_go_on_and_all_is_well_once_it_goes_on(tmp_path: Path) -> None:
     tells = f"import os; open({str(tmp_path / 'node')!r}, 'w').write(str(os.getpid())); {SLEEPER[2]}"
     sections: dict[str, Any] = {
-        "topics": {"scan": {"first_s": 60, "tolerance_hz": 8, "silence_s": 10}},
         "observers": {
-            "lamp_draws": {"kind": "property", "from": "board", "source": "board:current(lamp)", "low": 0.01}
+            "motor": {"kind": "property", "source": "motor:temperature", "high": 60},
+            "lamp_draws": {"kind": "property", "from": "board", "source": "board:current(lamp)", "low": 0.01},
         },
         "board": {"rate_hz": 10},
         "processes": {"laser": {"command": [*SLEEPER[:2], tells], "start": True}},
@@ -65,7 +65,7 @@ def test_whoever_is_frozen_the_others_go_on_and_all_is_well_once_it_goes_on(tmp_
             return {one["literal"] for one in found if one["fresh"]}
 
         with watching(tmp_path, url, **sections) as (agent, talker):
-            talker.say("scan")
+            talker.say("motor", data={"temperature": 40})
             until(lambda: held() == AGENTS | BOARDS, "all well", 60)
             with frozen(agent.pid):
                 until(lambda: held() == {"on(lamp)"}, "what the agent said is unknown", 60)
@@ -76,7 +76,7 @@ def test_whoever_is_frozen_the_others_go_on_and_all_is_well_once_it_goes_on(tmp_
             with frozen(service.pid, *workers_of(service.pid)):
                 until(lambda: "they wait on the disk" in log.read_text(), "nobody takes what it says", 60)
                 os.kill(pid_file(tmp_path, "node"), signal.SIGKILL)
-            gone = {"ok(scan)", "not running(laser)"} | BOARDS
+            gone = {"ok(motor)", "not running(laser)"} | BOARDS
             until(lambda: held() == gone, "what happened meanwhile", 60)
             assert log.read_text().count("they wait on the disk") == 1
             said = str(client.history("tedusar", limit=1000))

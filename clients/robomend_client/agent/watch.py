@@ -99,10 +99,11 @@ class Watch:
             log.warning("the clock went back by %.1f s: all is observed anew", (before_ns - now_ns) / SECOND)
             self._tell(self.driver.restart(now_ns))
         elif now_ns - before_ns > LATE_NS:
-            if at - before > LATE_NS:
-                log.debug("nobody looked for %.2f s", (at - before) / SECOND)
+            ahead_ns = now_ns - before_ns - (at - before)
+            if ahead_ns > LATE_NS:
+                log.warning("the clock was set ahead by %.1f s", ahead_ns / SECOND)
             else:
-                log.warning("the clock was set ahead by %.1f s", (now_ns - before_ns) / SECOND)
+                log.debug("nobody looked for %.2f s", (at - before) / SECOND)
             self._tell(self.driver.lapse(now_ns + DRAIN_NS))
         return now_ns
 
