@@ -17,7 +17,7 @@ from typing import Any
 import click
 
 from robomend.errors import BackendError
-from robomend_bench.batch import learning, workload
+from robomend_bench.batch import drives, edited, learning, workload
 from robomend_bench.parts import only
 from robomend_bench.service.measure import load_of_others
 from robomend_bench.service.process import processors
@@ -188,6 +188,32 @@ def _learn(wish: dict[str, Any], folder: Path) -> Measured:
     ]
 
 
+def _edited(wish: dict[str, Any], folder: Path) -> Measured:
+    first = wish["seed"]
+    if wish["bags"] is None:
+        seeds, length_s = range(first, first + min(wish["robots"], 2)), 60 * wish["minutes"]
+        bags = [
+            drives.write(folder / f"drive{seed}.bag", drives.robot(seed), seed, length_s) for seed in seeds
+        ]
+        whose = f"{len(bags)} drives of the bench's own"
+    else:
+        bags = sorted(wish["bags"].glob("*.bag"))
+        whose = f"{len(bags)} recordings"
+    found = edited.measure(COMMAND, folder, bags)
+    delays = sorted(found.delays_s)
+    shown = edited.counts(found.found, found.planted)
+    if delays:
+        shown += f"; after {delays[len(delays) // 2]:.1f} s (median), {delays[-1]:.1f} s at most"
+    false = ", ".join(f"{found.false_alarms[kind]} {kind}" for kind in ("learned", "by hand"))
+    if found.refused:
+        whose += f", {len(found.refused)} of which nothing is learned from"
+    whose = f"{found.unedited_s / 60:.1f} min of {whose}"
+    return found.json(), [
+        (f"false alarms in {whose}, as they are", false, "counted and shown"),
+        ("faults put in by editing, told in their time, their node a suspect", shown, "95 %"),
+    ]
+
+
 PARTS: dict[str, Callable[[dict[str, Any], Path], Measured]] = {
     "literals": _literals,
     "distinct": _distinct,
@@ -195,6 +221,7 @@ PARTS: dict[str, Callable[[dict[str, Any], Path], Measured]] = {
     "workers": _workers,
     "memory": _memory,
     "learn": _learn,
+    "edited": _edited,
 }
 
 
@@ -206,6 +233,11 @@ PARTS: dict[str, Callable[[dict[str, Any], Path], Measured]] = {
 @click.option("--megabytes", type=click.IntRange(1), default=1000, show_default=True, help="Of a recording.")
 @click.option("--robots", type=click.IntRange(1), default=20, show_default=True, help="To learn from.")
 @click.option("--minutes", type=float, default=30.0, show_default=True, help="Of each of their drives.")
+@click.option(
+    "--bags",
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    help="Folder of recordings (ROS 1 .bag) of healthy robots, for `edited`; default: drives of our own.",
+)
 @click.option("--repeats", type=click.IntRange(1, 100), default=3, show_default=True)
 @click.option(
     "--clock", type=click.Choice(["wall", "cpu"]), default="wall", help="cpu: for a machine that others use."
@@ -222,6 +254,7 @@ def command(parts: tuple[str, ...], output: str, **wish: Any) -> None:
     robomend-bench batch --only literals,distinct --repeats 5
     robomend-bench batch --only recording --megabytes 200 --format json
     robomend-bench batch --only learn --robots 4 --seed 5
+    robomend-bench batch --only edited --bags healthy/
     """
     results: dict[str, dict[str, Any]] = {}
     rows: list[Row] = []

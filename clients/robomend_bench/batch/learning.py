@@ -85,7 +85,7 @@ def measure(program: list[str], folder: Path, seeds: range, minutes: float) -> S
         told = [json.loads(line) for line in (out / "results.ndjson").read_text().splitlines()]
         score.robots += 1
         score.held_h += minutes / 60
-        score.false_alarms += len(_episodes([one for one in told if one["log"] == str(held)]))
+        score.false_alarms += len(episodes([one for one in told if one["log"] == str(held)]))
         rate(score, [one for one in told if one["log"] == str(faulty)], planted)
         for log in (good, held, faulty):
             log.unlink()
@@ -94,12 +94,12 @@ def measure(program: list[str], folder: Path, seeds: range, minutes: float) -> S
 
 def rate(score: Score, told: list[dict[str, Any]], planted: list[Planted]) -> None:
     """Add what was told of a drive with faults."""
-    episodes = _episodes(told)
+    told_s = episodes(told)
     for fault in planted:
         score.planted[fault.kind] += 1
         here = [
             (start_s, end_s, bad)
-            for start_s, end_s, bad in _faulty(told)
+            for start_s, end_s, bad in faulty(told)
             if end_s > fault.start_s and start_s < fault.end_s + AFTER_S
         ]
         named = [one for one in here if any(fault.node in diagnosis for diagnosis in one[2])]
@@ -108,12 +108,12 @@ def rate(score: Score, told: list[dict[str, Any]], planted: list[Planted]) -> No
             score.delays_s.append(max(0.0, named[0][0] - fault.start_s))
             longest = max(here, key=lambda one: one[1] - one[0])
             score.alone[fault.kind] += longest[2] == [[fault.node]]
-    for start_s, end_s in episodes:
+    for start_s, end_s in told_s:
         if not any(end_s > fault.start_s and start_s < fault.end_s + AFTER_S for fault in planted):
             score.stray += 1
 
 
-def _faulty(told: list[dict[str, Any]]) -> list[tuple[float, float, list[list[str]]]]:
+def faulty(told: list[dict[str, Any]]) -> list[tuple[float, float, list[list[str]]]]:
     return [
         (one["start_ns"] / SECOND - BEGIN_S, one["end_ns"] / SECOND - BEGIN_S, one["bad"])
         for one in told
@@ -121,10 +121,10 @@ def _faulty(told: list[dict[str, Any]]) -> list[tuple[float, float, list[list[st
     ]
 
 
-def _episodes(told: list[dict[str, Any]]) -> list[tuple[float, float]]:
+def episodes(told: list[dict[str, Any]]) -> list[tuple[float, float]]:
     """Return stretches in which any fault is told."""
     found: list[tuple[float, float]] = []
-    for start_s, end_s, _ in _faulty(told):
+    for start_s, end_s, _ in faulty(told):
         if found and start_s <= found[-1][1]:
             found[-1] = found[-1][0], max(end_s, found[-1][1])
         else:

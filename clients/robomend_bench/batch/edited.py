@@ -1,0 +1,411 @@
+"""Recordings of real robots, in which faults are put by editing: is each told, in its time, and nothing else?
+
+    recording ──► first half ──► learn ──► model and observers, and for a number of each topic two by hand
+              └─► the rest ────► as it is: every fault that is told is a false alarm
+                        └──────► a topic dropped, thinned, frozen or ramped for a while, one in each copy
+
+So jitter and values are real, and the truth is known. The two by hand are the ones that a person would write
+for a sensor: it has a range, and it is never without noise.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from rosbags.rosbag1 import Reader, Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from robomend.errors import BackendError
+from robomend_batch.learn.gathering import number_fields
+from robomend_bench.batch.drives import BEGIN_S
+from robomend_bench.batch.learning import episodes, faulty
+
+EDITS = ("dropped", "thinned", "frozen", "ramped")
+"""Of a topic nothing comes; half comes; a number stands still; a number grows."""
+
+FAULT = 0.35, 0.75
+"""From where to where of the rest."""
+
+PER_HOUR = 10.0
+"""False alarms that are meant: what less than a minute of healthy data allows to be told apart."""
+
+HAND = "edited"
+"""How the observers by hand are called."""
+
+AFTER_S = 20.0
+"""So long after its end a fault may still be told."""
+
+MOVES = 0.5
+"""A number that has fewer different values than this share of its messages may stand still by itself."""
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """A message of a recording."""
+
+    time_ns: int
+    connection: Any
+    data: bytes
+
+
+@dataclass(frozen=True)
+class Watched:
+    """A topic that the draft watches."""
+
+    topic: str
+    node: str
+    number: str | None = None  # the field that is edited, and watched by hand; None: the topic has none
+    low: float = 0.0
+    high: float = 0.0
+    moves: bool = False
+    name: str = ""  # of the observers by hand
+
+    @property
+    def span(self) -> float:
+        return self.high - self.low
+
+    @property
+    def edits(self) -> tuple[str, ...]:
+        """Which of EDITS can be noticed."""
+        return (*EDITS[:2], *(EDITS[2:3] if self.moves else ()), *(EDITS[3:] if self.number else ()))
+
+
+@dataclass
+class Edited:
+    """What came out over all recordings."""
+
+    recordings: int = 0
+    unedited_s: float = 0.0
+    refused: list[str] = field(default_factory=list)  # recordings that nothing can be learned from, and why
+    planted: Counter[str] = field(default_factory=Counter)
+    found: Counter[str] = field(default_factory=Counter)  # told of its topic, in its time, its node a suspect
+    missed: list[str] = field(default_factory=list)
+    delays_s: list[float] = field(default_factory=list)
+    false_alarms: Counter[str] = field(default_factory=Counter)  # of what was learned, and of the two by hand
+    alarms: list[str] = field(default_factory=list)  # of which recording, by what
+
+    def json(self) -> dict[str, Any]:
+        """Return all figures."""
+        delays = sorted(self.delays_s)
+        return {
+            "recordings": self.recordings,
+            "unedited_s": round(self.unedited_s, 1),
+            "refused": self.refused,
+            "planted": dict(self.planted),
+            "found": dict(self.found),
+            "missed": self.missed,
+            "false_alarms": dict(self.false_alarms),
+            "alarms": self.alarms,
+            "delay_s": {"median": delays[len(delays) // 2], "longest": delays[-1]} if delays else None,
+        }
+
+
+def measure(program: list[str], folder: Path, recordings: Sequence[Path]) -> Edited:
+    """Return what is told of recordings, edited and as they are.
+
+    Args:
+        program: the command line of robomend-batch.
+        folder: for the copies.
+        recordings: of healthy robots with ROS 1 (.bag).
+    """
+    found = Edited()
+    for number, recording in enumerate(recordings):
+        mine = folder / f"recording{number}"
+        mine.mkdir()
+        try:
+            _one(program, mine, recording, found)
+        except BackendError as error:
+            found.refused.append(f"{recording.name}: {error}")
+    return found
+
+
+def _one(program: list[str], folder: Path, recording: Path, found: Edited) -> None:
+    messages = read(recording)
+    begin_ns, end_ns = messages[0].time_ns, messages[-1].time_ns
+    half_ns = (begin_ns + end_ns) // 2
+    first = [message for message in messages if message.time_ns < half_ns]
+    rest = [message for message in messages if message.time_ns >= half_ns]
+    draft = folder / "draft"
+    good = write(folder / "good.bag", first)
+    _run(
+        [*program, "learn", str(good), "-o", str(draft), "--false-alarms-per-hour", str(PER_HOUR), "--quiet"]
+    )
+    watched = watch(program, draft, good, first)
+    start_ns, stop_ns = (half_ns + round(share * (end_ns - half_ns)) for share in FAULT)
+    unedited = write(folder / "unedited.bag", rest)
+    planted: dict[Path, tuple[Watched, str]] = {}
+    for one in watched:
+        for kind in one.edits:
+            file = folder / f"{kind}-{len(planted)}.bag"
+            planted[write(file, edited(rest, one, kind, start_ns, stop_ns))] = one, kind
+    told = diagnosed(program, draft, [unedited, *planted])
+    found.recordings += 1
+    found.unedited_s += (end_ns - half_ns) / 1e9
+    as_it_is = [one for one in told if one["log"] == str(unedited)]
+    _count_alarms(found, recording.name, as_it_is)
+    when_s = start_ns / 1e9 - BEGIN_S, stop_ns / 1e9 - BEGIN_S
+    known = {word for one in _within(as_it_is, when_s) for word in _wrong(one)}
+    for file, (topic, kind) in planted.items():
+        found.planted[kind] += 1
+        at_s = first_told([one for one in told if one["log"] == str(file)], topic.node, known, when_s)
+        if at_s is None:
+            found.missed.append(f"{recording.name}: {topic.topic} {kind}")
+        else:
+            found.found[kind] += 1
+            found.delays_s.append(max(0.0, at_s - when_s[0]))
+
+
+def _count_alarms(found: Edited, name: str, as_it_is: Sequence[dict[str, Any]]) -> None:
+    """Count what is told of a recording without an edit."""
+    for kind in ("learned", "by hand"):
+        words_of = [
+            [word for word in _wrong(one) if (HAND in word) == (kind == "by hand")] for one in as_it_is
+        ]
+        alarms = len(episodes([one for one, words in zip(as_it_is, words_of, strict=True) if words]))
+        if alarms:
+            found.false_alarms[kind] += alarms
+            said = sorted({word for words in words_of for word in words})
+            found.alarms.append(f"{name}: {alarms} {kind}, by {', '.join(said)}")
+
+
+def first_told(
+    intervals: Sequence[dict[str, Any]], node: str, known: set[str], when_s: tuple[float, float]
+) -> float | None:
+    """Return when an edit is told first: its node is a suspect, for something else than what is known.
+
+    Args:
+        intervals: of the edited recording.
+        node: of the topic.
+        known: what the recording shows by itself at that time.
+        when_s: from when to when it was edited.
+    """
+    news = [one for one in _within(intervals, when_s) if not known.issuperset(_wrong(one))]
+    starts = [start_s for start_s, _, bad in faulty(news) if any(node in diagnosis for diagnosis in bad)]
+    return min(starts, default=None)
+
+
+def _within(intervals: Sequence[dict[str, Any]], when_s: tuple[float, float]) -> list[dict[str, Any]]:
+    """Return the intervals in which what is in this time can be told."""
+    begin_s, end_s = when_s
+    return [
+        one
+        for one in intervals
+        if one["end_ns"] / 1e9 - BEGIN_S > begin_s and one["start_ns"] / 1e9 - BEGIN_S < end_s + AFTER_S
+    ]
+
+
+def _wrong(interval: dict[str, Any]) -> list[str]:
+    """Return what was observed of an interval that a healthy robot does not show."""
+    if interval["state"] not in ("faulty", "contradictory"):
+        return []
+    return [word for word in interval["observations"] if word.startswith(("not ", "const("))]
+
+
+def diagnosed(program: list[str], draft: Path, logs: Sequence[Path]) -> list[dict[str, Any]]:
+    """Return the intervals of logs by a draft."""
+    out = draft / "out"
+    of_draft = ("-m", str(draft / "model.yaml"), "--observers", str(draft / "observers.yaml"))
+    how = ("--quiet", "--workers", "0", "--overwrite")
+    _run([*program, "run", *map(str, logs), *of_draft, "-o", str(out), *how])
+    return [json.loads(line) for line in (out / "results.ndjson").read_text().splitlines()]
+
+
+def read(recording: Path) -> list[Message]:
+    """Return the messages of a recording, in the order of time; BackendError if it cannot be read."""
+    try:
+        with Reader(recording) as reader:
+            found = [Message(time_ns, of, bytes(data)) for of, time_ns, data in reader.messages()]
+    except Exception as error:  # rosbags raises whatever of damaged files
+        raise BackendError(f"cannot be read: {error}") from error
+    if len(found) < 2:
+        raise BackendError("there are no messages in it")
+    return found
+
+
+def write(file: Path, messages: Sequence[Message]) -> Path:
+    """Write messages as a recording, each with its publisher."""
+    with Writer(file) as writer:
+        ours: dict[int, Any] = {}
+        for message in messages:
+            theirs = message.connection
+            if theirs.id not in ours:
+                ours[theirs.id] = writer.add_connection(
+                    theirs.topic,
+                    theirs.msgtype,
+                    msgdef=theirs.msgdef.data,
+                    md5sum=theirs.digest,
+                    callerid=theirs.ext.callerid,
+                )
+            writer.write(ours[theirs.id], message.time_ns, message.data)
+    return file
+
+
+def edited(
+    messages: Sequence[Message], topic: Watched, kind: str, start_ns: int, stop_ns: int
+) -> list[Message]:
+    """Return messages with a fault of a topic from one time to another."""
+    found = []
+    count = 0
+    stood: float | None = None
+    for message in messages:
+        here = message.connection.topic.strip("/") == topic.topic and start_ns <= message.time_ns < stop_ns
+        count += here
+        if not here or (kind == "thinned" and count % 2):
+            found.append(message)
+        elif kind in ("frozen", "ramped"):
+            assert topic.number is not None
+            change = Change(message.connection, topic.number)
+            value = stood = change.value(message.data) if stood is None else stood
+            if kind == "ramped":
+                grown = topic.span * (message.time_ns - start_ns) / 1e9
+                value = change.value(message.data) + grown
+            found.append(replace(message, data=change.put(message.data, value)))
+    return found
+
+
+class Change:
+    """A field of messages, read and replaced."""
+
+    def __init__(self, connection: Any, path: str) -> None:
+        self._type = connection.msgtype
+        self._store = types_of(connection)
+        *self._within, self._name = path.split(".")
+
+    def value(self, data: bytes) -> float:
+        """Return the field of a message."""
+        return float(getattr(self._holder(self._store.deserialize_ros1(data, self._type)), self._name))
+
+    def put(self, data: bytes, value: float) -> bytes:
+        """Return the message with another value."""
+        message = self._store.deserialize_ros1(data, self._type)
+        setattr(self._holder(message), self._name, value)
+        return bytes(self._store.serialize_ros1(message, self._type))
+
+    def _holder(self, message: Any) -> Any:
+        for name in self._within:
+            message = getattr(message, name)
+        return message
+
+
+_STORES: dict[str, Any] = {}
+
+
+def types_of(connection: Any) -> Any:
+    """Return a typestore that knows a connection's type; rosbags raises whatever if it cannot be parsed."""
+    key = f"{connection.msgtype} {connection.digest}"
+    if key not in _STORES:
+        store = get_typestore(Stores.EMPTY)
+        store.register(get_types_from_msg(connection.msgdef.data, connection.msgtype))
+        _STORES[key] = store
+    return _STORES[key]
+
+
+def watch(program: list[str], draft: Path, good: Path, messages: Sequence[Message]) -> list[Watched]:
+    """Add two observers for a number of each topic to a draft; return the topics that it watches.
+
+    One that says of the healthy part that it is faulty is left out, as by whoever tries it there first.
+    """
+    model = yaml.safe_load((draft / "model.yaml").read_text())
+    observers = yaml.safe_load((draft / "observers.yaml").read_text())
+    node_of = {
+        topic: name for name, node in model["nodes"].items() for topic in (node or {}).get("publishes", {})
+    }
+    topics = [topic for topic in sorted(observers.get("topics") or {}) if topic in node_of]
+    if not topics:
+        raise BackendError("no topic of it is watched")
+    found = [
+        _numbered(Watched(topic, node_of[topic], name=f"{HAND}{place}_"), messages)
+        for place, topic in enumerate(topics)
+    ]
+    while True:
+        _write(draft, model, observers, found)
+        said = {
+            word
+            for one in diagnosed(program, draft, [good])
+            if one["state"] in ("faulty", "contradictory")
+            for word in one["observations"]
+        }
+        kept = [
+            replace(
+                one,
+                number=None if f"not ok({one.name}range)" in said else one.number,
+                moves=one.moves and f"const({one.name}value)" not in said,
+            )
+            for one in found
+        ]
+        if kept == found:
+            return found
+        found = kept
+
+
+def _write(draft: Path, model: dict[str, Any], observers: dict[str, Any], watched: list[Watched]) -> None:
+    """Write a draft with the observers of these topics' numbers, and what the model says of them."""
+    more: dict[str, Any] = {}
+    rules: list[str] = []
+    values: dict[str, Any] = {}
+    for one in watched:
+        if one.number is None:
+            continue
+        source, value, span = f"{one.topic}:{one.number}", f"{one.name}value", f"{one.name}range"
+        near = {"source": source, "low": one.low - one.span, "high": one.high + one.span}
+        more[span] = {"kind": "property", **near, "agreeing": 3}
+        rules.append(f"not ab({json.dumps(one.node)}) -> ok({span})")
+        if one.moves:
+            still = {"source": source, "slope": one.span * 1e-6, "debounce_s": 1.0}
+            more[value] = {"kind": "qualitative", **still}
+            values[value] = {"topic": one.topic, "field": one.number}
+            rules.append(f"not ab({json.dumps(one.node)}) -> not const({value})")
+    properties: dict[str, Any] = {name: {} for name in more if name not in values}
+    observers = {**observers, "observers": {**(observers.get("observers") or {}), **more}}
+    model = {
+        **model,
+        "properties": {**(model.get("properties") or {}), **properties},
+        "values": {**(model.get("values") or {}), **values},
+        "rules": [*(model.get("rules") or ()), *rules],
+    }
+    (draft / "model.yaml").write_text(yaml.safe_dump(model, sort_keys=False))
+    (draft / "observers.yaml").write_text(yaml.safe_dump(observers, sort_keys=False))
+
+
+def _numbered(topic: Watched, good: Sequence[Message]) -> Watched:
+    """Return a topic with the number of it that moves most often, if it has any."""
+    messages = [one for one in good if one.connection.topic.strip("/") == topic.topic]
+    best, share = topic, 0.0
+    for path, numbers in _numbers(messages):
+        if not np.isfinite(numbers).all() or numbers.max() <= numbers.min():
+            continue
+        moving = len(np.unique(numbers)) / len(numbers)
+        if moving > share:
+            low, high = float(numbers.min()), float(numbers.max())
+            best, share = replace(topic, number=path, low=low, high=high, moves=moving >= MOVES), moving
+    return best
+
+
+def _numbers(messages: Sequence[Message]) -> Iterator[tuple[str, np.ndarray[Any, np.dtype[np.float64]]]]:
+    connection = messages[0].connection
+    try:
+        paths = number_fields(types_of(connection).fielddefs, connection.msgtype)
+        for path in paths:
+            value: Callable[[bytes], float] = Change(connection, path).value
+            yield path, np.array([value(message.data) for message in messages])
+    except Exception:  # noqa: BLE001  # a type that rosbags cannot parse has no numbers
+        return
+
+
+def counts(of: Counter[str], planted: Counter[str]) -> str:
+    """Return how many of each kind: `dropped 3 of 3, thinned 2 of 3`."""
+    return ", ".join(f"{kind} {of[kind]} of {planted[kind]}" for kind in EDITS if planted[kind])
+
+
+def _run(line: list[str]) -> None:
+    done = subprocess.run(line, capture_output=True, text=True, timeout=1800, check=False)
+    if done.returncode:
+        raise BackendError(done.stderr.strip()[-300:] or f"ended with {done.returncode}")
