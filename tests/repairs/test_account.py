@@ -145,6 +145,12 @@ def test_whether_a_round_helped_and_whether_it_was_done_are_two_things(
     assert account({**REPAIR, "rounds": [done]})[-2] == f"  {words}"
 
 
+def test_a_plan_of_which_nothing_was_done_is_not_said_to_be_of_no_help() -> None:
+    untouched = {**STEP, "state": "waiting", "sent_ns": None, "ended_ns": None}
+    said = {**ROUND, "plan": [untouched], "ending": "cancelled", "reason": "not today"}
+    assert account({**REPAIR, "rounds": [said]})[-2] == "  nothing of it was done: not today"
+
+
 def test_the_record_of_an_older_version_is_told_too() -> None:
     old = {name: value for name, value in ROUND.items() if name != "began_ns"}
     assert account({**REPAIR, "rounds": [old]})[1] == "round 1: driver blamed"

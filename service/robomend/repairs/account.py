@@ -119,7 +119,8 @@ def how_it_ended(done: Json) -> str:
     """Return how a round ended, in words; whether it helped and whether all of it was done are two things."""
     why, bad = done.get("reason") or done["ending"], " and ".join(done["diagnosis"]["bad"])
     if not done.get("helped"):
-        return f"it did not help: {why}"
+        untouched = done["plan"] and all(step.get("state") == StepState.WAITING for step in done["plan"])
+        return f"{'nothing of it was done' if untouched else 'it did not help'}: {why}"
     if done["ending"] == Ending.DONE:
         return f"it helped: {why}"
     return f"it helped, as nothing blames {bad} any more, and was not done to its end: {why}"
