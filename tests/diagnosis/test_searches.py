@@ -28,7 +28,7 @@ NO_SEARCH = {
     "a solver and what it is asked": {"oracle", "consistency", "masks"},
     "conflicts": {"conflicts", "sensor_conflicts", "shrinking", "witnesses", "justification", "reasons"},
     "words, weights and what to look at next": {"explanations", "likelihood", "onsets", "probes"},
-    "circuits": {"netlist"},
+    "circuits and snapshots": {"netlist", "snapshot_parts"},
 }
 """The other modules of the room: a new one belongs here, or in the tables with what it wins."""
 

@@ -15,7 +15,7 @@ from pysat.solvers import Solver
 from tests.diagnosis.systems import brute_force, model, systems
 
 from robomend.diagnosis.conflicts import Conflicts, Known
-from robomend.diagnosis.oracle import OutOfTime
+from robomend.diagnosis.oracle import Oracle, OutOfTime
 from robomend.diagnosis.result import Options
 from robomend.diagnosis.snapshots import SnapshotEngine, _SnapshotSearch, diagnose_snapshots
 from robomend.diagnosis.wcnf import read_wcnf
@@ -90,6 +90,7 @@ def test_agrees_with_the_definition(data: st.DataObject) -> None:
         return
     with pytest.MonkeyPatch.context() as patch:  # ask whether there are others now and then, or each time
         patch.setattr("robomend.diagnosis.snapshots.ASKED_AGAIN", data.draw(st.sampled_from((0, 4))))
+        patch.setattr("robomend.diagnosis.snapshot_parts.OFTEN", data.draw(st.sampled_from((0, 8))))
         everything = blamed(cnf, snapshots)
     assert len(everything) == len(expected)
     assert set(everything) == expected
@@ -182,6 +183,32 @@ def test_that_nothing_more_is_to_come_is_seen_at_one_snapshot(monkeypatch: pytes
     candidates.clear()
     assert blamed(file.cnf, list(map(frozenset, file.snapshots)), asked) == found
     assert len(candidates) > soon
+
+
+def test_what_a_part_of_a_candidate_explains_is_not_asked_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    first, second, count = (1, 2, 3, 4), (5, 6, 7, 8), 9  # of each row one is broken
+    clauses = [(*(-c for c in first), 9), (*(-c for c in second), 10)]
+    cnf = model(8, clauses, atoms=2 + count)
+    bad, good = ("a1", "a2"), ("a2", "a1")
+    seen = [
+        frozenset({fails("ok", bad[n % 2]), holds("ok", good[n % 2]), holds("ok", f"a{3 + n}")})
+        for n in range(count)
+    ]
+    asked = 0
+    sat = Oracle.sat
+
+    def counted(oracle: Oracle, assumptions: list[int]) -> bool:
+        nonlocal asked
+        asked += 1
+        return sat(oracle, assumptions)
+
+    monkeypatch.setattr(Oracle, "sat", counted)
+    pairs = [(f"c{one}", f"c{other}") for one in first for other in second]
+    assert blamed(cnf, seen, replace(EVERYTHING, max_size=2)) == pairs
+    fewer, asked = asked, 0
+    monkeypatch.setattr("robomend.diagnosis.snapshot_parts.MOST_PARTS", 0)
+    assert blamed(cnf, seen, replace(EVERYTHING, max_size=2)) == pairs
+    assert asked > fewer + count
 
 
 def test_without_a_limit_the_most_that_any_search_lists_ends_it(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -36,6 +36,7 @@ from robomend.diagnosis.oracle import Deadline, Oracle, OutOfTime, solver_name
 from robomend.diagnosis.reasons import Reasons
 from robomend.diagnosis.result import Conflict, Diagnosis, DiagnosisResult, Options, StoppedBy
 from robomend.diagnosis.search import MAX_DIAGNOSES
+from robomend.diagnosis.snapshot_parts import Parts
 from robomend.errors import ContradictoryModel, OptionRefused
 from robomend.model.cnf import HealthCnf
 from robomend_client.literals import Atom, Literal
@@ -196,7 +197,9 @@ class _SnapshotSearch:
         self.contradiction: tuple[Known, SignedObs] | None = None
         self._oracle = oracle
         self._conflicts = conflicts
-        self._snapshots = snapshots  # the one that refuted last comes first
+        # The one that refuted last comes first; with each, parts of candidates that explain it.
+        self._snapshots = [(observed, set[int]()) for observed in snapshots]
+        self._parts = Parts(cnf, what_if.abnormal)
         self._what_if = what_if
         self._health = list(range(1, len(cnf.components) + 1))
         self._forced = mask_of(what_if.abnormal)
@@ -206,11 +209,12 @@ class _SnapshotSearch:
         """Return a minimal conflict that these components do not hit; None: they explain each snapshot."""
         healthy = outside(self._health, abnormal)
         healthy += [-variable for variable in self._what_if.abnormal]
-        position = self._refuting(healthy)
+        position = self._refuting(healthy, abnormal)
         if position is None:
+            self._parts.explaining += abnormal.bit_count() > 1
             return None
-        observed = self._snapshots.pop(position)
-        self._snapshots.insert(0, observed)
+        self._snapshots.insert(0, self._snapshots.pop(position))
+        observed, _ = self._snapshots[0]
         core = self._oracle.core() or ()
         known = self._conflicts.minimise(self._oracle, core, observed, self._what_if, components_only=True)
         if not known.mask:
@@ -219,23 +223,32 @@ class _SnapshotSearch:
         self.known.append((known, observed))
         return known.mask
 
-    def _refuting(self, healthy: list[int]) -> int | None:
+    def _refuting(self, healthy: list[int], abnormal: int) -> int | None:
         """Return the position of a snapshot that clashes with this; the oracle then knows a core of it.
 
         What the first ones do not refute, mostly none does: then one literal says all of it for the others,
-        and a call takes two thirds of the time.
+        and a call takes two thirds of the time. Where a part of a candidate is known to explain a snapshot,
+        so does the candidate, and the solver is not asked.
         """
         oracle, selector = self._oracle, 0
+        parts = self._parts.of(abnormal)
+        asked = 0
         try:
-            for position, observed in enumerate(self._snapshots):
-                if position == FEW:
+            for position, (observed, explained) in enumerate(self._snapshots):
+                if not parts.isdisjoint(explained):
+                    continue
+                if asked == FEW:
                     selector = self._unused()
                     for literal in healthy:
                         oracle.add([-selector, literal])
-                if selector and oracle.sat([selector, *observed.numbers]):
+                asked += 1
+                if (selector and oracle.sat([selector, *observed.numbers])) or oracle.sat(
+                    [*observed.numbers, *healthy]
+                ):
+                    if parts:
+                        self._parts.note(explained, abnormal, oracle)
                     continue
-                if not oracle.sat([*observed.numbers, *healthy]):
-                    return position
+                return position
             return None
         finally:
             if selector:
@@ -256,7 +269,7 @@ class _SnapshotSearch:
         try:
             return any(
                 oracle.quickly([*observed.numbers, *assumed], EASY_CONFLICTS, propagations) is False
-                for observed in self._snapshots[:ASKED_FIRST]
+                for observed, _ in self._snapshots[:ASKED_FIRST]
             )
         finally:
             oracle.add([-guard])
