@@ -172,7 +172,7 @@ async def test_no_answer_is_asked_about_although_the_service_is_killed_while_oth
         return None
 
     config = with_recalibrate(TIMEOUT_S)
-    config["actions"]["start_node"] = {**CONFIG["actions"]["start_node"], "timeout_s": 120.0}
+    config["actions"]["start_node"] = {**CONFIG["actions"]["start_node"], "timeout_s": 10.0}
     settings = ("--data", str(tmp_path))
 
     def gave_up(repair: dict[str, Any]) -> bool:
