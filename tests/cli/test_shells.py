@@ -113,11 +113,8 @@ def test_tab_completes_commands_files_components_and_engines(shell: str, tmp_pat
             with terminal(shell, tmp_path) as ours:
                 read_until(ours, PROMPT)
                 os.write(ours, (TYPED + SHOW).encode())
-                shown = read_until(ours, r"<robomend>(<[^<>]*>)+")
+                read_until(ours, "".join(f"<{word}>" for word in COMPLETED.split()))
             break
         except AssertionError:
             if attempt == TRIES:
                 raise
-    told = re.search(r"(<[^<>%]+>)+", shown[shown.index("<robomend>") :])
-    assert told is not None
-    assert re.findall(r"<([^<>]*)>", told[0]) == COMPLETED.split()
