@@ -25,8 +25,11 @@ from robomend.resources import resource
 
 PAGE = (Path(__file__).parents[2] / "docs" / "commands.md").read_text()
 
-END_S = 60.0
+END_S = 30.0
 """A safety net: nothing is judged by it."""
+
+TRIES = 3
+"""Keys that come while a shell sets up its terminal may be lost."""
 
 PROMPT = "ready> "
 PROMPTS = {
@@ -105,10 +108,13 @@ def test_tab_completes_commands_files_components_and_engines(shell: str, tmp_pat
         (tmp_path / file).parent.mkdir(parents=True, exist_ok=True)
         with (tmp_path / file).open("a") as start_up:
             start_up.write(f"{text}\n")
-    with terminal(shell, tmp_path) as ours:
-        read_until(ours, PROMPT)
-        os.write(ours, (TYPED + SHOW).encode())
-        shown = read_until(ours, r"<robomend>(<[^<>]*>)+")
-    told = re.search(r"(<[^<>%]+>)+", shown[shown.index("<robomend>") :])
-    assert told is not None
-    assert re.findall(r"<([^<>]*)>", told[0]) == COMPLETED.split()
+    for attempt in range(1, TRIES + 1):
+        try:
+            with terminal(shell, tmp_path) as ours:
+                read_until(ours, PROMPT)
+                os.write(ours, (TYPED + SHOW).encode())
+                read_until(ours, "".join(f"<{word}>" for word in COMPLETED.split()))
+            break
+        except AssertionError:
+            if attempt == TRIES:
+                raise
