@@ -89,3 +89,23 @@ def test_one_of_which_no_more_than_the_topics_is_there_is_refused(tmp_path: Path
         file.write_bytes(data[:length])
         with pytest.raises(Unreadable, match="cut off"):
             open_db3(file)
+
+
+def test_a_message_whose_pages_lead_in_a_circle_is_left_out(tmp_path: Path) -> None:
+    file = tmp_path / "a.db3"
+    recording(file, 40, 3000, 512)
+    data = bytearray(file.read_bytes())
+    del data[16383 // 512 * 512 :]
+    file.write_bytes(data)
+    found = messages(file)
+    longest = max((body for _, _, body in found if body is not None), key=len)
+    begin = data.index(longest[:50])  # in its cell; the rest is in other pages
+    length = data.rindex(bytes([0x80 | len(longest) + 16 >> 7]), begin - 20, begin)
+    data[length : length + 2] = b"\xff\x7f"  # 16383, of which 127 behind the row's number are in the cell
+    last = len(data) // 512
+    data[length + 130 : length + 134] = last.to_bytes(4)
+    data[(last - 1) * 512 : (last - 1) * 512 + 4] = last.to_bytes(4)
+    file.write_bytes(data)
+    left = messages(file)
+    assert 0 < len(left) < len(found)
+    assert Counter(left) <= Counter(found)

@@ -53,6 +53,7 @@ class CutDb3:
         head = self._file.read(HEADER_BYTES)
         (size,) = struct.unpack_from(">H", head, 16)
         self._page_bytes = 65536 if size == 1 else size
+        self._there = path.stat().st_size
         self._usable = self._page_bytes - head[20]
         numbers, times, topics, places = (array("q") for _ in range(4))
         known = {channel.number for channel in channels}
@@ -125,6 +126,8 @@ class CutDb3:
         row = self._row(page, at)
         length, at = _number(page, at)
         _, at = _number(page, at)
+        if length > self._there:  # damaged: its pages could lead in a circle for ever
+            return None
         here = self._here(length)
         record = bytearray(page[at : at + here])
         on_page = page[at + here : at + here + 4]
