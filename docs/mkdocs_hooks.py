@@ -48,7 +48,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     for uri, text in pages().items():
         files.append(File.generated(config, uri, content=text))
     for path in sorted((ROOT / "examples").rglob("*")):
-        if path.is_file():
+        if path.is_file() and path.suffix != ".py":  # programs are no part of the site
             uri = path.relative_to(ROOT).as_posix()
             files.append(File.generated(config, uri, abs_src_path=str(path)))
     return files
@@ -73,7 +73,7 @@ def turned(link: re.Match[str], source: str, uri: str) -> str:
     if (ROOT / path).is_dir() and (ROOT / path / "README.md").exists():
         path += "/README.md"
     on_site = BESIDE.get(path) or (path.removeprefix("docs/") if path.startswith("docs/") else None)
-    if on_site is None and path.startswith("examples/"):
+    if on_site is None and path.startswith("examples/") and not path.endswith(".py"):
         on_site = path
     if on_site is None:
         return link["open"].removeprefix("!")[1:-1]  # source code: its name is enough

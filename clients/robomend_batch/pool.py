@@ -17,7 +17,7 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from multiprocessing import get_context
+from multiprocessing import get_context, resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 from typing import Any
@@ -143,6 +143,7 @@ def in_workers(setup: Setup, names: Sequence[str], workers: int) -> Iterator[tup
 @contextmanager
 def _without_ctrl_c() -> Iterator[None]:
     """What is started meanwhile hears nothing of Ctrl-C: that is the run's business."""
+    resource_tracker.ensure_running()  # the first process that is started lets signals through again
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

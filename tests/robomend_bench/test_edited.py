@@ -10,7 +10,8 @@ from click.testing import CliRunner
 
 from robomend_bench.batch import drives
 from robomend_bench.batch.command import command
-from robomend_bench.batch.edited import EDITS, Change, Message, Watched, edited, first_told, read, write
+from robomend_bench.batch.edited import EDITS, Watched, edited, first_told
+from robomend_bench.batch.messages import Change, Message, read, write
 
 BEGIN_NS = drives.BEGIN_S * 10**9
 START_NS, STOP_NS = BEGIN_NS + 20 * 10**9, BEGIN_NS + 30 * 10**9

@@ -20,13 +20,12 @@ from typing import Any
 
 import numpy as np
 import yaml
-from rosbags.rosbag1 import Reader, Writer
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from robomend.errors import BackendError
 from robomend_batch.learn.gathering import number_fields
 from robomend_bench.batch.drives import BEGIN_S
 from robomend_bench.batch.learning import episodes, faulty
+from robomend_bench.batch.messages import Change, Message, read, types_of, write
 
 EDITS = ("dropped", "thinned", "frozen", "ramped")
 """Of a topic nothing comes; half comes; a number stands still; a number grows."""
@@ -45,15 +44,6 @@ AFTER_S = 20.0
 
 MOVES = 0.5
 """A number that has fewer different values than this share of its messages may stand still by itself."""
-
-
-@dataclass(frozen=True, slots=True)
-class Message:
-    """A message of a recording."""
-
-    time_ns: int
-    connection: Any
-    data: bytes
 
 
 @dataclass(frozen=True)
@@ -218,36 +208,6 @@ def diagnosed(program: list[str], draft: Path, logs: Sequence[Path]) -> list[dic
     return [json.loads(line) for line in (out / "results.ndjson").read_text().splitlines()]
 
 
-def read(recording: Path) -> list[Message]:
-    """Return the messages of a recording, in the order of time; BackendError if it cannot be read."""
-    try:
-        with Reader(recording) as reader:
-            found = [Message(time_ns, of, bytes(data)) for of, time_ns, data in reader.messages()]
-    except Exception as error:  # rosbags raises whatever of damaged files
-        raise BackendError(f"cannot be read: {error}") from error
-    if len(found) < 2:
-        raise BackendError("there are no messages in it")
-    return found
-
-
-def write(file: Path, messages: Sequence[Message]) -> Path:
-    """Write messages as a recording, each with its publisher."""
-    with Writer(file) as writer:
-        ours: dict[int, Any] = {}
-        for message in messages:
-            theirs = message.connection
-            if theirs.id not in ours:
-                ours[theirs.id] = writer.add_connection(
-                    theirs.topic,
-                    theirs.msgtype,
-                    msgdef=theirs.msgdef.data,
-                    md5sum=theirs.digest,
-                    callerid=theirs.ext.callerid,
-                )
-            writer.write(ours[theirs.id], message.time_ns, message.data)
-    return file
-
-
 def edited(
     messages: Sequence[Message], topic: Watched, kind: str, start_ns: int, stop_ns: int
 ) -> list[Message]:
@@ -269,43 +229,6 @@ def edited(
                 value = change.value(message.data) + grown
             found.append(replace(message, data=change.put(message.data, value)))
     return found
-
-
-class Change:
-    """A field of messages, read and replaced."""
-
-    def __init__(self, connection: Any, path: str) -> None:
-        self._type = connection.msgtype
-        self._store = types_of(connection)
-        *self._within, self._name = path.split(".")
-
-    def value(self, data: bytes) -> float:
-        """Return the field of a message."""
-        return float(getattr(self._holder(self._store.deserialize_ros1(data, self._type)), self._name))
-
-    def put(self, data: bytes, value: float) -> bytes:
-        """Return the message with another value."""
-        message = self._store.deserialize_ros1(data, self._type)
-        setattr(self._holder(message), self._name, value)
-        return bytes(self._store.serialize_ros1(message, self._type))
-
-    def _holder(self, message: Any) -> Any:
-        for name in self._within:
-            message = getattr(message, name)
-        return message
-
-
-_STORES: dict[str, Any] = {}
-
-
-def types_of(connection: Any) -> Any:
-    """Return a typestore that knows a connection's type; rosbags raises whatever if it cannot be parsed."""
-    key = f"{connection.msgtype} {connection.digest}"
-    if key not in _STORES:
-        store = get_typestore(Stores.EMPTY)
-        store.register(get_types_from_msg(connection.msgdef.data, connection.msgtype))
-        _STORES[key] = store
-    return _STORES[key]
 
 
 def watch(program: list[str], draft: Path, good: Path, messages: Sequence[Message]) -> list[Watched]:

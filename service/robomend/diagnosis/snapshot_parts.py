@@ -25,7 +25,7 @@ MOST_PARTS = 1_000
 """Of a candidate whose parts are looked up, and of parts that are kept of a snapshot."""
 
 
-class Parts:
+class ExplainedParts:
     """The parts of candidates over one model; `forced` components are abnormal whatever is asked."""
 
     def __init__(self, cnf: HealthCnf, forced: Collection[int]) -> None:

@@ -36,7 +36,7 @@ from robomend.diagnosis.oracle import Deadline, Oracle, OutOfTime, solver_name
 from robomend.diagnosis.reasons import Reasons
 from robomend.diagnosis.result import Conflict, Diagnosis, DiagnosisResult, Options, StoppedBy
 from robomend.diagnosis.search import MAX_DIAGNOSES
-from robomend.diagnosis.snapshot_parts import Parts
+from robomend.diagnosis.snapshot_parts import ExplainedParts
 from robomend.errors import ContradictoryModel, OptionRefused
 from robomend.model.cnf import HealthCnf
 from robomend_client.literals import Atom, Literal
@@ -199,7 +199,7 @@ class _SnapshotSearch:
         self._conflicts = conflicts
         # The one that refuted last comes first; with each, parts of candidates that explain it.
         self._snapshots = [(observed, set[int]()) for observed in snapshots]
-        self._parts = Parts(cnf, what_if.abnormal)
+        self._parts = ExplainedParts(cnf, what_if.abnormal)
         self._what_if = what_if
         self._health = list(range(1, len(cnf.components) + 1))
         self._forced = mask_of(what_if.abnormal)

@@ -3,6 +3,7 @@
     0002.sqlite.sql, 0002.postgresql.sql   by robomend 0.1.0 before its first release
     0005.sqlite.sql, 0005.postgresql.sql   the same, brought up to date and written to by a later one
     0006.sqlite.sql, 0006.postgresql.sql   the same once more, with a result that rows have in common
+    0007.sqlite.sql, 0007.postgresql.sql   and once more, with a batch
 
 When the schema changes, add what the version before wrote (SQLite: `.dump`; PostgreSQL: `pg_dump --inserts`),
 and leave the files that are here as they are.
