@@ -18,7 +18,7 @@ from robomend_batch.logs import text
 
 LOGS = 12
 
-LONG = 200_000
+LONG = 600_000
 
 
 def many_logs(folder: Path, lines: int = 3000) -> Path:
