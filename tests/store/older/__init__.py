@@ -3,10 +3,10 @@
     0002.sqlite.sql, 0002.postgresql.sql   by robomend 0.1.0 before its first release
     0005.sqlite.sql, 0005.postgresql.sql   the same, brought up to date and written to by a later one
     0006.sqlite.sql, 0006.postgresql.sql   the same once more, with a result that rows have in common
-    0007.sqlite.sql, 0007.postgresql.sql   and once more, with a batch
+    0007.sqlite.sql, 0007.postgresql.sql   what the next one has beside that: a batch
 
 When the schema changes, add what the version before wrote (SQLite: `.dump`; PostgreSQL: `pg_dump --inserts`),
-and leave the files that are here as they are.
+or what it has beside the one before it (`BESIDE`), and leave the files that are here as they are.
 """
 
 from __future__ import annotations
@@ -25,16 +25,22 @@ EVIDENCE = "".join(
 CHANGES = {"0003": f"{EVIDENCE} UPDATE alembic_version SET version_num = '0003';"}
 """What the migration to a later version wrote into such a database."""
 
+BESIDE = {"0007": "0006"}
+"""Versions of which only what they add is here -> what they add it to."""
+
 BEFORE_SIGN_INS = "DROP TABLE sign_ins; UPDATE alembic_version SET version_num = '0001';"
 
 
 def lay(url: str, version: str) -> None:
     """Put the database of that schema at the URL, which is an empty one."""
     left = version if (HERE / f"{version}.sqlite.sql").exists() else "0002"
+    files = [BESIDE[left], left] if left in BESIDE else [left]
     change = BEFORE_SIGN_INS if version == "0001" else CHANGES.get(version, "")
-    if url.startswith("sqlite"):
+    kind = "sqlite" if url.startswith("sqlite") else "postgresql"
+    script = "".join((HERE / f"{one}.{kind}.sql").read_text(encoding="utf-8") for one in files) + change
+    if kind == "sqlite":
         with closing(sqlite3.connect(url.removeprefix("sqlite:///"))) as lite:
-            lite.executescript((HERE / f"{left}.sqlite.sql").read_text(encoding="utf-8") + change)
+            lite.executescript(script)
     else:
         with psycopg.connect(url, autocommit=True) as server:
-            server.execute((HERE / f"{left}.postgresql.sql").read_bytes() + change.encode())
+            server.execute(script.encode())
