@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
-from tests.api.test_process import served
 from tests.clients.running_agent import agent, config
-from tests.robomend_board.processes import running as emulator
+from tests.service.board_robot import robot_with_board
 from tests.waiting import until
-
-from robomend_client.rest.sync import Client
 
 MODEL = {
     "robomend": 1,
@@ -22,14 +18,8 @@ MODEL = {
 
 
 def test_any_observer_of_an_agent_may_judge_what_the_board_measures(tmp_path: Path) -> None:
-    with (
-        emulator("--on", "3") as board,
-        served(tmp_path) as (_, url),
-        Client(url) as client,
-    ):
-        client.put_model("bot", json.dumps(MODEL))
-        at = {"host": "127.0.0.1", "port": board.port, "protected": [], "rate_hz": 10}
-        client.put_robot("tedusar", {"model": "bot", "policy": "observe", "board": at})
+    with robot_with_board(tmp_path, MODEL) as robot:
+        client = robot.client
         judged = {"lamp_draws": "current(lamp)", "lamp_volts": "voltage(3)", "fan": "current(fan)"}
         observers: dict[str, Any] = {
             name: {"kind": "property", "from": "board", "source": f"board:{what}", "low": 0.01}
@@ -40,7 +30,7 @@ def test_any_observer_of_an_agent_may_judge_what_the_board_measures(tmp_path: Pa
             found = client.observations("tedusar")["observations"]
             return {one["literal"] for one in found if one["fresh"] and one["source"] == "agent onboard"}
 
-        with agent(config(tmp_path, url, {}, observers=observers, board={"rate_hz": 10})):
+        with agent(config(tmp_path, robot.url, {}, observers=observers, board={"rate_hz": 10})):
             until(lambda: obs() == {"ok(lamp_draws)", "ok(lamp_volts)"}, "what it draws", 60)
             client.switch_channel("tedusar", 3, False)
             until(lambda: "not ok(lamp_draws)" in obs(), "that it draws nothing", 60)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 from collections.abc import Iterator
@@ -10,13 +9,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from tests.api.test_process import served, workers_of
+from tests.api.test_process import workers_of
 from tests.clients.running_agent import SLEEPER, pid_file
 from tests.clients.talker import watching
-from tests.robomend_board.processes import running as emulator
+from tests.service.board_robot import robot_with_board
 from tests.waiting import until
-
-from robomend_client.rest.sync import Client
 
 MODEL = {
     "robomend": 1,
@@ -50,27 +47,21 @@ def test_whoever_is_frozen_the_others_go_on_and_all_is_well_once_it_goes_on(tmp_
         "board": {"rate_hz": 10},
         "processes": {"laser": {"command": [*SLEEPER[:2], tells], "start": True}},
     }
-    with (
-        emulator("--on", "3") as board,
-        served(tmp_path) as (service, url),
-        Client(url) as client,
-    ):
-        client.put_model("bot", json.dumps(MODEL))
-        at = {"host": "127.0.0.1", "port": board.port, "protected": [], "rate_hz": 10}
-        client.put_robot("tedusar", {"model": "bot", "policy": "observe", "board": at})
+    with robot_with_board(tmp_path, MODEL) as robot:
+        client, service = robot.client, robot.service
         log = tmp_path / "agent.log"
 
         def held() -> set[str]:
             found = client.observations("tedusar")["observations"]
             return {one["literal"] for one in found if one["fresh"]}
 
-        with watching(tmp_path, url, **sections) as (agent, talker):
+        with watching(tmp_path, robot.url, **sections) as (agent, talker):
             talker.say("motor", data={"temperature": 40})
             until(lambda: held() == AGENTS | BOARDS, "all well", 60)
             with frozen(agent.pid):
                 until(lambda: held() == {"on(lamp)"}, "what the agent said is unknown", 60)
             until(lambda: held() == AGENTS | BOARDS, "all well again", 60)
-            with frozen(board.process.pid):
+            with frozen(robot.board.process.pid):
                 until(lambda: held() == AGENTS, "what the board said is unknown", 60)
             until(lambda: held() == AGENTS | BOARDS, "all well again", 60)
             with frozen(service.pid, *workers_of(service.pid)):
