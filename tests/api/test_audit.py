@@ -228,6 +228,8 @@ class Walk:
         elif step.said == "drill.create":
             batch = Batch(("ok(map)",), source="test", time_ns=CLOCK.now_ns())
             self.service.run(self.service.runtime.robots.observe("r1", batch))
+        elif step.said == "drill.cancel":  # one that waits still would be withdrawn, and have nothing to undo
+            until(lambda: self.drill()["state"] == "planting", "the drill is taken up")
         elif step.said == "drill.abandon":
             until(lambda: self.drill()["state"] == "undoing", "the drill is cancelled")
         elif step.said == "observations.report":
