@@ -6,6 +6,7 @@ states, or a change that changes nothing. The latter are listed in equivalent_mu
 
     ./dev mutate planning --count 20 --seed 1
     ./dev mutate planning --file choice.py --count 0      all of one file
+    ./dev mutate planning --since v0.1.0                  only of lines that were written since a revision
 
 Killed is what fails a test, breaks the import, or takes three times as long as the code itself (and 60 s).
 """
@@ -16,6 +17,7 @@ import argparse
 import contextlib
 import os
 import random
+import re
 import shutil
 import signal
 import subprocess
@@ -54,6 +56,28 @@ def equivalent() -> dict[tuple[str, str, str, str], str]:
     """Return the keys of mutants -> why no test can tell them from the code."""
     listed = tomllib.loads(EQUIVALENT.read_text(encoding="utf-8")).get("mutant", [])
     return {(one["file"], one["line"], one["was"], one["becomes"]): one["reason"] for one in listed}
+
+
+HUNK = re.compile(r"^@@ -\S+ \+(\d+)(?:,(\d+))? @@")
+
+
+def written_since(revision: str, root: Path = ROOT) -> dict[str, set[int]]:
+    """Return the lines of each file that are not as they were at a revision: committed, staged or not.
+
+    Raises:
+        subprocess.CalledProcessError: there is no such revision.
+    """
+    command = ["git", "diff", "--unified=0", "--no-color", "--no-ext-diff", "--no-prefix", revision, "--"]
+    changed: dict[str, set[int]] = {}
+    for line in subprocess.run(command, cwd=root, check=True, capture_output=True, text=True).stdout.split(
+        "\n"
+    ):
+        if line.startswith("+++ "):
+            lines = changed.setdefault(line[4:], set())
+        elif found := HUNK.match(line):
+            begin, many = int(found[1]), int(found[2] or 1)
+            lines.update(range(begin, begin + many))
+    return changed
 
 
 def of_room(room: str, only: str | None = None) -> list[Mutant]:
@@ -137,9 +161,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--count", type=int, default=10, help="how many; 0: all (default 10)")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--file", help="only of the file whose path ends so")
+    parser.add_argument("--since", metavar="REVISION", help="only of lines written since a revision of Git")
     asked = parser.parse_args(arguments)
     known = equivalent()
     every = of_room(asked.room, asked.file)
+    if asked.since is not None:
+        lines = written_since(asked.since)
+        every = [one for one in every if one.line in lines.get(one.file, ())]
     drawn = random.Random(asked.seed).sample(every, min(asked.count or len(every), len(every)))
     some = [one for one in drawn if one.key not in known]  # afterwards: a name more, and the sample stays
     tests = ROOMS[asked.room][1]

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import ast
+import subprocess
 from pathlib import Path
 
 import pytest
 from tests.mutants import mutants
-from tests.mutate import ROOMS, ROOT, Copy, equivalent, of_room, ordered
+from tests.mutate import ROOMS, ROOT, Copy, equivalent, of_room, ordered, written_since
 
 SOURCE = '''"""A docstring is no code."""
 
@@ -53,6 +54,23 @@ def test_what_is_named_as_equivalent_is_still_a_mutant() -> None:
     there = {one.key for room in ROOMS for one in of_room(room)}
     assert equivalent().keys() <= there
     assert all(len(reason) > 20 for reason in equivalent().values())
+
+
+def test_what_was_written_since_a_revision_is_told_by_its_lines(tmp_path: Path) -> None:
+    def git(*words: str) -> None:
+        subprocess.run(["git", "-c", "user.name=a", "-c", "user.email=a@b", *words], cwd=tmp_path, check=True)
+
+    file = tmp_path / "one.py"
+    file.write_text("".join(f"line_{number} = {number}\n" for number in range(1, 10)))
+    git("init", "-q")
+    git("add", ".")
+    git("commit", "-q", "-m", "one")
+    file.write_text(
+        file.read_text().replace("line_3 = 3\n", "line_3 = 4\nmore = 5\n").replace("line_7 = 7\n", "")
+    )
+    (tmp_path / "new.py").write_text("new = 1\n")
+    git("add", "new.py")
+    assert written_since("HEAD", tmp_path) == {"one.py": {3, 4}, "new.py": {1}}
 
 
 def test_the_test_that_mirrors_the_module_comes_first() -> None:
