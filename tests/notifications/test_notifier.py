@@ -168,7 +168,7 @@ async def test_what_does_not_arrive_is_tried_again_later(
     assert one.due_ns is not None
     assert one.due_ns >= one.created_ns + 600 * 10**9
     await store.write(lambda tx: notifications.put_off(tx, [one.number], "answered 500", by_ns=0))
-    telling._wake.set()
+    telling._seeker.wake()
     [one] = await until(store, lambda found: states(found) == ["delivered"])
     assert one.tries == 3
     await telling.close()

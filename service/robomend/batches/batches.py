@@ -30,6 +30,7 @@ from robomend.batches.one_batch import OneBatch
 from robomend.batches.record import batch_json, change, new_batch
 from robomend.batches.states import BatchState, BatchTrigger
 from robomend.errors import BackendError, NotFound, Overloaded, Refused, RobomendError, StateConflict
+from robomend.seeking import Seeker
 from robomend.settings import Settings
 from robomend.store import Store, batch_jobs
 from robomend.store.records import Json, Page, Paging, StoredBatchJob
@@ -89,50 +90,34 @@ class Batches:
         self._place: str | None = None
         self._running: dict[str, asyncio.Task[None]] = {}
         self._uploads = 0
-        self._look = asyncio.Event()
-        self._seeker: asyncio.Task[None] | None = None
+        self._tidy_at = 0.0
+        self._seeker = Seeker(self._seek, "batches", LOOK_S)
         self._end: Callable[[], None] = lambda: None
 
     async def start(self) -> None:
         """Take up what a crash left, and what is asked for from now on."""
         self._end = self._store.subscribe(self._follow)
-        self._seeker = asyncio.create_task(self._seek(), name="looking for batches")
+        self._seeker.start()
 
     async def close(self) -> None:
         """End what runs; it is taken up again by the next process."""
         self._end()
-        tasks = [*self._running.values(), *([self._seeker] if self._seeker else [])]
-        for task in tasks:
-            task.cancel()
-        if tasks:
-            await asyncio.wait(tasks, timeout=CLOSE_S)
+        await self._seeker.close(self._running.values(), CLOSE_S)
 
     def _follow(self, events: Sequence[Event]) -> None:
         if any(event.kind is Kind.BATCH for event in events):
-            self._look.set()
+            self._seeker.wake()
 
     # --- carrying out
 
     async def _seek(self) -> None:
-        tidy_at = 0.0
-        while True:
-            self._look.clear()
-            try:
-                if self._place is None and not self._folders.root.exists():
-                    pass  # nobody has asked for a batch here yet
-                else:
-                    place = await self._our_place()
-                    if time.monotonic() >= tidy_at:
-                        await self._tidy(place)
-                        tidy_at = time.monotonic() + TIDY_S
-                    await self._attend(place)
-            except RobomendError as error:
-                log.warning("looking for batches", code=error.code, detail=str(error))
-            except Exception:  # else no batch would ever be carried out
-                log.exception("looking for batches")
-            with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(LOOK_S):
-                    await self._look.wait()
+        if self._place is None and not self._folders.root.exists():
+            return  # nobody has asked for a batch here yet
+        place = await self._our_place()
+        if time.monotonic() >= self._tidy_at:
+            await self._tidy(place)
+            self._tidy_at = time.monotonic() + TIDY_S
+        await self._attend(place)
 
     async def _our_place(self) -> str:
         if self._place is None:
@@ -197,7 +182,7 @@ class Batches:
 
     def _ended(self, job: str, _: asyncio.Task[None]) -> None:
         del self._running[job]
-        self._look.set()
+        self._seeker.wake()
 
     async def _tidy(self, place: str) -> None:
         """Forget what ended long ago, and remove the files that nobody knows."""
@@ -254,7 +239,7 @@ class Batches:
                 await asyncio.shield(asyncio.to_thread(made.close))
         finally:
             self._uploads -= 1
-            self._look.set()
+            self._seeker.wake()
 
     async def below_folder(self, patterns: Sequence[str]) -> tuple[Path, list[str]]:
         """Return the folder of the setting, and the logs below it that patterns mean.

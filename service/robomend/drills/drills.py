@@ -8,7 +8,6 @@ fence.
 from __future__ import annotations
 
 import asyncio
-import contextlib
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -21,6 +20,7 @@ from robomend.drills.record import drill_json, new_drill
 from robomend.drills.states import DrillState
 from robomend.errors import InputError, RobomendError, StateConflict
 from robomend.planning.faults import FaultKind
+from robomend.seeking import Seeker
 from robomend.store import Transaction, View, drills, global_stop, robots
 from robomend.store.records import AuditEntry, Fence, Json, Paging, StoredDrill
 from robomend_client.events import Event, Kind
@@ -47,42 +47,27 @@ class Drills:
         self._parts = parts
         self._store = parts.store
         self._running: dict[str, tuple[OneDrill, Fence, asyncio.Task[None]]] = {}  # by robot
-        self._look = asyncio.Event()
-        self._seeker: asyncio.Task[None] | None = None
+        self._seeker = Seeker(self._take_up, "open drills", LOOK_S)
         self._ends: list[Callable[[], None]] = []
 
     async def start(self) -> None:
         """Take up what a crash left, and what is asked for from now on."""
         self._ends = [self._store.subscribe(self._follow), self._store.ownership.on_lost(self._lost)]
         self._parts.switch.on_change(self._stop_changed)
-        self._seeker = asyncio.create_task(self._seek(), name="looking for open drills")
+        self._seeker.start()
 
     async def close(self) -> None:
         """Let go; what is open is taken up by whoever owns the robot next."""
         for end in self._ends:
             end()
-        tasks = [task for _, _, task in self._running.values()]
-        tasks += [self._seeker] if self._seeker else []
-        for task in tasks:
-            task.cancel()
-        if tasks:
-            await asyncio.wait(tasks, timeout=CLOSE_S)
+        await self._seeker.close([task for _, _, task in self._running.values()], CLOSE_S)
 
-    async def _seek(self) -> None:
-        while True:
-            self._look.clear()
-            try:
-                for drill in await self._store.read(drills.open_ones):
-                    fence = self._store.ownership.held.get(drill.robot)
-                    if fence is not None and drill.robot not in self._running:
-                        self._carry_out(drill, fence)
-            except RobomendError as error:
-                log.warning("looking for drills", code=error.code, detail=str(error))
-            except Exception:  # else no drill would ever be undone
-                log.exception("looking for drills")
-            with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(LOOK_S):
-                    await self._look.wait()
+    async def _take_up(self) -> None:
+        """Carry out what is open on our robots and nobody is at."""
+        for drill in await self._store.read(drills.open_ones):
+            fence = self._store.ownership.held.get(drill.robot)
+            if fence is not None and drill.robot not in self._running:
+                self._carry_out(drill, fence)
 
     def _carry_out(self, drill: StoredDrill, fence: Fence) -> None:
         one = OneDrill(self._parts, drill, fence)
@@ -104,7 +89,7 @@ class Drills:
         found = self._running.get(robot)
         if found is not None and found[0] is one:
             del self._running[robot]
-            self._look.set()
+            self._seeker.wake()
 
     def _lost(self, fence: Fence) -> None:
         found = self._running.get(fence.robot)
@@ -120,7 +105,7 @@ class Drills:
             found = self._running.get(event.robot or "")
             if event.kind is Kind.DRILL:
                 if found is None:
-                    self._look.set()
+                    self._seeker.wake()
                 else:
                     found[0].asked()
             elif found is not None and event.kind in {Kind.DIAGNOSIS, Kind.REPAIR}:

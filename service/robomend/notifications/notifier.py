@@ -13,7 +13,6 @@ one mail.
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import time
 from collections import deque
 from collections.abc import Awaitable, Callable, Sequence
@@ -26,6 +25,7 @@ from robomend.metrics import Metrics
 from robomend.notifications.delivery import Delivery, Messages, deliver
 from robomend.notifications.notices import KINDS, Notice, message, notice_of, trial_notice
 from robomend.notifications.recipients import Recipient, recipients
+from robomend.seeking import Seeker
 from robomend.settings import Settings
 from robomend.store import Store, Transaction, events, notifications
 from robomend.store.records import AuditEntry, StoredNotification
@@ -61,9 +61,9 @@ class Notifier:
         self._heard: deque[Event] = deque()
         self._heard_to = 0
         self._noted_s = 0.0
-        self._wake = asyncio.Event()
         self._sending: dict[str, asyncio.Task[None]] = {}
-        self._task: asyncio.Task[None] | None = None
+        self._catch_up_to: int | None = None  # the newest event when this began
+        self._seeker = Seeker(self._look, "notifications", LOOK_S)
         self._end: Callable[[], None] = lambda: None
 
     async def start(self) -> None:
@@ -76,16 +76,13 @@ class Notifier:
         newest = (await self._store.read(events.kept)).newest
         if await self._store.read(notifications.looked_to) is None:
             await self._store.write(partial(notifications.look_to, event=newest))
-        self._task = asyncio.create_task(self._run(newest), name="notifications")
+        self._catch_up_to = newest
+        self._seeker.start()
 
     async def close(self) -> None:
         """Let go; what is on its way is told again, by whoever comes next."""
         self._end()
-        tasks = [*self._sending.values(), *([self._task] if self._task else [])]
-        for task in tasks:
-            task.cancel()
-        if tasks:
-            await asyncio.wait(tasks, timeout=CLOSE_S)
+        await self._seeker.close(self._sending.values(), CLOSE_S)
 
     async def test(self, recipient: str, by: str) -> int:
         """Tell one recipient that this is a test, and return the notification's number.
@@ -104,7 +101,7 @@ class Notifier:
         number = await self._store.write(write)
         if number is None:
             raise NotFound(f"too much waits for {recipient!r} already")
-        self._wake.set()
+        self._seeker.wake()
         return number
 
     # --- what is to be told
@@ -114,27 +111,16 @@ class Notifier:
         told = [event for event in heard if event.kind in KINDS]
         if told:
             self._heard.extend(told)
-            self._wake.set()
+            self._seeker.wake()
 
-    async def _run(self, newest: int) -> None:
-        caught_up = False
-        while True:
-            self._wake.clear()
-            pause_s = LOOK_S
-            try:
-                if not caught_up:
-                    await self._store.write(partial(notifications.disown, known=self.recipients, answer=GONE))
-                    await self._catch_up(newest)
-                    caught_up = True
-                await self._look()
-                pause_s = await self._send()
-            except RobomendError as error:  # the database is away: it is all there when it is back
-                log.warning("notifications", code=error.code, detail=str(error))
-            except Exception:  # else nobody would ever be told again
-                log.exception("notifications")
-            with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(pause_s):
-                    await self._wake.wait()
+    async def _look(self) -> float:
+        """Write down what is to be told, and send what is due; return how long nothing else is."""
+        if self._catch_up_to is not None:
+            await self._store.write(partial(notifications.disown, known=self.recipients, answer=GONE))
+            await self._catch_up(self._catch_up_to)
+            self._catch_up_to = None
+        await self._note_heard()
+        return await self._send()
 
     async def _catch_up(self, newest: int) -> None:
         """Look at what came while no instance ran."""
@@ -146,7 +132,7 @@ class Notifier:
             last = found[-1].id
             await self._write([event for event in found if event.kind in KINDS], last)
 
-    async def _look(self) -> None:
+    async def _note_heard(self) -> None:
         """Write down what is to be told of the events that were heard."""
         heard, heard_to = tuple(self._heard), self._heard_to
         now_s = time.monotonic()
@@ -192,7 +178,7 @@ class Notifier:
 
     def _sent(self, name: str, _: asyncio.Task[None]) -> None:
         del self._sending[name]
-        self._wake.set()
+        self._seeker.wake()
 
     async def _send_to(self, recipient: Recipient, found: Sequence[StoredNotification]) -> None:
         url = self._settings.public_url

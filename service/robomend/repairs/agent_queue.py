@@ -22,6 +22,7 @@ from robomend.repairs.execution_values import MOST_FEEDBACK
 from robomend.repairs.states import QueueState
 from robomend.repairs.throttle import Throttle
 from robomend.robots.reporters import OURSELVES, Reporter
+from robomend.seeking import wait_for
 from robomend.store import Store, Transaction, View, agent_actions, global_stop
 from robomend.store.records import AgentAction, AuditEntry, Fence
 from robomend.store.session import SURE_S, boot_s
@@ -258,13 +259,6 @@ def _answer(action_id: str, said: tuple[int, str], tx: Transaction) -> None:
     code, message = said
     feedback = {"code": code, "message": message, "time_ns": tx.now_ns}
     tx.emit(Kind.ACTION, action.robot, {**describe(action), "feedback": feedback})
-
-
-async def wait_for(change: asyncio.Event, timeout_s: float) -> None:
-    """Wait for a change, but not longer."""
-    with contextlib.suppress(TimeoutError):
-        async with asyncio.timeout(timeout_s):
-            await change.wait()
 
 
 def describe(action: AgentAction) -> dict[str, Any]:

@@ -10,15 +10,12 @@ import asyncio
 import contextlib
 from collections.abc import Callable, Sequence
 
-import structlog
-
-from robomend.errors import NotFound, RobomendError
+from robomend.errors import NotFound
 from robomend.repairs.dependencies import Dependencies
 from robomend.repairs.robot_repairs import RobotRepairs
+from robomend.seeking import Seeker
 from robomend.store.records import Fence, Json, Stop
 from robomend_client.events import Event, Kind
-
-log = structlog.get_logger("robomend.repairs.robot_loops")
 
 ORPHANS_S = 1.0
 """How often robots without an owner are looked for: a dead instance's robots are taken over in about this."""
@@ -39,9 +36,8 @@ class RobotLoops:
         self._switch = needs.switch
         self._loops: dict[str, RobotRepairs] = {}
         self._tasks: dict[str, asyncio.Task[None]] = {}
-        self._look = asyncio.Event()
         self._let_go: set[str] = set()  # robots whose loop ended: released before they are kept again
-        self._seeker: asyncio.Task[None] | None = None
+        self._seeker = Seeker(self._acquire, "robots without an owner", ORPHANS_S)
         self._ends: list[Callable[[], None]] = []
 
     async def start(self) -> None:
@@ -54,37 +50,17 @@ class RobotLoops:
         await self._switch.start()
         self._switch.on_change(self._stop_changed)
         self._needs.robots.diagnosing.on_diagnosis(self._poke)
-        self._seeker = asyncio.create_task(self._seek(), name="looking for robots without an owner")
+        self._seeker.start()
 
     async def close(self) -> None:
         """Let go within a few seconds: running actions are cancelled, journals closed."""
         for end in self._ends:
             end()
-        if self._seeker is not None:
-            self._seeker.cancel()
-        for task in self._tasks.values():
-            task.cancel()
-        tasks = [*self._tasks.values(), *([self._seeker] if self._seeker else [])]
-        if tasks:
-            await asyncio.wait(tasks, timeout=CLOSE_S)
-
-    async def _seek(self) -> None:
-        """Acquire what nobody owns, again and again; the database may be away for a while."""
-        while True:
-            self._look.clear()
-            try:
-                await self._switch.look()
-                await self._acquire()
-            except RobomendError as error:
-                log.warning("looking for robots", code=error.code, detail=str(error))
-            except Exception:  # else no robot would ever get a loop again
-                log.exception("looking for robots")
-            with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(ORPHANS_S):
-                    await self._look.wait()
+        await self._seeker.close(self._tasks.values(), CLOSE_S)
 
     async def _acquire(self) -> None:
         """Make a loop for each robot that nobody owns, and for each of ours that has none."""
+        await self._switch.look()
         ownership = self._store.ownership
         for robot in tuple(self._let_go):
             await ownership.release(robot)
@@ -105,7 +81,7 @@ class RobotLoops:
             del self._loops[robot], self._tasks[robot]
             # The fence may be an old one, of a robot that another instance has or that was deleted.
             self._let_go.add(robot)
-            self._look.set()
+            self._seeker.wake()
 
     def _lost(self, fence: Fence) -> None:
         loop = self._loops.get(fence.robot)
@@ -127,7 +103,7 @@ class RobotLoops:
                     if task is not None:
                         task.cancel()
                 elif event.robot not in self._loops:
-                    self._look.set()
+                    self._seeker.wake()
                 elif event.kind is Kind.REPAIR:
                     self._loops[event.robot].asked()
                 elif event.kind is Kind.ROBOT and event.data.get("what") in {"updated", "released"}:
