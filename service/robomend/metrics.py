@@ -6,11 +6,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
+from prometheus_client import CollectorRegistry, Counter, Gauge, generate_latest
 from prometheus_client.core import GaugeMetricFamily
 from prometheus_client.registry import Collector
 
 from robomend.figures import SharedFigures, added
+from robomend.tallies import Spread, Spreads, Tallies, Tally
 
 CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 
@@ -42,47 +43,29 @@ class Metrics:
     def __init__(self) -> None:
         self.registry = CollectorRegistry()
         self.shared: SharedFigures | None = None
-        self.requests = Counter(
-            "robomend_requests", "HTTP requests", ("method", "route", "status"), registry=self.registry
-        )
-        self.request_s = Histogram(
+        self._requests = self._tallies("robomend_requests", "HTTP requests", ("method", "route", "status"))
+        self._request_s = self._spreads(
             "robomend_request_seconds",
             "from the head of a request to the end of its answer, streams and long polls left out",
             ("route",),
-            buckets=FINE_S,
-            registry=self.registry,
         )
-        self.hold_s = Histogram(
+        self.hold_s = self._spread(
             "robomend_request_hold_seconds",
             "the longest that a request held the event loop, in time of the processor",
-            buckets=FINE_S,
-            registry=self.registry,
         )
         self.hold_worst_s = Gauge(
             "robomend_request_hold_worst_seconds", "of all requests since the start", registry=self.registry
         )
         self._worst_hold_s = 0.0
-        self.loop_delay_s = Histogram(
-            "robomend_loop_delay_seconds",
-            "what the event loop took to come to a new task, sampled",
-            buckets=FINE_S,
-            registry=self.registry,
+        self.loop_delay_s = self._spread(
+            "robomend_loop_delay_seconds", "what the event loop took to come to a new task, sampled"
         )
-        self._children: dict[tuple[str, str, int], tuple[Counter, Histogram]] = {}
-        self.observations = Counter(
-            "robomend_observations", "literals accepted and durable", ("way",), registry=self.registry
-        )
-        self.diagnoses = Counter(
-            "robomend_diagnoses", "diagnoses by where they were made", ("place",), registry=self.registry
-        )
-        self.diagnosis_s = Histogram(
-            "robomend_diagnosis_seconds", "of the engine alone", buckets=FINE_S, registry=self.registry
-        )
-        self.published_s = Histogram(
-            "robomend_observation_to_diagnosis_seconds",
-            "from an accepted change to its published diagnosis",
-            buckets=FINE_S,
-            registry=self.registry,
+        self._by_request: dict[tuple[str, str, int], tuple[Tally, Spread]] = {}
+        self.observations = self._tallies("robomend_observations", "literals accepted and durable", ("way",))
+        self.diagnoses = self._tallies("robomend_diagnoses", "diagnoses by where they were made", ("place",))
+        self.diagnosis_s = self._spread("robomend_diagnosis_seconds", "of the engine alone")
+        self.published_s = self._spread(
+            "robomend_observation_to_diagnosis_seconds", "from an accepted change to its published diagnosis"
         )
         self.failures = Counter(
             "robomend_diagnosis_failures",
@@ -111,15 +94,28 @@ class Metrics:
             registry=self.registry,
         )
 
+    def _tallies(self, name: str, text: str, labels: tuple[str, ...]) -> Tallies:
+        tallies = Tallies(name, text, labels)
+        self.registry.register(tallies)
+        return tallies
+
+    def _spreads(self, name: str, text: str, labels: tuple[str, ...] = ()) -> Spreads:
+        spreads = Spreads(name, text, labels, bounds=FINE_S)
+        self.registry.register(spreads)
+        return spreads
+
+    def _spread(self, name: str, text: str) -> Spread:
+        return self._spreads(name, text).labels()
+
     def request(self, method: str, route: str, status: int, elapsed_s: float | None) -> None:
         """Count a request; `elapsed_s` is None where its time says nothing, as of a long poll."""
-        children = self._children.get((method, route, status))
-        if children is None:  # looking labels up costs more than counting; there are as many as routes
-            counter = self.requests.labels(method, route, str(status))
-            children = self._children[method, route, status] = counter, self.request_s.labels(route)
-        children[0].inc()
+        found = self._by_request.get((method, route, status))
+        if found is None:  # looking labels up costs more than counting; there are as many as routes
+            tally = self._requests.labels(method, route, str(status))
+            found = self._by_request[method, route, status] = tally, self._request_s.labels(route)
+        found[0].count += 1
         if elapsed_s is not None:
-            children[1].observe(elapsed_s)
+            found[1].observe(elapsed_s)
 
     def held(self, held_s: float) -> None:
         """Note the longest that a request held the event loop."""

@@ -13,6 +13,7 @@ from typing import Any
 import httpx
 import pytest
 from tests.api.conftest import Service, StartService
+from tests.waiting import until
 
 from robomend.api import ndjson, streams
 from robomend.store import Transaction, api_keys
@@ -164,6 +165,28 @@ def test_a_slow_reader_is_served_from_the_log(start: StartService, monkeypatch: 
     assert ids == sorted(set(ids))
     revisions = received.count(b"event: observations")
     assert revisions == last
+
+
+def test_a_stream_that_nobody_reads_is_dropped(start: StartService, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ndjson, "GROUP", 1)
+    service = start(send_timeout_s=0.2)
+    service.with_robot()
+    hub = service.runtime.hub
+    sock = socket.create_connection(("127.0.0.1", int(service.url.rsplit(":", 1)[1])))
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
+    lines = "".join(
+        json.dumps({"observations": ["ok(map)" if n % 2 else "not ok(map)"]}) + "\n" for n in range(400)
+    )
+    with sock:
+        sock.sendall(b"GET /api/v1/events HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        until(lambda: hub.count == 1, "the stream is open")
+
+        def dropped() -> bool:
+            head = {"Content-Type": "application/x-ndjson"}
+            service.api("POST", "/robots/r1/observations", content=lines, headers=head)
+            return hub.count == 0
+
+        until(dropped, "the stream is dropped")
 
 
 def test_too_many_streams_are_refused_and_room_comes_back(start: StartService) -> None:

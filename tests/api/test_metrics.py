@@ -65,7 +65,7 @@ def test_the_table_of_metrics_is_what_the_service_says(start: StartService) -> N
 def test_the_table_has_the_labels_of_the_instruments() -> None:
     instruments = {
         family.name + "_total" * (family.type == "counter"): set(instrument._labelnames)
-        for instrument in vars(Metrics()).values()
+        for instrument in Metrics().registry._collector_to_names
         if hasattr(instrument, "_labelnames")
         for family in instrument.collect()
     }

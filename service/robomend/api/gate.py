@@ -23,7 +23,7 @@ from starlette.responses import Response
 from robomend.api import lists
 from robomend.api.admitted import AGAIN
 from robomend.api.body import StrictRequest
-from robomend.api.origin import foreign
+from robomend.api.origin import first, foreign
 from robomend.api.problems import Problem
 from robomend.api.rates import Bucket
 from robomend.api.sign_in import SignIns
@@ -142,7 +142,7 @@ class Admission:
         Raises:
             Problem: 403 beyond the role, or another origin's page; 421 another host.
         """
-        header = request.headers.get("authorization")
+        header = first(request.scope, b"authorization")
         if header is None:
             if self.ring.empty:
                 return self._at_this_computer(request)
@@ -194,7 +194,7 @@ class Admission:
 
     async def _authenticate(self, request: Request) -> Principal:
         await self.ring.refresh()
-        header = request.headers.get("authorization")
+        header = first(request.scope, b"authorization")
         if header is None:
             if self.ring.empty:
                 return self._at_this_computer(request)
@@ -223,7 +223,7 @@ class Admission:
         is in the Host header then, so only names of this computer are served. Or it asks from its own origin,
         with an image, say: the browser tells (robomend.api.origin), and not even reads are answered.
         """
-        host = request.headers.get("host", "")
+        host = first(request.scope, b"host") or ""
         name = host_name(host)
         if not loopback(name) and name not in self._names:
             raise Problem(

@@ -1,4 +1,6 @@
-"""Whether a browser asks for a page of another origin: it says so in Origin and in Sec-Fetch-Site.
+"""What a request's headers say of where it comes from.
+
+A browser that asks for a page of another origin says so in Origin and in Sec-Fetch-Site.
 
 Other clients send neither. A browser sends Origin with every change and with reads by a script of another
 origin, Sec-Fetch-Site with every request, images and forms included (old ones do not).
@@ -30,3 +32,15 @@ def foreign(scope: Scope) -> str | None:
         if downgraded or authority != host:
             return "Origin"
     return None if site is None or site in OURS else "Sec-Fetch-Site"
+
+
+def first(scope: Scope, name: bytes) -> str | None:
+    """Return a header of a request, of a repeated one the first, or None; `name` in lower case.
+
+    Starlette's mapping of headers gives the same, with an exception inside for each that is not there.
+    """
+    for known, value in scope["headers"]:
+        if known == name:
+            found: bytes = value
+            return found.decode("latin-1")
+    return None

@@ -21,6 +21,7 @@ from dataclasses import dataclass
 from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
+from robomend.api.alarm import Alarm
 from robomend.api.problems import Problem
 from robomend.metrics import Metrics
 from robomend.store import Store, events
@@ -175,23 +176,24 @@ class Stream:
             gap = await self._resume(self._asked)
             if gap is not None:
                 yield gap
-        while not self._hub.closing:
-            if self._from_log:
-                chunk = await self._catch_up()
-            else:
-                chunk = b"".join(frame for number, frame in self._pending if number > self._last)
-                if self._pending:
-                    self._last = max(self._last, self._pending[-1][0])
-                    self._pending.clear()
-            if chunk:
-                yield chunk
-            elif not self._from_log:
-                self.wake.clear()
-                try:
-                    async with asyncio.timeout(self._hub.ping_s):
-                        await self.wake.wait()
-                except TimeoutError:
-                    yield PING if self.wanted.brief else b": ping\n\n"
+        with Alarm(self._hub.ping_s, self.wake.set) as idle:
+            while not self._hub.closing:
+                if self._from_log:
+                    chunk = await self._catch_up()
+                else:
+                    chunk = b"".join(frame for number, frame in self._pending if number > self._last)
+                    if self._pending:
+                        self._last = max(self._last, self._pending[-1][0])
+                        self._pending.clear()
+                if chunk:
+                    yield chunk
+                elif not self._from_log:
+                    self.wake.clear()
+                    idle.begin()
+                    await self.wake.wait()
+                    idle.end()
+                    if idle.rang:
+                        yield PING if self.wanted.brief else b": ping\n\n"
 
     async def _resume(self, asked: str) -> bytes | None:
         """Find the place to go on from; return a gap event if that is not where the client was."""
@@ -230,19 +232,20 @@ class EventStream(Response):
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         scope["robomend.waits"] = True
         gone = asyncio.create_task(_disconnect(receive))
-        writing = asyncio.create_task(self._write(send))
-        try:
-            await asyncio.wait({gone, writing}, return_when=asyncio.FIRST_COMPLETED)
-        finally:
-            self._hub.forget(self._stream)
-            for task in (gone, writing):
-                task.cancel()
-            for outcome in await asyncio.gather(gone, writing, return_exceptions=True):
-                # A client that stalls or goes away is no fault of ours; everything else is.
-                if isinstance(outcome, Exception) and not isinstance(outcome, (TimeoutError, OSError)):
-                    raise outcome
+        with Alarm(self._send_timeout_s, lambda: writing.cancel()) as stalled:
+            writing = asyncio.create_task(self._write(send, stalled))
+            try:
+                await asyncio.wait({gone, writing}, return_when=asyncio.FIRST_COMPLETED)
+            finally:
+                self._hub.forget(self._stream)
+                for task in (gone, writing):
+                    task.cancel()
+                for outcome in await asyncio.gather(gone, writing, return_exceptions=True):
+                    # A client that stalls or goes away is no fault of ours; everything else is.
+                    if isinstance(outcome, Exception) and not isinstance(outcome, OSError):
+                        raise outcome
 
-    async def _write(self, send: Send) -> None:
+    async def _write(self, send: Send, sending: Alarm) -> None:
         headers = self.raw_headers
         await send({"type": "http.response.start", "status": 200, "headers": headers})
         looked = time.monotonic()
@@ -251,8 +254,9 @@ class EventStream(Response):
                 if not await self._still():
                     break
                 looked = time.monotonic()
-            async with asyncio.timeout(self._send_timeout_s):
-                await send({"type": "http.response.body", "body": chunk, "more_body": True})
+            sending.begin()
+            await send({"type": "http.response.body", "body": chunk, "more_body": True})
+            sending.end()
         await send({"type": "http.response.body", "body": b"", "more_body": False})
 
 

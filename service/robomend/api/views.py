@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from json.encoder import encode_basestring_ascii
 from typing import Any
 
 from starlette.responses import Response
@@ -132,12 +133,14 @@ def robot_out(state: Robot, findings: Sequence[str], drill: Mapping[str, Any] | 
 
 def accepted_response(outcome: Acknowledged) -> Response:
     """Return what became of a batch; written directly, since this is the busiest answer of all."""
+    changed = ", ".join(map(encode_basestring_ascii, outcome.changed))
     refused = [
         {"sentence": fault.sentence, "position": fault.position, "message": fault.message}
         for fault in outcome.refused
     ]
-    body = {"revision": outcome.revision, "changed": list(outcome.changed), "refused": refused}
-    return Response(json.dumps(body), media_type="application/json")
+    rest = json.dumps(refused) if refused else "[]"
+    body = f'{{"revision": {outcome.revision}, "changed": [{changed}], "refused": {rest}}}'
+    return Response(body, media_type="application/json")
 
 
 def obs_out(state: Robot) -> ObsOut:

@@ -56,6 +56,7 @@ class RobotRepairs:
         self._robot = robot
         self._news = asyncio.Event()  # something may have changed
         self._look_up = True  # there may be an open repair in the store that we do not know of
+        self._resting = False  # there was nothing to do, and nothing to be done soon
         self._reasons = ReasonsToRepair()
         self._signals = Signals(lambda: needs.switch.active)
         self._requests = Requests(needs.store, fence)
@@ -63,8 +64,27 @@ class RobotRepairs:
     # --- what wakes it
 
     def poke(self) -> None:
-        """There is a new diagnosis: Diagnosing calls back, and robot_loops.py hands it on."""
-        self._news.set()
+        """There is a new diagnosis: Diagnosing calls back, and robot_loops.py hands it on.
+
+        Most are no reason to do anything. That is seen here: a turn of the loop costs several times as much.
+        """
+        if not self._resting or self._wait_s() < IDLE_S:
+            self._news.set()
+
+    def _wait_s(self) -> float:
+        """Return after how long there is something to do, by the diagnosis that is in memory; 0: now, or it
+        is not known.
+        """
+        state = self._needs.robots.memory.states.get(self._robot)
+        if state is None or state.stale:
+            return 0.0
+        chooser = self._needs.chooser
+        chooser.keep_ready(state)
+        try:
+            policy = chooser.policy(state)
+        except RobomendError:  # the loop tells of it
+            return 0.0
+        return self._reasons.wait_s(state, policy, self._needs.switch.stop)
 
     def asked(self) -> None:
         """Somebody wrote a repair, or a request for one."""
@@ -110,10 +130,13 @@ class RobotRepairs:
                 log.exception("repairs", robot=self._robot)
                 wait_s = RETRY_S
             try:
+                self._resting = wait_s >= IDLE_S and not self._look_up
                 async with asyncio.timeout(wait_s):
                     await self._news.wait()
             except TimeoutError:
                 self._look_up = True  # for an event that was lost
+            finally:
+                self._resting = False
 
     async def _is_lost(self, error: Exception) -> bool:
         """Whether an error says that the robot is no longer ours: another instance has it, or it is gone."""

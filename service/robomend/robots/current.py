@@ -50,6 +50,8 @@ class Current:
     @property
     def bad_sets(self) -> tuple[tuple[str, ...], ...] | None:
         """What each diagnosis blames; None without a result."""
+        if self.answer is not None:
+            return self.answer.bad_sets
         if self.result is None:
             return None
         return tuple(tuple(diagnosis["bad"]) for diagnosis in self.result["diagnoses"])

@@ -64,6 +64,7 @@ class Diagnosed:
     json: dict[str, Any] | None
     key: str  # equal for equal answers, whatever time they took
     took: str | None = None  # behind the key it makes the text of `json`
+    bad_sets: tuple[tuple[str, ...], ...] | None = None  # what each diagnosis blames; None without a result
     kept_as: dict[tuple[str, tuple[str, ...]], Common] = field(default_factory=dict, compare=False)
     """What the store keeps of it, for a model version and what is not expected to run; see `Current`."""
 
@@ -73,7 +74,8 @@ class Diagnosed:
         values = result_json(result)
         text = to_json(values)
         key = timeless(text)
-        return cls(result, None, values, key, text[len(key) :])
+        bad_sets = tuple(tuple(diagnosis["bad"]) for diagnosis in values["diagnoses"])
+        return cls(result, None, values, key, text[len(key) :], bad_sets)
 
     @classmethod
     def failed(cls, fault: RobomendError) -> Diagnosed:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Awaitable, Callable
+from json.encoder import encode_basestring_ascii
 
 import structlog
 
@@ -165,10 +166,10 @@ class Robots:
             )
             note(tx, state.id, by, update, revision, reports)
             start_ups.keep(tx, state.id, started)
-            said = {"revision": revision, "changed": [str(entry.literal) for entry in changed]}
-            told = {**said, "forgotten": [str(a) for a in update.forgotten], "accepted_ns": accepted_ns}
-            tx.emit(Kind.OBSERVATIONS, state.id, Encoded(told))
-            return said
+            literals = [str(entry.literal) for entry in changed]
+            forgotten = [str(atom) for atom in update.forgotten]
+            tx.emit(Kind.OBSERVATIONS, state.id, _told(revision, literals, forgotten, accepted_ns))
+            return {"revision": revision, "changed": literals}
 
         written = await self.diagnosing.write(state, batch, once)
         self._reports.noted(state.id, by, update)
@@ -276,3 +277,11 @@ class Robots:
             data = {"link": str(link), "reason": reason}
             writing = self._store.write(lambda tx: tx.emit(Kind.BOARD, robot, data))
             self._background.begin(writing, "board event")
+
+
+def _told(revision: int, changed: list[str], forgotten: list[str], accepted_ns: int) -> Encoded:
+    """Return the event of a batch. The encoder would take several times as long for its text."""
+    told = {"revision": revision, "changed": changed, "forgotten": forgotten, "accepted_ns": accepted_ns}
+    new, gone = (",".join(map(encode_basestring_ascii, texts)) for texts in (changed, forgotten))
+    text = f'"revision":{revision},"changed":[{new}],"forgotten":[{gone}],"accepted_ns":{accepted_ns}'
+    return Encoded(told, f"{{{text}}}")

@@ -13,10 +13,11 @@ event loop each time. So rows go to SQLite many in one statement:
 from __future__ import annotations
 
 import re
-import sqlite3
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
+from dataclasses import dataclass
 from itertools import chain
+from operator import itemgetter
 from typing import Any
 
 from sqlalchemy import Connection, Executable, exc
@@ -28,6 +29,15 @@ AT_ONCE = 64
 """Rows in one statement of SQLite: of so few different lengths that each stays prepared."""
 
 _ROW = re.compile(r"VALUES (\([?, ]+\))")
+
+
+@dataclass(frozen=True, slots=True)
+class _Made:
+    """A statement in the words of one kind of database."""
+
+    text: str
+    given: Callable[[Values], Any]  # a row as the driver takes it
+    one: re.Match[str] | None  # the place of one row, where more rows fit into the statement
 
 
 class Prepared:
@@ -42,38 +52,37 @@ class Prepared:
         """
         self._statement = statement
         self._columns = None if columns is None else list(columns)
-        self._made: dict[str, tuple[str, Sequence[str] | None]] = {}
+        self._made: dict[str, _Made] = {}
         self._longer: dict[int, str] = {}  # for more rows than one, on SQLite
 
     def run(self, connection: Connection, rows: Sequence[Values]) -> None:
         """Execute it for each row."""
-        text, names = self._text(connection)
-        given = [_given(names, row) for row in rows]
+        made = self._in_words(connection)
         try:
-            self._run(driver_of(connection), text, given)
+            self._run(driver_of(connection), made, [made.given(row) for row in rows])
         except connection.dialect.loaded_dbapi.Error as error:
             raise translation(connection, error) from error
 
-    def _run(self, driver: Any, text: str, given: Sequence[Any]) -> None:
-        one = _ROW.search(text) if isinstance(driver, sqlite3.Connection) else None
-        if one is None:
+    def _run(self, driver: Any, made: _Made, given: Sequence[Any]) -> None:
+        if made.one is None:
             with closing(driver.cursor()) as cursor:
-                cursor.executemany(text, given)
+                cursor.executemany(made.text, given)
             return
         done = 0
         while left := len(given) - done:
             some = min(AT_ONCE, 1 << (left.bit_length() - 1))
             if some == 1:
-                driver.execute(text, given[done])
+                driver.execute(made.text, given[done])
             else:
-                driver.execute(self._many(text, one, some), [*chain.from_iterable(given[done : done + some])])
+                text = self._many(made.text, made.one, some)
+                driver.execute(text, [*chain.from_iterable(given[done : done + some])])
             done += some
 
     def value(self, connection: Connection, row: Values) -> Any:
         """Execute it and return the first value of the first row that it returns."""
-        text, names = self._text(connection)
+        made = self._in_words(connection)
         try:
-            return driver_of(connection).execute(text, _given(names, row)).fetchone()[0]
+            return driver_of(connection).execute(made.text, made.given(row)).fetchone()[0]
         except connection.dialect.loaded_dbapi.Error as error:
             raise translation(connection, error) from error
 
@@ -85,7 +94,7 @@ class Prepared:
             many = self._longer[rows] = f"{text[: one.end()]}{more}{text[one.end() :]}"
         return many
 
-    def _text(self, connection: Connection) -> tuple[str, Sequence[str] | None]:
+    def _in_words(self, connection: Connection) -> _Made:
         kind = connection.dialect.name
         made = self._made.get(kind)
         if made is None:
@@ -93,7 +102,10 @@ class Prepared:
             compiled = statement.compile(dialect=connection.dialect, column_keys=self._columns)  # type: ignore[attr-defined]  # every statement has it
             assert isinstance(compiled, SQLCompiler)
             names = compiled.positiontup if compiled.positional else None
-            made = self._made[kind] = (str(compiled), names)
+            one = _ROW.search(str(compiled)) if kind == "sqlite" else None
+            made = self._made[kind] = _Made(
+                str(compiled), _as_it_is if names is None else _in_order(names), one
+            )
         return made
 
 
@@ -129,5 +141,13 @@ def translation(connection: Connection, error: Any) -> exc.DBAPIError:
     return raised
 
 
-def _given(names: Sequence[str] | None, row: Values) -> Any:
-    return row if names is None else tuple([row[name] for name in names])
+def _as_it_is(row: Values) -> Values:
+    return row
+
+
+def _in_order(names: Sequence[str]) -> Callable[[Values], tuple[Any, ...]]:
+    """Return what puts the values of a row in this order."""
+    if len(names) == 1:
+        [name] = names
+        return lambda row: (row[name],)
+    return itemgetter(*names)
