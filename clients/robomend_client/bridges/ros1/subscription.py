@@ -232,7 +232,10 @@ class _Stream:
         self._newest_ns = 0  # when the newest message came
 
     def received(self, data: bytes, arrived_ns: int) -> bool:
-        messages = self._decoder.receive(data)
+        try:
+            messages = self._decoder.receive(data)
+        except ProtocolError as error:
+            raise ProtocolError(f"it speaks no TCPROS: {error}") from error
         if self._publisher is None and self._decoder.header is not None:
             self._publisher = self._subscription.greeted(self, self._decoder.header)
             _set(self.greeted)
