@@ -3,9 +3,9 @@
     {"do": "publish", "topic": "/scan", "type": "std_msgs/String", "value": {"data": "x"}, "rate": 10}
     {"do": "subscribe", "topic": "/diagnosis", "type": …}    what comes is printed: {"heard": topic, …}
 
-`raw` instead of `value`: bytes in hexadecimal; `hash`: instead of the type's own; `attachment`: which of
-rmw_zenoh's forms. Keys, tokens and attachments are written from rmw_zenoh's documented format, not with our
-code: it is the other side.
+`stamped`: a header has the robot's time. `raw` instead of `value`: bytes in hexadecimal; `hash`: instead of
+the type's own; `attachment`: which of rmw_zenoh's forms. Keys, tokens and attachments are written from
+rmw_zenoh's documented format, not with our code: it is the other side.
 """
 
 from __future__ import annotations
@@ -95,6 +95,7 @@ class Commands:
         self.tokens: dict[str, Any] = {"": self.token(f"NN/%/%/{name}", 0)[0]}
         self.stops: dict[str, threading.Event] = {}
         self.kept: dict[str, Any] = {}
+        self.robots_s = 0  # the robot's time, by /clock
 
     def token(self, rest: str, number: int) -> tuple[Any, str]:
         key = f"@ros2_lv/{self.domain}/{self.session.info.zid()}/0/{number}/{rest}"
@@ -116,6 +117,15 @@ class Commands:
     def nothing(self, line: dict[str, Any]) -> None:
         pass
 
+    def simulated(self, line: dict[str, Any]) -> None:
+        """Live by /clock."""
+        kind = long_name("rosgraph_msgs/Clock")
+
+        def ticked(sample: Any) -> None:
+            self.robots_s = STORE.deserialize_cdr(sample.payload.to_bytes(), kind).clock.sec
+
+        self.kept["clock"] = self.session.declare_subscriber(f"{self.domain}/clock/*/*", ticked)
+
     def bare_token(self, line: dict[str, Any]) -> None:
         """Declare a token of any text."""
         self.tokens[line["key"]] = self.session.liveliness().declare_token(line["key"])
@@ -133,12 +143,13 @@ class Commands:
         token = self.topic_token("MP", line)
         gid = xxhash.xxh3_128(token.encode()).intdigest().to_bytes(16, "little")
         kind = long_name(line["type"])
-        given = "raw" in line
-        data = (
-            bytes.fromhex(line["raw"])
-            if given
-            else STORE.serialize_cdr(made(kind, line.get("value", {})), kind)
-        )
+
+        def data() -> bytes:
+            if "raw" in line:
+                return bytes.fromhex(line["raw"])
+            value = {"stamp": {"sec": self.robots_s}} if line.get("stamped") else line.get("value", {})
+            return bytes(STORE.serialize_cdr(made(kind, value), kind))
+
         key = f"{self.domain}{topic}/{self.wire(line)}"
         publisher: Any
         if line.get("latched"):
@@ -152,7 +163,7 @@ class Commands:
         form = line.get("attachment", "bare")
 
         def once(number: int) -> None:
-            publisher.put(bytes(data), attachment=attached(form, number, gid))
+            publisher.put(data(), attachment=attached(form, number, gid))
 
         def again() -> None:
             number = 0

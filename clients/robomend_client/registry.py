@@ -43,6 +43,7 @@ class Registry(Generic[T]):
         *,
         unknown: Callable[[str], Exception] = UnknownKind,
         broken: Callable[[str], Exception] = BrokenKind,
+        beside: tuple[str, ...] = (),
     ) -> None:
         """Register what comes with us.
 
@@ -52,12 +53,14 @@ class Registry(Generic[T]):
             built_in: name -> `module:attribute`.
             unknown: makes the error for a name that no part has.
             broken: makes the error for a part that cannot be imported.
+            beside: names of no parts, which may be written where those of parts are.
         """
         self.what = what
         self.group = group
         self.built_in = dict(built_in)
         self._unknown = unknown
         self._broken = broken
+        self._beside = beside
         self._loaded: dict[str, T] = {}
 
     def names(self) -> tuple[str, ...]:
@@ -89,7 +92,7 @@ class Registry(Generic[T]):
             return EntryPoint(name, self.built_in[name], self.group or "")
         others = self._others()
         if name not in others:
-            names = self.names()
+            names = (*self._beside, *self.names())
             choice = f"choose one of {', '.join(names)}{did_you_mean(name, names)}"
             raise self._unknown(f"no {self.what} is named {name!r}: {choice}")
         return others[name]

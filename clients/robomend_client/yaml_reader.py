@@ -79,11 +79,14 @@ class Section:
         """Note that these are keys, before any is read: none is then taken for another's misspelling."""
         self._asked.update(keys)
 
-    def missing(self, key: str, message: str) -> ConfigError:
-        """Return a complaint that `key` is needed: about its misspelling, if that is what is there."""
+    def missing(self, key: str, message: str, *others: str) -> ConfigError:
+        """Return a complaint that `key` is needed, or one of the others: about its misspelling, if that is
+        what is there.
+        """
         unknown = [name for name in self._values if name not in self._asked]
-        if (near := nearest(key, unknown)) is not None:
-            return self.error(near, f"is no key here; did you mean {key}?")
+        for wanted in (key, *others):
+            if (near := nearest(wanted, unknown)) is not None:
+                return self.error(near, f"is no key here; did you mean {wanted}?")
         return self.error(key, message)
 
     def text(self, key: str, default: str | None = None) -> str:

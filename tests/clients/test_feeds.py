@@ -127,7 +127,8 @@ def test_topics_may_come_from_elsewhere_all_or_each(tmp_path: Path) -> None:
 
 def test_an_unknown_origin_is_refused_with_its_line(tmp_path: Path) -> None:
     with pytest.raises(
-        ConfigError, match=r"agent.yaml:4: observers.scan.from: no origin of samples is named"
+        ConfigError,
+        match=r"agent.yaml:4: observers.scan.from: no origin of samples is named .*: choose one of bus, ros1",
     ):
         load(written(tmp_path, "  scan: {kind: general, from: tin_can}"))
 

@@ -31,6 +31,7 @@ from robomend_client.agent.supervisor import Supervisor
 from robomend_client.agent.topic_faults import TopicFaults
 from robomend_client.agent.usage import PERIOD_S, Usage
 from robomend_client.agent.watch import Watch
+from robomend_client.beats import until_beat_s
 from robomend_client.buffer import DiskBuffer
 from robomend_client.clock import Clock
 from robomend_client.observers import PROCESSES, Change
@@ -177,7 +178,7 @@ class Agent:
                         watch.sample(source, value)
             with contextlib.suppress(TimeoutError):
                 # Not wait_for: up to Python 3.11 it swallows a cancellation that comes with the event.
-                async with timeout(TABLE_S):
+                async with timeout(until_beat_s(TABLE_S, time.time_ns())):
                     await self._nodes_changed.wait()
             self._nodes_changed.clear()
 

@@ -114,6 +114,7 @@ FEEDS = Registry[Callable[..., Feed]](
     },
     unknown=UnknownFeed,
     broken=BrokenFeed,
+    beside=(BUS,),
 )
 
 

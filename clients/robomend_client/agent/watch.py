@@ -2,7 +2,7 @@
 
     feeders ──samples──► watch ──► driver ──changes──► reporter
                            ▲
-                     a beat of BEAT_S
+                     each beat (beats.py)
 
 The driver's time is the agent's clock (clock.py), so that what goes to the service needs no conversion. The
 beat asks the observers that are due, and shows whether the agent itself was late: time in which it did not
@@ -18,6 +18,7 @@ import time
 from collections.abc import Callable, Collection, Iterable, Sequence
 from pathlib import Path
 
+from robomend_client.beats import BEAT_NS
 from robomend_client.clock import Clock
 from robomend_client.literals import Atom
 from robomend_client.observers import SECOND, Change, Driver, Observer, Verdict, ns
@@ -25,7 +26,6 @@ from robomend_client.observers.recording import Recording
 
 log = logging.getLogger(__name__)
 
-BEAT_S = 0.05
 LATE_NS = ns(0.15)
 """The agent was late when it has not looked at the clock for this long; three beats."""
 
@@ -79,9 +79,7 @@ class Watch:
         while True:
             now_ns = self._look()
             self._tell(self.driver.advance(now_ns))
-            beat_ns = (now_ns // ns(BEAT_S) + 1) * ns(
-                BEAT_S
-            )  # the observers' grid has many of its ticks there
+            beat_ns = (now_ns // BEAT_NS + 1) * BEAT_NS  # the observers' grid has many of its ticks there
             next_ns = min(beat_ns, self.driver.next_ns or beat_ns)
             await asyncio.sleep(max(0, next_ns - now_ns) / SECOND)
 

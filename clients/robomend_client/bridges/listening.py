@@ -12,6 +12,7 @@ from fnmatch import fnmatchcase
 
 from robomend_client.agent.feeds import AgentParts
 from robomend_client.agent.reporter import VerdictReporter
+from robomend_client.beats import beat
 from robomend_client.bridges.names import Names, resolved
 from robomend_client.bridges.problems import Problems
 from robomend_client.bridges.sentences import Sentences, read_sentence
@@ -72,7 +73,7 @@ class Listening:
         report = asyncio.create_task(self._reporter.run())
         try:
             while not report.done():
-                await asyncio.sleep(LOOK_S)
+                await beat(LOOK_S)
                 self._reporter.report(self._sentences.expired(self._parts.clock.now_ns()))
             report.result()
         finally:

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from robomend_client.agent.feeds import AgentParts
+from robomend_client.beats import beat
 from robomend_client.bridges.problems import Problems
 from robomend_client.observers import Change
 from robomend_client.python310 import end, timeout
@@ -98,7 +99,7 @@ class Telling:
                 said = [str(verdict.literal) for verdict in self._parts.standing()]
                 if said:
                     self._say("observations", said, self._parts.clock.now_ns())
-            await asyncio.sleep(PERIOD_S)
+            await beat(PERIOD_S)
 
     # --- the service's part ----------------------------------------------------------------------------
 
@@ -109,7 +110,7 @@ class Telling:
         while True:
             if not self._wanted("diagnosis", "diagnostics"):
                 revision = None
-                await asyncio.sleep(LOOK_S)
+                await beat(LOOK_S)
                 continue
             try:
                 wait_s = None if revision is None else WAIT_S
@@ -118,11 +119,11 @@ class Telling:
                 revision = None
                 self._result, self._why_none = None, f"the service does not say: {error}"[:200]
                 self._problems.tell("the service", self._why_none)
-                await asyncio.sleep(PERIOD_S)
+                await beat(PERIOD_S)
                 continue
             self._problems.over("the service")
             if current["revision"] == revision:
-                await asyncio.sleep(LOOK_S)
+                await beat(LOOK_S)
                 continue
             revision = current["revision"]
             fault = current.get("fault")
@@ -132,7 +133,7 @@ class Telling:
 
     async def _repeated(self) -> None:
         while True:
-            await asyncio.sleep(PERIOD_S)
+            await beat(PERIOD_S)
             self._tell()
 
     def _tell(self) -> None:
@@ -154,4 +155,4 @@ class Telling:
                     channels = [dict(channel) for channel in board["channels"]]
                     if any(channel["on"] is not None for channel in channels):
                         self._say("board_measurments", channels, board["time_ns"])
-            await asyncio.sleep(PERIOD_S)
+            await beat(PERIOD_S)

@@ -233,7 +233,8 @@ def _check_end(data: bytes, at: int, after: Steps, cdr: bool) -> None:
     end = _skipped(data, at, after, cdr, cdr and not data[1] & 1)
     spare = len(data) - end - (4 if cdr else 0)
     if not 0 <= spare <= (3 if cdr else 0):
-        raise ValueError(f"it is {spare} bytes longer than its type")
+        how = f"{spare} bytes longer" if spare > 0 else f"{-spare} bytes shorter"
+        raise ValueError(f"it is {how} than its type")
 
 
 def _fixed(steps: Steps, cdr: bool) -> tuple[int, Steps]:

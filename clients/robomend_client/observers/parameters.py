@@ -93,6 +93,9 @@ def made(section: Section, make: Callable[..., Any], **arguments: Any) -> Any:
         if isinstance(error, ConfigError):
             raise
         key = str(error).split(" ", 1)[0].rstrip(":")
+        if key in arguments and key not in section:  # it is what is not there that is refused
+            others = (name for name in arguments if name not in section)
+            raise section.missing(key, str(error), *others) from error
         raise section.error(key if key in arguments or key in section else "", str(error)) from error
 
 

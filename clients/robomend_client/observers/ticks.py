@@ -38,4 +38,6 @@ class Ticks:
             state = self._states[heapq.heappop(heap)[1]]
             if state.tick_ns == tick_ns:
                 yield state
+        while heap and self._states[heap[0][1]].tick_ns != heap[0][0]:  # nobody shall be woken for it
+            heapq.heappop(heap)
         self.next_ns = heap[0][0] if heap else NEVER

@@ -102,6 +102,7 @@ def test_a_preset_has_the_published_numbers_and_a_key_beside_it_counts_more(tmp_
         ("{kind: hardware, preset: published, wiring: {}}", "x.preset: this kind has none"),
         ("{kind: qualitative}", "x.source: is missing"),
         ("{kind: property, source: a}", "x.low: low or high is needed"),
+        ("{kind: property, source: a, higg: 1}", "x.higg: is no key here; did you mean high?"),
         ("{kind: property, source: a, high: 1, filter: mode}", "x.filter: filter must be one of none, mean"),
         ("{kind: diagnostic, status: a}", "x.status: must be a list"),
         ("{kind: diagnostic, status: [a], rules: [hot]}", "x.rules: rules: 'hot' is no rule; write e.g."),

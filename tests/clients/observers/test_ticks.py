@@ -55,6 +55,18 @@ def test_an_observer_that_is_put_off_again_and_again_takes_no_room() -> None:
     assert turns(ticks) == [(1, 0), (7, 1)]
 
 
+def test_a_tick_that_was_overtaken_wakes_nobody() -> None:
+    one, other, _ = observers = states()
+    ticks = Ticks(observers)
+    ticks.schedule(one, 40)  # it would be silent by then
+    ticks.schedule(one, 10)  # a message came
+    for state in ticks.of(10):
+        ticks.schedule(state, 50)
+    assert ticks.next_ns == 50
+    ticks.schedule(other, 30)
+    assert ticks.next_ns == 30
+
+
 def test_more_may_be_scheduled_for_the_tick_that_is_under_way() -> None:
     one, other, _ = observers = states()
     ticks = Ticks(observers)

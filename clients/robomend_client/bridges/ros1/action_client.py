@@ -112,7 +112,7 @@ class RosAction:
 
     # --- what the server says --------------------------------------------------------------------------
 
-    def _result(self, publisher: Publisher, body: bytes) -> None:
+    def _result(self, publisher: Publisher, body: bytes, _: int) -> None:
         message = self._read(publisher, "result", body)
         waiting = None if message is None else self._waiting.get(message.status.goal_id.id)
         if message is None or waiting is None or waiting[0].done():
@@ -128,7 +128,7 @@ class RosAction:
             found = ActionResult(REFUSED if state is GoalState.REJECTED else code or FAILED, said)
         waiting[0].set_result(found)
 
-    def _feedback(self, publisher: Publisher, body: bytes) -> None:
+    def _feedback(self, publisher: Publisher, body: bytes, _: int) -> None:
         message = self._read(publisher, "feedback", body)
         waiting = None if message is None else self._waiting.get(message.status.goal_id.id)
         if message is not None and waiting is not None:

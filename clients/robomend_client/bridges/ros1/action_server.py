@@ -100,7 +100,7 @@ class GoalServer(ABC):
 
     # --- what clients want -----------------------------------------------------------------------------
 
-    def _goal(self, publisher: Publisher, body: bytes) -> None:
+    def _goal(self, publisher: Publisher, body: bytes, _: int) -> None:
         message = self.read_goal(publisher, body)
         if message is None:
             return
@@ -116,7 +116,7 @@ class GoalServer(ABC):
             return
         goal.task = asyncio.create_task(self._carried_out(goal, message))
 
-    def _cancel(self, publisher: Publisher, body: bytes) -> None:
+    def _cancel(self, publisher: Publisher, body: bytes, _: int) -> None:
         """Give up one goal; all of them without an id (those up to a time, where one is given)."""
         message = self._read(publisher, "cancel", body)
         if message is None:

@@ -122,7 +122,7 @@ class Ros1(RosBridge):
         if self.hears:
             listening = self.listening(parts, "ros1-observations")
 
-            def said(publisher: Publisher, body: bytes) -> None:
+            def said(publisher: Publisher, body: bytes, _: int) -> None:
                 self._said(listening, publisher, body)
 
             node.subscribe(self.names.ros("observations"), said, keep=True)
@@ -181,15 +181,17 @@ class _Hearing:
         """Whether anybody looks into the messages."""
         return bool(self._fields)
 
-    def message(self, publisher: Publisher, body: bytes) -> None:
+    def message(self, publisher: Publisher, body: bytes, arrived_ns: int) -> None:
         if self._liveness is not None:
             self._liveness.heard(publisher)
+        parts = self._bridge._parts
+        time_ns = arrived_ns if parts is None else arrived_ns + parts.clock.ahead_ns
         for source in self._counted:
-            self._deliver(source, None, None)
+            self._deliver(source, None, time_ns)
         if self._fields:
-            self._look(publisher, body)
+            self._look(publisher, body, time_ns)
 
-    def _look(self, publisher: Publisher, body: bytes) -> None:
+    def _look(self, publisher: Publisher, body: bytes, time_ns: int) -> None:
         problems = self._bridge.problems
         place = f"messages of {self._topic} by {publisher.node}"
         try:
@@ -202,7 +204,7 @@ class _Hearing:
                 except MissingField as error:
                     problems.tell(f"{self._topic} by {publisher.node}, {field}", str(error))
                 else:
-                    self._deliver(source, value, None)
+                    self._deliver(source, value, time_ns)
         except UnreadableMessage as error:
             problems.tell(place, str(error))
         else:

@@ -17,6 +17,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 
+from robomend_client.beats import beat
 from robomend_client.bridges.ros1.node import RosNode
 from robomend_client.bridges.ros1.nodes import Nodes, NodeState
 from robomend_client.bridges.ros1.subscription import Publisher
@@ -56,8 +57,6 @@ AGAIN_S = 0.15
 MOST_AT_ONCE = 16
 """Questions that begin in one beat."""
 
-BEAT_S = 0.05
-
 OnTable = Callable[["dict[str, bool | None]"], None]
 
 
@@ -94,7 +93,7 @@ class Liveness:
                 if now_s >= tell_at:
                     tell_at = now_s + TELL_S
                     self._tell()
-                await asyncio.sleep(BEAT_S)
+                await beat()
             listing.result()
         finally:
             self._closed = True
@@ -104,11 +103,11 @@ class Liveness:
         """Ask the master for its nodes, now and then: a master that does not answer delays nothing else."""
         while True:
             await self._list()
-            await asyncio.sleep(LIST_S)
+            await beat(LIST_S)
 
     # --- what is seen ----------------------------------------------------------------------------------
 
-    def _message(self, publisher: Publisher, _: bytes) -> None:
+    def _message(self, publisher: Publisher, _: bytes, __: int) -> None:
         self.heard(publisher)
 
     def heard(self, publisher: Publisher) -> None:

@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Iterable
 from typing import Any
 
-from robomend_client.bridges.ros1.xmlrpc import CALL_S, CallRefused, Garbage, call
+from robomend_client.bridges.ros1.xmlrpc import CALL_S, CallRefused, Garbage, call, fetch, read_answer
 from robomend_client.ros_graph import RosGraph, Table
 
 
@@ -16,6 +16,8 @@ class Master:
     def __init__(self, uri: str, caller: str) -> None:
         self.uri = uri
         self._caller = caller
+        self._state = b""  # the newest answer with the state, and what it says
+        self._graph = RosGraph()
 
     async def register_subscriber(self, topic: str, api: str) -> list[str]:
         """Say that we listen; return the addresses of the topic's publishers."""
@@ -45,21 +47,21 @@ class Master:
 
     async def graph(self, types: bool = True) -> RosGraph:
         """Return who publishes, listens to and offers what, and the types of the topics."""
-        state = await self._ask("getSystemState")
+        answer = await fetch(self.uri, "getSystemState", self._caller)
+        if not types and answer == self._state:
+            return self._graph  # to read it is most of what this costs, and mostly it is the same
+        state = _value("getSystemState", read_answer("getSystemState", answer))
         kinds = await self._ask("getTopicTypes") if types else []
         try:
-            return read_state(state, kinds)
+            graph = read_state(state, kinds)
         except (TypeError, ValueError) as error:
             raise Garbage(f"the master's state cannot be read: {error}") from error
+        if not types:
+            self._state, self._graph = answer, graph
+        return graph
 
     async def _ask(self, method: str, *arguments: Any) -> Any:
-        answer = await call(self.uri, method, self._caller, *arguments, timeout_s=CALL_S)
-        match answer:
-            case [1, _, value]:
-                return value
-            case [int(), str(why), _]:
-                raise CallRefused(f"{method}: {why[:200]}")
-        raise Garbage(f"{method} was answered with {str(answer)[:200]!r}")
+        return _value(method, await call(self.uri, method, self._caller, *arguments, timeout_s=CALL_S))
 
 
 def read_graph(uri: str) -> RosGraph:
@@ -79,6 +81,15 @@ def read_state(state: Any, types: Any) -> RosGraph:
     """
     publishers, subscribers, services = map(_table, state)
     return RosGraph(publishers, subscribers, services, {str(topic): str(kind) for topic, kind in types})
+
+
+def _value(method: str, answer: Any) -> Any:
+    match answer:
+        case [1, _, value]:
+            return value
+        case [int(), str(why), _]:
+            raise CallRefused(f"{method}: {why[:200]}")
+    raise Garbage(f"{method} was answered with {str(answer)[:200]!r}")
 
 
 def _table(rows: Iterable[Any]) -> Table:

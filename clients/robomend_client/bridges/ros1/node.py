@@ -16,6 +16,7 @@ import os
 import socket
 from typing import Any
 
+from robomend_client.beats import beat
 from robomend_client.bridges.problems import Problems
 from robomend_client.bridges.ros1.bursts import Bursts
 from robomend_client.bridges.ros1.master import Master
@@ -83,7 +84,7 @@ class RosNode:
                 except PeerError as error:
                     self.known.clear()
                     self.problems.tell("the master", f"{error} ({self.master.uri})")
-                await asyncio.sleep(LOOK_S)
+                await beat(LOOK_S)
         finally:
             await self._close()
 

@@ -124,7 +124,7 @@ class Subscriber(asyncio.Protocol):
         try:
             self._decoder.receive(data)
         except ProtocolError as error:
-            self._refuse(error)
+            self._refuse(ProtocolError(f"it speaks no TCPROS: {error}"))
             return
         header = self._decoder.header
         if self._greeting is None and header is not None:

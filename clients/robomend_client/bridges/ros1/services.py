@@ -11,6 +11,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Mapping
 
+from robomend_client.beats import beat
 from robomend_client.bridges.ros1.node import RosNode
 from robomend_client.bridges.ros1.tcpros import (
     LENGTH,
@@ -65,7 +66,7 @@ class Services:
                 answers = await self._answers(service)
                 if answers is not None:
                     self._on_state(source, answers)
-            await asyncio.sleep(LOOK_S)
+            await beat(LOOK_S)
 
     async def _answers(self, service: str) -> bool | None:
         """Ask a service who it is; None: whether it is there cannot be seen."""

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from importlib import import_module
 
 from robomend_client.bridges.problems import Problems
-from robomend_client.bridges.ros1.bursts import Bursts
+from robomend_client.bridges.ros1.bursts import REST_S, Bursts
 from robomend_client.bridges.ros1.tcpros import ProtocolError, TcprosDecoder, encode_header
 from robomend_client.bridges.ros1.xmlrpc import (
     CALL_S,
@@ -56,7 +56,9 @@ class Publisher:
     definition: str = ""
 
 
-OnMessage = Callable[[Publisher, bytes], None]
+OnMessage = Callable[[Publisher, bytes, int], None]
+"""Called with who says it, what, and when it came, by the computer's clock."""
+
 OnLink = Callable[[Publisher, bool], None]
 
 
@@ -227,17 +229,24 @@ class _Stream:
         self._subscription = subscription
         self._decoder = TcprosDecoder(subscription._keep)
         self._publisher: Publisher | None = None
+        self._newest_ns = 0  # when the newest message came
 
-    def received(self, data: bytes) -> bool:
-        messages = self._decoder.receive(data)
+    def received(self, data: bytes, arrived_ns: int) -> bool:
+        try:
+            messages = self._decoder.receive(data)
+        except ProtocolError as error:
+            raise ProtocolError(f"it speaks no TCPROS: {error}") from error
         if self._publisher is None and self._decoder.header is not None:
             self._publisher = self._subscription.greeted(self, self._decoder.header)
             _set(self.greeted)
         if self._publisher is not None:
             self.messages += len(messages)
-            for message in messages:
+            times_ns = spread(self._newest_ns, arrived_ns, len(messages))
+            for message, time_ns in zip(messages, times_ns, strict=True):
                 for on_message in self._subscription._on_message:
-                    on_message(self._publisher, message)
+                    on_message(self._publisher, message, time_ns)
+            if messages:
+                self._newest_ns = arrived_ns
         return self._decoder.within
 
     def ended(self, error: Exception | None) -> None:
@@ -251,6 +260,19 @@ class _Stream:
         _set(self.lost)
         if self._publisher is not None:
             self._subscription.lost(self._publisher)
+
+
+def spread(before_ns: int, newest_ns: int, count: int) -> Iterable[int]:
+    """Return when messages came of which only the newest one's time is known: evenly, within one rest.
+
+    Args:
+        before_ns: when the message before them came.
+    """
+    if count < 2:
+        return (newest_ns,) * count
+    rest_ns = round(REST_S * 1e9)
+    span_ns = min(rest_ns, newest_ns - before_ns) if before_ns < newest_ns else 0
+    return (newest_ns - span_ns * left // count for left in range(count - 1, -1, -1))
 
 
 def _set(future: asyncio.Future[None]) -> None:

@@ -120,19 +120,28 @@ async def call(uri: str, method: str, *arguments: Any, timeout_s: float = CALL_S
     Raises:
         PeerError: see its subclasses.
     """
+    return read_answer(method, await fetch(uri, method, *arguments, timeout_s=timeout_s))
+
+
+async def fetch(uri: str, method: str, *arguments: Any, timeout_s: float = CALL_S) -> bytes:
+    """Call a method of a peer and return its answer unread; as `call`."""
     connection = await connect(*address_of(uri), timeout_s)
-    return await ask(connection, method, *arguments, timeout_s=timeout_s)
+    return await _exchange(connection, method, *arguments, timeout_s=timeout_s)
 
 
 async def ask(connection: Connection, method: str, *arguments: Any, timeout_s: float = CALL_S) -> Any:
     """Call a method over a fresh connection, which is closed then; as `call`."""
+    return read_answer(method, await _exchange(connection, method, *arguments, timeout_s=timeout_s))
+
+
+async def _exchange(connection: Connection, method: str, *arguments: Any, timeout_s: float) -> bytes:
     reader, writer = connection
     body = xmlrpc.client.dumps(arguments, method).encode()
     head = f"POST / HTTP/1.0\r\nHost: ros\r\nContent-Type: text/xml\r\nContent-Length: {len(body)}\r\n\r\n"
     try:
         async with timeout(timeout_s):
             writer.write(head.encode() + body)
-            answer = await _body(reader, LONGEST_ANSWER)
+            return await _body(reader, LONGEST_ANSWER)
     except TimeoutError as error:
         raise NoAnswer(f"{method} was not answered within {timeout_s:g} s") from error
     except (OSError, EOFError, asyncio.LimitOverrunError) as error:
@@ -141,6 +150,14 @@ async def ask(connection: Connection, method: str, *arguments: Any, timeout_s: f
         raise Garbage(f"{method}: the answer is no HTTP: {error}") from error
     finally:
         writer.close()
+
+
+def read_answer(method: str, answer: bytes) -> Any:
+    """Return what was answered.
+
+    Raises:
+        CallRefused, Garbage: it is a refusal, or no answer.
+    """
     try:
         (result,), _ = xmlrpc.client.loads(answer)
     except xmlrpc.client.Fault as error:

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Protocol
 
 from robomend_client.agent.feeds import AgentParts, Deliver, split
+from robomend_client.beats import beat
 from robomend_client.bridges.base import ALL_DIAGNOSTICS, DIAGNOSTICS, NODES, RosBridge
 from robomend_client.bridges.fields import MissingField, UnreadableMessage
 from robomend_client.bridges.listening import Listening
@@ -169,7 +170,7 @@ class Ros2Bridge(RosBridge):
         await asyncio.sleep(self.discovery_s)  # whoever was not found by then is not there
         told_by = time.monotonic() + MOST_UNTOLD * self.discovery_s
         while untold() and time.monotonic() < told_by:
-            await asyncio.sleep(LOOK_S)
+            await beat(LOOK_S)
         said: dict[str, bool | None] | None = None
         said_s = 0.0
         while True:
@@ -180,7 +181,7 @@ class Ros2Bridge(RosBridge):
                 if table != said or time.monotonic() - said_s >= TABLE_S:
                     deliver(NODES, table, None)
                     said, said_s = table, time.monotonic()
-            await asyncio.sleep(LOOK_S)
+            await beat(LOOK_S)
 
     def _hearing(self, topic: str, wanted: list[tuple[str, str]], deliver: Deliver) -> OnMessage:
         fields = [(source, field) for source, field in wanted if field]

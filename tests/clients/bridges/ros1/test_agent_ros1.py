@@ -70,8 +70,8 @@ def test_peers_that_speak_garbage_to_the_agent_are_told_once_with_their_computer
     for what in (
         "a caller at 127.0.0.1: it speaks no XML-RPC: syntax error",
         "a caller at 127.0.0.1: it speaks no XML-RPC: it hung up after b'\\x16",
-        "a subscriber at 127.0.0.1: a header of 542393671 bytes",
-        "a subscriber at 127.0.0.1: a header field of 255 bytes in a header of 4",
+        "a subscriber at 127.0.0.1: it speaks no TCPROS: a header of 542393671 bytes",
+        "a subscriber at 127.0.0.1: it speaks no TCPROS: a header field of 255 bytes in a header of 4",
     ):
         assert log.count(what) == 1, (what, log)
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import select
 import socket
+import time
 from collections.abc import Callable
 
 import pytest
@@ -20,9 +22,10 @@ class Reader:
         self.ends: list[Exception | None] = []
         self._on_data = on_data
 
-    def received(self, data: bytes) -> bool:
+    def received(self, data: bytes, arrived_ns: int) -> bool:
         self.data += data
         self.reads += 1
+        self.arrived_ns = arrived_ns
         return self._on_data(data)
 
     def ended(self, error: Exception | None) -> None:
@@ -107,6 +110,39 @@ def test_nobody_rests_while_one_is_in_the_middle_of_a_message(monkeypatch: pytes
             bursts.close()
 
     asyncio.run(test())
+
+
+def test_what_came_is_as_old_as_the_kernel_says_however_late_it_is_read() -> None:
+    async def test() -> None:
+        bursts, reader = Bursts(), Reader()
+        with socket.create_server(("127.0.0.1", 0)) as server:
+            far = socket.create_connection(server.getsockname())
+            near, _ = server.accept()
+        near.setblocking(False)
+        with far, near:
+            bursts.join(near, reader)
+            before_ns = time.time_ns()
+            far.sendall(b"a")
+            select.select([near], [], [])
+            there_ns = time.time_ns()
+            time.sleep(0.03)  # nobody reads meanwhile: the agent is late
+            await until_read(reader, b"a")
+            assert before_ns <= reader.arrived_ns <= there_ns
+            bursts.close()
+
+    asyncio.run(test())
+
+
+def test_a_clock_that_was_set_makes_nothing_old_and_nothing_from_the_future() -> None:
+    def told(arrived_ns: int) -> list[tuple[int, int, bytes]]:
+        stamp = module.STAMP.pack(*divmod(arrived_ns, 10**9))
+        return [(socket.SOL_SOCKET, module.SO_TIMESTAMPNS, stamp)]
+
+    read_ns, now_ns = 1_000_000_000_900, 1_000_000_001_000
+    assert module._arrived_ns(told(now_ns - 10), read_ns, now_ns) == now_ns - 10
+    for impossible_ns in (read_ns - 1, now_ns + 1, now_ns - 3600 * 10**9):
+        assert module._arrived_ns(told(impossible_ns), read_ns, now_ns) == now_ns
+    assert module._arrived_ns([], read_ns, now_ns) == now_ns  # where the system does not tell
 
 
 def test_one_that_raises_ends_and_the_others_go_on() -> None:
