@@ -45,6 +45,8 @@ def rate_entry(entries: Entries, found: RateFound, first_s: float) -> None:
         "settle": str(found.window - 1),
         "silence_s": upwards(found.silence_s),
     }
+    if found.pause_s is not None:
+        entry["pause_s"] = upwards(found.pause_s)
     if first_s > 1:
         entry["first_s"] = upwards(2 * first_s)
     entries.topics[found.topic] = entry
@@ -52,7 +54,12 @@ def rate_entry(entries: Entries, found: RateFound, first_s: float) -> None:
     lines = [
         f"{found.messages:,} messages; windows of {found.window}: {_s(found.spans.usual)} (median), "
         f"{_s(found.spans.largest)} at most; as rare as asked: {_s(found.spans.value)}",
-        f"the fastest had {found.fastest_hz.largest:.3g} Hz; with a pause of silence_s: {lowest_hz:.3g} Hz",
+        f"the fastest had {found.fastest_hz.largest:.3g} Hz; "
+        + (
+            f"with a pause of silence_s: {lowest_hz:.3g} Hz"
+            if found.pause_s is None
+            else "its pauses count as pause_s, so that half of its messages missing is noticed beside them"
+        ),
         f"gaps: median {_s(found.gaps.usual)}, {_tail(found.gaps)}"
         + (f"; never below {LEAST_SILENCE_S:g} s" if found.gaps.value < LEAST_SILENCE_S else ""),
     ]

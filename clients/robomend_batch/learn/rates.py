@@ -3,20 +3,37 @@
 A pause that silence lets pass, the rate must let pass, too, and the burst of what was held up after it, even
 if the logs show none: in a window that lasts S a pause of P makes S + P of it, and S − P later. The window is
 the smallest in which a healthy rate nevertheless stays above SLOWEST of itself, so that half of the
-messages missing shows; a topic whose pauses are too long for that is watched for little but silence, and one
-that comes irregularly is not watched.
+messages missing shows.
+
+Where pauses are too long for that, or the logs too short, the rate is that beside them: an interval counts as
+so long at most (`pause_s`), and what is longer is left to silence:
+
+    |  |  |  |              |||||  |  |         intervals, and a pause
+    |  |  |  |      |||||  |  |                 as they count
+
+What is left are sums of bounded intervals. These have light tails (by the central limit theorem, and
+Bernstein's inequality), so that a few windows tell how far another one can stray: a prediction interval, as
+of a normal mean whose variance is estimated. Only that half is missing is told from it, though: a bound that
+rests on half a minute is not drawn tighter than SLOWEST.
+
+A topic for which that is too wide, too, is watched for little but silence, and one that comes irregularly is
+not watched.
+
+Source: G. Hahn, W. Meeker. Statistical Intervals. Wiley, 1991 (section 4.7: a prediction bound for a future
+observation).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robomend_batch.learn.stretches import Times
-from robomend_batch.learn.tails import Bound, bound, largest_of_blocks
-from robomend_client.observers.base import SECOND
+from robomend_batch.learn.tails import Bound, bound, largest_of_blocks, predicted
+from robomend_client.observers.base import SECOND, ns
 from robomend_client.observers.general import LEAST_SILENCE_S
 
 LEAST_MESSAGES = 60
@@ -28,9 +45,18 @@ LEAST_WINDOWS = 8
 SLOWEST = 0.6
 """Of the rate: slower is no healthy one."""
 
+PAUSES = (64, 32, 16, 8, 4)
+"""Usual intervals that a pause is longer than."""
+
+LEAST_SUM = 40
+LEAST_SUM_S = 0.7
+"""Of a window whose length is taken to be normal: messages, and seconds, for bursts in it are few."""
+
 LONGEST_SILENCE_S = 60.0
 IRREGULAR = 100.0
 """Usual intervals that a silence bound may last, and LONGEST_SILENCE_S whatever the rate."""
+
+Seconds = NDArray[np.float64]
 
 WAYS = 2
 """In which an observer of a rate can raise a false alarm: silence, and a wrong rate."""
@@ -51,6 +77,7 @@ class RateFound:
     fastest_hz: Bound
     messages: int
     only_silence: bool  # its rate strays so far that a wrong one cannot be told
+    pause_s: float | None = None  # an interval counts as so long at most; None: as it is
 
 
 def learn_rate(topic: str, pieces: Sequence[Times], hours: float, per_hour: float) -> RateFound | str:
@@ -85,7 +112,69 @@ def learn_rate(topic: str, pieces: Sequence[Times], hours: float, per_hour: floa
             found = tried
         if not found.only_silence:
             break
-    return f"{messages} messages: too few for a rate" if found is None else found
+    if found is None:
+        return f"{messages} messages: too few for a rate"
+    return (_beside_pauses(found, pieces, hours, per_hour) or found) if found.only_silence else found
+
+
+def _beside_pauses(
+    found: RateFound, pieces: Sequence[Times], hours: float, per_hour: float
+) -> RateFound | None:
+    """Return what tells that half of the messages are missing beside pauses; None: nothing."""
+    usual_s = 1 / found.rate_hz
+    for window in WINDOWS:
+        if window < LEAST_SUM or window * usual_s < LEAST_SUM_S:
+            continue
+        if window > LEAST_SUM and window * usual_s > LONGEST_WINDOW_S:
+            break
+        tried = []
+        for intervals in PAUSES:
+            pause_s = intervals * usual_s
+            spans = _spans([_counted(times, ns(pause_s)) for times in pieces], window)
+            if spans is None:
+                return None
+            all_spans = np.concatenate(spans)
+            windows = sum(len(one) // window for one in spans)
+            slow = predicted(all_spans, windows, per_hour / 2 * float(np.median(all_spans)) / 3600)
+            tried.append((max(slow.value / slow.usual, 1 + pause_s / slow.usual), pause_s, slow, spans))
+        slowest, pause_s, slow, spans = min(tried, key=lambda one: one[0])
+        if slowest * SLOWEST > 1:
+            continue
+        rate_hz = (window - 1) / slow.usual
+        fast = _fastest(spans, window, slow.usual, hours, per_hour)
+        highest_hz = max(fast.value, (window - 1) / max(slow.usual - found.silence_s, slow.usual / 100))
+        return replace(
+            found,
+            rate_hz=rate_hz,
+            tolerance_hz=(1 - SLOWEST) * rate_hz,
+            above_hz=max(highest_hz - rate_hz, rate_hz / 20),
+            window=window,
+            spans=slow,
+            fastest_hz=fast,
+            only_silence=False,
+            pause_s=pause_s,
+        )
+    return None
+
+
+def _counted(times: Times, pause_ns: int) -> Times:
+    """Return times from which is left out what intervals are longer than a pause."""
+    if not len(times):
+        return times
+    return np.concatenate([times[:1], times[0] + np.cumsum(np.minimum(np.diff(times), pause_ns))])
+
+
+def _spans(pieces: Sequence[Times], window: int) -> list[Seconds] | None:
+    """Return how long windows of so many messages last, stretch by stretch; None if there are too few."""
+    intervals = window - 1
+    spans = [(times[intervals:] - times[:-intervals]) / SECOND for times in pieces if len(times) > intervals]
+    return spans if sum(-(-len(one) // window) for one in spans) >= LEAST_WINDOWS else None
+
+
+def _fastest(spans: Sequence[Seconds], window: int, usual_s: float, hours: float, per_hour: float) -> Bound:
+    rates = [(window - 1) / np.maximum(one, usual_s / 100) for one in spans]
+    samples = np.concatenate([largest_of_blocks(one, window) for one in rates])
+    return bound(samples, hours, per_hour / 2, (window - 1) / usual_s)
 
 
 def _of_window(
@@ -100,18 +189,15 @@ def _of_window(
 ) -> RateFound | None:
     """Return what a window of so many messages comes to; None if the logs hold too few of them."""
     intervals = window - 1
-    spans = [(times[intervals:] - times[:-intervals]) / SECOND for times in pieces if len(times) > intervals]
-    if sum(-(-len(one) // window) for one in spans) < LEAST_WINDOWS:
+    spans = _spans(pieces, window)
+    if spans is None:
         return None
     usual_s = float(np.median(np.concatenate(spans)))
     rate_hz = intervals / usual_s
     slow = bound(
         np.concatenate([largest_of_blocks(one, window) for one in spans]), hours, per_hour / 2, usual_s
     )
-    rates = [intervals / np.maximum(one, usual_s / 100) for one in spans]
-    fast = bound(
-        np.concatenate([largest_of_blocks(one, window) for one in rates]), hours, per_hour / 2, rate_hz
-    )
+    fast = _fastest(spans, window, usual_s, hours, per_hour)
     lowest_hz = intervals / max(slow.value, usual_s + silence_s)
     highest_hz = max(fast.value, intervals / max(usual_s - silence_s, usual_s / 100))
     return RateFound(

@@ -23,11 +23,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from robomend_client.observers.student_t import critical
+
 LIGHTEST, HEAVIEST = 0.25, 0.5
 """Bounds of ξ."""
 
 LEAST_ORDER, MOST_ORDER = 5, 100
 """How many of the largest a tail is estimated from."""
+
+LIKELIEST = 0.01
+"""Probability with which a prediction bound is exceeded, at most."""
 
 Samples = NDArray[np.float64]
 
@@ -69,6 +74,26 @@ def bound(
     return Bound(
         middle + beyond, middle, float(np.quantile(samples, 0.999)), float(samples.max()), len(samples)
     )
+
+
+def predicted(samples: Samples, independent: int, probability: float) -> Bound:
+    """Return what another sample exceeds with a probability: a prediction bound.
+
+    What is above the median is taken to be so as half of a normal distribution is. What is below, such as
+    windows in which what was held up comes at once, says nothing of that.
+
+    Args:
+        samples: shape (n,), n > 0; they may overlap.
+        independent: how many of them do not.
+        probability: above 0; no more than LIKELIEST is promised.
+    """
+    middle, largest = float(np.median(samples)), float(samples.max())
+    above = samples[samples > middle] - middle
+    freedom = max(1, independent // 2)
+    quantile = critical(2 * min(probability, LIKELIEST), freedom)  # of both sides together
+    spread = float(np.sqrt(np.mean(above**2))) if len(above) else 0.0
+    value = max(middle + quantile * spread * (1 + 1 / freedom) ** 0.5, largest)
+    return Bound(value, middle, float(np.quantile(samples, 0.999)), largest, len(samples))
 
 
 def _hill(largest: Samples) -> float:

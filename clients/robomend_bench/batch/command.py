@@ -201,7 +201,7 @@ def _edited(wish: dict[str, Any], folder: Path) -> Measured:
         whose = f"{len(bags)} recordings"
     found = edited.measure(COMMAND, folder, bags)
     delays = sorted(found.delays_s)
-    shown = edited.counts(found.found, found.planted)
+    shown = f"{edited.counts(found.told, found.tellable)}; of all {edited.counts(found.found, found.planted)}"
     if delays:
         shown += f"; after {delays[len(delays) // 2]:.1f} s (median), {delays[-1]:.1f} s at most"
     false = ", ".join(f"{found.false_alarms[kind]} {kind}" for kind in ("learned", "by hand"))
@@ -210,7 +210,12 @@ def _edited(wish: dict[str, Any], folder: Path) -> Measured:
     whose = f"{found.unedited_s / 60:.1f} min of {whose}"
     return found.json(), [
         (f"false alarms in {whose}, as they are", false, "counted and shown"),
-        ("faults put in by editing, told in their time, their node a suspect", shown, "95 %"),
+        (
+            "faults put in by editing that the healthy part allows to tell, told in their time, their node a "
+            "suspect",
+            shown,
+            "95 %",
+        ),
     ]
 
 

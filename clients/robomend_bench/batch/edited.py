@@ -5,7 +5,8 @@
                         └──────► a topic dropped, thinned, frozen or ramped for a while, one in each copy
 
 So jitter and values are real, and the truth is known. The two by hand are the ones that a person would write
-for a sensor: it has a range, and it is never without noise.
+for a sensor: it has a range, and it is never without noise. Which faults can be told at all is decided by the
+first half alone: see tellable.py.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from robomend_batch.learn.gathering import number_fields
 from robomend_bench.batch.drives import BEGIN_S
 from robomend_bench.batch.learning import episodes, faulty
 from robomend_bench.batch.messages import Change, Message, read, types_of, write
+from robomend_bench.batch.tellable import why_not
 
 EDITS = ("dropped", "thinned", "frozen", "ramped")
 """Of a topic nothing comes; half comes; a number stands still; a number grows."""
@@ -76,7 +78,9 @@ class Edited:
     unedited_s: float = 0.0
     refused: list[str] = field(default_factory=list)  # recordings that nothing can be learned from, and why
     planted: Counter[str] = field(default_factory=Counter)
+    tellable: Counter[str] = field(default_factory=Counter)  # of these, what the first half allows to tell
     found: Counter[str] = field(default_factory=Counter)  # told of its topic, in its time, its node a suspect
+    told: Counter[str] = field(default_factory=Counter)  # of those that can be told
     missed: list[str] = field(default_factory=list)
     delays_s: list[float] = field(default_factory=list)
     false_alarms: Counter[str] = field(default_factory=Counter)  # of what was learned, and of the two by hand
@@ -91,6 +95,8 @@ class Edited:
             "refused": self.refused,
             "planted": dict(self.planted),
             "found": dict(self.found),
+            "tellable": dict(self.tellable),
+            "told": dict(self.told),
             "missed": self.missed,
             "false_alarms": dict(self.false_alarms),
             "alarms": self.alarms,
@@ -145,12 +151,27 @@ def _one(program: list[str], folder: Path, recording: Path, found: Edited) -> No
     known = {word for one in _within(as_it_is, when_s) for word in _wrong(one)}
     for file, (topic, kind) in planted.items():
         found.planted[kind] += 1
+        reason = _why_not(topic, kind, first, (stop_ns - start_ns) / 1e9)
+        found.tellable[kind] += reason is None
         at_s = first_told([one for one in told if one["log"] == str(file)], topic.node, known, when_s)
         if at_s is None:
-            found.missed.append(f"{recording.name}: {topic.topic} {kind}")
+            why = f" (cannot be told: {reason})" if reason else ""
+            found.missed.append(f"{recording.name}: {topic.topic} {kind}{why}")
         else:
             found.found[kind] += 1
+            found.told[kind] += reason is None
             found.delays_s.append(max(0.0, at_s - when_s[0]))
+
+
+def _why_not(topic: Watched, kind: str, healthy: Sequence[Message], fault_s: float) -> str | None:
+    """Return why a fault of a topic cannot be told; None: it can."""
+    mine = [message for message in healthy if message.connection.topic.strip("/") == topic.topic]
+    numbers: list[float] = []
+    if kind == "ramped" and topic.number is not None:
+        value = Change(mine[0].connection, topic.number).value
+        numbers = [value(message.data) for message in mine]
+    times_s = np.array([message.time_ns for message in mine], dtype=np.float64) / 1e9
+    return why_not(kind, times_s, np.array(numbers), fault_s)
 
 
 def _count_alarms(found: Edited, name: str, as_it_is: Sequence[dict[str, Any]]) -> None:

@@ -22,6 +22,10 @@ With `test: student_t`, a wrong rate must be significant, too: |f − rate| ≥ 
 margin, and the mean interval must differ by a t test of level `significance`. That is calmer where
 intervals scatter much.
 
+With `pause_s`, an interval counts in the rate as so long at most. What is longer is a pause, which silence_s
+judges: a few of them in a window make its rate no slower than they must, so that half of the messages missing
+shows beside them.
+
 Source: the paper, section IV-B; rate, tolerance, window and silence as published by `preset: published` (the
 paper's ω is a time window, the published observer's a number of messages).
 """
@@ -62,6 +66,7 @@ class Rate:
     test: str = "tolerance"  # or student_t
     significance: float = 0.05  # level of the t test
     tolerance_above_hz: float | None = None  # how much faster it may be; None: tolerance_hz
+    pause_s: float | None = None  # an interval counts in the rate as so long at most; None: as it is
 
     PRESETS: ClassVar[Mapping[str, Mapping[str, Any]]] = {
         "published": {"window": 10, "silence_s": 2.0, "check_s": 0.5, "settle": None}
@@ -85,6 +90,11 @@ class Rate:
                     f"silence_s of {self.silence_s:g} is no longer than one interval at {self.rate_hz:g} Hz: "
                     "every message would come too late"
                 )
+        if self.pause_s is not None and not self.pause_s * self.rate_hz > 1:
+            raise ValueError(
+                f"pause_s of {self.pause_s:g} is no longer than one interval at {self.rate_hz:g} Hz: "
+                "no rate could be too slow"
+            )
         if self.first_s is not None and not 0 <= self.first_s <= 86400:
             raise ValueError(f"first_s must be from 0 to 86400, not {self.first_s:g}")
         if self.test not in TESTS:
@@ -149,6 +159,9 @@ class GeneralObserver:
         self._lowest_hz, self._highest_hz = expected.lowest_hz, expected.highest_hz
         # Two windows of them: when the rate turns wrong, the message at which it was right is in there.
         self._times: deque[int] = deque(maxlen=2 * self._size)
+        # The same without what is longer of their intervals than a pause: it is what rates are of.
+        self._pause_ns = None if expected.pause_s is None else ns(expected.pause_s)
+        self._counted: deque[int] = self._times if self._pause_ns is None else deque(maxlen=2 * self._size)
         self._first_ns = max(0, ns(expected.first_s or 0.0) - self._silence_ns)
         self._back_ns = max(self._silence_ns, ns(self._size / expected.rate_hz))
         self._start_ns: int | None = None  # the first reset; None: there was none
@@ -163,6 +176,7 @@ class GeneralObserver:
 
     def _forget(self, time_ns: int) -> None:
         self._times.clear()
+        self._counted.clear()
         self._newest_ns = time_ns
         if not self._usual_ns:
             self._newest_ns = max(time_ns, (self._start_ns or 0) + self._first_ns)
@@ -174,6 +188,9 @@ class GeneralObserver:
         gap_ns = time_ns - self._newest_ns
         if not 0 <= gap_ns < self._usual_ns:
             time_ns = self._irregular(time_ns, gap_ns)
+        if self._pause_ns is not None:
+            counted = self._counted
+            counted.append(counted[-1] + min(time_ns - self._newest_ns, self._pause_ns) if counted else 0)
         self._times.append(time_ns)
         self._newest_ns = time_ns
 
@@ -187,6 +204,7 @@ class GeneralObserver:
             self._onset_ns = self._last_good_ns()
             self._silence_end_ns = time_ns
             self._times.clear()
+            self._counted.clear()
         elif gap_ns < -self._back_ns and not first:
             self.reset(time_ns)
         elif gap_ns < 0 and not first:
@@ -216,7 +234,11 @@ class GeneralObserver:
         gaps_ns = np.diff(times_ns[size - 1 :])
         if gaps_ns.min() < 0 or gaps_ns.max() >= min(self._usual_ns, self._silence_ns):
             return None
-        spans_ns = times_ns[size - 1 :] - times_ns[: 1 - size]
+        counted_ns = times_ns
+        if self._pause_ns is not None:
+            before = np.fromiter(islice(reversed(self._counted), size), np.int64, size)[::-1]
+            counted_ns = np.concatenate([before, before[-1] + np.cumsum(np.minimum(gaps_ns, self._pause_ns))])
+        spans_ns = counted_ns[size - 1 :] - counted_ns[: 1 - size]
         if spans_ns.min() <= 0:
             return None
         rates_hz = (size - 1) * SECOND / spans_ns
@@ -225,6 +247,8 @@ class GeneralObserver:
 
         def take() -> None:
             self._times.extend(times_ns[size:].tolist())
+            if self._pause_ns is not None:
+                self._counted.extend(counted_ns[size:].tolist())
             self._newest_ns = self._times[-1]
 
         return take
@@ -255,19 +279,19 @@ class GeneralObserver:
         intervals = min(len(self._times), self._size) - 1
         if intervals < self._intervals:
             return None
-        span_ns = self._newest_ns - self._times[-1 - intervals]
+        span_ns = self._counted[-1] - self._counted[-1 - intervals]
         return intervals * SECOND / span_ns if span_ns else inf
 
     # --- inside ----------------------------------------------------------------------------------------
 
     def _right(self) -> bool | None:
         """Return whether the rate is right; None while that cannot be said."""
-        times, size = self._times, self._size
-        have = len(times)
+        counted, size = self._counted, self._size
+        have = len(counted)
         intervals = (have if have < size else size) - 1
         if intervals < self._intervals:
             return None
-        span_ns = self._newest_ns - times[-1 - intervals]
+        span_ns = counted[-1] - counted[-1 - intervals]
         expected = self.expected
         f = intervals * SECOND / span_ns if span_ns else inf
         if self._lowest_hz < f < self._highest_hz:
@@ -295,17 +319,17 @@ class GeneralObserver:
 
     def _good_before(self) -> int | None:
         """Return the newest message at which the rate was right, of those that are remembered."""
-        times = tuple(self._times)
+        times, counted = tuple(self._times), tuple(self._counted)
         for last in range(len(times) - 1, self._intervals - 1, -1):
             intervals = min(last, self._size - 1)
-            span_ns = times[last] - times[last - intervals]
+            span_ns = counted[last] - counted[last - intervals]
             if span_ns and self._lowest_hz < intervals * SECOND / span_ns < self._highest_hz:
                 return times[last]
         return None
 
     def _significant(self, n: int) -> bool:
         """Return whether the mean of the newest n intervals differs significantly from what it should be."""
-        times = tuple(self._times)[-n - 1 :]
+        times = tuple(self._counted)[-n - 1 :]
         span_ns = times[-1] - times[0]
         # Exact in integers up to the last division: squares of nanoseconds are beyond what a float holds.
         squares = sum((b - a) ** 2 for a, b in pairwise(times))

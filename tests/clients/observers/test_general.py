@@ -55,6 +55,24 @@ def test_three_messages_lost_in_a_full_window_are_within_the_tolerance(tolerance
     assert verdict(fed(rate, *times), times[-1]) is True
 
 
+def test_a_pause_counts_as_so_long_at_most_and_half_of_the_messages_shows_beside_it() -> None:
+    rate = Rate(rate_hz=10, tolerance_hz=3, window=11, settle=10, silence_s=2, pause_s=0.2)
+    paused = [*beats(0, 11), *beats(2.5, 4)]
+    assert verdict(fed(rate, *paused), paused[-1]) is True
+    assert (
+        verdict(fed(Rate(rate_hz=10, tolerance_hz=3, window=11, settle=10, silence_s=2), *paused), 2.8)
+        is False
+    )
+    halved = [*beats(0, 11), *beats(2.5, 11, 5)]
+    assert verdict(fed(rate, *halved), halved[-1]) is False
+    assert verdict(fed(rate, *paused), paused[-1] + 2) is False  # silence is told as ever
+
+
+def test_a_pause_is_longer_than_an_interval() -> None:
+    with pytest.raises(ValueError, match=r"pause_s of 0.1 is no longer than one interval at 10 Hz"):
+        Rate(rate_hz=10, pause_s=0.1)
+
+
 def test_a_burst_may_be_faster_than_a_rate_may_be_slower() -> None:
     rate = Rate(rate_hz=10, tolerance_hz=1, tolerance_above_hz=10, window=11, settle=10, silence_s=0.5)
     assert verdict(fed(rate, *beats(0, 11, 19.5)), 0.6) is True

@@ -23,7 +23,13 @@ Changes = list[tuple[int, str, bool | None]]
 def observers(chance: random.Random) -> Callable[[], list[Observer]]:
     """Return what makes observers of two topics, and of a value of a third."""
     rates = [
-        Rate(hz, hz / 4, check_s=chance.choice((0.05, 0.5)), silence_s=chance.choice((None, 2.5 / hz)))
+        Rate(
+            hz,
+            hz / 4,
+            check_s=chance.choice((0.05, 0.5)),
+            silence_s=chance.choice((None, 2.5 / hz)),
+            pause_s=chance.choice((None, 1.5 / hz)),
+        )
         for hz in (20.0, 7.0)
     ]
     readings = Readings(chance.choice((1, 3)), chance.choice((0.0, 0.2)), chance.choice((0.3, 5.0)))

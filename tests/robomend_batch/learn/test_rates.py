@@ -32,6 +32,7 @@ def alarms(found: RateFound, times: Times) -> int:
         window=found.window,
         settle=found.window - 1,
         silence_s=found.silence_s,
+        pause_s=found.pause_s,
     )
     driver = Driver([GeneralObserver("scan", rate)], int(times[0]))
     changes = [change for time in times.tolist() for change in driver.sample("scan", time)]
@@ -62,6 +63,27 @@ def test_what_silence_lets_pass_the_rate_lets_pass() -> None:
     found = learned(beats(10, 900, 1))
     length = 0.95 * found.silence_s
     assert alarms(found, beats(10, 600, 3, ((200, length),))) == 0
+
+
+def stalled(seed: int) -> Times:
+    """Return half a minute of 50 Hz; every few seconds it stalls, and what was due comes all at once."""
+    chance = np.random.default_rng(seed)
+    return beats(
+        50, 30, seed, tuple((at + chance.random(), chance.uniform(0.2, 0.5)) for at in range(2, 30, 4))
+    )
+
+
+def test_half_a_minute_with_stalls_tells_that_half_of_the_messages_are_missing() -> None:
+    found = learn_rate("scan", [stalled(1)], 30 / 3600, 1.0)
+    assert isinstance(found, RateFound)
+    assert not found.only_silence
+    assert found.pause_s is not None
+    for seed in range(2, 12):
+        whole = stalled(seed)
+        assert alarms(found, whole) == 0
+        assert alarms(found, np.concatenate([whole[:750], whole[750::2]])) >= 1
+        lossy = whole[750:][np.random.default_rng(seed).random(len(whole) - 750) < 0.5]
+        assert alarms(found, np.concatenate([whole[:750], lossy])) >= 1
 
 
 def test_a_topic_that_comes_when_it_likes_is_not_watched() -> None:

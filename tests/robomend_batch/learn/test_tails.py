@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from robomend_batch.learn.tails import HEAVIEST, LIGHTEST, bound, largest_of_blocks
+from robomend_batch.learn.tails import HEAVIEST, LIGHTEST, bound, largest_of_blocks, predicted
 
 
 def test_what_is_exceeded_as_often_as_the_largest_was_is_about_the_largest() -> None:
@@ -47,3 +47,20 @@ def test_one_pause_counts_once() -> None:
     spans[40:50] = 5.0  # of all windows that hold it
     assert largest_of_blocks(spans, 10).tolist() == [1.0] * 4 + [5.0] + [1.0] * 5
     assert len(largest_of_blocks(np.zeros(0), 10)) == 0
+
+
+@pytest.mark.parametrize("samples", [8, 20, 100])
+def test_of_a_normal_sample_the_next_one_exceeds_a_prediction_as_often_as_was_said_or_less(
+    samples: int,
+) -> None:
+    chance = np.random.default_rng(samples)
+    exceeded = [
+        chance.normal(5, 2) > predicted(chance.normal(5, 2, samples), samples, 0.01).value
+        for _ in range(5000)
+    ]
+    assert np.mean(exceeded) < 0.015
+
+
+def test_what_is_below_the_median_says_nothing_of_what_is_above() -> None:
+    above = np.linspace(1.0, 1.1, 20)
+    assert predicted(np.append(above, [0.0] * 19), 39, 1e-4).value < 1.6
