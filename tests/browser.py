@@ -26,6 +26,7 @@ from tests.waiting import until
 
 FLAGS = (
     "--headless",
+    "--hide-scrollbars",  # as on a phone: a picture is as wide as its page
     "--no-sandbox",
     "--disable-gpu",
     "--disable-quic",
@@ -131,4 +132,5 @@ class Watched:
 def keep(page: Page, name: str) -> None:
     """Keep a screenshot of the whole page."""
     PICTURES.mkdir(parents=True, exist_ok=True)
+    page.evaluate("scrollTo(0, 0)")  # what sticks to the top belongs there
     page.screenshot(path=PICTURES / f"{name}.png", full_page=True)

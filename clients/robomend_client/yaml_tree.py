@@ -99,6 +99,8 @@ def read_tree(text: str, *, aliases: bool = False) -> Tree:
         if mark is None and (found := NEVER_IN_YAML.search(text)):  # of which the parser knows no line
             line = text.count("\n", 0, found.start()) + 1
             raise YamlError(f"not YAML: character #x{ord(found[0]):02x} is not allowed", line) from error
+        if mark is not None and text.split("\n")[mark.line][mark.column : mark.column + 1] == "\t":
+            problem = "a tab; lines are indented with spaces"
         raise YamlError(f"not YAML: {problem}", mark.line + 1 if mark else None) from error
     except (OverflowError, RecursionError) as error:
         raise YamlError(f"not YAML: {error}") from error

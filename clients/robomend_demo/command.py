@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 ALL = "all"
 
 
-@click.command("demo")
+@click.command("demo", short_help="Watch a robot being diagnosed and repaired.")
 @click.option(
     "--scenario",
     "wanted",

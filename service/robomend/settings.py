@@ -25,6 +25,7 @@ from pydantic import (
 
 from robomend import programs
 from robomend.errors import InputError
+from robomend_client.near import did_you_mean
 
 ENVIRONMENT_PREFIX = "ROBOMEND_"
 
@@ -271,7 +272,10 @@ def load(
     ):
         for name, value in given.items():
             if name not in Settings.model_fields:
-                raise SettingsError(f"{source}: there is no setting {name!r}; see `robomend config`")
+                near = did_you_mean(name, Settings.model_fields)
+                raise SettingsError(
+                    f"{source}: there is no setting {name!r}{near or '; see `robomend config`'}"
+                )
             values[name] = value
             sources[name] = source
     try:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import socket
 import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, cast
 
 import httpx
 import pytest
@@ -16,7 +17,8 @@ from tests.api.conftest import Service, StartService
 from tests.waiting import until
 
 from robomend.api import ndjson, streams
-from robomend.store import Transaction, api_keys
+from robomend.metrics import Metrics
+from robomend.store import Store, Transaction, api_keys
 
 
 @contextmanager
@@ -97,6 +99,41 @@ def test_a_brief_stream_pings_with_an_event(start: StartService) -> None:
     service = start(ping_s=0.05)
     with following(service, "/events?brief=true") as events:
         assert next(events)["event"] == "ping"
+
+
+def test_what_a_page_is_told_of_much_comes_in_few_writes_and_whole() -> None:
+    hub = streams.Hub(
+        cast(Store, None), Metrics(), most=9, ping_s=60.0
+    )  # a stream that is live reads nothing
+    frames = [(number, b"%d;" % number) for number in range(1, 401)]
+
+    async def followed(brief: bool) -> tuple[list[bytes], float]:
+        stream = hub.open(None, None, brief=brief)
+        written: list[bytes] = []
+        began = time.monotonic()
+
+        async def write() -> None:
+            async for chunk in stream.frames():
+                written.append(chunk)
+                if chunk.endswith(frames[-1][1]):
+                    return
+
+        writing = asyncio.create_task(write())
+        for frame in frames:
+            stream.offer(frame)
+            while not brief and frame[1] not in written[-1:]:  # each is written before the next one comes
+                await asyncio.sleep(0)
+            await asyncio.sleep(0)
+        await writing
+        hub.forget(stream)
+        return written[1:], time.monotonic() - began
+
+    whole = b"".join(frame for _, frame in frames)
+    page, took_s = asyncio.run(followed(True))
+    program, _ = asyncio.run(followed(False))
+    assert b"".join(page) == b"".join(program) == whole
+    assert len(program) == len(frames)
+    assert len(page) <= streams.BRIEF_AT_ONCE + 2 + took_s / streams.BRIEF_APART_S
 
 
 def test_a_robots_stream_is_about_that_robot(start: StartService) -> None:

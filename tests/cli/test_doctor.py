@@ -6,6 +6,8 @@ import asyncio
 import json
 import os
 import shutil
+import socket
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -36,6 +38,31 @@ async def test_the_database_is_named_with_the_services_that_use_it(
     assert f"(process {os.getpid()})" in await said_of_the_database(tmp_path, capsys)
     await store.close()
     assert "used by" not in await said_of_the_database(tmp_path, capsys)
+
+
+def said_of_the_port(
+    port: int, folder: Path, patch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> tuple[bool, str]:
+    patch.setenv("ROBOMEND_PORT", str(port))
+    run(["doctor", "--data", str(folder), "--format", "json"])
+    checks = json.loads(capsys.readouterr().out.splitlines()[-1])["checks"]  # beside the log
+    [found] = [check for check in checks if check["name"] == "port"]
+    return found["ok"], found["detail"]
+
+
+def test_a_port_that_our_service_has_is_as_it_should_be_and_one_that_another_program_has_is_not(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with running(Settings(port=0, data=tmp_path)) as service:
+        port = int(service.url.rpartition(":")[2])
+        ok, said = said_of_the_port(port, tmp_path, monkeypatch, capsys)
+        assert (ok, said) == (True, f"127.0.0.1:{port}: a service runs there, robomend {version('robomend')}")
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        port = other.getsockname()[1]
+        monkeypatch.setattr("robomend.cli.doctor.ANSWER_S", 0.1)
+        ok, said = said_of_the_port(port, tmp_path, monkeypatch, capsys)
+        assert not ok
+        assert "another program has it: choose --port" in said
 
 
 def said_of_the_robot(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> tuple[int, list[str]]:

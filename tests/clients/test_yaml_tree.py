@@ -54,6 +54,7 @@ def test_no_value_is_told_from_an_empty_text(text: str, empty: bool) -> None:
         ("a: 1\n---\nb: 2", 3, "a second document begins"),
         ("a: 1\n[b]: 2", 2, "a key must be a name"),
         ("a: &x 1\nb: *x", 2, r"`\*x`: aliases are not read"),
+        ("a:\n\tb: 1", 2, "not YAML: a tab; lines are indented with spaces"),
         ("a: 1\nb: \x07", 2, "not YAML: character #x07 is not allowed"),
         ("\n" + "[" * (MAX_NESTING + 1), 2, "nested deeper than"),
     ],

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import uuid
 from contextlib import closing
 
 import psycopg
 import pytest
 from sqlalchemy import exc, select
+from tests.postgres import PostgresServer
 
 from robomend.store import schema
 from robomend.store.database import BUSY_TIMEOUT_S, Database
@@ -79,3 +81,22 @@ def test_a_writers_connection_waits_again_when_it_is_a_readers(tmp_path: object)
         assert driver_of(reader) is used
         assert reader.exec_driver_sql("PRAGMA busy_timeout").scalar() == BUSY_TIMEOUT_S * 1000
     database.dispose()
+
+
+def test_a_server_without_a_locale_gives_text_and_not_bytes(
+    postgres_server: PostgresServer, postgres_url: str
+) -> None:
+    name = f"ascii_{uuid.uuid4().hex}"
+    with psycopg.connect(postgres_url, autocommit=True) as admin:
+        admin.execute(
+            f"CREATE DATABASE {name} ENCODING 'SQL_ASCII' LC_COLLATE 'C' LC_CTYPE 'C' TEMPLATE template0"
+        )
+    database = Database(postgres_server.url(name))
+    database.prepare()
+    with closing(database.open_writer()) as connection, connection.begin():
+        COUNTERS.run(connection, [{"name": "Žižka", "value": 1}])
+        found = connection.execute(select(schema.counters.c.name)).scalars().all()
+    database.dispose()
+    with psycopg.connect(postgres_url, autocommit=True) as admin:
+        admin.execute(f"DROP DATABASE {name} WITH (FORCE)")
+    assert "Žižka" in found

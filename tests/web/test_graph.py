@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 from robomend.model.components import ComponentModel
 from robomend.model.loading import load_text
 from robomend.resources import resource
-from robomend.web.graph import Thing, layout, svg
+from robomend.web.graph import BOX, Thing, layout, svg
 from robomend.web.suspicion import Suspicion, suspicions
 
 
@@ -25,6 +25,15 @@ def test_everything_stands_right_of_what_it_rests_on() -> None:
     assert all(drawn.places[source][0] < drawn.places[target][0] for source, target in drawn.edges)
     assert len(set(drawn.places.values())) == len(drawn.places), "one thing in each place"
     assert {thing.name for thing in drawn.places if thing.kind != "topic"} == set(parts.components)
+
+
+def test_boxes_are_as_wide_as_the_longest_name_and_no_wider_than_can_be_read() -> None:
+    short, long, endless = (
+        layout(model(f"nodes:\n  {name}: {{}}\n")).box for name in ("a", "laser_alignment_control", "m" * 200)
+    )
+    assert BOX[0] == short < long < endless == BOX[1]
+    drawn = svg(layout(model("nodes:\n  laser_alignment_control: {}\n")), {}, {}, {})
+    assert ">laser_alignment_control<" in drawn
 
 
 def test_a_circle_of_topics_is_drawn_all_the_same() -> None:

@@ -185,6 +185,15 @@ def test_a_robot_that_never_reported_is_unknown_and_empty_of_claims(ill: Service
     assert page.locator("svg.graph .unknown").count() >= 14
 
 
+SPILLED = """
+[...document.querySelectorAll("svg .thing")].filter((thing) => {
+  const [text, box] = ["text", "rect"].map((name) => thing.querySelector(name).getBoundingClientRect());
+  return text.width > 0 && (text.left < box.left + 2 || text.right > box.right - 2);
+}).map((thing) => thing.textContent)
+"""
+"""The boxes of graphs that their texts leave."""
+
+
 def test_odd_names_are_shown_as_they_are_and_do_nothing(service: Service, look: Look) -> None:
     service.api("PUT", "/models/odd", json={"source": ODD})
     made = service.api("PUT", "/robots/odd", json={"model": "odd"})
@@ -202,6 +211,8 @@ def test_odd_names_are_shown_as_they_are_and_do_nothing(service: Service, look: 
         assert HEBREW in page.inner_text("main")
         assert page.evaluate("document.documentElement.scrollWidth") <= 390
         assert page.locator("main img, main script").count() == 0
+        assert page.evaluate(SPILLED) == []
+    assert page.locator("svg .thing").count() > 3
     assert said == []
 
 

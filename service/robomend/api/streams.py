@@ -40,6 +40,13 @@ STILL_S = 2.0
 RETRY_MS = 1000
 """How long a browser waits before it comes back."""
 
+BRIEF_APART_S = 0.2
+"""Between two writes to a page, of many: what comes meanwhile goes out together. A page asks for its parts no
+more often, and each write to each of fifty pages is in the way of the robot whose change comes next."""
+
+BRIEF_AT_ONCE = 5
+"""Writes that nothing holds up: what follows one change, a diagnosis, a repair, its plan, comes at once."""
+
 PING = b"event: ping\ndata: {}\n\n"
 
 Frame = tuple[int, bytes]
@@ -157,6 +164,7 @@ class Stream:
         self._pending: deque[Frame] = deque()
         self._from_log = last_event_id is not None
         self._last = 0
+        self._next_s = 0.0  # the place of the next write, of one that is paced
 
     def offer(self, frame: Frame) -> None:
         """Take a frame, or note that there are too many."""
@@ -187,6 +195,8 @@ class Stream:
                         self._pending.clear()
                 if chunk:
                     yield chunk
+                    if self.wanted.brief:
+                        await self._apart()
                 elif not self._from_log:
                     self.wake.clear()
                     idle.begin()
@@ -194,6 +204,14 @@ class Stream:
                     idle.end()
                     if idle.rang:
                         yield PING if self.wanted.brief else b": ping\n\n"
+
+    async def _apart(self) -> None:
+        """Wait until more may go out, where much does."""
+        now_s = time.monotonic()
+        self._next_s = max(now_s, self._next_s) + BRIEF_APART_S
+        wait_s = self._next_s - now_s - BRIEF_AT_ONCE * BRIEF_APART_S
+        if wait_s > 0:
+            await asyncio.sleep(wait_s)
 
     async def _resume(self, asked: str) -> bytes | None:
         """Find the place to go on from; return a gap event if that is not where the client was."""

@@ -50,6 +50,9 @@ COMMANDS: Table = {
 
 OTHERS = "robomend.commands"
 
+FEW = 8
+"""Commands that are listed where none of them is near; of more there is the help."""
+
 
 @click.group(
     cls=LazyGroup, table=COMMANDS, others=OTHERS, context_settings={"help_option_names": ["-h", "--help"]}
@@ -66,6 +69,9 @@ def run(arguments: list[str], program: click.Group = cli) -> int:
         name = "robomend" if program is cli else program.name
         code = program.main(arguments, prog_name=name, standalone_mode=False)
         sys.stdout.flush()
+    except click.exceptions.NoArgsIsHelpError as error:
+        click.echo(error.format_message(), err=True)  # whoever types a name alone asks what there is
+        return BAD_INPUT
     except click.ClickException as error:
         context = getattr(error, "ctx", None)
         if context is not None:
@@ -91,7 +97,10 @@ def _message(error: click.ClickException) -> str:
     context = getattr(error, "ctx", None)
     if isinstance(error, NoSuchCommand) and context is not None:
         known = context.command.list_commands(context)
-        return f"no command is named {error.command_name!r}{did_you_mean(error.command_name, known)}"
+        others = f": there are {', '.join(known)}" if len(known) < FEW else ""
+        return (
+            f"no command is named {error.command_name!r}{did_you_mean(error.command_name, known) or others}"
+        )
     if isinstance(error, click.NoSuchOption) and context is not None:
         options = [name for option in context.command.get_params(context) for name in option.opts]
         return f"no option is named {error.option_name!r}{did_you_mean(error.option_name, options)}"

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import json
 import platform
 import shutil
 import socket
+import ssl
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +27,10 @@ if TYPE_CHECKING:
 
 AMISS = 1
 FREE_BYTES = 100 << 20
+ANSWER_S = 3.0
+ANYWHERE = {"0.0.0.0": "127.0.0.1", "::": "::1", "[::]": "::1"}
+"""Where a service that listens everywhere is asked."""
+
 SHOWN = 5
 """Robots whose growth is told, those with most."""
 
@@ -240,7 +246,29 @@ def _port(settings: Settings) -> str:
         try:
             probe.bind((settings.host.strip("[]"), settings.port))
         except OSError as error:
-            raise Amiss(
-                f"{settings.host}:{settings.port}: {error.strerror}; is the service running, or choose --port"
-            ) from error
+            where = f"{settings.host}:{settings.port}"
+            version = _who_listens(settings) if error.errno == errno.EADDRINUSE else None
+            if version is not None:
+                return f"{where}: a service runs there, robomend {version}"
+            raise Amiss(f"{where}: {error.strerror}; another program has it: choose --port") from error
     return f"{settings.host}:{settings.port} can be listened on"
+
+
+def _who_listens(settings: Settings) -> str | None:
+    """Return the version of the service that has the port; nothing if something else has it."""
+    from http.client import HTTPConnection, HTTPException, HTTPSConnection
+
+    host = ANYWHERE.get(settings.host, settings.host).strip("[]")
+    if settings.tls_certificate is None:
+        asked = HTTPConnection(host, settings.port, timeout=ANSWER_S)
+    else:  # who has made the certificate is no matter: nothing but a version is believed
+        asked = HTTPSConnection(
+            host, settings.port, timeout=ANSWER_S, context=ssl._create_unverified_context()
+        )
+    try:
+        asked.request("GET", "/version-info")
+        return str(json.loads(asked.getresponse().read(10_000))["robomend"])
+    except (OSError, HTTPException, ValueError, KeyError, TypeError):
+        return None
+    finally:
+        asked.close()

@@ -48,7 +48,9 @@ def _nearest(path: Path) -> Path | None:
 
 def _nearest_in(folder: Path, name: str) -> Path | None:
     near = nearest(name, [entry.name for entry in _entries(folder)])
-    return None if near is None else folder / near
+    if near is None or nearest(Path(name).stem, [Path(near).stem]) is None:  # alike by their ending alone
+        return None
+    return folder / near
 
 
 def _entries(folder: Path) -> list[Path]:

@@ -78,7 +78,7 @@ def command(model: str, **given: Any) -> int:
     if given["format_"] == "json":
         click.echo(json.dumps(choice_json(choice, situation.model.components), ensure_ascii=False))
     else:
-        show(choice, situation.result)
+        show(choice, situation.result, observed=bool(given["observe"] or given["bad"]))
     return 0
 
 
@@ -114,7 +114,7 @@ def _situation(system: System, given: dict[str, Any]) -> Situation:
     return Situation(parts_of(system), tuple(sorted(asked.literals)), result, cnf=system.cnf)
 
 
-def show(choice: Choice, result: DiagnosisResult) -> None:
+def show(choice: Choice, result: DiagnosisResult, *, observed: bool = True) -> None:
     """Write the choice for people."""
     from rich.console import Console
     from rich.markup import escape
@@ -122,7 +122,8 @@ def show(choice: Choice, result: DiagnosisResult) -> None:
 
     console = Console(highlight=False, soft_wrap=True)
     if result.healthy:
-        console.print("[green]healthy[/]: nothing to repair")
+        seen = "" if observed else "; nothing was observed: see --observe"
+        console.print(f"[green]healthy[/]: nothing to repair{seen}")
         return
     if choice.plan is None or choice.diagnosis is None:
         console.print(f"[red]nothing to do[/]: {escape(choice.reason)}")

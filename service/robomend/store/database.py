@@ -45,6 +45,8 @@ _POSTGRES_OPTIONS = {
     "keepalives_interval": "2",
     "keepalives_count": "2",
     "application_name": "robomend",
+    # What a server without a locale (initdb in C) offers is bytes: text is text all the same.
+    "client_encoding": "utf8",
 }
 _POSTGRES_SETTINGS = (
     "-c lock_timeout=5s -c statement_timeout=30s -c idle_in_transaction_session_timeout=60s"

@@ -17,19 +17,26 @@ from dataclasses import dataclass
 from graphlib import CycleError, TopologicalSorter
 from html import escape
 from itertools import pairwise
+from math import ceil
 
 from robomend.model.components import ComponentModel
+from robomend.web.letters import cut, width
 from robomend.web.suspicion import Suspicion
 
-COLUMN, ROW = 216, 40  # from one box to the next, pixels
-BOX, HEIGHT = 168, 28
+GAP, ROW = 48, 40  # between two columns, and from one row to the next, pixels
+BOX, HEIGHT = (120, 280), 28
+"""A box is as wide as the longest name wants it, between these; of a longer name the rest is in its title."""
+
 MARGIN = 12
-LETTERS = 19
-"""Of a name that is shown; the rest is in its title."""
+PADDING = 10
+LETTERS = 13  # pixels, as in page.css
 
 SWEEPS = 6
 
 SIGNS = {"bad": "✕ ", "suspect": "! ", "good": "", "unknown": "? ", "silent": "✕ "}
+
+SIGN = max(width(sign, LETTERS) for sign in SIGNS.values())
+"""Whatever a thing's state: a box is as wide as before when that changes."""
 
 ODD = frozenset({"bad", "suspect", "silent"})
 """What leads on from these is drawn broken."""
@@ -49,6 +56,12 @@ class Layout:
 
     places: Mapping[Thing, tuple[int, int]]  # column, row
     edges: Sequence[tuple[Thing, Thing]]
+    box: int = BOX[0]  # how wide each is, pixels
+
+    def corner(self, thing: Thing) -> tuple[int, int]:
+        """Return where the box of a thing begins, pixels."""
+        column, row = self.places[thing]
+        return MARGIN + (self.box + GAP) * column, MARGIN + ROW * row
 
 
 _kept: dict[int, tuple[ComponentModel, Layout]] = {}
@@ -90,7 +103,9 @@ def _laid_out(model: ComponentModel) -> Layout:
             column[thing] = max(column[thing], 1)
         elif thing.kind == "topic":
             column[thing] = max(column[thing], 2)
-    return Layout(_rows(things, column, edges), edges)
+    widest = max((width(thing.name, LETTERS) for thing in things), default=0.0)
+    box = min(max(BOX[0], ceil(widest + SIGN + 2 * PADDING)), BOX[1])
+    return Layout(_rows(things, column, edges), edges, box)
 
 
 def _edges(model: ComponentModel) -> list[tuple[Thing, Thing]]:
@@ -158,47 +173,48 @@ def svg(
         topics: whether a topic was seen to be ok; one that is not in it is unknown.
         links: a component -> where its explanation is.
     """
-    width = 2 * MARGIN + BOX + COLUMN * max((x for x, _ in drawn.places.values()), default=0)
+    last = max((x for x, _ in drawn.places.values()), default=0)
+    wide = 2 * MARGIN + drawn.box + (drawn.box + GAP) * last
     height = 2 * MARGIN + HEIGHT + ROW * max((y for _, y in drawn.places.values()), default=0)
     out = [
-        f'<svg class="graph" viewBox="0 0 {width} {height}" width="{width}" height="{height}" role="group" '
+        f'<svg class="graph" viewBox="0 0 {wide} {height}" width="{wide}" height="{height}" role="group" '
         f'aria-label="Component graph">'
     ]
     for source, target in drawn.edges:
-        (left, above), (right, below) = (_corner(drawn.places[end]) for end in (source, target))
-        left, y1, y2 = left + BOX, above + HEIGHT / 2, below + HEIGHT / 2
+        (left, above), (right, below) = drawn.corner(source), drawn.corner(target)
+        left, y1, y2 = left + drawn.box, above + HEIGHT / 2, below + HEIGHT / 2
         bend = max(24.0, abs(right - left) / 2)
         odd = " odd" if _state(source, found, topics) in ODD else ""
         curve = f"M{left} {y1:g} C{left + bend:g} {y1:g} {right - bend:g} {y2:g} {right} {y2:g}"
         out.append(f'<path class="edge{odd}" d="{curve}"/>')
-    for thing, place in drawn.places.items():
-        out.append(_box(thing, place, found, topics, links))
+    for thing in drawn.places:
+        out.append(_box(thing, drawn, found, topics, links))
     out.append("</svg>")
     return "\n".join(out)
 
 
 def _box(
     thing: Thing,
-    place: tuple[int, int],
+    drawn: Layout,
     found: Mapping[str, Suspicion],
     topics: Mapping[str, bool],
     links: Mapping[str, str],
 ) -> str:
-    x, y = _corner(place)
+    (x, y), box = drawn.corner(thing), drawn.box
     state = _state(thing, found, topics)
     share = found[thing.name].share if state == "suspect" else 1.0
     told = f"{thing.kind} {thing.name}: {state}" + (f", {share:.0%} of the suspicion" if share < 1 else "")
-    text = thing.name if len(thing.name) <= LETTERS else f"{thing.name[: LETTERS - 1]}…"
+    text = cut(thing.name, box - 2 * PADDING - SIGN, LETTERS)
     radius = {"hardware": 2, "node": 8, "topic": HEIGHT / 2}[thing.kind]
     fill = f' fill-opacity="{0.15 + 0.85 * share:.2f}"' if state == "suspect" else ""
-    box = (
+    drawing = (
         f'<g class="thing {thing.kind} {state}"><title>{escape(told)}</title>'
-        f'<rect x="{x}" y="{y}" width="{BOX}" height="{HEIGHT}" rx="{radius:g}"{fill}/>'
-        f'<text x="{x + BOX / 2:g}" y="{y + HEIGHT / 2 + 4.5:g}" text-anchor="middle">'
+        f'<rect x="{x}" y="{y}" width="{box}" height="{HEIGHT}" rx="{radius:g}"{fill}/>'
+        f'<text x="{x + box / 2:g}" y="{y + HEIGHT / 2 + 4.5:g}" text-anchor="middle">'
         f'{SIGNS[state]}<tspan unicode-bidi="isolate">{escape(text)}</tspan></text></g>'
     )
     link = links.get(thing.name) if thing.kind != "topic" else None
-    return box if link is None else f'<a href="{escape(link)}" aria-label="{escape(told)}">{box}</a>'
+    return drawing if link is None else f'<a href="{escape(link)}" aria-label="{escape(told)}">{drawing}</a>'
 
 
 def _state(thing: Thing, found: Mapping[str, Suspicion], topics: Mapping[str, bool]) -> str:
@@ -206,7 +222,3 @@ def _state(thing: Thing, found: Mapping[str, Suspicion], topics: Mapping[str, bo
         seen = topics.get(thing.name)
         return "unknown" if seen is None else "good" if seen else "silent"
     return found.get(thing.name, Suspicion("unknown")).state
-
-
-def _corner(place: tuple[int, int]) -> tuple[int, int]:
-    return MARGIN + COLUMN * place[0], MARGIN + ROW * place[1]

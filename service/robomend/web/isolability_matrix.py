@@ -53,6 +53,8 @@ def isolability_matrix(
             f"<text transform='{turned}'{faint}>{escape(name)}</text>",
             f"<path d='{lines}' stroke='{GRID}'/>",
         ]
+    end = f"M{left:.1f} {top + count * CELL:.1f}h{count * CELL}v{-count * CELL}"
+    out.append(f"<path d='{end}' fill='none' stroke='{GRID}'/>")
     for index in range(count):
         for other in range(count):
             out.append(_cell(matrix[index][other], left + other * CELL, top + index * CELL))
@@ -61,7 +63,8 @@ def isolability_matrix(
         (("-", "never"), ("~", "by some of what it shows"), ("+", "whatever it shows"), ("?", "not known"))
     ):
         x = MARGIN + place * LEGEND
-        out += [_cell(mark, x, y), f"<text x='{x + 20:.1f}' y='{y + 11:.1f}'>{words}</text>"]
+        frame = f"<path d='M{x:.1f} {y:.1f}h{CELL}v{CELL}h{-CELL}z' fill='none' stroke='{GRID}'/>"
+        out += [frame, _cell(mark, x, y), f"<text x='{x + 20:.1f}' y='{y + 11:.1f}'>{words}</text>"]
     out.append(
         f"<text x='{MARGIN}' y='{y + 28:.1f}' fill='{MUTED}'>in italics: cannot be detected at all</text>"
     )

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Iterator
 from datetime import UTC, datetime
 from functools import cache, lru_cache
@@ -100,7 +101,15 @@ def _environment() -> Environment:
     environment.filters.update(
         without=without, plan_graph=lambda plan, states: Markup(plan_svg(plan, states))
     )
-    environment.filters.update(name=name, time=time, percent=percent, amount=amount, duration=duration)
+    environment.filters.update(
+        name=name,
+        marked=marked,
+        literal=literal,
+        time=time,
+        percent=percent,
+        amount=amount,
+        duration=duration,
+    )
     environment.filters.update(since=since, not_chosen=not_chosen, how_it_ended=how_it_ended, waited=waited)
     environment.globals.update(static=static_address, fleet_address=fleet_address, navigation=NAVIGATION)
     environment.globals.update(fleet_row=fleet_row)
@@ -116,6 +125,21 @@ def fleet_address(**query: str | int) -> str:
 def name(text: object) -> Markup:
     """Return a name as it is written, kept apart from the direction of the text around it."""
     return Markup('<bdi class="name">{}</bdi>').format(text)
+
+
+def marked(text: str) -> Markup:
+    """Return a sentence with what stands between `back quotes` as code."""
+    parts = text.split("`")
+    if len(parts) % 2 == 0:  # one that is left over is a letter as any other
+        return name(text)
+    made = [Markup("<code>{}</code>" if place % 2 else "{}").format(part) for place, part in enumerate(parts)]
+    return Markup('<bdi class="name">{}</bdi>').format(Markup("").join(made))
+
+
+def literal(text: str) -> Markup:
+    """Return a name with places where a long one may be broken."""
+    pieces = re.split(r"(?<=[(_])", text)
+    return Markup('<bdi class="name">{}</bdi>').format(Markup("<wbr>").join(pieces))
 
 
 def time(time_ns: int | None) -> Markup:

@@ -17,6 +17,8 @@ from datetime import UTC, datetime
 from html import escape
 from math import ceil
 
+from robomend.web.letters import cut
+
 BAD, SUSPECT, GOOD = "#c8553d", "#e3a690", "#2a7f77"
 INK, MUTED, GRID, ACTION, FAILED = "#1f2933", "#616e7c", "#e4e7eb", "#3d5a80", "#b23a48"
 FONT = "font-family='system-ui, Segoe UI, Roboto, Helvetica, Arial, sans-serif'"
@@ -220,8 +222,7 @@ def _grid_step(end_s: float, most: int) -> float:
 
 def _cut(name: str, width: Width) -> str:
     """Return as much of a name as stands before the bars."""
-    letters = (width.labels - 24) // 7
-    return name if len(name) <= letters else f"{name[: letters - 1]}…"
+    return cut(name, width.labels - 24, 12)
 
 
 def _text(
