@@ -44,7 +44,7 @@ class ObservationReader:
     def __init__(self, cnf: HealthCnf) -> None:
         self._positive: Table = {}
         self._negative: Table = {}
-        for atom, variable in cnf.atom_variable.items():
+        for variable, atom in enumerate(cnf.atoms, len(cnf.components) + 1):  # no atom is hashed
             self._positive.setdefault(atom.predicate, {})[atom.args] = variable
             self._negative.setdefault(atom.predicate, {})[atom.args] = -variable
         self._all_known = True  # whether the rules mentioned every atom of the set that was read last
