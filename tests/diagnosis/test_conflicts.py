@@ -12,7 +12,7 @@ from tests.diagnosis.netlists import circuit
 from robomend.diagnosis import shrinking
 from robomend.diagnosis.engines import make_engine
 from robomend.diagnosis.observed import ObservationReader
-from robomend.diagnosis.result import Options
+from robomend.diagnosis.result import Conflict, Options
 from robomend.errors import ContradictoryModel
 from robomend.model.cnf import HealthCnf
 from robomend_bench.generator import make_robot, observe
@@ -141,3 +141,23 @@ def test_a_robots_conflicts_are_told_even_when_the_time_is_up() -> None:
     engine._answer = too_late
     assert engine.diagnose(seen).conflicts == expected.conflicts
     engine.close()
+
+
+def test_what_was_told_before_is_told_as_by_a_new_engine() -> None:
+    robot = make_robot(12, 5)
+    chance = random.Random(5)
+    warm = make_engine("sat", robot.cnf)
+    again = 0
+    met: set[Conflict] = set()
+    for _ in range(40):
+        seen = observe(robot, chance.randint(1, 2), chance)
+        healthy = frozenset(chance.sample(robot.cnf.components, chance.randint(0, 2)))
+        for options in (Options(), Options(healthy=healthy), Options()):
+            fresh = make_engine("sat", robot.cnf)
+            told = warm.diagnose(seen, options).conflicts
+            assert told == fresh.diagnose(seen, options).conflicts
+            fresh.close()
+            again += len(met.intersection(told))
+            met.update(told)
+    assert again > 40
+    warm.close()

@@ -59,11 +59,31 @@ def test_an_incumbent_of_the_least_size_is_the_answer() -> None:
     assert list(searched(family).minimum([], incumbent=[3, 6])) == [[3, 6]]
 
 
-@given(st.lists(conflicts, min_size=2, max_size=4))
-def test_what_a_search_leaves_behind_does_not_change_the_next(families: list[list[frozenset[int]]]) -> None:
+@given(st.lists(conflicts, min_size=2, max_size=4), st.integers(1, 3))
+def test_what_a_search_leaves_behind_does_not_change_the_next(
+    families: list[list[frozenset[int]]], dropped_together: int
+) -> None:
     search, selectors = selected(families)
-    for selector, family in zip(selectors, families, strict=True):
-        assert set(map(frozenset, search.minimum([selector]))) == smallest(family)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(core_guided, "DROPPED_TOGETHER", dropped_together)
+        for selector, family in zip(selectors, families, strict=True):
+            assert set(map(frozenset, search.minimum([selector]))) == smallest(family)
+
+
+def test_a_search_that_ends_after_its_solver_was_closed_leaves_nothing_in_the_next(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(core_guided, "DROPPED_TOGETHER", 2)
+    overlapping = [frozenset(pair) for pair in combinations(range(1, CANDIDATES + 1), 2)]
+    search = searched(overlapping)
+    first = search.minimum([])
+    next(first)
+    search.close()
+    second = search.minimum([])
+    found = {frozenset(next(second))}
+    first.close()
+    next(search.minimum([]))
+    assert found | set(map(frozenset, second)) == smallest(overlapping)
 
 
 def selected(families: list[list[frozenset[int]]]) -> tuple[CoreGuided, list[int]]:

@@ -177,7 +177,7 @@ class BaseEngine(ABC):
             told = Justification(self._conflicts, self._consistency, observed, what_if, masks)
             known = told.of(answer)
             whole = told.complete
-            conflicts = tuple([self._conflicts.in_words(one, observed) for one in known])
+            conflicts = tuple([self._conflicts.in_words(one) for one in known])
             hit = [one.mask for one in known]
         if hit:
             diagnoses = [
@@ -229,7 +229,7 @@ class BaseEngine(ABC):
         except OutOfTime:
             if core is observed.numbers and what_if is not NOTHING_SUPPOSED:
                 return "time"
-        literals = tuple(str(observed.literal(number)) for number in core)
+        literals = tuple(map(self.cnf.word, core))
         rules = self._reasons.rules(core)
         raise ContradictoryModel(literals, tuple(self.cnf.rules[index].text for index in rules)) from None
 

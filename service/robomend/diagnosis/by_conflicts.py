@@ -79,7 +79,7 @@ class ByConflicts:
         groups = independent(masks)
         answer.minimal = masks
         if len(groups) < len(masks):
-            groups = [minimal(group) for group in groups]
+            groups = [minimal(group) if len(group) > 1 else group for group in groups]
             answer.minimal = [mask for group in groups for mask in group]
         if len(groups) == len(answer.minimal) and self._few(answer, options):
             found = one_of_each(answer.minimal)

@@ -25,7 +25,7 @@ from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
-from robomend.diagnosis.derivations import Derivations, Derived, TooManyEnvironments
+from robomend.diagnosis.derivations import Derivation, Derivations, TooManyEnvironments
 from robomend.diagnosis.explanations import conflict_in_words
 from robomend.diagnosis.masks import mask_of, members
 from robomend.diagnosis.observed import NOTHING_SUPPOSED, SignedObs, Supposed
@@ -35,7 +35,6 @@ from robomend.diagnosis.result import Conflict
 from robomend.diagnosis.shrinking import FEW, minimised, shrunk
 from robomend.diagnosis.witnesses import Extract, Witnesses
 from robomend.model.cnf import Clause, HealthCnf
-from robomend_client.literals import Atom, Literal
 
 LIBRARY_SIZE = 20_000
 WORDS_KEPT = 20_000
@@ -80,12 +79,13 @@ class Conflicts:
         self._by_observation: dict[int, list[Known]] = {}
         self._size = 0
         self._words: dict[tuple[int, ...], Conflict] = {}  # components, 0, observations -> in words
+        self._single_steps: dict[Derivation, Known] = {}
 
     @cached_property
     def _derivations(self) -> Derivations | None:
         return Derivations(self._cnf) if Derivations.suit(self._cnf) else None
 
-    def all_of(self, observed: SignedObs, supposed: Supposed) -> list[Derived] | None:
+    def all_of(self, observed: SignedObs, supposed: Supposed) -> list[Derivation] | None:
         """Return conflicts among which are all minimal ones, or None where they cannot be listed."""
         if self._derivations is None:
             return None
@@ -94,16 +94,29 @@ class Conflicts:
         except TooManyEnvironments:
             return None
 
-    def derived(self, one: Derived, oracle: Oracle, supposed: Supposed) -> Known:
+    def derived(self, one: Derivation, oracle: Oracle, supposed: Supposed) -> Known:
         """Return a conflict that was derived; its components are minimal, its observations are made so."""
+        # Of a single step most were met before. (To hash a derivation of many may take as long as to list its
+        # ways.)
+        again = not one.before and supposed is NOTHING_SUPPOSED
+        if again and (met := self._single_steps.get(one)) is not None:
+            return met
+        found = self._derived(one, oracle, supposed)
+        if again:
+            if len(self._single_steps) >= WORDS_KEPT:
+                self._single_steps.clear()
+            self._single_steps[one] = found
+        return found
+
+    def _derived(self, one: Derivation, oracle: Oracle, supposed: Supposed) -> Known:
         assert self._derivations is not None
         components, steps = members(one.mask), one.steps()
-        premises = steps[0].premises
-        if len(steps) > 1:
+        premises = one.premises
+        if one.before:
             premises = tuple(dict.fromkeys(atom for step in steps for atom in step.premises))
-        observations = (-one.failed, *premises) if one.failed else premises
+        observations = (-one.head, *premises) if one.head else premises
         if supposed is NOTHING_SUPPOSED and not self._derivations.may_spare(one.mask, steps):
-            rules = (steps[0].origin,) if len(steps) == 1 else tuple(sorted({step.origin for step in steps}))
+            rules = tuple(sorted({step.origin for step in steps})) if one.before else (one.origin,)
             return Known(one.mask, components, observations, rules=rules)
         rest, _ = shrunk(
             [*observations, *supposed.healthy],
@@ -238,7 +251,7 @@ class Conflicts:
                 found[0].append(clause)
         return found
 
-    def in_words(self, known: Known, observed: SignedObs) -> Conflict:
+    def in_words(self, known: Known) -> Conflict:
         """Return the conflict with its observations, rules and sentence."""
         if known.words is not None:
             return known.words
@@ -247,23 +260,17 @@ class Conflicts:
         if words is None or words.minimal != known.minimal:
             if len(self._words) >= WORDS_KEPT:
                 self._words.clear()
-            words = self._words[key] = self._told(known, observed)
+            words = self._words[key] = self._told(known)
         known.words = words
         return words
 
-    def _told(self, known: Known, observed: SignedObs) -> Conflict:
+    def _told(self, known: Known) -> Conflict:
         cnf = self._cnf
         # What is supposed healthy is no suspect, but a premise of the conflict, and is named with them.
         n = len(cnf.components)
         healthy = sorted([*known.components, *(v for v in known.observations if 0 < v <= n)])
         names = tuple([cnf.components[variable - 1] for variable in healthy])
-        literals = tuple(
-            observed.literal(number)
-            if number in observed.seen
-            else Literal(Atom("ab", (cnf.components[-number - 1],)))
-            for number in known.observations
-            if not 0 < number <= n
-        )
+        literals = tuple([cnf.literal_of(number) for number in known.observations if not 0 < number <= n])
         used = known.rules
         if used is None:
             used = self._reasons.rules([*known.components, *known.observations])

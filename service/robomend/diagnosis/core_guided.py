@@ -20,9 +20,10 @@ this. Then each core is relaxed, so that what the suppositions allow costs what 
 model is a minimum. Models on the way would be dear: most of a model is deciding what does not matter.
 
 Cores are taken as they come: making them smaller costs more calls than it saves (measured: 5-20 × on
-ISCAS-85). The solver outlives the search. What a search adds is guarded by a literal that is dropped at its
-end: the clauses vanish, with what was learnt from them, and the variables of the trees serve the next search.
-Left behind, they would have to be decided in each later model, which took as long as all the rest of it.
+ISCAS-85). The solver outlives the search. What a search adds is guarded by a literal that is off from its end
+on: the clauses say nothing then, and vanish soon, with what was learnt from them, and the variables of the
+trees serve the next search. Left behind, they would have to be decided in each later model, which took as
+long as all the rest of it.
 
 Sources:
     N. Narodytska, F. Bacchus. Maximum satisfiability using core-guided MaxSAT resolution. AAAI 2014 (there
@@ -39,6 +40,10 @@ from robomend.model.cnf import Clause
 
 RESET_SEARCHES = 1_000
 """Searches after which the solver is built anew: each leaves a variable behind."""
+
+DROPPED_TOGETHER = 8
+"""Searches whose clauses go at once: the solver looks through all that it has, which takes a tenth of an
+answer. Until then their guards are assumed to be off."""
 
 EASY_CONFLICTS = 10
 EASY_PROPAGATIONS = 0.9
@@ -77,6 +82,7 @@ class CoreGuided:
         self._running = 0
         self._pool: list[int] = []  # variables of the trees
         self._lent = 0  # so many of them are in use
+        self._over: list[int] = []  # as they are assumed: guards of searches whose clauses are still there
 
     def minimum(
         self,
@@ -102,7 +108,9 @@ class CoreGuided:
             MinimumTooLarge: the minimum is larger than `at_most`.
             OutOfTime: what was yielded before stays true.
         """
-        search = _CoreSearch(self._fresh_or_warm(), self, assumptions, (at_least, at_most), fixed)
+        search = _CoreSearch(
+            self._fresh_or_warm(), self, [*self._over, *assumptions], (at_least, at_most), fixed
+        )
         self._running += 1
         try:
             yield from search.run(incumbent)
@@ -118,13 +126,27 @@ class CoreGuided:
         self._top += 1
         return self._top
 
-    def new_variable(self) -> int:
-        """Return a variable that no clause of a search that runs has met."""
-        if self._lent == len(self._pool):
+    def new_variables(self, count: int) -> Iterator[int]:
+        """Return variables that no clause of a search that runs has met."""
+        first, self._lent = self._lent, self._lent + count
+        while len(self._pool) < self._lent:
             self._top += 1
             self._pool.append(self._top)
-        self._lent += 1
-        return self._pool[self._lent - 1]
+        return iter(self._pool[first : self._lent])
+
+    def retired(self, guard: int, oracle: Oracle) -> None:
+        """Note that a search is over; its clauses are dropped with those of some others.
+
+        Args:
+            oracle: where they are; perhaps it was closed.
+        """
+        if oracle is not self._oracle:
+            return
+        self._over.append(-guard)
+        if len(self._over) == DROPPED_TOGETHER:
+            for literal in self._over:
+                oracle.add([literal])
+            self._over.clear()
 
     def _fresh_or_warm(self) -> Oracle:
         if self._oracle is not None and self._searches > RESET_SEARCHES and not self._running:
@@ -134,6 +156,7 @@ class CoreGuided:
             self._top = self.variables
             self._searches = 0
             self._pool.clear()
+            self._over.clear()
             self._lent = 0
         return self._oracle
 
@@ -159,7 +182,8 @@ class _CoreSearch:
         self._owner = owner
         self._assumptions = assumptions
         self._at_least, self._at_most = bounds
-        self._candidates = [c for c in range(1, owner.candidates + 1) if c not in fixed]
+        every = range(1, owner.candidates + 1)
+        self._candidates = [c for c in every if c not in fixed] if fixed else every
         self._supposed = dict.fromkeys(self._candidates)  # in the order in which the solver is told
         self._paid = 0
         self._guard = 0
@@ -241,22 +265,23 @@ class _CoreSearch:
         """Suppose that no second member of the core is abnormal, one supposition less than it has members."""
         if len(core) < 2:
             return
-        add, new_variable, off = self._oracle.add, self._owner.new_variable, -self._guarded()
+        add, off = self._oracle.add, -self._guarded()
+        new = self._owner.new_variables(2 * len(core) - 3)  # two a node, but the root needs one
         level = [-literal for literal in core]
         while len(level) > 1:
             above = level[-1:] if len(level) % 2 else []
             for one, other in zip(level[::2], level[1::2], strict=False):
-                both = new_variable()
+                both = next(new)
                 add([-one, -other, both, off])
                 self._supposed[-both] = None
                 if len(level) > 2:
-                    either = new_variable()
+                    either = next(new)
                     add([-one, either, off])
                     add([-other, either, off])
                     above.append(either)
             level = above
 
     def retire(self) -> None:
-        """Drop the clauses of this search, and what was learnt from them."""
+        """Let the clauses of this search, and what was learnt from them, be dropped."""
         if self._guard:
-            self._oracle.add([-self._guard])
+            self._owner.retired(self._guard, self._oracle)

@@ -45,20 +45,30 @@ class TooManyEnvironments(Exception):
     """The conflicts are too many to be listed beforehand."""
 
 
-class DerivationStep(NamedTuple):
-    """How an atom, or a contradiction, is derived: what rule, from what was seen, and from what else."""
+class Derivation(NamedTuple):
+    """How an atom, or a contradiction, is derived: its environment and its last step.
 
-    origin: int  # index into cnf.rules
-    head: int  # what it derives; 0: a contradiction
-    premises: tuple[int, ...]  # atoms that were seen to hold
-    before: tuple[Environment, ...]
+    Of a conflict: how what was seen to fail, or a contradiction, is derived.
+    """
 
+    mask: int  # the environment: components whose health it takes
+    origin: int  # of the last rule: index into cnf.rules
+    head: int  # what that rule derives; 0: a contradiction
+    premises: tuple[int, ...]  # atoms of its body that were seen to hold …
+    before: tuple[Derivation, ...]  # … and how the others are derived
 
-class Environment(NamedTuple):
-    """Components whose health derives an atom, as a mask, and the last step of how."""
-
-    mask: int
-    step: DerivationStep
+    def steps(self) -> list[Derivation]:
+        """Return all steps, the last one first."""
+        if not self.before:
+            return [self]
+        found: dict[int, Derivation] = {}
+        todo = [self]
+        while todo:
+            step = todo.pop()
+            if id(step) not in found:
+                found[id(step)] = step
+                todo.extend(reversed(step.before))
+        return list(found.values())
 
 
 class HornRule(NamedTuple):
@@ -69,27 +79,6 @@ class HornRule(NamedTuple):
     opposite: tuple[int, ...]  # of the body: one of these seen, and the rule says nothing
     head: int  # 0: none, they contradict one another
     origin: int
-
-
-class Derived(NamedTuple):
-    """A conflict: the components as a mask, the atom that was seen to fail (0: none), and the last step."""
-
-    mask: int
-    failed: int
-    step: DerivationStep
-
-    def steps(self) -> list[DerivationStep]:
-        """Return all steps of the derivation, the last one first."""
-        if not self.step.before:
-            return [self.step]
-        found: dict[int, DerivationStep] = {}
-        todo = [self.step]
-        while todo:
-            step = todo.pop()
-            if id(step) not in found:
-                found[id(step)] = step
-                todo.extend(environment.step for environment in reversed(step.before))
-        return list(found.values())
 
 
 class Derivations:
@@ -119,7 +108,9 @@ class Derivations:
             )
         )
 
-    def conflicts(self, observed: SignedObs, supposed: Supposed, check: Callable[[], None]) -> list[Derived]:
+    def conflicts(
+        self, observed: SignedObs, supposed: Supposed, check: Callable[[], None]
+    ) -> list[Derivation]:
         """Return conflicts among which are all minimal ones; those supposed healthy are not in their masks.
 
         Args:
@@ -130,19 +121,18 @@ class Derivations:
         """
         seen = observed.seen
         asked = _Asked(self._rules, seen, supposed, check)
-        found: list[Derived] = []
+        found: list[Derivation] = []
         for rule in self._goals:
-            found += [Derived(mask, 0, step) for mask, step in asked.environments(rule)]
+            found += asked.derivations(rule)
         rules_of = self._rules.get
         for number in observed.failed:
             if rules := rules_of(-number):
                 for rule in rules:
                     if seen.isdisjoint(rule.opposite):
-                        for mask, step in asked.environments(rule):
-                            found.append(Derived(mask, -number, step))
+                        found += asked.derivations(rule)
         return found
 
-    def may_spare(self, mask: int, steps: Iterable[DerivationStep]) -> bool:
+    def may_spare(self, mask: int, steps: Iterable[Derivation]) -> bool:
         """Return whether a derivation may rest on more than it must.
 
         It does not where its components' health has no other rule for what it derives, for what it takes as
@@ -175,7 +165,7 @@ class Applied(NamedTuple):
 
 
 class _Asked:
-    """One question: the environments of the atoms that were not seen, found as they are needed."""
+    """One question: the derivations of the atoms that were not seen, found as they are needed."""
 
     def __init__(
         self,
@@ -189,16 +179,16 @@ class _Asked:
         self._healthy = ~mask_of(supposed.healthy)
         self._abnormal = mask_of(supposed.abnormal)
         self._check = check
-        self._labels: dict[int, list[Environment]] = {}
+        self._labels: dict[int, list[Derivation]] = {}
         self._left = MAX_ENVIRONMENTS
 
-    def environments(self, rule: HornRule) -> list[Environment]:
-        """Return the minimal environments of what the rule concludes, by this rule."""
+    def derivations(self, rule: HornRule) -> list[Derivation]:
+        """Return how the rule derives what it concludes, for each minimal environment."""
         mask, body, _, head, origin = rule
         if self._seen.issuperset(body):
             if mask & self._abnormal:
                 return []
-            return [Environment(mask & self._healthy, DerivationStep(origin, head, body, ()))]
+            return [Derivation(mask & self._healthy, origin, head, body, ())]
         applied = self._applied(rule)
         if applied is None:
             return []
@@ -219,12 +209,25 @@ class _Asked:
         body = tuple([atom for atom in body if atom in seen]) if len(unseen) < len(body) else ()
         return Applied(mask & self._healthy, body, unseen, head, origin)
 
+    def _usable(self, atom: int) -> list[Applied]:
+        """Return the rules that may derive an atom."""
+        return [one for rule in self._rules.get(atom, ()) if (one := self._applied(rule)) is not None]
+
+    def _label(self, usable: list[Applied]) -> list[Derivation]:
+        """Return the derivations by these rules with minimal environments."""
+        found = [derivation for one in usable for derivation in self._joined(one)]
+        return self._minimal(found) if len(found) > 1 else found
+
     def _derive(self, start: int) -> None:
         """Label an atom and all that it may be derived from.
 
         In post-order one pass is enough, unless atoms derive one another; then passes go on until nothing
         changes. Labels only grow better, so that this ends.
         """
+        rules = self._usable(start)
+        if not any(one.unseen for one in rules):  # mostly it rests on what was seen
+            self._labels[start] = self._label(rules)
+            return
         order: list[int] = []
         usable: dict[int, list[Applied]] = {}
         circular = False
@@ -236,9 +239,7 @@ class _Asked:
                 if len(usable) % CHECK_EVERY == 0:
                     self._check()
                 open_.add(atom)
-                usable[atom] = [
-                    one for rule in self._rules.get(atom, ()) if (one := self._applied(rule)) is not None
-                ]
+                usable[atom] = self._usable(atom)
                 for one in usable[atom]:
                     for other in one.unseen:
                         if other in open_:
@@ -259,35 +260,33 @@ class _Asked:
             for position, atom in enumerate(order):
                 if position % CHECK_EVERY == 0:
                     self._check()
-                found = [environment for one in usable[atom] for environment in self._joined(one)]
-                if len(found) > 1:
-                    found = self._minimal(found)
+                found = self._label(usable[atom])
                 if not circular:
                     labels[atom] = found
                 elif {one.mask for one in found} != {one.mask for one in labels[atom]}:
                     labels[atom] = found
                     changed = True
 
-    def _joined(self, applied: Applied) -> list[Environment]:
-        """Return the environments of a rule whose unseen premises are labelled: one of each, joined."""
+    def _joined(self, applied: Applied) -> list[Derivation]:
+        """Return what a rule derives whose unseen premises are labelled: one of each, joined."""
         mask, premises, unseen, head, origin = applied
         if not unseen:
-            return [Environment(mask, DerivationStep(origin, head, premises, ()))]
-        joined: list[tuple[int, tuple[Environment, ...]]] = [(mask, ())]
+            return [Derivation(mask, origin, head, premises, ())]
+        joined: list[tuple[int, tuple[Derivation, ...]]] = [(mask, ())]
         for atom in unseen:
             label = self._labels[atom]
             joined = [(mask | one.mask, (*before, one)) for mask, before in joined for one in label]
             self._left -= max(0, len(joined) - 1)
             if self._left < 0:
                 raise TooManyEnvironments
-        return [Environment(mask, DerivationStep(origin, head, premises, before)) for mask, before in joined]
+        return [Derivation(mask, origin, head, premises, before) for mask, before in joined]
 
-    def _minimal(self, found: list[Environment]) -> list[Environment]:
+    def _minimal(self, found: list[Derivation]) -> list[Derivation]:
         self._left -= len(found) - 1
         if self._left < 0:
             raise TooManyEnvironments
         found.sort(key=lambda one: one.mask.bit_count())
-        kept: list[Environment] = []
+        kept: list[Derivation] = []
         for one in found:
             if not any(smaller.mask & one.mask == smaller.mask for smaller in kept):
                 kept.append(one)

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 
 from robomend.diagnosis.conflicts import Conflicts, Known
 from robomend.diagnosis.consistency import Consistency
-from robomend.diagnosis.derivations import Derived
+from robomend.diagnosis.derivations import Derivation
 from robomend.diagnosis.masks import bits, mask_of, outside
 from robomend.diagnosis.observed import NOTHING_SUPPOSED, SignedObs, Supposed
 from robomend.diagnosis.oracle import OutOfTime
@@ -98,7 +98,7 @@ class Justification:
 
     # --- all conflicts are known ------------------------------------------------------------------
 
-    def _of_all(self, derived: Sequence[Derived], masks: Sequence[int]) -> list[Known]:
+    def _of_all(self, derived: Sequence[Derivation], masks: Sequence[int]) -> list[Known]:
         """Return the minimal ones of all conflicts; of many, those that show what is needed."""
         told: dict[int, Known] = {}
         width = 0

@@ -33,14 +33,9 @@ class SignedObs(NamedTuple):
     """OBS in the solver's numbers: signed variables, none with both signs."""
 
     numbers: tuple[int, ...]
-    given: tuple[Literal, ...]  # parallel to numbers
     unused: tuple[Literal, ...]  # observed, but no rule mentions it
     seen: frozenset[int]  # the numbers, to look things up in
     failed: tuple[int, ...]  # the negative ones: of a robot few, and what goes wrong begins with them
-
-    def literal(self, number: int) -> Literal:
-        """Return a literal as it was given; few are asked for, so that no table is made."""
-        return self.given[self.numbers.index(number)]
 
 
 class ObservationReader:
@@ -49,7 +44,7 @@ class ObservationReader:
     def __init__(self, cnf: HealthCnf) -> None:
         self._positive: Table = {}
         self._negative: Table = {}
-        for atom, variable in cnf.atom_variable.items():
+        for variable, atom in enumerate(cnf.atoms, len(cnf.components) + 1):  # no atom is hashed
             self._positive.setdefault(atom.predicate, {})[atom.args] = variable
             self._negative.setdefault(atom.predicate, {})[atom.args] = -variable
         self._all_known = True  # whether the rules mentioned every atom of the set that was read last
@@ -91,19 +86,17 @@ class ObservationReader:
             return known[1]
         numbers = tuple(self.numbers(literals))
         unused: tuple[Literal, ...] = ()
-        if 0 in numbers:
+        if not self._all_known:
             unused = tuple(dict.fromkeys(compress(literals, [not number for number in numbers])))
             _refuse_clash(unused)
-            literals = tuple(compress(literals, numbers))
             numbers = tuple(filter(None, numbers))
         seen = frozenset(numbers)
         failed = tuple([number for number in numbers if number < 0])
         if len(seen) < len(numbers) or not seen.isdisjoint([-number for number in failed]):
             _refuse_clash(literals)
-            once = dict(zip(numbers, literals, strict=True))
-            numbers, literals = tuple(once), tuple(once.values())
+            numbers = tuple(dict.fromkeys(numbers))
             failed = tuple([number for number in numbers if number < 0])
-        observed = SignedObs(numbers, literals, unused, seen, failed)
+        observed = SignedObs(numbers, unused, seen, failed)
         self._kept += len(asked)
         if self._kept > KEPT_LITERALS:
             self._lately.clear()

@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from robomend.diagnosis.conflicts import Known
-from robomend.diagnosis.derivations import Derived
+from robomend.diagnosis.derivations import Derivation
 from robomend.diagnosis.oracle import Deadline
 from robomend.diagnosis.result import Factor
 
@@ -59,7 +59,7 @@ class SearchState:
     known: list[Known] = field(default_factory=list)
     # All minimal conflicts, perhaps with others that contain some; None: the search met those of `known`
     # only.
-    derived: list[Derived] | None = None
+    derived: list[Derivation] | None = None
     minimal: list[int] = field(default_factory=list)  # their masks, less those known to contain another
     # Factored: products that have no diagnosis in common.
     rows: list[Row] = field(default_factory=list)

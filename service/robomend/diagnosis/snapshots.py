@@ -39,7 +39,7 @@ from robomend.diagnosis.search import MAX_DIAGNOSES
 from robomend.diagnosis.snapshot_parts import ExplainedParts
 from robomend.errors import ContradictoryModel, OptionRefused
 from robomend.model.cnf import HealthCnf
-from robomend_client.literals import Atom, Literal
+from robomend_client.literals import Literal
 
 DEFAULTS = Options()
 
@@ -101,13 +101,13 @@ class SnapshotEngine:
         stopped = search.run(found, options, self._clock)
         if search.contradiction is not None and not what_if.healthy and not what_if.abnormal:
             known, observed = search.contradiction
-            raise self._contradiction(self._resting_on_less(known, observed, what_if), observed)
+            raise self._contradiction(self._resting_on_less(known, observed, what_if))
         masks = sorted(found, key=lambda mask: (mask.bit_count(), bits(mask)))[: options.limit]
         blamed = [tuple(self.cnf.components[bit] for bit in bits(mask)) for mask in masks]
         # What contradicts by itself makes whatever else was met no conflict: it would be needless there.
         met = search.known if search.contradiction is None else [search.contradiction]
         told = self._justifying(masks, met) if options.conflicts else []
-        conflicts = tuple(self._in_words(self._resting_on_less(*pair, what_if), pair[1]) for pair in told)
+        conflicts = tuple(self._in_words(self._resting_on_less(*pair, what_if)) for pair in told)
         unused = dict.fromkeys(literal for observed in distinct.values() for literal in observed.unused)
         return DiagnosisResult(
             components=self.cnf.components,
@@ -149,26 +149,17 @@ class SnapshotEngine:
             )
         return known
 
-    def _in_words(self, known: Known, observed: SignedObs) -> Conflict:
+    def _in_words(self, known: Known) -> Conflict:
         cnf = self.cnf
         components = tuple(cnf.components[variable - 1] for variable in known.components)
         used = self._reasons.rules([*known.components, *known.observations])
         rules = tuple(cnf.rules[index].text for index in used)
-        literals = self._literals(known, observed)
+        # What was seen, and what is supposed: `ab(c)` or its negation.
+        literals = tuple(map(cnf.literal_of, known.observations))
         return Conflict(components, literals, rules, explain_conflict(cnf, components, literals, rules))
 
-    def _literals(self, known: Known, observed: SignedObs) -> tuple[Literal, ...]:
-        """Return what the conflict rests on: what was seen, and what-ifs as `ab(c)` or its negation."""
-        names = self.cnf.components
-        return tuple(
-            Literal(Atom("ab", (names[abs(number) - 1],)), number < 0)
-            if abs(number) <= len(names)
-            else observed.literal(number)
-            for number in known.observations
-        )
-
-    def _contradiction(self, known: Known, observed: SignedObs) -> ContradictoryModel:
-        literals = tuple(map(str, self._literals(known, observed)))
+    def _contradiction(self, known: Known) -> ContradictoryModel:
+        literals = tuple(map(self.cnf.word, known.observations))
         rules = self._reasons.rules(known.observations)
         return ContradictoryModel(literals, tuple(self.cnf.rules[index].text for index in rules))
 

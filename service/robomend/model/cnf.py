@@ -117,10 +117,13 @@ class HealthCnf:
             return None
         return variable if literal.positive else -variable
 
-    def word(self, variable: int) -> str:
-        """Return a signed health or atom variable in the model's words, e.g. `ab(jaguar)`, `not ok(scan)`."""
+    def literal_of(self, variable: int) -> Literal:
+        """Return a signed health or atom variable as a literal, e.g. `ab(jaguar)`, `not ok(scan)`."""
         index = abs(variable) - 1
         if index < len(self.components):
-            atom = Atom("ab", (self.components[index],))
-            return str(Literal(atom, variable < 0))
-        return str(Literal(self.atoms[index - len(self.components)], variable > 0))
+            return Literal(Atom("ab", (self.components[index],)), variable < 0)
+        return Literal(self.atoms[index - len(self.components)], variable > 0)
+
+    def word(self, variable: int) -> str:
+        """Return the same in the model's words."""
+        return str(self.literal_of(variable))

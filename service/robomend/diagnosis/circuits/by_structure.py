@@ -39,9 +39,8 @@ class ByStructure:
         self._by_solver = by_solver
         self._top_levels: OrderedDict[frozenset[int], TopLevel] = OrderedDict()
 
-    def _top_level(self, observed: SignedObs) -> tuple[TopLevel, dict[int, bool]]:
-        values = {abs(number): number > 0 for number in observed.numbers}
-        sensors = frozenset(values)
+    def _top_level(self, observed: SignedObs) -> TopLevel:
+        sensors = frozenset(map(abs, observed.numbers))
         top_level = self._top_levels.get(sensors)
         if top_level is None:
             if len(self._top_levels) >= SENSOR_SETS:
@@ -50,21 +49,21 @@ class ByStructure:
             self._top_levels[sensors] = top_level
         else:
             self._top_levels.move_to_end(sensors)
-        return top_level, values
+        return top_level
 
     def minimum(self, observed: SignedObs, options: Options, answer: SearchState) -> None:
         """List the minimum-cardinality diagnoses."""
         self._clock.check()
-        top_level, values = self._top_level(observed)
+        top_level = self._top_level(observed)
         if options.limit == 1 and not options.factored:
-            with closing(top_level.minimum(values, True, options.max_size)) as tops:
+            with closing(top_level.minimum(observed, True, options.max_size)) as tops:
                 for top in tops:
                     answer.add(self._bad(top))
             return
         total = 0
         first = 1 if options.limit == 1 else 64
         late = None if options.factored else answer
-        for batch, rows in self._minima(top_level, values, observed, options.max_size, first, late):
+        for batch, rows in self._minima(top_level, observed, options.max_size, first, late):
             for top, row in zip(batch, rows, strict=True):
                 if options.factored:
                     total += self._add_row(top_level, top, row, observed, answer)
@@ -76,7 +75,6 @@ class ByStructure:
     def _minima(
         self,
         top_level: TopLevel,
-        values: dict[int, bool],
         observed: SignedObs,
         at_most: int | None,
         first: int,
@@ -87,20 +85,20 @@ class ByStructure:
         Args:
             late: takes those of the last batch, as they are, when the time is up.
         """
-        with closing(top_level.minimum(values, False, at_most)) as tops:
+        with closing(top_level.minimum(observed, False, at_most)) as tops:
             for batch, whole in _batches(tops, first):
                 if whole:
-                    yield batch, self._alternatives(top_level, observed, values, batch)
+                    yield batch, self._alternatives(top_level, observed, batch)
                 elif late is not None:
                     for top in batch:
                         late.add(self._bad(top))
 
     def _alternatives(
-        self, top_level: TopLevel, observed: SignedObs, values: dict[int, bool], tops: Sequence[Top]
+        self, top_level: TopLevel, observed: SignedObs, tops: Sequence[Top]
     ) -> Iterator[tuple[tuple[int, ...], ...]]:
         """Yield what may stand in for each member of each top-level diagnosis, if the others stay."""
         if top_level.can_simulate:
-            yield from top_level.alternatives(values, tops)
+            yield from top_level.alternatives(observed, tops)
             return
         for top in tops:
             row = []
@@ -148,18 +146,18 @@ class ByStructure:
     def subset_minimal(self, observed: SignedObs, options: Options, answer: SearchState) -> None:
         """List the subset-minimal diagnoses by size: simulated, then the minimum, then layer by layer."""
         self._clock.check()
-        top_level, values = self._top_level(observed)
+        top_level = self._top_level(observed)
         known: list[Bad] = []
         size = 0
         if top_level.can_simulate:
-            if top_level.all_healthy(values):
+            if top_level.all_healthy(observed):
                 answer.add(())
                 return
             smaller: set[int] = set()
             for size in (1, 2):
                 if options.max_size is not None and size > options.max_size:
                     break
-                for top in top_level.small_subset_minimal(values, size, smaller):
+                for top in top_level.small_subset_minimal(observed, size, smaller):
                     bad = self._bad(top)
                     known.append(bad)
                     answer.add(bad)
@@ -167,7 +165,7 @@ class ByStructure:
                         smaller.add(top[0])
             size = 3 if options.max_size is None else min(3, options.max_size + 1)
         if not known:
-            for batch, rows in self._minima(top_level, values, observed, options.max_size, 64, answer):
+            for batch, rows in self._minima(top_level, observed, options.max_size, 64, answer):
                 for top, row in zip(batch, rows, strict=True):
                     for choice in self._choices(top, row, observed, top_level):
                         known.append(self._bad(choice))

@@ -30,6 +30,7 @@ from robomend.diagnosis.circuits.incumbent import find_incumbent
 from robomend.diagnosis.circuits.netlist import Netlist
 from robomend.diagnosis.core_guided import CoreGuided, MinimumTooLarge
 from robomend.diagnosis.masks import bits
+from robomend.diagnosis.observed import SignedObs
 from robomend.diagnosis.oracle import Deadline
 from robomend.model.cnf import HealthCnf
 
@@ -73,13 +74,13 @@ class TopLevel:
         self._values: Values | None = None
         self._functions: dict[str, Callable[..., int]] = {}
         self._guided: CoreGuided | None = None
-        self._number: dict[int, int] = {}
+        self._number: dict[int, int] = {}  # of a signed net, in the top-level CNF
         self._candidate: dict[int, int] = {}  # top-level gate -> its number in the top-level CNF
 
     # --- top-level diagnoses ----------------------------------------------------------------------
 
     def minimum(
-        self, values: dict[int, bool], first_only: bool, at_most: int | None
+        self, observed: SignedObs, first_only: bool, at_most: int | None
     ) -> Generator[Top, None, None]:
         """Yield the minimum-cardinality diagnoses among the top-level gates.
 
@@ -96,7 +97,7 @@ class TopLevel:
         if self._simulates():
             top = self.cones.top
             flips = self._passes(flat=False)
-            inputs, expected = self._inputs(values)
+            inputs, expected = self._inputs(observed)
             if not first_only:
                 self._prepare_cones()
             wrong = flips.one_by_one(inputs, expected)
@@ -119,16 +120,13 @@ class TopLevel:
                     return
             else:
                 self._clock.check()
-                pairs = flips.pairs(inputs, expected, self._supports(values, flat=False), self._clock.check)
+                pairs = flips.pairs(inputs, expected, self._supports(observed, flat=False), self._clock.check)
                 if pairs:
                     yield from ((top[one], top[other]) for one, other in pairs)
                     return
                 at_least = 3
         guided = self._search()
-        number = self._number
-        assumptions = [
-            number[net] if value else -number[net] for net, value in values.items() if net in number
-        ]
+        assumptions = list(filter(None, map(self._number.get, observed.numbers)))
         known = None
         if incumbent is not None:
             known = [self._candidate[self.cones.top[position]] for position in incumbent]
@@ -136,21 +134,23 @@ class TopLevel:
         for found in guided.minimum(assumptions, at_least, at_most, incumbent=known):
             yield tuple(sorted([in_order[candidate - 1] for candidate in found]))
 
-    def small_subset_minimal(self, values: dict[int, bool], size: int, smaller: set[int]) -> Iterator[Top]:
+    def small_subset_minimal(self, observed: SignedObs, size: int, smaller: set[int]) -> Iterator[Top]:
         """Yield the subset-minimal diagnoses of 1 or 2 gates, of all gates; `smaller`: those of size 1."""
         flips = self._passes(flat=True)
-        inputs, expected = self._inputs(values)
+        inputs, expected = self._inputs(observed)
         seen = self.cones.seen
         if size == 1:
             yield from ((seen[position],) for position in flips.singles(inputs, expected)[1])
             return
-        for one, other in flips.pairs(inputs, expected, self._supports(values, flat=True), self._clock.check):
+        for one, other in flips.pairs(
+            inputs, expected, self._supports(observed, flat=True), self._clock.check
+        ):
             if seen[one] not in smaller and seen[other] not in smaller:
                 yield seen[one], seen[other]
 
-    def all_healthy(self, values: dict[int, bool]) -> bool:
+    def all_healthy(self, observed: SignedObs) -> bool:
         """Return whether simulation agrees with all that is observed."""
-        inputs, expected = self._inputs(values)
+        inputs, expected = self._inputs(observed)
         return self._passes(flat=False).agrees(inputs, expected)
 
     def _simulates(self) -> bool:
@@ -172,8 +172,9 @@ class TopLevel:
             flips = self._flips[flat] = Flips(self.netlist, flippable, self.cones.seen, self._checks)
         return flips
 
-    def _inputs(self, values: dict[int, bool]) -> tuple[list[bool], list[bool]]:
-        return [values[net] for net in self._observed_sources], [values[net] for net in self._checks]
+    def _inputs(self, observed: SignedObs) -> tuple[list[bool], list[bool]]:
+        seen = observed.seen.__contains__
+        return list(map(seen, self._observed_sources)), list(map(seen, self._checks))
 
     def _prepare_cones(self) -> None:
         """Compile all that cones need with the rest, so that no later call of a warm engine waits for it."""
@@ -186,18 +187,18 @@ class TopLevel:
             self._values = values_of(self.netlist, self.cones.seen, self.cones.top)
         return self._values
 
-    def _net_values(self, values: dict[int, bool], flips: list[int], ones: int) -> list[int]:
+    def _net_values(self, observed: SignedObs, flips: list[int], ones: int) -> list[int]:
         return self._value_pass()(
-            {net: ones if values[net] else 0 for net in self._observed_sources}, flips, ones
+            {net: ones if net in observed.seen else 0 for net in self._observed_sources}, flips, ones
         )
 
-    def _supports(self, values: dict[int, bool], flat: bool) -> list[int]:
+    def _supports(self, observed: SignedObs, flat: bool) -> list[int]:
         """Return conflicts as masks over the flippable gates: those that make a wrong output what it is.
 
         Where an input alone decides a gate's output, only that input is followed.
         """
-        nets = self._net_values(values, [0] * len(self.cones.top), 1)
-        wrong = [net for net in self._checks if nets[net] != values[net]]
+        nets = self._net_values(observed, [0] * len(self.cones.top), 1)
+        wrong = [net for net in self._checks if nets[net] != (net in observed.seen)]
         flippable = self.cones.seen if flat else self.cones.top
         bit = {gate: 1 << index for index, gate in enumerate(flippable)}
         return [sum(bit.get(gate, 0) for gate in self._justify(net, nets)) for net in wrong[:SUPPORTS_TRIED]]
@@ -250,15 +251,14 @@ class TopLevel:
             for literal in body:
                 number.setdefault(abs(literal), len(number) + 1)
         renumbered = [[number[lit] if lit > 0 else -number[-lit] for lit in body] for body in clauses]
-        self._number = {net: number[net] for net in (*self._checks, *self._observed_sources)}
+        for net in (*self._checks, *self._observed_sources):
+            self._number[net], self._number[-net] = number[net], -number[net]
         self._guided = CoreGuided(renumbered, len(candidate), len(number), self._clock, self._solver)
         return self._guided
 
     # --- cones ------------------------------------------------------------------------------------
 
-    def alternatives(
-        self, values: dict[int, bool], tops: Sequence[Top]
-    ) -> Iterator[tuple[tuple[int, ...], ...]]:
+    def alternatives(self, observed: SignedObs, tops: Sequence[Top]) -> Iterator[tuple[tuple[int, ...], ...]]:
         """Yield for each top-level diagnosis what may stand in for each member, the member itself included.
 
         Only for minimum-cardinality diagnoses, and only where `can_simulate`.
@@ -266,19 +266,19 @@ class TopLevel:
         expand = self._expand_singles if tops and len(tops[0]) == 1 else self._expand
         for start in range(0, len(tops), BATCH):
             self._clock.check()
-            yield from expand(values, tops[start : start + BATCH])
+            yield from expand(observed, tops[start : start + BATCH])
 
-    def _expand_singles(
-        self, values: dict[int, bool], tops: Sequence[Top]
-    ) -> Iterator[tuple[tuple[int, ...]]]:
+    def _expand_singles(self, observed: SignedObs, tops: Sequence[Top]) -> Iterator[tuple[tuple[int, ...]]]:
         """A gate stands in for a top that explains all alone exactly when it explains all alone too."""
         members = self.cones.members
         below = [gate for (top,) in tops for gate in members[top][:-1]]
-        fits = set(self._passes(flat=True).explaining_alone(*self._inputs(values), below)) if below else set()
+        fits = (
+            set(self._passes(flat=True).explaining_alone(*self._inputs(observed), below)) if below else set()
+        )
         for (top,) in tops:
             yield ((top, *[gate for gate in members[top][:-1] if gate in fits]),)
 
-    def _expand(self, values: dict[int, bool], tops: Sequence[Top]) -> Iterator[tuple[tuple[int, ...], ...]]:
+    def _expand(self, observed: SignedObs, tops: Sequence[Top]) -> Iterator[tuple[tuple[int, ...], ...]]:
         lanes = len(tops)
         ones = (1 << lanes) - 1
         member_of: dict[int, int] = {}  # top-level gate -> the lanes (diagnoses) that it is a member of
@@ -287,7 +287,7 @@ class TopLevel:
                 member_of[gate] = member_of.get(gate, 0) | 1 << lane
         replaced: dict[int, list[list[int]]] = {}  # top-level gate -> lane -> gates that can stand in
         if any(len(self.cones.members[gate]) > 1 for gate in member_of):
-            nets = self._net_values(values, [member_of.get(gate, 0) for gate in self.cones.top], ones)
+            nets = self._net_values(observed, [member_of.get(gate, 0) for gate in self.cones.top], ones)
             for gate, lanes_of_gate in member_of.items():
                 if len(self.cones.members[gate]) > 1:
                     replaced[gate] = self._stand_ins(gate, lanes_of_gate, nets, lanes)
