@@ -15,7 +15,8 @@ from robomend.model.loading import load_text
 from robomend.model.system import System
 from robomend.planning.advice import Situation, parts_of
 from robomend.planning.choice import Choice
-from robomend.planning.partial import explains_all
+from robomend.planning.partial import explains_all, left_bad
+from robomend.planning.plan import Step
 from robomend.planning.planning import PlanOptions, plans_for
 from robomend_client.literals import Literal, fails, holds
 
@@ -111,6 +112,14 @@ def test_a_driver_that_nobody_ever_restarts_may_find_its_device_again() -> None:
     )
     seen = (fails("ok", "scan"), holds("on", "lidar"))
     assert steps(chosen(fixed, *seen, options=PlanOptions())) == CYCLE
+
+
+def test_an_act_leaves_broken_what_it_breaks_and_nothing_else_that_it_changes() -> None:
+    effects = (fails("good", "camera_node"), holds("on", "camera"), holds("good", "imu"))
+    [solved] = plans_for(parts_of(BUS), SILENT, [("imu",)], WITH_RESET)
+    plan = replace(solved, steps=(Step(0, "reset_usb", ("usb1",), 1.0, (), (), effects),))
+    [diagnosis] = [one for one in diagnosed(BUS, SILENT).diagnoses if one.bad == ("imu",)]
+    assert left_bad(plan, diagnosis, parts_of(BUS)) == {"camera_node"}
 
 
 # --- random robots ----------------------------------------------------------------------------------

@@ -92,3 +92,26 @@ async def test_what_rests_on_an_effect_that_is_missing_is_awaited_no_longer() ->
         )
     assert first[:2] == ((), (WANTED,))
     assert second[:2] == ((), ())  # it is no longer missing, nor was it seen
+
+
+async def test_what_rests_on_what_broke_is_awaited_no_longer() -> None:
+    map_ = Atom("ok", ("map",))
+    described = replace(CNF, atoms=(*CNF.atoms, map_), clauses=(*CNF.clauses, (-5, 6)), variables=6)
+    well = {
+        Atom(p, (c,))
+        for p, c in [("on", "lidar"), ("good", "lidar"), ("running", "driver"), ("good", "driver")]
+    }
+    robot = Robot(obs={SCAN: True, map_: False})
+    here = replace(setting(robot), prediction=Prediction(Theory(described), described.components, well))
+    looking = Looking(here)
+
+    async def breaks() -> Literal:
+        broken = asyncio.ensure_future(looking.contradiction())
+        await asyncio.sleep(0)  # it sees that scan is there
+        robot.see(SCAN, False)
+        return await broken
+
+    async with asyncio.timeout(60):
+        broken, awaited = await asyncio.gather(breaks(), looking.effect([Literal(map_)], 600.0))
+    assert broken == WANTED
+    assert awaited[:2] == ((), ())

@@ -59,9 +59,7 @@ class ExplainedParts:
     @cached_property
     def _clauses(self) -> dict[int, list[Clause]]:
         """Component -> the clauses that say something where it is healthy."""
-        found: dict[int, list[Clause]] = {
-            variable: [] for variable in range(1, len(self._cnf.components) + 1)
-        }
+        found: dict[int, list[Clause]] = {variable: [] for variable in self._cnf.health.values()}
         for clause in self._cnf.clauses:
             for literal in clause:
                 if -literal in found:
