@@ -92,6 +92,8 @@ hardware:
   hub: {fed_by: [rail]}
   camera: {channel: 3, fed_by: [hub]}
   lamp: {channel: 4, fed_by: [hub]}
+nodes:
+  lamp_d: {drives: [lamp], publishes: {lux: []}}
 """
 
 
@@ -116,6 +118,13 @@ def test_a_person_does_not_switch_off_what_the_robot_protects_nor_what_feeds_it(
     assert switch_off(service, 4) == (204, "")
     shown = service.api("GET", "/robots/r1/board").json()["channels"]
     assert {one["channel"] for one in shown if one["protected"]} == {0, 3, 7}
+    driver = {**config, "protected": ["lamp_d"]}
+    assert service.api("PUT", "/robots/r1", json=driver, headers={"If-Match": "*"}).status_code == 200
+    until(service, "on(rail)")
+    why = "lamp_d, its driver, which would have to restart after it, is protected"
+    assert switch_off(service, 4) == (403, f"channel 4 is protected: {why}")
+    assert switch_off(service, 7) == (403, "channel 7 is protected: lamp, which it feeds, is protected")
+    assert service.api("PUT", "/robots/r1/board/channels/4", json={"on": True}).status_code == 204
     freed = service.api("PUT", "/robots/r1", json={**config, "protected": []}, headers={"If-Match": "*"})
     assert freed.status_code == 200
     until(service, "on(rail)")

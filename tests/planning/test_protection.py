@@ -11,6 +11,7 @@ from robomend.model.components import KINDS, Component, ComponentModel, Hardware
 from robomend.planning.planning import PlanOptions, plan_for
 from robomend.planning.protection import marked, protected_channels, protection
 from robomend.robots.configuration import RobotConfig, protected_of
+from robomend_client.literals import fails
 
 ARM = ComponentModel(
     "arm",
@@ -45,6 +46,19 @@ def test_a_node_that_a_protected_one_must_follow_is_protected_too_and_its_follow
         "moveit": "traj_ctl, tied to it, is protected",
         "planner": "traj_ctl, tied to it, is protected",
     }
+
+
+def test_a_device_is_protected_with_its_driver_and_so_is_what_feeds_it() -> None:
+    driven = replace(ARM, nodes={**ARM.nodes, "arm_d": Node("arm_d", drives=("arm",))})
+    device = "arm_d, its driver, which would have to restart after it, is protected"
+    assert protection(driven, ["arm_d"]) == {
+        "arm_d": "arm_d is protected",
+        "arm": device,
+        "hub": "arm, which it feeds, is protected",
+        "rail": "arm, which it feeds, is protected",
+    }
+    assert protected_channels(driven, protection(driven, ["arm_d"]))[3] == device
+    assert protection(driven, ["arm"]).keys() == {"arm", "hub", "rail"}  # its driver may be restarted
 
 
 def test_a_protected_channel_protects_its_device_and_what_feeds_it() -> None:
@@ -87,6 +101,29 @@ def test_a_user_s_action_breaks_no_protected_node_that_is_tied_to_what_it_restar
     safe = plan_for(ARM, [], ["moveit"], replace(options, protected=("traj_ctl",)))
     assert texts(safe) == []
     assert "traj_ctl, tied to it, is protected" in safe.unreachable[0]
+
+
+RESET = """
+(define (domain robot-repair)
+  (:action reset
+    :parameters (?h - hardware)
+    :precondition (and (on ?h) (bad ?h))
+    :effect (and (good ?h) (not (bad ?h))
+      (forall (?n - node) (when (drives ?n ?h) (and (bad ?n) (not (good ?n)))))
+      (increase (total-cost) 1))))
+"""
+
+
+def test_nothing_resets_the_device_of_a_protected_driver_and_what_is_off_is_switched_on(planner: str) -> None:
+    driven = replace(ARM, nodes={"arm_d": Node("arm_d", drives=("arm",), publishes={"joints": ()})})
+    options = PlanOptions(planner=planner, domain=RESET)
+    assert texts(plan_for(driven, [], ["arm"], options))[0] == "reset(arm)"
+    safe = replace(options, protected=("arm_d",))
+    kept = plan_for(driven, [], ["arm"], safe)
+    assert texts(kept) == []
+    assert "arm_d, its driver, which would have to restart after it, is protected" in kept.unreachable[0]
+    off = plan_for(driven, [fails("on", "arm")], ["arm"], safe)
+    assert texts(off) == ["power_up(arm)"]
 
 
 CUT = """

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from tests.repairs.robot import CONFIG, Robot, robot_on, running, service, the_repair
 
+from robomend.repairs import flapping
 from robomend.repairs.choosing import Chooser
 from robomend.repairs.conclusions import BY_ITSELF
 from robomend.robots.batches import Batch
@@ -183,3 +184,44 @@ async def test_what_becomes_well_while_it_is_planned_for_is_left_alone(
     assert robot.done == []
     assert (repair["state"], repair["rounds"]) == ("repaired", [])
     assert repair["reason"] == BY_ITSELF
+
+
+async def test_a_fault_that_comes_and_goes_is_told_once_and_repaired_when_it_stays(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    choose, stays = Chooser.choose_in_turn, False
+    monkeypatch.setattr(flapping, "STEADY_S", 0.5)
+
+    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
+        await robot.settled()
+
+        async def slow(chooser: Chooser, state: Any, result: Any, **options: Any) -> Any:
+            """Plan for longer than the fault lasts, as long as it does not stay."""
+            found = await choose(chooser, state, result, **options)
+            if not stays:
+                robot.running["mapping"] = True
+                async with asyncio.timeout(60):
+                    while not state.current.healthy:
+                        await asyncio.sleep(0.01)
+            return found
+
+        monkeypatch.setattr(Chooser, "choose_in_turn", slow)
+        ended: list[str] = []
+        for number in range(flapping.TIMES):
+            robot.running["mapping"] = False
+            async with asyncio.timeout(60):
+                while len(repairs := await runtime.repairs.repairs("r1", before=None, limit=20)) <= number:
+                    await asyncio.sleep(0.02)
+            ended.append((await the_repair(runtime))["state"])
+        told = await the_repair(runtime)
+        stays = True
+        robot.running["mapping"] = False
+        async with asyncio.timeout(60):
+            while len(repairs) == len(await runtime.repairs.repairs("r1", before=None, limit=20)):
+                await asyncio.sleep(0.02)
+        mended = await the_repair(runtime)
+    assert ended == ["repaired"] * (flapping.TIMES - 1) + ["escalated"]
+    assert told["reason"].startswith(f"it comes and goes: {flapping.TIMES} times within ")
+    assert "suspects: mapping." in told["reason"]
+    assert mended["state"] == "repaired"
+    assert robot.done == ["start_node(mapping)"]

@@ -174,7 +174,9 @@ async def test_a_robot_whose_clock_is_minutes_ahead_is_told_so_and_not_believed(
     async with service(tmp_path) as runtime, robot_on(runtime) as robot:
         await robot.settled()
         time_ns = CLOCK.now_ns() + minutes * 60 * S
-        with pytest.raises(InputError, match="s ahead of this service's clock; 60 are allowed"):
+        with pytest.raises(
+            InputError, match="s ahead of this service's clock; 60 are allowed: set the sender's clock"
+        ):
             await runtime.robots.observe("r1", Batch(["not ok(map)"], time_ns=time_ns, since=[time_ns]))
         assert runtime.robots.memory.states["r1"].sight.value(Atom("ok", ("map",))) is True
 

@@ -293,13 +293,21 @@ class Grounder:
                         found[id(action)] = action
         return list(found.values())
 
-    def _tied(self, node: str, others: Iterable[str]) -> bool:
-        """Whether the node must restart after one of these restarts."""
-        return any(("tied", node, other) in self.problem.initial for other in others)
+    def _left_broken(self, node: str, action: GroundAction) -> bool:
+        """Whether the node must restart after what the action restarts, or resets.
+
+        What comes on was off, and its driver broken already.
+        """
+        initial = self.problem.initial
+        if any(("tied", node, other) in initial for other in action.parameters):
+            return True
+        comes_on = any(number > 0 and self.fact(number)[0] == "on" for number in action.effects)
+        return not comes_on and any(fact[:2] == ("drives", node) for fact in initial)
 
     def refusal(self, action: GroundAction) -> str | None:
         """Return why an action may not be taken, or None: it takes power or process from a protected
-        component or breaks one that is tied to it, changes one that is set aside, or is to be avoided.
+        component, or breaks one that would have to restart after it, changes one that is set aside, or is to
+        be avoided.
         """
         problem = self.problem
         if problem.avoided and (why := problem.avoided.get(str(action))) is not None:
@@ -312,7 +320,7 @@ class Grounder:
             if name in problem.protected and (
                 (number > 0 and predicate in DARK)
                 or (number < 0 and predicate in OBSERVED_FACTS)
-                or (number > 0 and predicate == "bad" and self._tied(name, action.parameters))
+                or (number > 0 and predicate == "bad" and self._left_broken(name, action))
             ):
                 return problem.protected[name]
             if name in problem.excluded and predicate in DARK | OBSERVED_FACTS:

@@ -3,14 +3,16 @@
     protected            by the model, by the board's configuration, by the robot's
     its feeders          a feeder's shutdown is theirs too
     what it is tied to   it must restart after that restarts, and it may not
+    what it drives       it must restart after that got its power back, and it may not
 
-Both go on from what was found: the feeder of a feeder, the node that a tied one is tied to. So there is one
-answer for a plan, for a person who switches a channel, and for a user's own action. Pure.
+All go on from what was found: the feeder of a feeder, the node that a tied one is tied to, what feeds the
+device of a driver. So there is one answer for a plan, for a person who switches a channel, and for a user's
+own action. Pure.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 
 from robomend.model.components import ComponentModel
 
@@ -35,12 +37,23 @@ def protection(model: ComponentModel, named: Iterable[str] = ()) -> dict[str, st
     pending = [(name, name) for name in found]
     while pending:
         name, saved = pending.pop()
-        hardware, node = model.hardware.get(name), model.nodes.get(name)
-        for other in hardware.fed_by if hardware else node.tied_to if node else ():
+        for other, why, of in _needed(model, name, saved):
             if other not in found:
-                found[other] = f"{saved}, {'which it feeds' if hardware else 'tied to it'}, is protected"
-                pending.append((other, saved))
+                found[other] = f"{why} is protected"
+                pending.append((other, of))
     return found
+
+
+def _needed(model: ComponentModel, name: str, saved: str) -> Iterator[tuple[str, str, str]]:
+    """Yield what a protected component cannot do without, why, and for whose sake what feeds that is kept."""
+    if (hardware := model.hardware.get(name)) is not None:
+        for feeder in hardware.fed_by:
+            yield feeder, f"{saved}, which it feeds,", saved
+    if (node := model.nodes.get(name)) is not None:
+        for other in node.tied_to:
+            yield other, f"{saved}, tied to it,", saved
+        for device in node.drives:
+            yield device, f"{name}, its driver, which would have to restart after it,", device
 
 
 def protected_channels(

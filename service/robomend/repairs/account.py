@@ -140,7 +140,9 @@ def _lost(rival: Json, done: Json) -> str:
     if weight is not None and rival["weight"] < weight:
         return "; less probable"
     cost = sum(step["cost"] for step in done["plan"])
-    return f"; dearer than {cost:g}" if rival["cost"] > cost else ""
+    if rival["cost"] > cost:
+        return f"; dearer than {cost:g}"
+    return "; as good" if rival["cost"] == cost and rival["weight"] == weight else ""
 
 
 def _step(step: Json) -> str:

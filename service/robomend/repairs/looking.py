@@ -22,6 +22,9 @@ T = TypeVar("T")
 LOOK_S = 0.25
 """How often OBS is looked at unasked: observations also grow stale, which is no change."""
 
+SOON_S = 0.05
+"""How often where what counts is repeated news, which wakes nobody either."""
+
 LONGER = "which is longer than earlier starts took"
 
 NAMED = 4
@@ -151,11 +154,11 @@ class Looking:
             revision = self._sight.revision
             answer = wrong()
             left = deadline + longer_s() - time.monotonic()
-            if answer is not None:
-                left = min(left, at_most_s(answer))
+            at_most = inf if answer is None else at_most_s(answer)
+            left = min(left, at_most)
             if answer is None or left <= 0:
                 return answer
-            await self._sight.changed(revision, min(left, LOOK_S))
+            await self._sight.changed(revision, min(left, LOOK_S if at_most == inf else SOON_S))
 
 
 def first_of(missing: Sequence[Literal]) -> str:

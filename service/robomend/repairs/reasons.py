@@ -16,6 +16,7 @@ import time
 
 from robomend.planning.policy import Policy
 from robomend.repairs.conclusions import BadSets, blamed_now
+from robomend.repairs.flapping import Flapping
 from robomend.robots.declared import Delays
 from robomend.robots.robot import Robot
 from robomend.robots.sight import SLACK_S
@@ -37,7 +38,9 @@ class ReasonsToRepair:
         self.retry_ns: int | None = None  # when they may be tried again
         self.interlocked = False  # it ended while nothing might be sent: worth a try when something may
         self.held_by_stop = False  # by nothing else, when it was asked last
+        self.flapping = Flapping()
         self._unhealthy: tuple[BadSets, float] | None = None  # and since when, monotonic
+        self._unwell_s: float | None = None  # since when it was not healthy, whatever is blamed
 
     def recall(self, view: View, robot: str) -> None:
         """Learn from the store what the last repair gave up on, unless a person changed something since."""
@@ -65,7 +68,7 @@ class ReasonsToRepair:
         self.held_by_stop = False
         blamed = blamed_now(state)
         if blamed is None:
-            self._unhealthy = None
+            self._unhealthy = self._unwell_s = None
             if state.current is not None and state.current.healthy:
                 self.given_up = None
             return IDLE_S
@@ -73,6 +76,7 @@ class ReasonsToRepair:
         if self._unhealthy is None or self._unhealthy[0] != blamed:
             self._unhealthy = (blamed, now)
         held_s = now - self._unhealthy[1]
+        self._unwell_s = now if self._unwell_s is None else self._unwell_s
         if self.retry_ns is not None and time.time_ns() >= self.retry_ns:
             self.given_up = self.retry_ns = None
         if self.interlocked and state.interlocked() is None:
@@ -86,8 +90,9 @@ class ReasonsToRepair:
         hold_s = policy.hold_s
         if state.config.policy == "approve":
             hold_s = max(hold_s, settles_s(state))
-        if held_s < hold_s:
-            return hold_s - held_s + 0.001
+        steady_s = self.flapping.hold_s(blamed, now) - (now - self._unwell_s)
+        if held_s < hold_s or steady_s > 0:
+            return max(hold_s - held_s, steady_s) + 0.001
         return 0.0 if policy.may_begin(time.time_ns()) else IDLE_S
 
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import time
 
 import structlog
 
@@ -195,7 +196,7 @@ class RobotRepairs:
             self._needs.store, self._needs.agents, self._needs.chooser, record, signals, self.fence
         )
         listener = asyncio.create_task(self._requests.listen(repair.id, signals))
-        blamed = blamed_now(state)
+        blamed = at_first = blamed_now(state)
         declined = False
         try:
             heard_since = await entry.take_up(state)
@@ -210,6 +211,9 @@ class RobotRepairs:
                 silent = state.sight.confirmed_by_silence()
                 reason = well(unconfirmed(silent) if silent else reason, state)
                 state.sight.unconfirmed.clear()
+                if not (record.data.get("rounds") or record.data.get("asked") or record.drill):
+                    told = self._reasons.flapping.well_by_itself(at_first, time.monotonic())
+                    end, reason = (end, reason) if told is None else (RepairTrigger.NEEDS_PERSON, told)
         except StoreError:
             raise  # the repair stays open and is entered again
         except Exception as error:  # whatever it is: a person must see it, and the loop lives on

@@ -217,7 +217,10 @@ def _times(batch: Batch, now_ns: int, lives_on_ns: int = 0) -> tuple[int, int | 
     at_ns = now_ns if batch.time_ns is None else batch.time_ns
     if at_ns > now_ns + AHEAD_NS:
         ahead_s = (at_ns - now_ns) / 1e9
-        raise InputError(f"time: {at_ns} is {ahead_s:.0f} s ahead of this service's clock; 60 are allowed")
+        raise InputError(
+            f"time: {at_ns} is {ahead_s:.0f} s ahead of this service's clock; 60 are allowed: set the "
+            "sender's clock, or this computer's (NTP), or leave `time` out, and it counts as of its arrival"
+        )
     lifetime_ns = None if batch.lifetime_s is None else round(batch.lifetime_s * 1e9) + lives_on_ns
     return at_ns, None if lifetime_ns is None else at_ns + lifetime_ns
 

@@ -123,7 +123,7 @@ class Memory:
             records.StoredModel,
             records.StoredObs,
             records.StoredDiagnosis | None,
-            dict[str, tuple[int, ...]],
+            dict[str, tuple[records.StoredStart, ...]],
         ]:
             stored = robots.get(view, robot)
             return (

@@ -213,7 +213,7 @@ class Robot:
         if self.system.loops:
             self._circles.hear(update.entries)
         self.sight.hear(update.entries, changed)
-        self.sight.start_ups.hear(changed, self.system.parts)
+        self.sight.start_ups.hear(changed, self.system.parts, self.sight)
         return changed, tuple(kept.values())
 
     # --- what happens to what is held
@@ -226,7 +226,7 @@ class Robot:
         obs: records.StoredObs,
         assertions: Iterable[Assertion],
         diagnosis: records.StoredDiagnosis | None,
-        took: Mapping[str, Sequence[int]],
+        took: Mapping[str, Iterable[records.StoredStart]],
     ) -> None:
         """It was read from the store: configuration, model, OBS, the diagnosis if it is a newer one, and how
         long starts took.

@@ -230,6 +230,18 @@ class Sight:
 
     # --- how fast, and since when
 
+    def looked_ns(self, atom: Atom) -> int:
+        """Return until when its observers have looked, by what its newest report rests on; 0: nobody knows.
+
+        What turned later than that might not be told yet.
+        """
+        entry = self._robot.obs.get(atom)
+        if entry is None or entry.since_ns is None:
+            return 0
+        # Of silence `since` is the present less what was waited for, which is as much as detection takes. Of
+        # observers that say nothing of themselves it is already less than they may need.
+        return entry.since_ns + self.declared.delays(atom, Delays(0, 0)).detection_ns
+
     def delays(self, atom: Atom) -> Delays:
         """Return how fast the atom's observers are."""
         usual_ns = 0 if atom.predicate in OBSERVED_FACTS else self._usual_ns

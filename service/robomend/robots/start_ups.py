@@ -1,7 +1,9 @@
 """How long a robot's nodes took to be heard, of their latest starts: so a start in vain is known for one.
 
-    seen:    not running(n), running(n) ──► ok(t), t of n       how long it took, whoever started n
-    awaited: start_node(n) has answered ──► not ok(t)           in vain after twice that and more
+    seen:    not running(n), running(n) ──► ok(t), t of n       how long it took, whoever started n,
+                 inputs of t were ok ──┘                        and how long after its last input
+    awaited: start_node(n) has answered ──► not ok(t)           in vain after as long, and once more what was
+                                                                its own time
 
 Of one robot: computers differ, models do not tell. Only a start that was seen from its beginning, and that
 nobody has to wait with for a device, counts; of everything else nothing is known, and whoever waits does so
@@ -12,7 +14,7 @@ for as long as is configured. What starts took is in the store, written with the
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from math import inf
 from typing import Protocol
 
@@ -21,20 +23,21 @@ from robomend.model.components import ComponentModel, Hardware, Node
 from robomend.planning.policy import NODE_ACTIONS, POWER_ACTIONS
 from robomend.robots.clock import CLOCK
 from robomend.robots.declared import Delays
+from robomend.store.records import StoredStart
 from robomend_client.actions import Action
 from robomend_client.literals import Atom, Literal
 
 LATEST = 8
-"""Starts that are remembered of each topic."""
+"""Starts of each kind that are remembered of each topic."""
 
 LONGEST_NS = 60 * 10**9
 """What took longer is no start: something else was wrong meanwhile."""
 
-TIMES = 2
-"""A start may take so many times the longest of the latest."""
+LEAST_NS = 500_000_000
+"""It may take so much longer than the longest of the latest in any case: computers are busy now and then."""
 
-LEAST_NS = 10**9
-"""It may take so long in any case: computers are busy now and then."""
+MOST_DOUBLED = 4
+"""So often the time of a start is doubled after some that were given up."""
 
 SLACK_NS = 300_000_000
 """For what is on its way."""
@@ -59,9 +62,58 @@ class Seen(Protocol):
         """Return since when something that holds is known to."""
         ...
 
+    def looked_ns(self, atom: Atom) -> int:
+        """Return until when its observers have looked, by its newest report; 0: nobody knows."""
+        ...
+
     def delays(self, atom: Atom) -> Delays:
         """Return how fast its observers are."""
         ...
+
+
+class Starts:
+    """The latest starts of a topic's node, and how long the next one may take.
+
+    A node is heard when it has begun (u) and then, its inputs being there, worked (w): at
+    max(its start + u, inputs) + w. Two things are asked of the earlier ones, from which it was heard so late:
+
+        from its start     at least u + w; exactly that if the inputs were there already
+        from its inputs    at least w
+
+    So both bound the next start, whichever comes last, be it a node that was not started itself. As starts
+    differ, room is added: as much again as was its own time, for nothing else is known of how they differ;
+    of what others held up, a quarter.
+    """
+
+    __slots__ = ("_alone", "_held_up")
+
+    def __init__(self, given: Iterable[StoredStart] = ()) -> None:
+        self._alone: deque[StoredStart] = deque(maxlen=LATEST)
+        self._held_up: deque[StoredStart] = deque(maxlen=LATEST)
+        for start in given:
+            self.add(start)
+
+    def add(self, start: StoredStart) -> None:
+        (self._held_up if start.held_up else self._alone).append(start)
+
+    def refine(self, own_ns: int, *, held_up: bool) -> None:
+        """Of the newest that may have been held up it is known now whether and for how long it was."""
+        start = self._held_up.pop()
+        self.add(StoredStart(start.took_ns, own_ns, held_up))
+
+    def all(self) -> tuple[StoredStart, ...]:
+        return (*self._held_up, *self._alone)
+
+    def after_node_ns(self) -> int:
+        """Return how long the next one may take from the node's beginning, its inputs being there."""
+        starts = self._alone or self._held_up
+        room_ns = (max(each.own_ns, each.took_ns // 4, LEAST_NS) for each in starts)
+        longest_ns = max(each.took_ns + room for each, room in zip(starts, room_ns, strict=True))
+        return max(longest_ns, self.after_inputs_ns())
+
+    def after_inputs_ns(self) -> int:
+        """Return how long it may take from when its inputs are there, the node running."""
+        return max(each.own_ns + max(each.own_ns, LEAST_NS) for each in self._held_up or self._alone)
 
 
 class StartUps:
@@ -70,18 +122,23 @@ class StartUps:
     __slots__ = (
         "_awaited",
         "_began_by_us",
+        "_given_up",
         "_others_until_ns",
         "_publishers",
         "_stopped",
         "_switched",
         "_took",
+        "_undated",
         "_unwritten",
     )
 
     def __init__(self) -> None:
         self._stopped: set[str] = set()  # nodes that were heard not to run
         self._awaited: dict[str, dict[str, int]] = {}  # topic -> node that was seen to begin -> since when
-        self._took: dict[str, deque[int]] = {}  # topic -> of its publisher's latest starts
+        self._took: dict[str, Starts] = {}  # topic -> of its publisher's latest starts
+        self._undated: dict[str, tuple[Node, int, int]] = {}  # topic -> node, its start, when it was heard:
+        # of the newest start, while nobody knows when its inputs came
+        self._given_up: dict[str, int] = {}  # topic -> starts in a row that had their time, and were stopped
         self._unwritten: set[str] = set()  # topics of which the store has something else
         self._began_by_us: dict[str, int] = {}  # node -> when its start was last ordered by a repair
         self._switched: dict[str, int] = {}  # device -> when a repair last switched it
@@ -90,16 +147,19 @@ class StartUps:
 
     # --- what happens
 
-    def hear(self, changed: Iterable[Entry], parts: ComponentModel | None) -> None:
-        """Take note of what was news."""
+    def hear(self, changed: Iterable[Entry], parts: ComponentModel | None, seen: Seen) -> None:
+        """Take note of what was news, and is in what is seen."""
         if parts is None:
             return
         for entry in changed:
             match entry.atom:
                 case Atom(Node.state, (node,)) if node in parts.nodes:
-                    self._ran(parts.nodes[node], entry)
+                    self._ran(parts.nodes[node], entry, seen)
                 case Atom("ok", (topic,)) if topic in self._awaited:
-                    self._heard(topic, entry)
+                    self._heard(topic, entry, parts, seen)
+        if self._undated and any(entry.positive for entry in changed):
+            for topic, undated in tuple(self._undated.items()):
+                self._date(topic, *undated, seen)
 
     def acted(self, action: Action, sent_ns: int, shows_ns: int) -> None:
         """A repair's act has answered; what a user's own does shows until `shows_ns`, at the latest."""
@@ -110,43 +170,71 @@ class StartUps:
         elif action.name == "start_node":
             self._began_by_us.update(dict.fromkeys(action.parameters, sent_ns))
 
-    def _ran(self, node: Node, entry: Entry) -> None:
+    def _ran(self, node: Node, entry: Entry, seen: Seen) -> None:
+        now_ns = entry.since_ns or entry.time_ns
         for topic in node.publishes:
-            self._awaited.get(topic, {}).pop(node.name, None)
+            began_ns = self._awaited.get(topic, {}).pop(node.name, None)
+            self._undated.pop(topic, None)
+            there = [seen.rose_ns(each) for each in _inputs(node, topic)]
+            if began_ns is None or entry.positive or None in there or topic not in self._took:
+                continue
+            if now_ns - max(began_ns, *filter(None, there), 0) >= self._took[topic].after_inputs_ns():
+                self._given_up[topic] = min(self._given_up.get(topic, 0) + 1, MOST_DOUBLED)
         if not entry.positive:
             self._stopped.add(node.name)
         elif node.name in self._stopped:
             self._stopped.discard(node.name)
             for topic in node.publishes:
-                self._awaited.setdefault(topic, {})[node.name] = entry.since_ns or entry.time_ns
+                self._awaited.setdefault(topic, {})[node.name] = now_ns
 
-    def _heard(self, topic: str, entry: Entry) -> None:
+    def _heard(self, topic: str, entry: Entry, parts: ComponentModel, seen: Seen) -> None:
         """A topic is heard, or not any more: of a start it is the first time that counts."""
-        for node, began_ns in tuple(self._awaited[topic].items()):
+        for name, began_ns in tuple(self._awaited[topic].items()):
             good_ns = entry.since_ns if entry.positive else entry.onset_ns
             if good_ns is None or good_ns < began_ns:
                 continue  # of the one before it, or not heard since it began
-            del self._awaited[topic][node]
-            if entry.positive and good_ns - began_ns <= LONGEST_NS:
-                self._took.setdefault(topic, deque(maxlen=LATEST)).append(good_ns - began_ns)
-                self._unwritten.add(topic)
+            del self._awaited[topic][name]
+            self._given_up.pop(topic, None)
+            took_ns = good_ns - began_ns
+            if not entry.positive or took_ns > LONGEST_NS or (node := parts.nodes.get(name)) is None:
+                continue
+            powered = self._powered_after(began_ns - LONGEST_NS, [node], parts, seen)
+            inputs = _inputs(node, topic)
+            self._took.setdefault(topic, Starts()).add(StoredStart(took_ns, took_ns, powered or bool(inputs)))
+            self._unwritten.add(topic)
+            if inputs and not powered:
+                self._undated[topic] = node, began_ns, good_ns
+
+    def _date(self, topic: str, node: Node, began_ns: int, heard_ns: int, seen: Seen) -> None:
+        """Find out when the inputs of a start came, of which some may be known later than what it led to."""
+        rose = [seen.rose_ns(each) for each in _inputs(node, topic)]
+        known = [at_ns for at_ns in rose if at_ns is not None]
+        if len(known) < len(rose):
+            return
+        del self._undated[topic]
+        last_ns = max(known)
+        if last_ns <= heard_ns + SLACK_NS:  # else it has come twice
+            own_ns = max(0, heard_ns - max(began_ns, last_ns))
+            self._took[topic].refine(own_ns, held_up=last_ns > began_ns)
+            self._unwritten.add(topic)
 
     # --- what the store has
 
-    def recall(self, took: Mapping[str, Sequence[int]], parts: ComponentModel | None) -> None:
+    def recall(self, took: Mapping[str, Iterable[StoredStart]], parts: ComponentModel | None) -> None:
         """Take over what the store has of the robot's starts, in place of what is known here."""
         topics = () if parts is None else self.publishers(parts)
-        self._took = {topic: deque(ns, maxlen=LATEST) for topic, ns in took.items() if topic in topics}
+        self._took = {topic: Starts(starts) for topic, starts in took.items() if topic in topics}
+        self._undated.clear()
         self._unwritten = {topic for topic in took if topic not in topics}
 
-    def unwritten(self) -> dict[str, tuple[int, ...]]:
-        """Return, once, what the store is to keep: topic -> how long starts took, nothing of what is gone.
+    def unwritten(self) -> dict[str, tuple[StoredStart, ...]]:
+        """Return, once, what the store is to keep: topic -> its starts, nothing of what is gone.
 
         A write that fails loses one start: the topic's next one is written with all that are known.
         """
         if not self._unwritten:
             return {}
-        found = {topic: tuple(self._took.get(topic, ())) for topic in sorted(self._unwritten)}
+        found = {t: self._took[t].all() if t in self._took else () for t in sorted(self._unwritten)}
         self._unwritten.clear()
         return found
 
@@ -163,12 +251,19 @@ class StartUps:
             self._unwritten |= self._took.keys() - found.keys()
             self._took = {topic: took for topic, took in self._took.items() if topic in found}
             self._awaited = {topic: nodes for topic, nodes in self._awaited.items() if topic in found}
+            self._undated = {topic: start for topic, start in self._undated.items() if topic in self._took}
         return self._publishers[1]
 
     def may_take_ns(self, topic: str) -> int | None:
         """Return how long it may take until a topic is heard of a node that was started; None: unknown."""
-        took = self._took.get(topic)
-        return None if not took else max(TIMES * max(took), LEAST_NS)
+        starts = self._took.get(topic)
+        return None if starts is None else self._patience(topic) * starts.after_node_ns()
+
+    def _patience(self, topic: str) -> int:
+        """Return how many times as long a start may take after some that were given up: these need not have
+        been mute.
+        """
+        return 1 << self._given_up.get(topic, 0)
 
     def after_our_start_ns(self, node: Node, began_ns: int, parts: ComponentModel, seen: Seen) -> int | None:
         """Return how long a node's topics may take to be heard after a repair started it; None: unknown."""
@@ -183,7 +278,9 @@ class StartUps:
                 may_take_ns = self.may_take_ns(atom.args[0])
                 if may_take_ns is None:
                     return None
-                longest_ns = max(longest_ns, may_take_ns + seen.delays(atom).settling_ns)
+                if seen.looked_ns(atom) < began_ns + may_take_ns:  # else all is told
+                    may_take_ns += seen.delays(atom).settling_ns
+                longest_ns = max(longest_ns, may_take_ns)
         return longest_ns or None
 
     def may_take_s(
@@ -203,15 +300,22 @@ class StartUps:
         if not (literal.positive and atom.predicate == "ok" and seen.value(atom) is False):
             return None  # no topic, or its observer has not said yet how it is after the act
         (topic,) = atom.args
-        may_take_ns = self.may_take_ns(topic)
-        nodes = self.publishers(parts).get(topic, ())
-        needed = [each for node in nodes for each in _needs(node, topic)]
-        if may_take_ns is None or not all(seen.value(each) for each in needed):
+        starts, nodes = self._took.get(topic), self.publishers(parts).get(topic, ())
+        running = [Atom(Node.state, (node.name,)) for node in nodes]
+        inputs = [each for node in nodes for each in _inputs(node, topic)]
+        if starts is None or not all(seen.value(each) for each in (*running, *inputs)):
             return None
         if self._powered_after(since_ns - LONGEST_NS, nodes, parts, seen):
             return None  # a device may take longer to boot than its driver
-        from_ns = max([since_ns, *(seen.rose_ns(each) or 0 for each in needed)])
-        return from_ns + may_take_ns + seen.delays(atom).settling_ns + SLACK_NS
+        began = (seen.rose_ns(each) for each in running)
+        began_ns = max((since_ns if at_ns is None else at_ns for at_ns in began), default=since_ns)
+        there_ns = max([since_ns, *(seen.rose_ns(each) or 0 for each in inputs)])
+        node_ns = self._patience(topic) * starts.after_node_ns()
+        last_ns = self._patience(topic) * starts.after_inputs_ns() if inputs else node_ns
+        end_ns = max(began_ns + node_ns, there_ns + last_ns)
+        if seen.looked_ns(atom) >= end_ns:
+            return end_ns
+        return end_ns + seen.delays(atom).settling_ns + SLACK_NS
 
     def _powered_after(self, time_ns: int, nodes: Iterable[Node], parts: ComponentModel, seen: Seen) -> bool:
         """Return whether a device that one of the nodes drives, or its supply, got its power after that."""
@@ -222,7 +326,7 @@ class StartUps:
         return any(at_ns > time_ns for at_ns in (*rose_ns, *(self._switched.get(n, 0) for n in names)))
 
 
-def _needs(node: Node, topic: str) -> list[Atom]:
-    """Return what is observed of what a node needs to publish a topic, its devices left out."""
+def _inputs(node: Node, topic: str) -> list[Atom]:
+    """Return the inputs that a node needs to publish a topic."""
     inputs = node.publishes[topic] if not node.drives or node.inputs_matter else ()
-    return [Atom(Node.state, (node.name,)), *(Atom("ok", (name,)) for name in inputs)]
+    return [Atom("ok", (name,)) for name in inputs]

@@ -28,6 +28,15 @@ ABSENT = " absent"
 
 
 @dataclass(frozen=True, slots=True)
+class StoredStart:
+    """One start of a node: how long until a topic of it was heard, in nanoseconds."""
+
+    took_ns: int  # since the node began to run
+    own_ns: int  # of it since the last of its inputs was there; all of it where nobody knows
+    held_up: bool  # whether something that came later may have held it up
+
+
+@dataclass(frozen=True, slots=True)
 class Page(Generic[T]):
     """One page of a list; `next` asks for the following one and is None on the last."""
 

@@ -8,24 +8,36 @@ from sqlalchemy import select
 
 from robomend.store import schema
 from robomend.store.encoding import checked, checked_ns, from_json, to_json
+from robomend.store.records import StoredStart
 from robomend.store.transaction import Transaction
 from robomend.store.view import View
 
 _START_UPS = schema.start_ups
 
 
-def of(view: View, robot: str) -> dict[str, tuple[int, ...]]:
-    """Return topic -> how long its publisher's latest starts took, in nanoseconds."""
+def of(view: View, robot: str) -> dict[str, tuple[StoredStart, ...]]:
+    """Return topic -> its publisher's latest starts."""
     query = select(_START_UPS.c.topic, _START_UPS.c.took).where(_START_UPS.c.robot == checked(robot))
-    return {row.topic: tuple(from_json(row.took)) for row in view.rows(query)}
+    return {row.topic: tuple(map(_start, from_json(row.took))) for row in view.rows(query)}
 
 
-def keep(tx: Transaction, robot: str, took: Mapping[str, Sequence[int]]) -> None:
-    """Keep what starts took in place of what was kept of these topics; of an empty one, nothing."""
+def keep(tx: Transaction, robot: str, took: Mapping[str, Sequence[StoredStart]]) -> None:
+    """Keep these starts in place of what was kept of these topics; of an empty one, nothing."""
     table = _START_UPS
-    for topic, times in took.items():
-        if times:
-            values = to_json([checked_ns(time_ns) for time_ns in times])
+    for topic, starts in took.items():
+        if starts:
+            values = to_json([_json(start) for start in starts])
             tx.replace(table, {"robot": checked(robot), "topic": checked(topic), "took": values})
         else:
             tx.change(table.delete().where(table.c.robot == robot, table.c.topic == checked(topic)))
+
+
+def _json(start: StoredStart) -> int | list[int]:
+    """One that nothing held up is one number."""
+    took_ns = checked_ns(start.took_ns)
+    return [took_ns, checked_ns(start.own_ns)] if start.held_up else took_ns
+
+
+def _start(value: int | tuple[int, int]) -> StoredStart:
+    took_ns, own_ns = (value, value) if isinstance(value, int) else value
+    return StoredStart(took_ns, own_ns, not isinstance(value, int))
