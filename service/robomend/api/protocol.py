@@ -33,9 +33,8 @@ from typing import Any, NoReturn
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol, RequestResponseCycle
 
 from robomend.api.direct import MOMENT_S, Direct, Exchange
+from robomend.api.heads import fault_of, too_large
 from robomend.api.problems import Problem
-
-VERSIONS = frozenset({"1.0", "1.1"})
 
 BATCHES = b"/observations"
 """The end of paths that are posted to again and again."""
@@ -211,25 +210,12 @@ class Protocol(HttpToolsProtocol):
     def on_headers_complete(self) -> None:
         self._heading = False
         self._stop_timer()
-        size, hosts, coding = len(self.url), 0, b""
-        for name, value in self.headers:
-            size += len(name) + len(value)
-            hosts += name == b"host"
-            if name == b"transfer-encoding":
-                coding = value.strip().lower()
         version = self.parser.get_http_version()
-        if size > self.max_head_bytes:
-            self._refuse_head(self._too_large())
-        elif version not in VERSIONS:
-            self._refuse_head(Problem(505, f"HTTP/{version} is not spoken here: HTTP/1.1 is"))
-        elif hosts > 1:  # which one a proxy before us has looked at is anybody's guess
-            self._refuse_head(Problem(400, "there is more than one Host header"))
-        elif hosts < 1 and version == "1.1":
-            self._refuse_head(Problem(400, "there is no Host header"))
-        elif coding and (coding != b"chunked" or version != "1.1"):  # others may frame it otherwise
-            self._refuse_head(Problem(400, f"of HTTP/{version}, this Transfer-Encoding is not read here"))
-        elif self.pipeline and self._too_many_wait():
-            self._refuse_head(Problem(503, f"more than {PIPELINED} requests wait on this connection"))
+        fault = fault_of(self.url, self.headers, version, self.max_head_bytes)
+        if fault is None and self.pipeline and self._too_many_wait():
+            fault = Problem(503, f"more than {PIPELINED} requests wait on this connection")
+        if fault is not None:
+            self._refuse_head(fault)
         if self.direct is not None and version == "1.1" and self._is_plain(self.direct):
             self._plain = bytearray()
             return
@@ -340,7 +326,7 @@ class Protocol(HttpToolsProtocol):
         return full or sum(sizes) > self.max_head_bytes
 
     def _too_large(self) -> Problem:
-        return Problem(431, f"the head of the request has more than {self.max_head_bytes} bytes")
+        return too_large(self.max_head_bytes)
 
     def _start_timer(self, delay_s: float, call: Any) -> None:
         self._stop_timer()
