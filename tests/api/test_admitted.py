@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 from tests.api.conftest import Service, StartService
-from tests.waiting import for_ever
+from tests.waiting import for_ever, until
 
 from robomend.api import gate
 from robomend.api.urgent import UrgentAdmission
@@ -143,3 +143,15 @@ def test_a_stop_whose_body_comes_after_its_key_was_revoked_is_none(keyed: Keyed)
     connection.sendall(chunk(b'{"reason": "late"}') + chunk(b""))
     assert answer_on(connection)[0] == 401
     assert not keyed.service.api("GET", "/stop").json()["active"]
+
+
+def test_a_long_poll_ends_with_its_client(start: StartService) -> None:
+    service = start()
+    service.with_robot()
+    waiting = service.runtime.robots.waiting
+    with socket.create_connection(("127.0.0.1", int(service.url.rsplit(":", 1)[1]))) as connection:
+        connection.sendall(
+            b"GET /api/v1/robots/r1/diagnosis?wait_s=60&after=9 HTTP/1.1\r\nHost: localhost\r\n\r\n"
+        )
+        until(lambda: waiting.requests == 1, "it waits")
+    until(lambda: waiting.requests == 0, "its place is free")

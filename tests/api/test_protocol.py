@@ -135,6 +135,27 @@ def test_pipelined_requests_are_answered_in_order(service: Service) -> None:
     assert found.rindex(b'"items"') < found.index(b'"robomend"')
 
 
+STOP = (
+    b"POST /api/v1/stop HTTP/1.1\r\n" + HOST + b"Content-Type: application/json\r\nContent-Length: 14\r\n\r\n"
+)
+LIST = b"GET /api/v1/robots HTTP/1.1\r\n" + HOST + b"\r\n"
+BROKEN_BODY = b"PUT /api/v1/robots/r9 HTTP/1.1\r\n" + HOST + b"Transfer-Encoding: chunked\r\n\r\nzz\r\n"
+
+
+@pytest.mark.parametrize("behind", [b"garbage garbage\r\n\r\n", b"GET /" + b"x" * 70_000, BROKEN_BODY])
+@pytest.mark.parametrize("whole", [STOP + b'{"reason":"x"}', LIST, LIST * 3], ids=["stop", "list", "lists"])
+def test_what_is_refused_takes_no_whole_request_before_it_along(
+    service: Service, whole: bytes, behind: bytes
+) -> None:
+    with connect(service) as connection:
+        connection.sendall(whole + behind)
+        found = rest(connection)
+    assert found.count(b"HTTP/1.1 200") == max(1, whole.count(b"GET "))
+    assert found.count(b"HTTP/1.1 ") == found.count(b"HTTP/1.1 200")
+    if whole.startswith(STOP):
+        assert service.api("GET", "/stop").json()["active"]
+
+
 def test_the_answer_to_a_body_that_is_too_large_can_be_read(start: StartService) -> None:
     service = start(max_body_bytes=2000, max_model_bytes=3000)
     for framing in (b"Content-Length: 10000000", b"Transfer-Encoding: chunked"):
@@ -155,8 +176,18 @@ def test_the_answer_to_a_body_that_is_too_large_can_be_read(start: StartService)
     [
         (b"GET /version-info HTTP/1.1\r\n\r\n", 400, "bad-request"),
         (b"GET /version-info HTTP/2.0\r\n" + HOST + b"\r\n", 505, "http-version"),
+        (
+            b"POST /api/v1/stop HTTP/1.1\r\n" + HOST + b"Transfer-Encoding: gzip, chunked\r\n\r\n",
+            400,
+            "bad-request",
+        ),
+        (
+            b"POST /api/v1/stop HTTP/1.0\r\n" + HOST + b"Transfer-Encoding: chunked\r\n\r\n",
+            400,
+            "bad-request",
+        ),
     ],
-    ids=["no Host", "another version"],
+    ids=["no Host", "another version", "a coding", "chunks of 1.0"],
 )
 def test_heads_that_are_not_as_http_1_1_wants_them(
     service: Service, head: bytes, status: int, code: str

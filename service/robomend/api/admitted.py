@@ -1,8 +1,11 @@
-"""Requests that take longer than a key is known to be good: they end with their key.
+"""Requests that take longer than a key is known to be good: they end with their key, and with their client.
 
     a body that comes slowly     looked at while it comes, before anything is done with it (read_chunks)
     a long poll                  looked at while it waits (`while_admitted`)
     a stream of events           looks for itself (robomend.api.streams)
+
+A long poll whose client is gone would keep its place among those that may wait (`max_waiters`): when a
+network comes back, a whole fleet asks anew, and must not be refused because of its own former questions.
 
 The gate leaves in the request's scope how it is asked again.
 """
@@ -13,7 +16,8 @@ import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
+from starlette.types import Receive
 
 from robomend.api.problems import Problem
 
@@ -35,31 +39,40 @@ async def look_again(request: Request) -> None:
 
 @asynccontextmanager
 async def while_admitted(request: Request) -> AsyncIterator[None]:
-    """Cut off the wait in the block when its key is revoked.
+    """Cut off the wait in the block when its key is revoked, or its client is gone.
 
     Raises:
         Problem: 401, the answer then.
+        ClientDisconnect: there is nobody to answer.
     """
     waiting = asyncio.current_task()
     assert waiting is not None
-    refusal: list[Problem] = []
+    ends: list[Exception] = []
 
     async def look() -> None:
-        while True:
-            await asyncio.sleep(LOOK_S)
-            try:
+        leaving = asyncio.ensure_future(left(request.receive))
+        try:
+            while not (await asyncio.wait({leaving}, timeout=LOOK_S))[0]:
                 await look_again(request)
-            except Problem as problem:
-                refusal.append(problem)
-                waiting.cancel()
-                return
+            ends.append(ClientDisconnect())
+        except Problem as problem:
+            ends.append(problem)
+        finally:
+            leaving.cancel()
+        waiting.cancel()
 
     looking = asyncio.create_task(look(), name="still admitted")
     try:
         yield
     except asyncio.CancelledError:
-        if refusal and waiting.uncancel() == 0:
-            raise refusal[0] from None
+        if ends and waiting.uncancel() == 0:
+            raise ends[0] from None
         raise
     finally:
         looking.cancel()
+
+
+async def left(receive: Receive) -> None:
+    """Return when the client of a request has gone away."""
+    while (await receive())["type"] != "http.disconnect":
+        pass

@@ -9,6 +9,8 @@ as everywhere. All of it holds before anybody knows whose request it is:
     pipeline   requests behind one under way, and their headers the connection ends
     the rest   of a body after its answer: bytes and time       the connection ends
 
+A whole request that came before what is refused is answered all the same, and the connection ends after it.
+
 A connection that ends while its client still sends is not cut off at once: the rest is read and dropped for a
 moment, as a reset would take the answer away from a client that has not read it yet (RFC 9112, 9.6).
 
@@ -28,12 +30,11 @@ import weakref
 from collections.abc import Callable
 from typing import Any, NoReturn
 
-from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
+from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol, RequestResponseCycle
 
 from robomend.api.direct import MOMENT_S, Direct, Exchange
+from robomend.api.heads import fault_of, too_large
 from robomend.api.problems import Problem
-
-VERSIONS = frozenset({"1.0", "1.1"})
 
 BATCHES = b"/observations"
 """The end of paths that are posted to again and again."""
@@ -110,6 +111,8 @@ class Protocol(HttpToolsProtocol):
         self._timer: asyncio.TimerHandle | None = None
         self._refusal: Problem | None = None
         self._plain: bytearray | None = None  # what came of the body of a plain batch
+        self._running: RequestResponseCycle | Exchange | None = None  # the request that is answered next
+        self._deaf = False  # what came is refused; requests before it have their answers yet to come
 
     # --- the connection
 
@@ -133,13 +136,13 @@ class Protocol(HttpToolsProtocol):
         return self.once and cycle is not None and not (cycle.more_body or cycle.response_complete)
 
     def data_received(self, data: bytes) -> None:
-        if self.ending:
+        if self.ending or self._deaf:
             self._drop(data, LINGER_BYTES)
             return
         self._began = int(self._receiving)
         before = self._body if self._receiving else 0
         super().data_received(data)
-        if self.ending:
+        if self.ending or self._deaf:
             return
         if not self._receiving:
             if not self._began:  # empty lines before a request
@@ -207,21 +210,12 @@ class Protocol(HttpToolsProtocol):
     def on_headers_complete(self) -> None:
         self._heading = False
         self._stop_timer()
-        size, hosts = len(self.url), 0
-        for name, value in self.headers:
-            size += len(name) + len(value)
-            hosts += name == b"host"
         version = self.parser.get_http_version()
-        if size > self.max_head_bytes:
-            self._refuse_head(self._too_large())
-        elif version not in VERSIONS:
-            self._refuse_head(Problem(505, f"HTTP/{version} is not spoken here: HTTP/1.1 is"))
-        elif hosts > 1:  # which one a proxy before us has looked at is anybody's guess
-            self._refuse_head(Problem(400, "there is more than one Host header"))
-        elif hosts < 1 and version == "1.1":
-            self._refuse_head(Problem(400, "there is no Host header"))
-        elif self.pipeline and self._too_many_wait():
-            self._refuse_head(Problem(503, f"more than {PIPELINED} requests wait on this connection"))
+        fault = fault_of(self.url, self.headers, version, self.max_head_bytes)
+        if fault is None and self.pipeline and self._too_many_wait():
+            fault = Problem(503, f"more than {PIPELINED} requests wait on this connection")
+        if fault is not None:
+            self._refuse_head(fault)
         if self.direct is not None and version == "1.1" and self._is_plain(self.direct):
             self._plain = bytearray()
             return
@@ -245,12 +239,19 @@ class Protocol(HttpToolsProtocol):
         body, self._plain = bytes(self._plain), None
         exchange = Exchange(self.parser.should_keep_alive())
         self.cycle = exchange  # type: ignore[assignment]  # all that uvicorn asks of one
+        self._running = exchange
         task = self.loop.create_task(self._answer(self.scope, body, exchange))
         task.add_done_callback(self.tasks.discard)
         self.tasks.add(task)
 
+    def _start_asgi_task(self, cycle: RequestResponseCycle, app: Any) -> None:
+        self._running = cycle
+        super()._start_asgi_task(cycle, app)
+
     def on_response_complete(self) -> None:
         super().on_response_complete()
+        if self._deaf:
+            return
         if self._receiving and not self.ending:
             self._start_timer(REST_S, self._cut_off)
         elif self.give_back is not None and self.cycle.keep_alive and not self.url.endswith(BATCHES):
@@ -325,7 +326,7 @@ class Protocol(HttpToolsProtocol):
         return full or sum(sizes) > self.max_head_bytes
 
     def _too_large(self) -> Problem:
-        return Problem(431, f"the head of the request has more than {self.max_head_bytes} bytes")
+        return too_large(self.max_head_bytes)
 
     def _start_timer(self, delay_s: float, call: Any) -> None:
         self._stop_timer()
@@ -344,6 +345,12 @@ class Protocol(HttpToolsProtocol):
             self.end()  # it never said anything
 
     def _refuse(self, problem: Problem) -> None:
+        whole = self._last_whole()
+        if whole is not None:
+            whole.keep_alive = False
+            self._deaf = self._receiving = True  # whatever it sends is not going to be read
+            self._stop_timer()
+            return
         cycle = self.cycle
         answered = cycle is not None and (cycle.response_started or not cycle.more_body)
         if answered and not (cycle.response_complete and self._of_its_own()):
@@ -355,6 +362,14 @@ class Protocol(HttpToolsProtocol):
         self.transport.write(head.encode() + b"\r\n" + bytes(answer.body))
         self._receiving = True  # whatever it sends is not going to be read
         self.end()
+
+    def _last_whole(self) -> RequestResponseCycle | Exchange | None:
+        """Return the latest request that came whole and has no answer yet; one behind it is forgotten."""
+        if self.pipeline and self.cycle.more_body:
+            self.pipeline.popleft()
+            self.cycle = self.pipeline[0][0] if self.pipeline else self._running  # type: ignore[assignment]  # as above
+        cycle = self.cycle
+        return None if cycle is None or cycle.more_body or cycle.response_complete else cycle
 
     def _of_its_own(self) -> bool:
         """Whether the message at fault is a later one than the one that was answered last."""

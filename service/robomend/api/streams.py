@@ -21,6 +21,7 @@ from dataclasses import dataclass
 from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
+from robomend.api.admitted import left
 from robomend.api.alarm import Alarm
 from robomend.api.problems import Problem
 from robomend.metrics import Metrics
@@ -249,7 +250,7 @@ class EventStream(Response):
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         scope["robomend.waits"] = True
-        gone = asyncio.create_task(_disconnect(receive))
+        gone = asyncio.ensure_future(left(receive))
         with Alarm(self._send_timeout_s, lambda: writing.cancel()) as stalled:
             writing = asyncio.create_task(self._write(send, stalled))
             try:
@@ -276,8 +277,3 @@ class EventStream(Response):
             await send({"type": "http.response.body", "body": chunk, "more_body": True})
             sending.end()
         await send({"type": "http.response.body", "body": b"", "more_body": False})
-
-
-async def _disconnect(receive: Receive) -> None:
-    while (await receive())["type"] != "http.disconnect":
-        pass

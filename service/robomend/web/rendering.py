@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
+import threading
 from collections.abc import Iterator
 from datetime import UTC, datetime
 from functools import cache, lru_cache
@@ -46,6 +47,21 @@ MOST_ROWS = 500
 """Some 25 ms of the service's event loop; the others come with the next page."""
 
 MEDIA_TYPES = {".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
+
+
+def prepare() -> threading.Thread:
+    """Begin to read all templates, in a thread, which is returned: the first look at a page would else hold
+    the event loop for up to 50 ms.
+    """
+    environment = _environment()
+
+    def read() -> None:
+        for template in environment.list_templates():
+            environment.get_template(template)
+
+    reading = threading.Thread(target=read, name="templates", daemon=True)
+    reading.start()
+    return reading
 
 
 def render(template: str, **values: Any) -> str:
