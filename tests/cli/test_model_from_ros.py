@@ -63,10 +63,14 @@ def test_the_model_of_a_recording_has_its_rates(tmp_path: Path, capsys: pytest.C
         scan = bag.add_connection("/scan", kind, typestore=store, callerid="/hokuyo_node")
         for number in range(101):
             bag.write(scan, number * 50_000_000, message)
+        late = bag.add_connection("/late", kind, typestore=store, callerid="/hokuyo_node")
+        for number in range(21):
+            bag.write(late, 4 * 10**9 + number * 50_000_000, message)
     assert run(["model", "from-ros", "--bag", str(tmp_path / "run.bag")]) == 0
     told = capsys.readouterr().out
     assert "\n  hokuyo_node:    # listens to nothing" in told
-    assert "\n  scan: {rate_hz: 20.2, tolerance_hz: 2}\n" in told
+    assert "\n  scan: {rate_hz: 20, tolerance_hz: 2}\n" in told
+    assert "\n  late: {rate_hz: 20, tolerance_hz: 2}\n" in told
     load_text(told)
 
 

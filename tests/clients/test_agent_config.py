@@ -164,10 +164,12 @@ def test_a_file_that_is_not_there_is_named(tmp_path: Path, capsys: pytest.Captur
 
 
 def test_check_says_what_a_configuration_means(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    loaded(tmp_path, WHOLE)
+    beside = 'observers:\n  scan: {kind: property, source: "scan:range", low: 1}\n'
+    loaded(tmp_path, WHOLE + beside)
     assert main([str(tmp_path / "agent.yaml"), "--check"]) == 0
     said = capsys.readouterr().out
     assert "topic scan: 20 ± 2 Hz" in said
+    assert "observer scan (property): ok(scan)" in said  # another one than the topic's
     assert "process laser: laser --device /dev/ttyACM0" in said
 
 

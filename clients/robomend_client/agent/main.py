@@ -68,7 +68,7 @@ def describe(config: AgentConfig) -> str:
     lines += [f"topic {name}: {rate.rate_hz:g} ± {rate.tolerance_hz:g} Hz" for name, rate in config.topics]
     topics = {name for name, _ in config.topics}
     for spec in config.observers:
-        if spec.name in topics:
+        if spec.name in topics and spec.kind == "general":
             continue
         observer = spec.make()
         lines.append(

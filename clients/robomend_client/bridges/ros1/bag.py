@@ -27,23 +27,24 @@ def bag_graph(file: Path) -> RosGraph:
         UnreadableBag: it is none.
     """
     publishers: dict[str, set[str]] = defaultdict(set)
-    counts: dict[str, int] = defaultdict(int)
+    times_ns: dict[str, list[int]] = defaultdict(list)
     types: dict[str, str] = {}
     try:
         with Reader(file) as reader:
-            duration_s = reader.duration / 1e9
             for connection in reader.connections:
                 caller = getattr(connection.ext, "callerid", None) or UNKNOWN
                 caller = "/" + caller.strip("/")
                 played = caller.startswith("/play_")  # a recording of a recording
                 publishers[connection.topic].add(UNKNOWN if played else caller)
-                counts[connection.topic] += connection.msgcount
+                times_ns[connection.topic] += [entry.time for entry in reader.indexes[connection.id]]
                 types[connection.topic] = connection.msgtype.replace("/msg/", "/")
     except Exception as error:  # rosbags raises what the bytes of a broken file make it
         raise UnreadableBag(f"{file}: cannot be read as a ROS 1 bag: {error}") from error
-    rates = {
-        topic: count / duration_s for topic, count in counts.items() if count >= LEAST and duration_s > 0
-    }
+    rates = {}
+    for topic, times in times_ns.items():  # it may have come up late, or ended early
+        span_s = (max(times, default=0) - min(times, default=0)) / 1e9
+        if len(times) >= LEAST and span_s > 0:
+            rates[topic] = (len(times) - 1) / span_s
     return RosGraph(
         {topic: frozenset(nodes) for topic, nodes in publishers.items()}, types=types, rates_hz=rates
     )

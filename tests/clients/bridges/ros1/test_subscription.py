@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from robomend_client.bridges.ros1.bursts import REST_S
 from robomend_client.bridges.ros1.subscription import spread
-from robomend_client.observers import SECOND, Driver
+from robomend_client.observers import SECOND, Change, Driver
 from robomend_client.observers.general import GeneralObserver, Rate
 
 REST_NS = round(REST_S * SECOND)
@@ -28,7 +28,7 @@ def test_messages_of_one_read_lie_in_their_order_within_a_rest_and_behind_the_on
 
 def test_a_fast_topic_is_never_said_to_be_faster_than_it_is() -> None:
     driver = Driver([GeneralObserver("imu", Rate(rate_hz=500.0, tolerance_hz=50.0))], 0)
-    said = []
+    said: list[Change] = []
     before_ns = 0
     for read_ns in range(REST_NS, SECOND, REST_NS):
         for time_ns in spread(before_ns, read_ns, 10):  # ten messages in each rest
