@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from time import monotonic
@@ -31,6 +31,12 @@ from robomend_client.observers.base import SECOND
 RESULTS = "results"
 """The folder of the parts, in OUT."""
 
+SHARES_S = 0.5
+"""Between two times that it is said how much of a file is read."""
+
+OnShare = Callable[[float], None]
+"""Told how much of the file in hand is read, from 0 to 1."""
+
 Record = dict[str, Any]
 """What the manifest and logs.ndjson say of a log; docs/batch.md has its keys."""
 
@@ -53,8 +59,9 @@ class Setup:
 class Diagnoser:
     """Diagnoses one file after another, with one set of solvers."""
 
-    def __init__(self, setup: Setup) -> None:
+    def __init__(self, setup: Setup, on_share: OnShare = lambda share: None) -> None:
         self.setup = setup
+        self.on_share = on_share
         self._answers = Answers(opened(setup.system.cnf), setup.options)
         self._observing = (
             None if setup.observers is None else load_observers(setup.observers, code=setup.code)
@@ -82,6 +89,7 @@ class Diagnoser:
         """Do the same for so long; None: it is to be asked again, and goes on where it was left."""
         path = Path(name)
         until_s = monotonic() + span_s
+        next_s = 0.0
         unfinished = Unfinished(state_file(self.setup.out, name), stamp(name), self._stays, span_s)
         logs = unfinished.load() or _Logs(name, self.setup, self._answers, self._observing, self._folder)
         kind = None
@@ -90,7 +98,11 @@ class Diagnoser:
             for log, what in READERS[kind](path, logs.opened):
                 if not isinstance(what, Place):
                     logs.log(log).take(what)
-                elif unfinished.due:
+                    continue
+                if monotonic() >= next_s:
+                    self.on_share(what.share)
+                    next_s = monotonic() + SHARES_S
+                if unfinished.due:
                     logs.opened.begun = what.state
                     unfinished.save(logs)
                     if unfinished.kept and monotonic() >= until_s:

@@ -14,9 +14,10 @@ import os
 import signal
 import traceback
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from multiprocessing import get_context, resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
@@ -38,11 +39,18 @@ def usable_cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def in_this_process(setup: Setup, names: Sequence[str]) -> Iterator[tuple[str, list[Record]]]:
+Share = Callable[[str, float], None]
+"""Told how much of a file that is in hand is read."""
+
+
+def in_this_process(
+    setup: Setup, names: Sequence[str], on_share: Share = lambda name, share: None
+) -> Iterator[tuple[str, list[Record]]]:
     """Diagnose files one after another, without a worker."""
     diagnoser = Diagnoser(setup)
     try:
         for name in names:
+            diagnoser.on_share = partial(on_share, name)
             yield name, diagnoser.diagnose(name)
     finally:
         diagnoser.close()
@@ -112,7 +120,9 @@ class _Pool:
             worker.pipe.close()
 
 
-def in_workers(setup: Setup, names: Sequence[str], workers: int) -> Iterator[tuple[str, list[Record]]]:
+def in_workers(
+    setup: Setup, names: Sequence[str], workers: int, on_share: Share = lambda name, share: None
+) -> Iterator[tuple[str, list[Record]]]:
     """Diagnose files in so many worker processes; yield each as it is done.
 
     Raises:
@@ -134,6 +144,9 @@ def in_workers(setup: Setup, names: Sequence[str], workers: int) -> Iterator[tup
                     continue
                 if kind == "full":
                     raise DiskFull(told)
+                if kind == "share":
+                    on_share(str(name), told)
+                    continue
                 pool.give(worker)
                 yield str(name), told if kind == "done" else [lost(str(name), told)]
     finally:
@@ -169,7 +182,7 @@ def _work(setup: Setup, pipe: Connection, threads: int) -> None:
     """Run in the worker."""
     die_with_parent()
     os.environ["POLARS_MAX_THREADS"] = str(threads)  # before it is imported
-    diagnoser = Diagnoser(setup)
+    diagnoser = Diagnoser(setup, lambda share: pipe.send(("share", share)))
     try:
         while (name := pipe.recv()) is not None:
             pipe.send(told_of(diagnoser, name))

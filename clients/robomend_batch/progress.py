@@ -18,13 +18,23 @@ class Progress:
         self._terminal = self._stream.isatty()
         self._logs, self._size = logs, size
         self._done = self._bytes = 0
+        self._open: dict[str, float] = {}  # log in hand -> bytes that are read
         self._began_s = self._told_s = monotonic()
         self._wide = 0
 
-    def finished(self, size: int) -> None:
+    def reading(self, name: str, share: float, size: int) -> None:
+        """Of a log in hand so much is read, from 0 to 1."""
+        self._open[name] = min(max(share, 0.0), 1.0) * size
+        self._now_and_then()
+
+    def finished(self, name: str, size: int) -> None:
         """A log is done."""
         self._done += 1
         self._bytes += size
+        self._open.pop(name, None)
+        self._now_and_then()
+
+    def _now_and_then(self) -> None:
         now_s = monotonic()
         if now_s - self._told_s >= (TERMINAL_S if self._terminal else FILE_S):
             self._told_s = now_s
@@ -43,9 +53,10 @@ class Progress:
         if self._quiet:
             return
         spent_s = now_s - self._began_s
-        rate = self._bytes / spent_s if spent_s else 0.0
-        left = f", {_clock((self._size - self._bytes) / rate)} left" if rate else ""
-        megabytes = f"{self._bytes / 1e6:,.0f} of {self._size / 1e6:,.0f} MB, {rate / 1e6:,.1f} MB/s"
+        read = self._bytes + sum(self._open.values())
+        rate = read / spent_s if spent_s else 0.0
+        left = f", {_clock((self._size - read) / rate)} left" if rate else ""
+        megabytes = f"{read / 1e6:,.0f} of {self._size / 1e6:,.0f} MB, {rate / 1e6:,.1f} MB/s"
         text = f"{self._done} of {self._logs} logs, {megabytes}{left}"
         if self._terminal:
             self._wipe()

@@ -19,7 +19,7 @@ from robomend_batch.manifest import Manifest, alone_in, keep_parts, open_manifes
 from robomend_batch.observing import digest
 from robomend_batch.one_log import RESULTS, Record, Setup
 from robomend_batch.parts import PIECE, WRITTEN, schema
-from robomend_batch.pool import in_this_process, in_workers
+from robomend_batch.pool import Share, in_this_process, in_workers
 from robomend_batch.progress import Progress
 from robomend_batch.unfinished import stamp
 
@@ -119,13 +119,19 @@ def _run(
     shown = progress(len(left), sum(size for size, _ in stamps.values()))
     lost: list[Record] = []
     try:
-        done = _diagnosed(replace(setup, ndjson=ndjson), left, workers, scheduler)
+        done = _diagnosed(
+            replace(setup, ndjson=ndjson),
+            left,
+            workers,
+            scheduler,
+            lambda name, share: shown.reading(name, share, stamps[name][0]),
+        )
         for name, records in done:
             if not any(record["state"] == "lost" for record in records):  # the same command tries those again
                 manifest.finish(name, stamps[name], records)
             else:
                 lost += records
-            shown.finished(stamps[name][0])
+            shown.finished(name, stamps[name][0])
             for record in records:
                 for problem in record["problems"]:
                     many = f" ({problem['count']} times)" if problem["count"] > 1 else ""
@@ -140,13 +146,13 @@ def _run(
 
 
 def _diagnosed(
-    setup: Setup, names: list[str], workers: int, scheduler: str | None
+    setup: Setup, names: list[str], workers: int, scheduler: str | None, on_share: Share
 ) -> Iterator[tuple[str, list[Record]]]:
     if scheduler is not None and names:
         from robomend_batch.cluster import in_cluster  # of the extra `dask`
 
         return in_cluster(setup, names, scheduler)
-    return in_workers(setup, names, workers) if workers else in_this_process(setup, names)
+    return in_workers(setup, names, workers, on_share) if workers else in_this_process(setup, names, on_share)
 
 
 def _write_lists(manifest: Manifest, records: list[Record], ndjson: bool) -> None:

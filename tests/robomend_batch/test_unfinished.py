@@ -189,14 +189,18 @@ def setup_for(log: Path, out: Path, **more: Any) -> Setup:
 
 def in_steps(setup: Setup, log: Path) -> tuple[list[Record], int]:
     """Diagnose a log, stopped at every place and gone on with by another process's solvers and observers."""
+    shares: list[float] = []
     for step in range(300):
-        diagnoser = Diagnoser(setup)
+        diagnoser = Diagnoser(setup, shares.append)
         try:
             records = diagnoser.diagnose_for(str(log), 0.0)
         finally:
             diagnoser.close()
         if records is not None:
             state_file(setup.out, str(log)).unlink(missing_ok=True)
+            assert shares == sorted(shares)
+            assert all(0 <= share <= 1 for share in shares)
+            assert step < 3 or shares[0] < shares[-1]
             return records, step
     raise AssertionError("it does not end")
 

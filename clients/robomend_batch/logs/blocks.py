@@ -48,6 +48,7 @@ class Place:
     """How far a file was read: what its reader needs to go on from here. It holds until the reader does."""
 
     state: Any
+    share: float  # of the file, from 0 to 1: for those who wait
 
 
 class Block(NamedTuple):

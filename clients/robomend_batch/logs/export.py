@@ -89,6 +89,7 @@ def read_export(path: Path, opened: Opened) -> Blocks:
     gathered: dict[str, Gathered]
     lines, gathered = opened.begun or (Lines(), dict[str, Gathered]())
     drilled = drilled_spans(path)
+    size = max(1, path.stat().st_size)
     end = ExportEnd()
     rows = 0
     for place, _, row in export_rows(path, frozenset({"observations"}), end, lines):
@@ -107,7 +108,7 @@ def read_export(path: Path, opened: Opened) -> Blocks:
         opened.rows += 1
         if rows >= TOGETHER:
             yield from gathered_blocks(gathered)
-            yield Block("", Place((lines, gathered)))
+            yield Block("", Place((lines, gathered), lines.offset / size))
             rows = 0
     yield from gathered_blocks(gathered)
     if not end.whole:

@@ -69,6 +69,7 @@ def _observed(recording: Recording, observing: Observing, path: Path, opened: Op
     start_ns, end_ns = recording.start_ns, recording.end_ns
     if start_ns is None or end_ns is None:
         raise LogRefused("a recording without messages", str(path))
+    first_ns = start_ns
     by_header = opened.by_header
     reading: _Reading | None = opened.begun
     with opened.problems.told_before(reading is not None):
@@ -121,7 +122,7 @@ def _observed(recording: Recording, observing: Observing, path: Path, opened: Op
                     yield from changes.take(changed, restarts.take())
         reading.latest_ns, reading.place = latest_ns, place
         if place is not None:
-            yield Block("", Place(reading))
+            yield Block("", Place(reading, (latest_ns - first_ns) / max(1, end_ns - first_ns)))
     latest_ns = max(latest_ns, driver.now_ns) if not by_header else latest_ns
     end_ns = latest_ns if recording.cut else max(end_ns, latest_ns)
     if restarts.seen or by_header:  # the end of the recording is by another clock

@@ -82,12 +82,13 @@ def _long(
         wanted.append(_lifetime(columns, lifetime, path))
     if "log" in columns:
         wanted.append(pl.col("log").cast(pl.String).fill_null(""))
+    rows_of_file = _rows_of(scan)
     for start, frame in _frames(scan.select(wanted), opened):
         _check(frame, (TIME_NS, literal), start, path)
         opened.rows += len(frame)
         for log, rows in _by_log(frame):
             yield Block(log, _rows(rows, literal, lifetime is not None, opened.words(log), path))
-        yield Block("", Place(start + len(frame)))
+        yield Block("", _place(start + len(frame), rows_of_file))
 
 
 def _rows(frame: pl.DataFrame, literal: str, mortal: bool, words: Words, path: Path) -> Rows:
@@ -132,6 +133,7 @@ def _wide(scan: pl.LazyFrame, columns: pl.Schema, names: list[str], path: Path, 
     wanted = [_time(columns, path), *(_truth(columns, name).alias(name) for name in atoms)]
     if "log" in columns:
         wanted.append(pl.col("log").cast(pl.String).fill_null(""))
+    rows_of_file = _rows_of(scan)
     for start, frame in _frames(scan.select(wanted), opened):
         _check(frame, (TIME_NS,), start, path)
         opened.rows += len(frame)
@@ -139,7 +141,7 @@ def _wide(scan: pl.LazyFrame, columns: pl.Schema, names: list[str], path: Path, 
             words = opened.words(log)
             said = {name: words.settings(name, f"{path}: column {name}") for name in names}
             yield Block(log, Shown(rows[TIME_NS].to_numpy(), _codes(rows, said, atoms, words)))
-        yield Block("", Place(start + len(frame)))
+        yield Block("", _place(start + len(frame), rows_of_file))
 
 
 def _simple(said: dict[str, tuple[Setting, ...]]) -> bool:
@@ -171,6 +173,7 @@ def _packed(
     wanted += [pl.sum_horizontal(some).alias(f"{WORD}{word}") for word, some in enumerate(terms)]
     integers = [name for name in atoms if columns[name].is_integer()]
     wanted += [(pl.col(name).is_between(0, 1) | pl.col(name).is_null()).alias(name) for name in integers]
+    rows_of_file = _rows_of(scan)
     for start, frame in _frames(scan.select(wanted), opened):
         _check(frame, (TIME_NS,), start, path)
         for name in integers:
@@ -179,7 +182,7 @@ def _packed(
         opened.rows += len(frame)
         codes = [frame[f"{WORD}{word}"].to_numpy() for word in range(count)]
         yield Block("", Shown(frame[TIME_NS].to_numpy(), np.stack(codes, axis=1)))
-        yield Block("", Place(start + len(frame)))
+        yield Block("", _place(start + len(frame), rows_of_file))
 
 
 def _codes(frame: pl.DataFrame, said: dict[str, tuple[Setting, ...]], atoms: list[str], words: Words) -> Any:
@@ -249,6 +252,17 @@ def _frames(scan: pl.LazyFrame, opened: Opened) -> Iterator[tuple[int, pl.DataFr
         if len(frame):
             yield start, frame.rechunk()
             start += len(frame)
+
+
+def _rows_of(scan: pl.LazyFrame) -> int:
+    """Return how many rows a file has, as its end says."""
+    import polars as pl
+
+    return int(scan.select(pl.len()).collect().item())
+
+
+def _place(row: int, rows: int) -> Place:
+    return Place(row, row / max(1, rows))
 
 
 def _by_log(frame: pl.DataFrame) -> Iterator[tuple[str, pl.DataFrame]]:

@@ -50,6 +50,7 @@ def read_recording(path: Path, opened: Opened) -> Blocks:
 def _replayed(reading: _Reading, path: Path, opened: Opened) -> Blocks:
     observing, lines, restarts = opened.observing, reading.lines, reading.restarts
     assert observing is not None
+    size = max(1, path.stat().st_size)
     with path.open("rb") as file:
         file.seek(lines.offset)
         for text in file:
@@ -73,4 +74,4 @@ def _replayed(reading: _Reading, path: Path, opened: Opened) -> Blocks:
             for change in replay_line(reading.driver, line):
                 yield from reading.changes.take([change], restarts.take())
             if lines.count % TOGETHER == 0:
-                yield Block("", Place(reading))
+                yield Block("", Place(reading, lines.offset / size))

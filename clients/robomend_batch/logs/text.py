@@ -146,6 +146,7 @@ def csv_lines(path: Path, begun: Lines | None = None) -> Iterator[Line]:
 
 def _blocks(path: Path, opened: Opened, lines: Iterator[Line], begun: _Reading) -> Blocks:
     gathered, wide = begun.gathered, begun.wide
+    size = max(1, path.stat().st_size)
     rows = 0
     for number, whole, line in lines:
         place = f"{path}:{number}"
@@ -168,7 +169,7 @@ def _blocks(path: Path, opened: Opened, lines: Iterator[Line], begun: _Reading) 
         opened.rows += 1
         if rows >= TOGETHER:
             yield from gathered_blocks(gathered)
-            yield Block("", Place(begun))
+            yield Block("", Place(begun, begun.lines.offset / size))
             rows = 0
     yield from gathered_blocks(gathered)
 
