@@ -9,9 +9,13 @@ from __future__ import annotations
 import gc
 import multiprocessing
 import resource
+import signal
 import sys
-from contextlib import suppress
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from math import inf
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from pathlib import Path
 from time import perf_counter, process_time
@@ -29,6 +33,9 @@ GRACE = 1.5
 """A contender that keeps its own time-out answers before this factor of it is over."""
 
 STOP_S = 5.0
+
+BROKEN_OFF_S = 1.0
+"""To end the solver of somebody else that was asked. One of ours does not hear of it, and is killed."""
 
 RUN_UP_S = 0.005
 """A first question that takes less is answered again before each one that counts. While the process slept,
@@ -54,6 +61,9 @@ def peak_mib() -> float:
 
 def _serve(pipe: Connection, suite: str, contender: str, group: Group, wish: Wish) -> None:
     """Answer questions by index until None comes."""
+    signal.signal(
+        signal.SIGTERM, lambda *_: sys.exit(1)
+    )  # by way of `finally`: a solver of others ends with us
     ask: Ask
     clock = process_time if wish.clock == "cpu" else perf_counter
     began, before = clock(), peak_mib()
@@ -88,6 +98,24 @@ def _serve(pipe: Connection, suite: str, contender: str, group: Group, wish: Wis
         pipe.send(("answer", (answer, took, peak_mib())))
 
 
+@contextmanager
+def _without_ctrl_c() -> Iterator[None]:
+    """What is started meanwhile hears nothing of Ctrl-C: the run ends it, which hears of it afterwards."""
+    resource_tracker.ensure_running()  # the first process that is started lets signals through again
+    came: list[int] = []
+    ours = threading.current_thread() is threading.main_thread()
+    handler = signal.signal(signal.SIGINT, lambda number, _: came.append(number)) if ours else None
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # which they start with
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        if ours:
+            signal.signal(signal.SIGINT, handler)
+        if came:
+            raise KeyboardInterrupt
+
+
 class Contestant:
     """The parent's side of one contender for one group. Starts again after a time-out."""
 
@@ -101,6 +129,7 @@ class Contestant:
         self._timeout_s = wish.timeout_s
         self._process: multiprocessing.process.BaseProcess | None = None
         self._pipe: Connection | None = None
+        self._busy = False  # it was asked something, and has not answered
 
     def ask(self, index: int) -> tuple[Status, Answer | None, float, str]:
         """Return status, answer, seconds and a note for one question."""
@@ -109,6 +138,7 @@ class Contestant:
         if self.refused is not None or self._pipe is None:
             return ("refused" if self.refused else "error"), None, 0.0, self.refused or "it did not start"
         began = perf_counter()
+        self._busy = True
         try:
             self._pipe.send(index)
             if not self._pipe.poll(self._timeout_s * GRACE + 1.0):
@@ -118,6 +148,7 @@ class Contestant:
         except (EOFError, OSError):
             self._kill()
             return "error", None, perf_counter() - began, "its process died"
+        self._busy = False
         if kind != "answer":
             return kind, None, perf_counter() - began, content
         answer, seconds, self.peak_mib = content
@@ -131,13 +162,16 @@ class Contestant:
         context: Any = multiprocessing.get_context(START_METHOD)
         self._pipe, theirs = context.Pipe()
         self._process = context.Process(target=_serve, args=(theirs, *self._arguments), daemon=True)
-        self._process.start()
+        self._busy = True
+        with _without_ctrl_c():
+            self._process.start()
         theirs.close()
         kind: str = "died"
         content: Any = ""
         with suppress(EOFError, OSError):
             if self._pipe.poll(START_S):
                 kind, content = self._pipe.recv()
+        self._busy = False
         if kind == "ready":
             self.build_s, self.base_mib, self.peak_mib = content
             return
@@ -154,9 +188,13 @@ class Contestant:
         self._process = self._pipe = None
 
     def close(self) -> None:
-        """End the process; every run must come here."""
+        """End the process, in the middle of a question too; every run must come here."""
         if self._pipe is not None and self._process is not None:
-            with suppress(OSError):  # it may have died
-                self._pipe.send(None)
-            self._process.join(STOP_S)
+            if self._busy:
+                self._process.terminate()
+                self._process.join(BROKEN_OFF_S)
+            else:
+                with suppress(OSError):  # it may have died
+                    self._pipe.send(None)
+                self._process.join(STOP_S)
         self._kill()

@@ -64,7 +64,11 @@ Done = Callable[[Record], None]
 def busy(loops: int) -> Iterator[None]:
     """Run so many busy loops beside; they end with us."""
     running = [
-        subprocess.Popen([sys.executable, "-c", BUSY, str(os.getpid())], stdin=subprocess.DEVNULL)
+        subprocess.Popen(
+            [sys.executable, "-c", BUSY, str(os.getpid())],
+            stdin=subprocess.DEVNULL,
+            process_group=0,  # Ctrl-C is for us, who end them
+        )
         for _ in range(loops)
     ]
     try:
@@ -112,10 +116,11 @@ class Bench:
     @asynccontextmanager
     async def running(self) -> AsyncIterator[None]:
         """Run the service, the ticker and the stream of events."""
-        await self._start(0)
-        parts = (self._tick(), self._follow(), self._keep_looking(), self._note_starvation())
-        tasks = [asyncio.create_task(part) for part in parts]
+        tasks: list[asyncio.Task[None]] = []
         try:
+            await self._start(0)
+            parts = (self._tick(), self._follow(), self._keep_looking(), self._note_starvation())
+            tasks += [asyncio.create_task(part) for part in parts]
             yield
             for task in tasks:
                 if task.done():
@@ -128,7 +133,12 @@ class Bench:
 
     async def _start(self, port: int) -> None:
         arguments = ["--port", str(port)] if port else []
-        self._served = await asyncio.to_thread(_start_at, self._priority, self._data, arguments)
+        starting = asyncio.ensure_future(asyncio.to_thread(_start_at, self._priority, self._data, arguments))
+        try:
+            self._served = await asyncio.shield(starting)
+        except asyncio.CancelledError:
+            self._served = await starting  # it is started all the same, and so has to be ended
+            raise
         self.url = self._served.url
 
     def _end_service(self, *, kill: bool) -> None:

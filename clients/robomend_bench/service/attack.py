@@ -182,7 +182,13 @@ def _held(url: str, key: str) -> dict[str, float]:
 def attacking(url: str, keys: dict[str, str], clients: int, seed: int) -> Iterator[dict[str, Any]]:
     """Attack while the block runs; afterwards the dictionary has what came of it."""
     program = [sys.executable, "-m", "robomend_bench.service.attackers", url, str(clients), str(seed)]
-    with subprocess.Popen(program, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as attackers:
+    with subprocess.Popen(
+        program,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        process_group=0,  # Ctrl-C is for the bench, which ends them
+    ) as attackers:
         assert attackers.stdin is not None
         attackers.stdin.write(json.dumps(keys) + "\n")
         attackers.stdin.flush()

@@ -47,7 +47,9 @@ def bare(database: str) -> Iterator[tuple[str, int]]:
     with tempfile.TemporaryDirectory(prefix="robomend-bench-") as folder:
         arguments = [folder, *([database] if database else [])]
         process = subprocess.Popen(
-            [sys.executable, "-m", "robomend_bench.service.bare", *arguments], stdout=subprocess.PIPE
+            [sys.executable, "-m", "robomend_bench.service.bare", *arguments],
+            stdout=subprocess.PIPE,
+            process_group=0,  # Ctrl-C is for the bench, which ends it
         )
         assert process.stdout is not None
         try:

@@ -63,12 +63,17 @@ def start(data: Path, arguments: Sequence[str] = ()) -> Served:
             stdout=subprocess.PIPE,
             stderr=log,
             text=True,
+            process_group=0,  # Ctrl-C is for the bench, which ends it
         )
     assert process.stdout is not None
     late = threading.Timer(START_S, process.kill)
     late.start()
     try:
         line = process.stdout.readline()
+    except BaseException:
+        process.kill()
+        process.wait(30)
+        raise
     finally:
         late.cancel()
     ready_s = time.perf_counter() - began

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import smtplib
+import socket
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -42,6 +43,15 @@ async def deliver(recipient: Recipient, messages: Messages, settings: Settings) 
         return Delivery(False, f"no answer in {DELIVERY_S:g} s")
 
 
+UNREACHED = (
+    (httpx.TimeoutException, "no answer in time"),
+    (httpx.ConnectError, "nobody listens there, or its certificate is not good"),
+    (httpx.TransportError, "the connection broke"),
+    (socket.gaierror, "its name leads nowhere"),
+)
+"""What is told of who was not reached: whoever reads it knows the network, not our library."""
+
+
 async def _called(hook: webhooks.Webhook, messages: Messages, identity: str) -> Delivery:
     body = json.dumps({"notifications": messages}).encode()
     try:
@@ -52,7 +62,8 @@ async def _called(hook: webhooks.Webhook, messages: Messages, identity: str) -> 
         async with webhooks.client() as client:
             response = await webhooks.post(client, hook, address, identity, body)
     except (httpx.HTTPError, OSError, ValueError) as error:
-        return Delivery(False, f"not reached: {type(error).__name__}")
+        why = next((words for kind, words in UNREACHED if isinstance(error, kind)), type(error).__name__)
+        return Delivery(False, f"not reached: {why}")
     return Delivery(200 <= response.status_code < 300, f"answered {response.status_code}")
 
 

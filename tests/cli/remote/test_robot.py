@@ -74,6 +74,15 @@ def test_a_file_at_fault_is_refused_with_its_place(
     assert said in err
 
 
+def test_a_model_at_fault_is_refused_with_its_file_and_line(say: Say, robot: str, tmp_path: Path) -> None:
+    (tmp_path / "robot.yaml").write_text(f"model: faulty-{robot}\n")
+    (tmp_path / "m.yaml").write_text("robomend: 1\nname: m\nnodes:\n  a: {publises: [b]}\n")
+    line = ("robot", "put", robot, str(tmp_path / "robot.yaml"), "--model", str(tmp_path / "m.yaml"))
+    code, _, err = say(*line)
+    assert code == 2
+    assert f"{tmp_path / 'm.yaml'}:4: node a has no key `publises`; did you mean `publishes`?" in err
+
+
 def test_scalars_of_a_file_mean_what_they_look_like(tmp_path: Path) -> None:
     file = tmp_path / "robot.yaml"
     file.write_text('a: on\nb: 22:00\nc: 012\nd: true\ne: ~\nf: 1e3\ng: "5"\nh: -.5\ni: [1, {j: no}]\n')

@@ -48,7 +48,7 @@ def put(robot: str, file: Path, model: Path | None, url: str, key: str | None, f
     from robomend.cli.robot_file import read_robot
     from robomend.errors import InputError
     from robomend_client.rest import Client
-    from robomend_client.rest.errors import NotFound
+    from robomend_client.rest.errors import InvalidRequest, NotFound
 
     config = read_robot(file)
     name = config.get("model")
@@ -65,7 +65,10 @@ def put(robot: str, file: Path, model: Path | None, url: str, key: str | None, f
     with asking(url, key) as client:
         if model is not None:
             before = version(client, "model", name)
-            after = client.put_model(name, model.read_text(encoding="utf-8"), version=before).version
+            try:
+                after = client.put_model(name, model.read_text(encoding="utf-8"), version=before).version
+            except InvalidRequest as error:  # the place in it is a line: of which file, only we know
+                raise InputError(f"{model}:{error.detail}") from error
             click.echo(f"model {name}: {_what(before, after, 'a new version')}", err=True)
         before = version(client, "robot", robot)
         try:
