@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from tests.diagnosis.netlists import circuit
 from tests.diagnosis.systems import brute_force, model, systems
 
-from robomend.diagnosis.engines import make_engine
+from robomend.diagnosis.engines import ENGINES, make_engine
 from robomend.diagnosis.result import Options
 from robomend.diagnosis.snapshots import diagnose_snapshots
 from robomend.errors import ContradictoryModel
@@ -80,7 +80,7 @@ def test_of_a_supposition_that_cannot_be_only_what_refutes_it_is_told() -> None:
     cnf = model(2, [(-1, 3), (-2, 4)], atoms=2)
     seen, supposed = [fails("ok", "a1"), fails("ok", "a2")], Options(healthy=frozenset({"c2"}))
     for result in (
-        make_engine("sat", cnf).diagnose(seen, supposed),
+        *(make_engine(name, cnf).diagnose(seen, supposed) for name in ENGINES.built_in),
         diagnose_snapshots(cnf, [seen], supposed),
     ):
         assert (result.diagnoses, result.complete) == ((), True)

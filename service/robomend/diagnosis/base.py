@@ -150,6 +150,8 @@ class BaseEngine(ABC):
             stopped = "size"
         except NoDiagnosis:
             stopped = self._explain_contradiction(observed, what_if)
+            if stopped is None:
+                answer.known.clear()  # beside a supposition that cannot be, what else was met is needless
         result = self._answer(started, observed, what_if, options, answer, stopped)
         return rank(result, self.cnf, options, observations) if self.cnf.priors else result
 

@@ -66,11 +66,14 @@ def recover(cnf: HealthCnf, check: Callable[[], None] = lambda: None) -> Netlist
         health = [literal for literal in clause if abs(literal) <= n]
         if len(health) != 1 or health[0] > 0:
             return None
-        for literal in clause:
-            if abs(literal) > after and owner.setdefault(abs(literal), health[0]) != health[0]:
-                return None
-        own[-health[0]].append(tuple(literal for literal in clause if abs(literal) > n))
-        title.setdefault(-health[0], cnf.rules[origin].source.partition(" ")[2])
+        if cnf.variables > after:
+            for literal in clause:
+                if abs(literal) > after and owner.setdefault(abs(literal), health[0]) != health[0]:
+                    return None
+        component = -health[0]
+        own[component].append(tuple([literal for literal in clause if literal != health[0]]))
+        if component not in title:
+            title[component] = cnf.rules[origin].source.partition(" ")[2]
     gates: dict[int, Gate] = {}
     for component in range(1, n + 1):
         if component % CHECK_EVERY == 0:
@@ -92,7 +95,8 @@ def _gate(
     first = len(cnf.components) + 1
     after = first + len(cnf.atoms)  # auxiliary variables come after the atoms
     sets = [{abs(literal) for literal in clause} for clause in clauses]
-    parity = _parity(clauses, after) if any(max(one) >= after for one in sets if one) else None
+    chained = cnf.variables >= after and any(max(one) >= after for one in sets if one)
+    parity = _parity(clauses, after) if chained else None
     common = set.intersection(*sets) if parity is None else parity[0]
     shared = {net for net in common if net not in taken}
     named = {

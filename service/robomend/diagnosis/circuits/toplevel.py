@@ -22,7 +22,7 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from functools import reduce
 from operator import or_
 
-from pysat.process import Processor
+from pysat.solvers import Cadical153
 
 from robomend.diagnosis.circuits.cones import by_output, find_cones
 from robomend.diagnosis.circuits.flips import Flips, Values, compiled, values_of
@@ -241,9 +241,10 @@ class TopLevel:
                 clauses.append([literal for literal in clause if abs(literal) > n])
         frozen = [*candidate, *self._checks, *self._observed_sources]
         if len(clauses) <= SIMPLIFIED_CLAUSES:
-            with Processor(bootstrap_with=clauses) as processor:
-                # Nothing that replaces one variable by another: the frozen ones must stay themselves.
-                clauses = processor.process(decompose=False, freeze=frozen).clauses
+            # As pysat's Processor does, without its deep copy of what comes back. Nothing that replaces one
+            # variable by another: the frozen ones must stay themselves.
+            with Cadical153(bootstrap_with=clauses) as simplifier:
+                _, clauses = simplifier.process(decompose=False, freeze=frozen)
         number = dict(candidate)
         for variable in frozen:
             number.setdefault(variable, len(number) + 1)
