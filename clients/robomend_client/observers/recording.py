@@ -52,8 +52,9 @@ class Recording(Listener):
         self._write({"restart": now_ns})
 
     def close(self, now_ns: int) -> None:
-        """End the recording at this time."""
+        """End the recording at this time; what is taken in after it is not in there."""
         self._write({"end": now_ns})
+        self._left = 0
         self._file.close()
 
     def _write(self, line: dict[str, Any]) -> None:
