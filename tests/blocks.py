@@ -8,12 +8,12 @@ right above it, which nobody sees on the page:
     <!-- console board -->               it goes on: it is the emulator of the page's other blocks
     <!-- sh endless -->                  it goes on: it is run until it has said something
 
-What tests/test_blocks.py does not run says how it is looked at instead, and why:
+What tests/test_blocks.py does not run says how it is run instead, and why:
 
     <!-- sh, run by tests/x.py: it takes a robot -->   that test reads the block from the page, and runs it
-    <!-- sh, parsed: it takes minutes -->   each command, option, value and file is read by the command's own
-                                            parser, and the work is not done (tests/block_commands.py)
-    <!-- sh, not run: it installs as root -->  only what installs as root or wants another computer
+    <!-- sh, begun: it takes minutes -->    each line is typed into a terminal, works until it has shown that
+                                            it does, and is ended with Ctrl-C (tests/test_begun_blocks.py,
+                                            --long); else each word is read by the command's own parser
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), ROOT / "docs
 FENCE = re.compile(r"( *)```(\w*)\Z")
 COMMENT = re.compile(
     r"<!-- (?P<kind>[a-z]+)(?: (?P<use>[a-z]+))?"
-    r"(?:, (?P<how>not run|parsed|run by (?P<test>tests/[a-z0-9_/]+\.py)): (?P<reason>.+?))? -->\Z"
+    r"(?:, (?P<how>begun|run by (?P<test>tests/[a-z0-9_/]+\.py)): (?P<reason>.+?))? -->\Z"
 )
 
 
@@ -44,7 +44,7 @@ class Block:
     text: str
     use: str = ""
     reason: str = ""  # why tests/test_blocks.py does not run it
-    how: str = ""  # how it is looked at instead: not run, parsed, run by
+    how: str = ""  # how it is run instead: begun, run by
     test: str = ""  # the file that runs it
 
     def __str__(self) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import asyncio
+import os
 import signal
 import subprocess
 from collections.abc import Iterator
@@ -13,6 +14,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 import pytest
+from tests.blocks import BLOCKS
 from tests.packages import KILTED
 from tests.ros2 import Ros2Robot, robot
 from tests.waiting import eventually, until
@@ -79,6 +81,75 @@ def test_the_feeder_hands_ticks_fields_and_nodes_to_the_agents_bus(ros: Ros2Robo
 
     def nodes(message: TopicMessage) -> Any:
         return message.data
+
+    asyncio.run(test())
+
+
+LAUNCH = """
+import os, sys, types
+
+class Declared:
+    def __init__(self, name, default_value):
+        self.name, self.default = name, default_value
+
+class Configuration:
+    def __init__(self, name):
+        self.name = name
+
+class Node:
+    def __init__(self, package, executable, name, parameters):
+        self.program, self.name, self.parameters = f"{package}.{executable}", name, parameters
+
+stands_in = {
+    "launch": {"LaunchDescription": list},
+    "launch.actions": {"DeclareLaunchArgument": Declared},
+    "launch.substitutions": {"LaunchConfiguration": Configuration},
+    "launch_ros": {},
+    "launch_ros.actions": {"Node": Node},
+}
+for module, names in stands_in.items():
+    sys.modules[module] = types.ModuleType(module)
+    sys.modules[module].__dict__.update(names)
+verb, package, file, *given = sys.argv[1:]
+assert (verb, package) == ("launch", "robomend_ros")
+found = {}
+exec(open(os.path.join(FOLDER, file)).read(), found)
+parts = found["generate_launch_description"]()
+values = {part.name: part.default for part in parts if isinstance(part, Declared)}
+for word in given:
+    name, _, value = word.partition(":=")
+    assert name in values, word
+    values[name] = value
+[node] = [part for part in parts if isinstance(part, Node)]
+set_to = [f"{name}:={values[one.name]}" for group in node.parameters for name, one in group.items()]
+options = ["-r", f"__node:={node.name}", *(word for one in set_to for word in ("-p", one))]
+os.execv(sys.executable, [sys.executable, "-m", node.program, "--ros-args", *options])
+"""
+"""`ros2 launch`, whose packages are no wheels: what is read of the launch file, and the node for real."""
+
+
+def test_the_line_of_the_page_launches_the_feeder(ros: Ros2Robot) -> None:
+    [block] = [block for block in BLOCKS if block.test.endswith(f"robomend_ros/{Path(__file__).name}")]
+    program = ros.folder / "ros2"
+    program.write_text(f"#!{KILTED.python}\nFOLDER = {str(PACKAGE / 'launch')!r}\n{LAUNCH}")
+    program.chmod(0o755)
+    node = ros.node("laser")
+    node.do("publish", topic="/scan", type="std_msgs/String", value={"data": "x"}, rate=20, reliable=False)
+
+    async def test() -> None:
+        told: set[str] = set()
+        broker = Broker("tcp:127.0.0.1:0", lambda message: told.add(message.topic))
+        await broker.open()
+        typed = block.text.replace("tcp:127.0.0.1:7411", broker.address)
+        here = {**environment(ros), "PATH": f"{ros.folder}:{os.environ['PATH']}"}
+        with (ros.folder / "feeder.log").open("ab") as log:
+            process = subprocess.Popen(["bash", "-c", f"exec {typed}"], env=here, stderr=log)
+        try:
+            await eventually(lambda: {"scan", "nodes"} <= told, "both", 60)
+        finally:
+            process.send_signal(signal.SIGINT)
+            process.wait(30)
+            await broker.close()
 
     asyncio.run(test())
 
