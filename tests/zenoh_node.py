@@ -122,7 +122,8 @@ class Commands:
         kind = long_name("rosgraph_msgs/Clock")
 
         def ticked(sample: Any) -> None:
-            self.robots_s = STORE.deserialize_cdr(sample.payload.to_bytes(), kind).clock.sec
+            told: Any = STORE.deserialize_cdr(sample.payload.to_bytes(), kind)
+            self.robots_s = told.clock.sec
 
         self.kept["clock"] = self.session.declare_subscriber(f"{self.domain}/clock/*/*", ticked)
 
