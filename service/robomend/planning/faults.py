@@ -152,7 +152,7 @@ def plantable(
     idle = {name: f"{name} is meant to be stopped or off" for name in meant_off}
     channels = protected_channels(parts, protected, () if board is None else board.protected)
     for name, device in parts.hardware.items():
-        why = protected.get(name) or idle.get(name) or _driver_kept(parts, (name,), protected)
+        why = protected.get(name) or idle.get(name)
         yield from _of_device(name, device, why, None if device.channel is None else channels, board)
     for name, node in parts.nodes.items():
         why = protected.get(name) or idle.get(name)
@@ -209,7 +209,7 @@ def _of_board(parts: ComponentModel, protected: Protection) -> Iterator[Plantabl
     """Yield the faults of an emulated board that are of no channel."""
     devices = taken_by(parts, FaultKind.BROWN_OUT, None)
     kept = sorted(devices & protected.keys())
-    why = protected[kept[0]] if kept else _driver_kept(parts, devices, protected)
+    why = protected[kept[0]] if kept else None
     full = "let the supply give its full voltage, and restart drivers that stay mute"
     yield Plantable(FaultKind.BROWN_OUT, None, "let the board's supply give too little", full, why)
     for kind, act in (
@@ -221,12 +221,6 @@ def _of_board(parts: ComponentModel, protected: Protection) -> Iterator[Plantabl
         (FaultKind.DROP, "cut the connections to the board, once"),
     ):
         yield Plantable(kind, None, act, "let the board's line be as it was", None)
-
-
-def _driver_kept(parts: ComponentModel, devices: Collection[str], protected: Protection) -> str | None:
-    """Return why a driver that would have to be restarted afterwards may not be."""
-    kept = sorted(name for name in drivers_of(parts, devices) if name in protected)
-    return f"its driver {kept[0]} would have to be restarted, and is protected" if kept else None
 
 
 def _reader_kept(parts: ComponentModel, topic: str, protected: Protection) -> str | None:
