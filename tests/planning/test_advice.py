@@ -10,7 +10,6 @@ from tests.planning.robots import TEDUSAR
 from robomend.diagnosis.engines import make_engine
 from robomend.diagnosis.probes import Probe, ProbeResult
 from robomend.diagnosis.result import Diagnosis, DiagnosisResult
-from robomend.model.components import ComponentModel, Hardware, Node
 from robomend.model.loading import load_model, load_text
 from robomend.model.system import System
 from robomend.planning.advice import Situation, looks, parts_of
@@ -218,20 +217,3 @@ def test_in_a_circle_who_fell_first_leads() -> None:
 
 def test_differences_of_less_than_a_period_say_nothing() -> None:
     assert blamed_by_onset(cmd_s=1.0, state_s=1.19) == blamed_by_onset(cmd_s=1.19, state_s=1.0)
-
-
-def test_of_equal_power_cycles_the_one_that_takes_power_from_less_comes_first() -> None:
-    """A hub that feeds only the camera hangs as probably, and its cycle costs as much."""
-    hub, cam = Diagnosis(("hub",)), Diagnosis(("cam",))
-    model = ComponentModel(
-        "hub",
-        {"hub": Hardware("hub", 1), "cam": Hardware("cam", 3, fed_by=("hub",))},
-        {"cam_d": Node("cam_d", drives=("cam",), publishes={"img": ()})},
-        {},
-    )
-    seen = (holds("on", "hub"), holds("on", "cam"), holds("running", "cam_d"), fails("ok", "img"))
-    for order in ((hub, cam), (cam, hub)):
-        found = DiagnosisResult(tuple(model.components), order, True, None, (), 0.0)
-        assert decided(Situation(model, seen, found)) == ("cam",)
-    once = Attempt(frozenset({"cam"}), frozenset({"cam"}), 0, True, False, cycled=frozenset({"cam"}))
-    assert decided(Situation(model, seen, found, (once,))) == ("hub",)

@@ -7,7 +7,6 @@ The service, the stateless one-shots and the command line all go through here.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -58,17 +57,11 @@ class Situation:
             self.result.diagnoses,
             self.tried,
             fits=self._fits(self.result.diagnoses),
-            darkens=self._darkens,
+            switchable=frozenset(filter(self.model.switchable, self.model.hardware)),
             now_ns=self.now_ns,
             patience=self.patience,
         )
         return tuple(found)
-
-    @property
-    def _darkens(self) -> dict[str, int]:
-        """Device that can be switched -> how many lose their power with it."""
-        fed = Counter(feeder for name in self.model.hardware for feeder in self.model.feeders(name))
-        return {name: 1 + fed[name] for name in filter(self.model.switchable, self.model.hardware)}
 
     def _fits(self, diagnoses: Sequence[Diagnosis]) -> list[float] | None:
         """Return how well OBS fits each, as far as their probabilities do not have it in them."""

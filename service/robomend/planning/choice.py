@@ -120,8 +120,7 @@ def choose(
     ]
     if not _cutting_pays(candidates, chances, patience):
         weighed = [_spared(one) for one in weighed]
-    # Of equal ones the first candidate: it takes power from less (`tried.leading`).
-    ranked = sorted(weighed, key=lambda one: (-round(one.score, 12), one.plan.cost, len(one.diagnosis.bad)))
+    ranked = sorted(weighed, key=lambda one: (-one.score, one.plan.cost, len(one.diagnosis.bad)))
     best = _cutting_less(next((one for one in ranked if one.score > 0), None), ranked)
     cost = _expected_cost(candidates, chances, patience)
     if best is None:

@@ -14,7 +14,6 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import exp, log
-from types import MappingProxyType
 
 from robomend.diagnosis.result import Diagnosis
 from robomend.planning.cures import CURES, Cure, cycled
@@ -151,16 +150,15 @@ def leading(
     tried: Iterable[Attempt] = (),
     *,
     fits: Sequence[float] | None = None,
-    darkens: Mapping[str, int] = MappingProxyType({}),
+    switchable: Collection[str] = (),
     now_ns: int = 0,
     patience: Patience = DEFAULT_PATIENCE,
 ) -> list[Diagnosis]:
     """Return the diagnoses worth planning for, the most probable first.
 
-    Of equally probable ones those come first whose repair cuts the power of fewer devices: `darkens` says of
-    how many, for each that can be switched.
+    Of equally probable ones those come first that blame fewer of `switchable`, whose repair cuts power.
     """
     found = weights(diagnoses, tried, fits=fits, now_ns=now_ns, patience=patience)
-    cuts = [sum(darkens.get(name, 0) for name in diagnosis.bad) for diagnosis in diagnoses]
+    cuts = [sum(name in switchable for name in diagnosis.bad) for diagnosis in diagnoses]
     order = sorted(range(len(diagnoses)), key=lambda index: (-round(found[index], 12), cuts[index]))
     return [diagnoses[index] for index in order[: patience.leading] if diagnoses[index].bad]
