@@ -24,6 +24,7 @@ RobomendError
     ├── Overloaded                 too many requests wait for something
     ├── StoreError                 the database is gone
     │   ├── StoreFull              the disk is full: reading goes on
+    │   ├── StoreDamaged           the database file is damaged
     │   └── StoreOverloaded        too much is waiting to be written
     └── BoardError                 the power board or the link is at fault
         ├── BoardTimeout
@@ -237,6 +238,12 @@ class StoreFull(StoreError):
     """The disk is full: writes are refused, reading goes on."""
 
     code = "store-full"
+
+
+class StoreDamaged(StoreError):
+    """The database file is damaged, or a part of it is missing: a copy has to take its place."""
+
+    code = "store-damaged"
 
 
 class StoreOverloaded(StoreError):

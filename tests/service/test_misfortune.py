@@ -24,6 +24,7 @@ from tests.api.conftest import TEDUSAR
 from tests.postgres import PostgresServer
 from tests.postgres import postgres_server as postgres_server  # fixtures
 from tests.postgres import postgres_url as postgres_url
+from tests.store.test_damage import overwrite, written
 from tests.waiting import until
 
 from robomend_bench.service.fleet import prepare
@@ -52,6 +53,20 @@ def on_a_small_disk(data: Path, size: str) -> Iterator[tuple[str, Path]]:
         process.wait(10)
         assert process.stdout is not None
         process.stdout.close()
+
+
+def test_who_has_found_the_database_damaged_is_not_ready_whatever_else_can_be_read(tmp_path: Path) -> None:
+    path = tmp_path / "robomend.db"
+    asyncio.run(written(path))
+    overwrite(path, "audit")
+    with served(["--data", str(tmp_path)]) as service, client_of(service.url) as http:
+        assert httpx.get(f"{service.url}/readyz", timeout=30).status_code == 200
+        found = http.get("/audit")
+        assert (found.status_code, found.json()["code"]) == (503, "store-damaged"), found.text
+        assert http.get("/robots").status_code == 200
+        unready = httpx.get(f"{service.url}/readyz", timeout=30)
+        assert unready.status_code == 503
+        assert "put a copy in its place" in unready.json()["checks"]["store"]["detail"]
 
 
 def test_a_full_disk_refuses_writes_with_507_and_reading_goes_on(tmp_path: Path) -> None:

@@ -5,7 +5,8 @@
 
 What takes long goes on, and the answer says what is known of it by then: what failed last counts until it
 succeeds, and a probe that has had no answer for HANGS_S says that the database hangs. How long the oldest
-write has been waiting, these among them, is in the store's figures (readiness.py).
+write has been waiting, these among them, is in the store's figures (readiness.py). A file that was found
+damaged stays so, whatever can still be read of it.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import asyncio
 import time
 
 from robomend.api.schemas.operation import Check
-from robomend.errors import RobomendError
+from robomend.errors import RobomendError, StoreDamaged
 from robomend.store import Store, global_stop
 
 ANSWER_S = 0.03
@@ -48,6 +49,8 @@ class StoreProbe:
     @property
     def known(self) -> Check:
         """How the store is, as far as that is known now; for any thread."""
+        if (damage := self._store.damage) is not None:
+            return Check(ok=False, detail=f"{StoreDamaged.code}: {damage}")
         if self._probing is not None and (hung_s := time.monotonic() - self._begun_s) > HANGS_S:
             return Check(ok=False, detail=f"no answer to a read and a write in {hung_s:.0f} s")
         return self._found if self._turn.ok else self._turn

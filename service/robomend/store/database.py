@@ -19,10 +19,29 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, TypeGuard
 
-from sqlalchemy import URL, Connection, Engine, create_engine, event, exc, make_url, select, text
+from sqlalchemy import (
+    URL,
+    Connection,
+    Engine,
+    ExceptionContext,
+    create_engine,
+    event,
+    exc,
+    make_url,
+    select,
+    text,
+)
 from sqlalchemy.pool import ConnectionPoolEntry
 
-from robomend.errors import InputError, OptionRefused, RobomendError, StateConflict, StoreError, StoreFull
+from robomend.errors import (
+    InputError,
+    OptionRefused,
+    RobomendError,
+    StateConflict,
+    StoreDamaged,
+    StoreError,
+    StoreFull,
+)
 from robomend.store import schema
 
 BUSY_TIMEOUT_S = 10.0
@@ -54,6 +73,7 @@ _POSTGRES_SETTINGS = (
 )
 _DISK_FULL = "53100"
 _RETRY = frozenset({"40001", "40P01"})  # serialization failure, deadlock
+_DAMAGED = frozenset({sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB})
 _SCHEMA_LOCK = 0x726F626F6D656E64  # "robomend": who creates or migrates
 
 
@@ -82,6 +102,9 @@ class Database:
         self.kind = kind
         self.shown = parsed.render_as_string(hide_password=True)
         self._engine = _sqlite_engine(self.url) if self.path else _postgres_engine(self.url)
+        self.damage: str | None = None
+        """What is wrong with the file, once something was found: it is not tried again."""
+        event.listen(self._engine, "handle_error", self._note_damage)
         self._reading = self._engine
         if self.path is None:
             self._reading = self._engine.execution_options(
@@ -107,11 +130,14 @@ class Database:
         """Create or migrate the schema; quick when it is current.
 
         Raises:
+            StoreDamaged: a part of the file is missing.
             StoreError: the database cannot be reached, or a newer robomend has written it.
         """
         if self.path is not None:
             _make_private(self.path)
         with translated(), self._engine.connect() as connection:
+            if self.path is not None:
+                _check_whole(connection, self.path)
             if _version(connection) == schema.HEAD:
                 return
             connection.rollback()
@@ -130,6 +156,10 @@ class Database:
                     connection.execute(schema.counters.insert(), list(names))
                 elif found != schema.HEAD:
                     _migrate(connection, found)
+
+    def _note_damage(self, context: ExceptionContext) -> None:
+        if _is_damage(context.original_exception):
+            self.damage = str(_damaged(str(context.original_exception)))
 
     def dispose(self) -> None:
         """Close the connections that nobody uses."""
@@ -160,6 +190,33 @@ def _make_private(path: Path) -> None:
         os.close(os.open(path, os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o600))
     except OSError as error:
         raise StoreError(f"{path}: {error.strerror}; name a database file that can be written") from error
+
+
+def _check_whole(connection: Connection, path: Path) -> None:
+    """Refuse a file that is shorter than SQLite says it is: reads of what is missing would fail one by one.
+
+    Other damage is only found where it is read. What the write-ahead log has is brought into the file first;
+    where somebody reads the log meanwhile, nothing can be told.
+    """
+    raw = connection.connection.driver_connection  # outside of a transaction, which would hold the log back
+    assert isinstance(raw, sqlite3.Connection)
+    pages, bytes_a_page, (_, in_log, moved) = (
+        raw.execute(f"PRAGMA {name}").fetchone() for name in ("page_count", "page_size", "wal_checkpoint")
+    )
+    wanted, there = pages[0] * bytes_a_page[0], path.stat().st_size
+    if in_log == moved and there < wanted:
+        raise _damaged(f"{path} has {there} bytes of {wanted}")
+
+
+def _damaged(said: str) -> StoreDamaged:
+    return StoreDamaged(
+        f"the database is damaged ({said}): end the service, keep the file, and put a copy in its place,"
+        " as docs/storage.md says"
+    )
+
+
+def _is_damage(cause: BaseException | None) -> bool:
+    return getattr(cause, "sqlite_errorcode", 0) & 0xFF in _DAMAGED
 
 
 def _sqlite_engine(url: URL) -> Engine:
@@ -258,6 +315,8 @@ def translate(error: exc.DBAPIError) -> RobomendError:
     said = str(cause).strip().splitlines()[0] if str(cause).strip() else type(cause).__name__
     if _is_full(cause):
         return StoreFull(f"the database's disk is full ({said}); make room: reading goes on meanwhile")
+    if _is_damage(cause):
+        return _damaged(said)
     if isinstance(error, exc.IntegrityError):
         return StateConflict(f"somebody else wrote the same at the same moment; try again ({said})")
     if isinstance(error, exc.DataError):

@@ -88,6 +88,11 @@ class Store:
         return self._database.shown
 
     @property
+    def damage(self) -> str | None:
+        """What is wrong with the database file, once something was found."""
+        return self._database.damage
+
+    @property
     def ownership(self) -> Ownership:
         """Who owns which robot."""
         return self._ownership
