@@ -99,11 +99,17 @@ def read_tree(text: str, *, aliases: bool = False) -> Tree:
         if mark is None and (found := NEVER_IN_YAML.search(text)):  # of which the parser knows no line
             line = text.count("\n", 0, found.start()) + 1
             raise YamlError(f"not YAML: character #x{ord(found[0]):02x} is not allowed", line) from error
-        if mark is not None and text.split("\n")[mark.line][mark.column : mark.column + 1] == "\t":
+        if mark is not None and _at(text, mark.line, mark.column) == "\t":
             problem = "a tab; lines are indented with spaces"
         raise YamlError(f"not YAML: {problem}", mark.line + 1 if mark else None) from error
     except (OverflowError, RecursionError) as error:
         raise YamlError(f"not YAML: {error}") from error
+
+
+def _at(text: str, line: int, column: int) -> str:
+    """Return the character at a place, counted from 0; none behind the end."""
+    lines = text.split("\n")
+    return lines[line][column : column + 1] if line < len(lines) else ""
 
 
 @dataclass(slots=True)
