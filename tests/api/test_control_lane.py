@@ -18,7 +18,7 @@ from structlog.testing import capture_logs
 from tests.api.conftest import Service, StartService
 from tests.waiting import until
 
-from robomend.api import loop_watch, readiness
+from robomend.api import loop_watch, readiness, urgent
 from robomend.errors import StoreFull
 from robomend.store import Transaction
 
@@ -100,6 +100,21 @@ def test_they_answer_while_the_event_loop_is_held(service: Service) -> None:
         ("stop.lifted", "no smoke"),
         ("stop.set", "smoke"),
     ]
+
+
+def test_who_lifts_a_stop_is_not_who_was_let_in_earlier(
+    start: StartService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whoever was let in before there were keys may stop while the event loop is held, and no more."""
+    monkeypatch.setattr(urgent, "UNKNOWN_S", 0.3)
+    service = start()
+    assert service.api("GET", "/robots").status_code == 200  # nobody needs a key
+    service.key("operator")
+    with held_loop(service):
+        assert fresh(service, "POST", "/api/v1/stop", json={"reason": "smoke"}).status_code == 202
+        assert fresh(service, "DELETE", "/api/v1/stop", params={"reason": "mine"}).status_code == 503
+    assert fresh(service, "DELETE", "/api/v1/stop", params={"reason": "mine"}).status_code == 401
+    assert service.runtime.repairs.switch.active
 
 
 @pytest.mark.parametrize("before", [1, 3])

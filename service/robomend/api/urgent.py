@@ -5,7 +5,8 @@
                         └──► the keys and sign-ins as they were known last
 
 A key that was revoked in a minute in which the database does not answer can still set a stop. The other way
-round, a person at the red button would wait for a database.
+round, a person at the red button would wait for a database. Who lifts a stop waits: it is lifted for nobody
+who is only known from earlier.
 """
 
 from __future__ import annotations
@@ -54,7 +55,8 @@ class UrgentAdmission:
         usual = asyncio.wrap_future(asking)
         await asyncio.wait({usual}, timeout=USUAL_S)
         if not usual.done():
-            known = self._usual.known(request, rule)
+            counts = rule[0] != "DELETE" or self._usual.ring.fresh
+            known = self._usual.known(request, rule) if counts else None
             if known is not None:
                 asking.cancel()
                 return known
