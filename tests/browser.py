@@ -1,5 +1,6 @@
 """A real Chromium for tests: installed if it is missing and we may, started once a session, gone afterwards.
 
+It is Chromium's headless shell, as Playwright would take; a whole Chromium where that is all there is.
 Use it from a conftest.py: `from tests.browser import browser, chromium`. Where there is none and none can be
 installed, tests that need it are skipped with the reason; in CI (`CI` in the environment) that is a failure.
 
@@ -55,7 +56,7 @@ def _end_with_parent() -> None:
 @pytest.fixture(scope="session")
 def chromium() -> Iterator[str]:
     """The session's browser, running: its debugging address."""
-    why = packages.CHROMIUM.install()
+    why = "" if packages.chromium() else packages.CHROMIUM.install()
     program = packages.chromium()
     if program is None:
         reason = f"these tests need Chromium: {why}"

@@ -71,9 +71,18 @@ def postgresql() -> Path | None:
     return None if initdb is None else Path(initdb).resolve().parent
 
 
+def headless_shell() -> str | None:
+    """Return the path of Chromium without the program around its pages, which takes most of the processor.
+
+    Debian's is run without its script, which would leave it behind: the kernel ends the script only.
+    """
+    return shutil.which("/usr/lib/chromium/chromium-headless-shell") or shutil.which("chrome-headless-shell")
+
+
 def chromium() -> str | None:
-    """Return Chromium's path."""
-    return shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    """Return the path of a Chromium: where there is no headless shell, of a whole one."""
+    whole = ("chromium", "chromium-browser", "google-chrome")
+    return headless_shell() or next(filter(None, map(shutil.which, whole)), None)
 
 
 def ros1() -> bool:
@@ -132,7 +141,9 @@ class WantedRos2:
 
 
 POSTGRESQL = Wanted("a PostgreSQL server", postgresql, ("postgresql",))
-CHROMIUM = Wanted("Chromium", chromium, ("chromium", "fonts-dejavu-core"))
+CHROMIUM = Wanted(
+    "Chromium's headless shell", headless_shell, ("chromium-headless-shell", "fonts-dejavu-core")
+)
 ROS1 = Wanted(
     "ROS 1",
     ros1,

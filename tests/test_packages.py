@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import pytest
-from tests.packages import CHROMIUM, JAZZY, NEEDED, POSTGRESQL, ROS1, needed
+from tests.packages import CHROMIUM, JAZZY, NEEDED, POSTGRESQL, ROS1, chromium, needed
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -32,3 +33,22 @@ def test_a_folder_gets_what_is_needed_in_it_and_below_it(monkeypatch: pytest.Mon
 
 def test_the_folders_are_there() -> None:
     assert {place for places in NEEDED.values() for place in places if not (ROOT / place).is_dir()} == set()
+
+
+@pytest.mark.parametrize(
+    ("there", "taken"),
+    [
+        (
+            {"chromium", "/usr/lib/chromium/chromium-headless-shell"},
+            "/usr/lib/chromium/chromium-headless-shell",
+        ),
+        ({"google-chrome", "chrome-headless-shell"}, "chrome-headless-shell"),
+        ({"google-chrome"}, "google-chrome"),
+        (set(), None),
+    ],
+)
+def test_of_the_browsers_that_are_there_the_headless_shell_is_taken(
+    monkeypatch: pytest.MonkeyPatch, there: set[str], taken: str | None
+) -> None:
+    monkeypatch.setattr(shutil, "which", lambda name: name if name in there else None)
+    assert chromium() == taken

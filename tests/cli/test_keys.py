@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import getpass
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -33,3 +35,15 @@ def test_keys_are_created_and_revoked_by_an_account_for_a_reason(
         (who, "key.revoke", "robot-r1", "r1", "it was stolen"),
         (who, "key.create", "robot-r1", "r1", "a new robot"),
     ]
+
+
+def test_the_database_is_asked_without_the_service(tmp_path: Path) -> None:
+    code = (
+        "import sys\nfrom robomend.cli.commands import run\n"
+        f"assert run(['keys', 'list', '--data', {str(tmp_path)!r}]) == 0\n"
+        "print(*sorted({'fastapi', 'robomend.api', 'robomend.repairs', 'sqlalchemy'} & set(sys.modules)))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], check=True, capture_output=True, text=True, timeout=60
+    )
+    assert done.stdout.split() == ["sqlalchemy"]

@@ -16,8 +16,8 @@ from tests.postgres import postgres_server, postgres_url
 from tests.repairs.remote import RemoteRobot, ServiceProcess, remote_robot, services
 from tests.store.examples import owner
 
-from robomend.api.runtime import opened_store
 from robomend.settings import Settings
+from robomend.store import opened
 from robomend_client.rest import ClientError
 
 __all__ = ["postgres_server", "postgres_url"]  # fixtures
@@ -38,7 +38,7 @@ async def owning_process(arguments: tuple[str, ...]) -> int | None:
     """Return the process that carries out the robot's repairs and drills."""
     given = dict(zip((word.removeprefix("--") for word in arguments[::2]), arguments[1::2], strict=True))
     given.pop("workers", None)
-    async with opened_store(Settings.model_validate(given)) as store:
+    async with opened(Settings.model_validate(given).database_url) as store:
         instance, _ = await store.read(owner, "r1")
         return next((one.pid for one in await store.ownership.instances() if one.id == instance), None)
 

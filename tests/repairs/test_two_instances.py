@@ -74,11 +74,11 @@ async def two(pair: list[ServiceProcess]) -> AsyncIterator[list[ServiceProcess]]
 
 async def owner_of(running: list[ServiceProcess], database: tuple[str, ...]) -> ServiceProcess | None:
     """Return the service that carries out the robot's repairs; None while nobody living does."""
-    from robomend.api.runtime import opened_store
     from robomend.settings import Settings
+    from robomend.store import opened
 
     values = dict(zip(("data", "database"), database[1::2], strict=False))
-    async with opened_store(Settings.model_validate(values)) as store:
+    async with opened(Settings.model_validate(values).database_url) as store:
         instance, _ = await store.read(owner, "r1")
         instances = await store.ownership.instances()
     pids = {one.pid for one in instances if one.id == instance}

@@ -35,7 +35,7 @@ from robomend.robots.diagnoser import Diagnoser
 from robomend.robots.readers import Readers
 from robomend.robots.robots import Robots
 from robomend.settings import Settings
-from robomend.store import Store, api_keys, pruning
+from robomend.store import Store, api_keys, opened, pruning
 from robomend.store.records import Retention, StoreFigures
 from robomend_client.events import Event, Kind
 
@@ -191,18 +191,7 @@ def kept_by(settings: Settings) -> Retention:
     )
 
 
-@asynccontextmanager
-async def opened_store(settings: Settings) -> AsyncIterator[Store]:
-    """Open the database for a command, and close it."""
-    store = Store(settings.database_url)
-    await store.start()
-    try:
-        yield store
-    finally:
-        await store.close()
-
-
 async def any_key(settings: Settings) -> bool:
     """Return whether a key was ever created in this database."""
-    async with opened_store(settings) as store:
+    async with opened(settings.database_url) as store:
         return bool(await store.read(api_keys.every))

@@ -178,11 +178,10 @@ def _disk(settings: Settings) -> str:
 
 
 def _database(settings: Settings) -> str:
-    from robomend.api.runtime import opened_store
-    from robomend.store import events
+    from robomend.store import events, opened
 
     async def look() -> str:
-        async with opened_store(settings) as store:
+        async with opened(settings.database_url) as store:
             kept = await store.read(events.kept)
             others = [
                 f"{one.host} (process {one.pid})"
@@ -199,11 +198,11 @@ def _growth(settings: Settings) -> str:
     """Return how fast the database grows, and when the disk is full of it."""
     import time
 
-    from robomend.api.runtime import kept_by, opened_store
-    from robomend.store import growth
+    from robomend.api.runtime import kept_by
+    from robomend.store import growth, opened
 
     async def look() -> growth.Growth:
-        async with opened_store(settings) as store:
+        async with opened(settings.database_url) as store:
             return await store.read(growth.measure, time.time_ns())
 
     found = asyncio.run(look())

@@ -135,9 +135,9 @@ def write(settings: Settings, change: Callable[[Transaction], T]) -> T:
     """Change the database from a command."""
 
     async def run() -> T:
-        from robomend.api.runtime import opened_store
+        from robomend.store import opened
 
-        async with opened_store(settings) as store:
+        async with opened(settings.database_url) as store:
             return await store.write(change)
 
     return asyncio.run(run())
@@ -147,9 +147,9 @@ def read(settings: Settings, query: Callable[[View], T]) -> T:
     """Ask the database from a command."""
 
     async def run() -> T:
-        from robomend.api.runtime import opened_store
+        from robomend.store import opened
 
-        async with opened_store(settings) as store:
+        async with opened(settings.database_url) as store:
             return await store.read(query)
 
     return asyncio.run(run())

@@ -28,7 +28,6 @@ def read(robot: str, settings: Settings) -> Sequence[str]:
 
 
 async def _read(robot: str, settings: Settings) -> Sequence[str]:
-    from robomend.api.runtime import opened_store
     from robomend.repairs.agent_queue import AgentQueue
     from robomend.repairs.executors.registry import Surroundings
     from robomend.repairs.foresight import findings
@@ -37,12 +36,13 @@ async def _read(robot: str, settings: Settings) -> Sequence[str]:
     from robomend.robots.memory import Memory
     from robomend.robots.readers import Readers
     from robomend.robots.systems import Systems
+    from robomend.store import opened
 
     async def nothing(_: Robot | str) -> None: ...
 
     readers = Readers(settings)
     try:
-        async with opened_store(settings) as store:
+        async with opened(settings.database_url) as store:
             memory = Memory(store, Systems(store, settings, readers), 1, taken_up=nothing, left=nothing)
             state = await memory.robot(robot)
             boards = Boards(

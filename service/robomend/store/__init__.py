@@ -22,8 +22,8 @@
 
 from __future__ import annotations
 
-from robomend.store.store import Store
+from robomend.store.store import Store, opened
 from robomend.store.transaction import Transaction
 from robomend.store.view import View
 
-__all__ = ["Store", "Transaction", "View"]
+__all__ = ["Store", "Transaction", "View", "opened"]

@@ -28,7 +28,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import AsyncIterator, Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
@@ -236,3 +236,14 @@ class Store:
             last_commit_s=self._writer.last_commit_s,
             newest_event=self._tail.last,
         )
+
+
+@contextlib.asynccontextmanager
+async def opened(url: str) -> AsyncIterator[Store]:
+    """Open the database for as long as a command needs it."""
+    store = Store(url)
+    await store.start()
+    try:
+        yield store
+    finally:
+        await store.close()
