@@ -23,6 +23,48 @@ def _robot(service: Service) -> None:
 
 
 @pytest.mark.parametrize(
+    ("method", "place", "body", "said"),
+    [
+        ("POST", PLACE, {"obsrevations": []}, "body.obsrevations: {}; did you mean 'observations'?"),
+        (
+            "PUT",
+            "/robots/r9",
+            {"model": "tedusar", "polcy": "auto"},
+            "body.polcy: {}; did you mean 'policy'?",
+        ),
+        (
+            "PUT",
+            "/robots/r9",
+            {"model": "tedusar", "actions": {"start": {"executor": {"kind": "agent", "option": {}}}}},
+            "body.actions.start.executor.option: {}; did you mean 'options'?",
+        ),
+        (
+            "PUT",
+            "/robots/r9",
+            {"model": "tedusar", "windows": [{"start": "22:00", "end": "05:30", "weekday": [1]}]},
+            "body.windows.0.weekday: {}; did you mean 'weekdays'?",
+        ),
+        (
+            "PUT",
+            "/models/m",
+            {"source": "robomend: 1", "sauce": ""},
+            "body.sauce: {}; did you mean 'source'?",
+        ),
+        ("POST", "/batches", {"logs": [], "modle": "m"}, "body.modle: {}; did you mean 'model'?"),
+        ("POST", PLACE, {"observations": [], "colour": 1}, "body.colour: {}"),
+    ],
+    ids=lambda value: str(value)[:30],
+)
+def test_an_unknown_field_is_refused_with_the_one_that_was_meant(
+    method: str, place: str, body: dict[str, Any], said: str, service: Service
+) -> None:
+    answer = service.api(method, place, json=body)
+    assert answer.status_code == 422
+    faults = [f"{fault['place']}: {fault['message']}" for fault in answer.json()["errors"]]
+    assert said.format("Extra inputs are not permitted") in faults
+
+
+@pytest.mark.parametrize(
     ("body", "status", "code"),
     [
         (b"", 400, "malformed-json"),

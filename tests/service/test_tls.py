@@ -9,6 +9,7 @@ import httpx
 import pytest
 import trustme
 
+from robomend.cli.commands import run
 from robomend_bench.service.process import NotReady, served
 
 
@@ -39,6 +40,38 @@ def test_a_service_with_a_certificate_is_reached_over_tls_alone(
             httpx.get(f"{service.url}/healthz", timeout=20)
         with pytest.raises(httpx.HTTPError):
             httpx.get(f"{service.url}/healthz".replace("https:", "http:"), timeout=20)
+
+
+def test_the_commands_say_what_tls_lacks_and_trust_whom_ssl_cert_file_names(
+    authority: trustme.CA, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def status(url: str) -> tuple[int, str]:
+        code = run(["status", "--url", url])
+        return code, capsys.readouterr().err
+
+    with served(issue(authority, tmp_path)) as service:
+        code, said = status(service.url)
+        assert code == 3
+        assert "its certificate is not trusted (" in said
+        code, said = status(service.url.replace("https:", "http:"))
+        assert code == 3
+        assert "if it serves TLS, its address begins with https://" in said
+        authority.cert_pem.write_to_path(tmp_path / "authority.pem")
+        monkeypatch.setenv("SSL_CERT_FILE", str(tmp_path / "authority.pem"))
+        assert status(service.url)[0] == 0
+        monkeypatch.setenv("SSL_CERT_FILE", str(tmp_path / "none.pem"))
+        code, said = status(service.url)
+        assert code == 2
+        assert f"SSL_CERT_FILE={tmp_path / 'none.pem'}: " in said
+
+
+def test_the_doctor_knows_a_service_by_its_answer_over_tls(
+    authority: trustme.CA, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with served(issue(authority, tmp_path)) as service:
+        monkeypatch.setenv("ROBOMEND_PORT", service.url.rpartition(":")[2])
+        run(["doctor", "--data", str(tmp_path)])
+        assert "a service runs there, robomend" in capsys.readouterr().out.splitlines()[-1]
 
 
 def test_a_certificate_without_its_key_is_refused(authority: trustme.CA, tmp_path: Path) -> None:

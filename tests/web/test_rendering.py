@@ -6,6 +6,7 @@ from typing import NoReturn
 
 import pytest
 from jinja2 import Environment
+from tests.repairs.test_account import REPAIR, ROUND
 
 from robomend.web import rendering
 
@@ -23,3 +24,20 @@ def test_no_template_is_compiled_when_a_page_is_looked_at(monkeypatch: pytest.Mo
     assert "robot.html" in names
     for name in names:
         environment.get_template(name)
+
+
+def test_what_a_repair_that_ended_did_not_begin_waits_no_longer() -> None:
+    macros = rendering._environment().get_template("macros.html").module
+    waits = [{"round": 1, "why": "for observers", "names": ["ok(scan)"], "from_ns": 1, "until_ns": 2}]
+    step = {"text": "start_node(driver)", "index": 0, "cost": 4.0, "after": [], "state": "waiting"}
+    known = {**REPAIR, "by": "robomend", "policy": "approve", "left_off": []}
+
+    def shown(ending: str | None) -> str:
+        rounds = [{**ROUND, "plan": [step], "ending": ending}]
+        return str(macros.record({**known, "rounds": rounds, "waits": waits}))
+
+    assert '<span class="badge waiting">waiting</span>' in shown(None)
+    ended = shown("cancelled")
+    assert '<span class="badge not-done">not done</span>' in ended
+    assert "badge waiting" not in ended
+    assert '</time>: <bdi class="name">waiting for observers: ok(scan)' in ended

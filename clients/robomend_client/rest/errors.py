@@ -2,7 +2,8 @@
 
 ClientError
 ├── Unreachable            no answer: refused, reset, or the name does not resolve
-│   └── AnswerTimedOut     no answer in time: whether the service acted is unknown
+│   ├── AnswerTimedOut     no answer in time: whether the service acted is unknown
+│   └── TlsFailed          https:// to what speaks plain HTTP, or shows a certificate that is not trusted
 ├── NotTheService          an answer that no robomend service gives (a proxy's page, another program's port)
 └── ApiError               the service said no, with a problem (RFC 9457) whose `code` is stable
     ├── InvalidRequest     400, 413, 415, 422 and every 4xx without a class of its own
@@ -21,6 +22,7 @@ Catch by class for the kind, look at `code` for the exact reason. All of them pi
 
 from __future__ import annotations
 
+import ssl
 from collections.abc import Mapping
 from typing import Any
 
@@ -37,6 +39,10 @@ class Unreachable(ClientError):
 
 class AnswerTimedOut(Unreachable):
     """The answer did not come in time: whether the service acted is unknown."""
+
+
+class TlsFailed(Unreachable):
+    """No TLS with what is there: it speaks plain HTTP, or its certificate is not trusted."""
 
 
 class NotTheService(ClientError):
@@ -154,7 +160,30 @@ def translate(error: httpx.TransportError) -> ClientError:
         return AnswerTimedOut(f"{where}: no answer in time ({type(error).__name__})")
     if isinstance(error, httpx.UnsupportedProtocol | httpx.DecodingError):
         return NotTheService(f"{where}: {error}")
+    if (tls := _tls(error)) is not None:
+        return TlsFailed(f"{where}: {tls}")
     return Unreachable(f"{where}: {error or type(error).__name__}; is the service running there?")
+
+
+NO_TLS = frozenset({"WRONG_VERSION_NUMBER", "RECORD_LAYER_FAILURE", "HTTP_REQUEST"})
+"""What OpenSSL, by its age, says of an answer in plain HTTP."""
+
+
+def _tls(error: BaseException) -> str | None:
+    """Return what kept TLS from coming about, with the remedy; None if it was not TLS that failed."""
+    cause: BaseException | None = error
+    while cause is not None and not isinstance(cause, ssl.SSLError):
+        cause = cause.__cause__ or cause.__context__
+    if cause is None:
+        return None
+    if isinstance(cause, ssl.SSLCertVerificationError):
+        return (
+            f"its certificate is not trusted ({cause.verify_message}); the variable SSL_CERT_FILE names a "
+            "file of certificates that are"
+        )
+    if cause.reason in NO_TLS:
+        return "what is there speaks no TLS: a service without a certificate is at http://"
+    return None
 
 
 def _seconds(retry_after: str | None) -> float | None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import ssl
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -25,6 +27,22 @@ GAP = "gap"
 """The event that says: what you had last is not kept any more, this starts later."""
 
 
+def trusted() -> ssl.SSLContext:
+    """Return what certificates are checked by: those that this computer trusts, too, or SSL_CERT_FILE names.
+
+    A fleet's certificate is often of an authority of its own, which no public list of them has.
+
+    Raises:
+        ClientError: SSL_CERT_FILE names no such file.
+    """
+    try:
+        context = httpx.create_ssl_context()
+        context.load_default_certs()
+    except OSError as error:
+        raise ClientError(f"SSL_CERT_FILE={os.environ.get('SSL_CERT_FILE', '')}: {error}") from error
+    return context
+
+
 @dataclass(frozen=True, slots=True)
 class Connection:
     """Where the service is and how to speak to it."""
@@ -44,7 +62,7 @@ class Connection:
             "headers": headers,
             "trust_env": self.trust_env,
             # Loading the certificate bundle takes 30 ms and some MB, and plain HTTP has no use for it.
-            "verify": not self.url.startswith("http://"),
+            "verify": False if self.url.startswith("http://") else trusted(),
             "limits": httpx.Limits(max_connections=32, max_keepalive_connections=8, keepalive_expiry=30.0),
         }
 

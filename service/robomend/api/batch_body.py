@@ -13,13 +13,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any, TypeVar
 
-from fastapi.exceptions import RequestValidationError
 from pydantic import ValidationError
 from starlette.requests import Request
 
 from robomend.api import strict_json
 from robomend.api.body import BYTES_PER_S, read_chunks
-from robomend.api.problems import Problem, of_validation
+from robomend.api.problems import Problem, of_body
 from robomend.api.schemas.base import In
 from robomend.api.schemas.batch import BatchBody
 from robomend.batches.log_names import check_upload
@@ -75,8 +74,7 @@ def validated(kind: type[Fields], value: Any) -> Fields:
     try:
         return kind.model_validate(value)
     except ValidationError as error:
-        faults = [{**fault, "loc": ("body", *fault["loc"])} for fault in error.errors(include_url=False)]
-        raise of_validation(RequestValidationError(faults)) from error
+        raise of_body(error, kind) from error
 
 
 def typed(texts: Mapping[str, str]) -> dict[str, Any]:

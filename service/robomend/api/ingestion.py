@@ -9,15 +9,14 @@ from __future__ import annotations
 import hashlib
 from typing import Any
 
-from fastapi.exceptions import RequestValidationError
 from pydantic import ValidationError
 from starlette.requests import Request
 
 from robomend.api import strict_json
 from robomend.api.body import BYTES_PER_S, check_content_type, read_chunks
 from robomend.api.deps import Parts
-from robomend.api.problems import of_validation
-from robomend.api.schemas.observations import OBSERVATIONS
+from robomend.api.problems import of_body
+from robomend.api.schemas.observations import OBSERVATIONS, ObservationsBody
 from robomend.robots.batches import Batch
 from robomend.security import API, Principal
 from robomend.store.records import IdempotencyKey
@@ -62,8 +61,7 @@ def batch_of(value: Any) -> Batch:
     try:
         return OBSERVATIONS.validate_python(value)
     except ValidationError as error:
-        faults = [{**fault, "loc": ("body", *fault["loc"])} for fault in error.errors(include_url=False)]
-        raise of_validation(RequestValidationError(faults)) from error
+        raise of_body(error, ObservationsBody) from error
 
 
 def once_of(request: Request, principal: Principal, key: str, digest: str) -> IdempotencyKey:

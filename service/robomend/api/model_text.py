@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from fastapi.exceptions import RequestValidationError
 from pydantic import ValidationError
 from starlette.requests import Request
 
 from robomend.api import strict_json
 from robomend.api.body import BYTES_PER_S, check_content_type, content_type, read_chunks
-from robomend.api.problems import Problem, of_validation
+from robomend.api.problems import Problem, of_body
 from robomend.api.schemas.models import ModelBody
 from robomend.robots.readers import Readers
 from robomend.settings import Settings
@@ -48,8 +47,7 @@ async def read_model(request: Request, settings: Settings, readers: Readers) -> 
     try:
         return ModelBody.model_validate(value)
     except ValidationError as error:
-        faults = [{**fault, "loc": ("body", *fault["loc"])} for fault in error.errors(include_url=False)]
-        raise of_validation(RequestValidationError(faults)) from error
+        raise of_body(error, ModelBody) from error
 
 
 def _decoded(body: bytes) -> str:

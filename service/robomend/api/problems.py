@@ -16,11 +16,13 @@ from typing import Any
 import structlog
 from fastapi import FastAPI
 from fastapi.exceptions import RequestValidationError
+from pydantic import ValidationError
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import Response
 
 from robomend import errors
+from robomend.api.near_fields import near_field
 from robomend.batches.batches import BatchUnavailable
 
 log = structlog.get_logger("robomend.api")
@@ -77,6 +79,10 @@ MAX_FIELDS = 20
 """Faults named in one answer; a body of a million wrong fields must not be answered with a million lines."""
 
 
+EXTRA = "extra_forbidden"
+"""What pydantic calls a field that there is not."""
+
+
 class Problem(Exception):
     """An answer that is no success, raised where it is found."""
 
@@ -129,8 +135,18 @@ def of_error(error: errors.RobomendError) -> Problem:
     return Problem(status, str(error) or error.code, code=error.code, **extra)
 
 
-def of_validation(error: RequestValidationError) -> Problem:
-    """Return 400 for what is no JSON and 422 for what is none of ours, naming each field at fault."""
+def of_body(error: ValidationError, kind: Any) -> Problem:
+    """Return 422 for a body that was no such `kind`, naming each field at fault."""
+    faults = [{**fault, "loc": ("body", *fault["loc"])} for fault in error.errors(include_url=False)]
+    return of_validation(RequestValidationError(faults), kind)
+
+
+def of_validation(error: RequestValidationError, kind: Any = None) -> Problem:
+    """Return 400 for what is no JSON and 422 for what is none of ours, naming each field at fault.
+
+    Args:
+        kind: the type that the body should have had, where there is one.
+    """
     found = error.errors()
     if found and found[0]["type"] == "json_invalid":
         position = found[0]["loc"][-1]
@@ -138,7 +154,10 @@ def of_validation(error: RequestValidationError) -> Problem:
         return Problem(400, f"the body is not JSON: {reason} at {position}", code="malformed-json")
     for one in found:
         if one["type"] == "unexpected_keyword_argument":  # a field of a body that is checked as a dataclass
-            one["type"], one["msg"] = "extra_forbidden", "Extra inputs are not permitted"
+            one["type"], one["msg"] = EXTRA, "Extra inputs are not permitted"
+    for one in found[:MAX_FIELDS]:
+        if kind is not None and one["type"] == EXTRA and one["loc"][0] == "body":
+            one["msg"] += near_field(kind, one["loc"][1:])
     faults = [
         {"place": ".".join(map(str, one["loc"])), "message": one["msg"], "type": one["type"]}
         for one in found[:MAX_FIELDS]
@@ -167,7 +186,9 @@ def install(app: FastAPI) -> None:
 
     async def invalid(request: Request, error: Exception) -> Response:
         assert isinstance(error, RequestValidationError)
-        return of_validation(error).response(request_id(request))
+        field = getattr(request.scope.get("route"), "body_field", None)
+        kind = None if field is None else field.field_info.annotation
+        return of_validation(error, kind).response(request_id(request))
 
     async def http_error(request: Request, error: Exception) -> Response:
         assert isinstance(error, HTTPException)

@@ -23,6 +23,8 @@ from robomend.cli.settings_options import read_settings, settings_options
 from robomend.errors import RobomendError
 
 if TYPE_CHECKING:
+    from http.client import HTTPConnection
+
     from robomend.settings import Settings
 
 AMISS = 1
@@ -66,19 +68,24 @@ def command(
     (--url, or ROBOMEND_URL) knows as well which agents ask for work.
     """
     settings, _ = read_settings(config_file, data=data, database=database)
-    if robot is not None and url is not None:
-        findings = list(_robot(robot, lambda: robots.asked(robot, url, key)))
-    else:
-        findings = list(examine(settings))
-        if robot is not None:
-            findings += _robot(robot, lambda: robots.read(robot, settings))
+    findings = []
+    for finding in _looks(settings, robot, url, key):
+        findings.append(finding)
+        if format_ != "json":  # at once: whoever waits sees for what
+            click.echo(f"{'ok   ' if finding.ok else 'AMISS'}  {finding.name}: {finding.detail}")
     if format_ == "json":
         table = [{"name": f.name, "ok": f.ok, "detail": f.detail} for f in findings]
         click.echo(json.dumps({"ok": all(f.ok for f in findings), "checks": table}))
-    else:
-        for finding in findings:
-            click.echo(f"{'ok   ' if finding.ok else 'AMISS'}  {finding.name}: {finding.detail}")
     return 0 if all(finding.ok for finding in findings) else AMISS
+
+
+def _looks(settings: Settings, robot: str | None, url: str | None, key: str | None) -> Iterator[Finding]:
+    if robot is not None and url is not None:
+        yield from _robot(robot, lambda: robots.asked(robot, url, key))
+        return
+    yield from examine(settings)
+    if robot is not None:
+        yield from _robot(robot, lambda: robots.read(robot, settings))
 
 
 def examine(settings: Settings) -> Iterator[Finding]:
@@ -255,15 +262,22 @@ def _port(settings: Settings) -> str:
 
 def _who_listens(settings: Settings) -> str | None:
     """Return the version of the service that has the port; nothing if something else has it."""
-    from http.client import HTTPConnection, HTTPException, HTTPSConnection
+    from http.client import HTTPConnection, HTTPSConnection
 
     host = ANYWHERE.get(settings.host, settings.host).strip("[]")
-    if settings.tls_certificate is None:
-        asked = HTTPConnection(host, settings.port, timeout=ANSWER_S)
-    else:  # who has made the certificate is no matter: nothing but a version is believed
-        asked = HTTPSConnection(
-            host, settings.port, timeout=ANSWER_S, context=ssl._create_unverified_context()
-        )
+    # Who has made the certificate is no matter: nothing but a version is believed.
+    anybody = ssl._create_unverified_context()
+    plain = HTTPConnection(host, settings.port, timeout=ANSWER_S)
+    over_tls = HTTPSConnection(host, settings.port, timeout=ANSWER_S, context=anybody)
+    # What the service was told of TLS is not always told here.
+    ways = (plain, over_tls) if settings.tls_certificate is None else (over_tls, plain)
+    return next((version for asked in ways if (version := _version(asked)) is not None), None)
+
+
+def _version(asked: HTTPConnection) -> str | None:
+    """Return the version of the service that answers; nothing if none does."""
+    from http.client import HTTPException
+
     try:
         asked.request("GET", "/version-info")
         return str(json.loads(asked.getresponse().read(10_000))["robomend"])

@@ -75,9 +75,9 @@ def account(repair: Json) -> list[str]:
     lines = [f"{_clock(repair['created_ns'])} repair {repair['id']} of {repair['robot']} begins"]
     waits = repair.get("waits", ())
     for number, done in enumerate(repair["rounds"], start=1):
-        lines += (waited(wait) for wait in waits if wait["round"] == number)
+        lines += (_waited(wait) for wait in waits if wait["round"] == number)
         lines += _round(number, done)
-    lines += (waited(wait) for wait in waits if wait["round"] > len(repair["rounds"]))
+    lines += (_waited(wait) for wait in waits if wait["round"] > len(repair["rounds"]))
     if repair["waiting_for"]:
         lines.append(f"waiting for {', '.join(repair['waiting_for'])}")
     at = repair["finished_ns"] or repair["updated_ns"]
@@ -129,7 +129,11 @@ def how_it_ended(done: Json) -> str:
 def waited(wait: Json) -> str:
     """Say what was waited for before a round, and for how long."""
     lasted = f", for {(wait['until_ns'] - wait['from_ns']) / 1e9:.1f} s" if wait.get("until_ns") else ""
-    return f"{_clock(wait['from_ns'])} waiting {wait['why']}: {', '.join(wait['names'])}{lasted}"
+    return f"waiting {wait['why']}: {', '.join(wait['names'])}{lasted}"
+
+
+def _waited(wait: Json) -> str:
+    return f"{_clock(wait['from_ns'])} {waited(wait)}"
 
 
 def _lost(rival: Json, done: Json) -> str:

@@ -40,6 +40,12 @@ def test_where_nobody_answers_the_remedy_is_told(arguments: list[str], say: Say)
     assert err.startswith(f"error: nobody answers at {NOBODY}: `robomend serve` starts a service there")
 
 
+def test_whoever_asks_for_tls_where_there_is_none_is_told_so(say: Say, shared: Shared) -> None:
+    code, out, err = say("status", "--url", shared.url.replace("http:", "https:"))
+    assert (code, out) == (3, "")
+    assert "what is there speaks no TLS: a service without a certificate is at http://" in err
+
+
 @pytest.mark.parametrize("url", ["localhost:8600", "http://127.0.0.1:port", "ftp://127.0.0.1"])
 def test_what_is_no_address_is_refused(url: str, say: Say) -> None:
     code, out, err = say("status", "--url", url)

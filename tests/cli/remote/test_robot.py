@@ -61,7 +61,10 @@ def test_the_model_comes_with_the_robot_where_that_is_asked_for(
         ("model: [\n", "robot.yaml:2: "),
         ("- model\n", "robot.yaml:1: a robot's configuration is a mapping"),
         ("policy: auto\n", "`model` names the model that the robot follows"),
-        ("model: tedusar\npolcy: auto\n", "body.polcy: Extra inputs are not permitted"),
+        (
+            "model: tedusar\npolcy: auto\n",
+            "body.polcy: Extra inputs are not permitted; did you mean 'policy'?",
+        ),
         ("model: tedusar\nhold_s: soon\n", "body.hold_s: Input should be a valid number"),
     ],
 )

@@ -80,6 +80,8 @@ def asking(
         client = Client(url, key, timeout_s=TIMEOUT_S, retry=NEVER)
     except httpx.InvalidURL as error:
         raise InputError(f"--url {url}: {error}") from error
+    except ClientError as error:
+        raise InputError(str(error)) from error
     with client:
         try:
             yield client
@@ -91,10 +93,18 @@ def said(
     error: ClientError, client: Client, url: str, key: str | None, *, robot: str | None, repair: str | None
 ) -> RobomendError:
     """Return what a failure means to whoever typed the command."""
+    import httpx
+
     from robomend_client.rest import errors
 
     if isinstance(error, errors.AnswerTimedOut):
         return BackendError(f"{url} did not answer in {TIMEOUT_S:g} s: whether it acted is unknown")
+    if isinstance(error, errors.TlsFailed):
+        return BackendError(str(error))
+    if isinstance(error.__cause__, httpx.RemoteProtocolError) and url.startswith("http://"):
+        return BackendError(
+            f"{url} ends the connection without an answer: if it serves TLS, its address begins with https://"
+        )
     if isinstance(error, errors.Unreachable):
         return BackendError(
             f"nobody answers at {url}: `robomend serve` starts a service there, --url or {URL_VARIABLE} "
