@@ -10,7 +10,7 @@ from importlib.util import find_spec
 import pytest
 from hypothesis import HealthCheck, settings
 from tests.forked import at_once
-from tests.order import dealt
+from tests.order import dealt, load
 from tests.spent import Meter, Sums
 
 # The machine may be busy: no test is judged by its time, pytest-timeout ends what hangs.
@@ -41,6 +41,12 @@ def pytest_configure(config: pytest.Config) -> None:
         settings.load_profile("long")
     elif config.getoption("--quick"):
         settings.load_profile("quick")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection(session: pytest.Session) -> None:
+    if (worker := getattr(session.config, "workerinput", None)) is not None:
+        load(session.config.args, int(worker["workerid"].removeprefix("gw")), worker["workercount"])
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

@@ -6,7 +6,9 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-from tests.order import LONG, ROOT, dealt
+import pytest
+from tests import order
+from tests.order import LONG, ROOT, dealt, load
 
 
 def found_in(**files: int) -> list[Any]:
@@ -38,3 +40,25 @@ def test_a_piece_is_longer_than_the_others_where_all_of_it_takes_long() -> None:
     found = found_in(web=9, model=1)
     assert len(dealt(found, 2)) == 10
     assert {one.path.name for one in dealt(found, 2)[:1]} == {"web"}
+
+
+def test_each_worker_begins_to_load_elsewhere_and_loads_all_that_is_asked_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    loaded: list[str] = []
+
+    def importing(name: str) -> None:
+        loaded.append(name)
+        raise SyntaxError("pytest says so when it comes to this module")
+
+    monkeypatch.setattr(order, "import_module", importing)
+    asked = [str(ROOT / "board"), str(ROOT / "web" / "test_pages.py::test_one")]
+    wanted = [f"tests.board.{file.stem}" for file in sorted((ROOT / "board").glob("test_*.py"))]
+    wanted.append("tests.web.test_pages")
+    begun = []
+    for number in range(3):
+        loaded.clear()
+        load(asked, number, 3)
+        assert sorted(loaded) == wanted
+        begun.append(loaded[0])
+    assert len(set(begun)) == 3
