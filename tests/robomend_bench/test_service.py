@@ -108,6 +108,14 @@ def test_what_the_service_does_not_know_is_reported_as_lost(
     assert [line.split(":")[0] for line in lost] == ["b0", "b1"]
 
 
+def test_what_ends_the_measurement_with_1_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = {"fleet": {"errors": {"503": 2}, "lost": ("r1: revision 3, sent 4",)}, "posts": {"errors": 0}}
+    monkeypatch.setattr("robomend_bench.service.command.run_parts", lambda *_, **__: (found, []))
+    ended = CliRunner().invoke(command, [])
+    assert ended.exit_code == 1
+    assert ended.stderr == "fleet: errors: 2 × 503, lost: r1: revision 3, sent 4\n"
+
+
 def test_latency_counts_from_when_a_change_was_due(service: Served) -> None:
     """A robot whose connection is busy for a while has late changes, not fewer."""
 

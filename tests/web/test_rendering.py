@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import pytest
 from jinja2 import Environment
@@ -27,7 +27,7 @@ def test_no_template_is_compiled_when_a_page_is_looked_at(monkeypatch: pytest.Mo
 
 
 def test_what_a_repair_that_ended_did_not_begin_waits_no_longer() -> None:
-    macros = rendering._environment().get_template("macros.html").module
+    macros: Any = rendering._environment().get_template("macros.html").module
     waits = [{"round": 1, "why": "for observers", "names": ["ok(scan)"], "from_ns": 1, "until_ns": 2}]
     step = {"text": "start_node(driver)", "index": 0, "cost": 4.0, "after": [], "state": "waiting"}
     known = {**REPAIR, "by": "robomend", "policy": "approve", "left_off": []}

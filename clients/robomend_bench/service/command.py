@@ -84,8 +84,22 @@ def command(parts: tuple[str, ...], output: str, url: str | None, **wish: Any) -
         click.echo("| what | measured | goal |\n|---|---|---|")
         for what, measured, goal in rows:
             click.echo(f"| {what} | {measured} | {goal} |")
-    if any(result.get("lost") or result.get("errors") for result in results.values()):
+    amiss = [f"{part}: {said}" for part, result in results.items() if (said := _amiss(result))]
+    for line in amiss:
+        click.echo(line, err=True)
+    if amiss:
         sys.exit(1)
+
+
+def _amiss(result: dict[str, Any]) -> str:
+    """Return what a part has that no figure excuses; nothing if all was answered, and kept."""
+    return ", ".join(f"{what}: {_listed(result[what])}" for what in ("errors", "lost") if result.get(what))
+
+
+def _listed(found: Any) -> str:
+    if isinstance(found, dict):
+        return "; ".join(f"{count} × {name}" for name, count in found.items())
+    return "; ".join(map(str, found)) if isinstance(found, list | tuple) else str(found)
 
 
 def run_parts(
