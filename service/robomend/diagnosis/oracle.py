@@ -24,6 +24,7 @@ from math import inf
 from time import perf_counter
 from typing import Any
 
+import pysolvers
 from pysat.solvers import Solver, SolverNames
 
 from robomend.errors import OptionRefused
@@ -186,6 +187,7 @@ class Oracle:
 
         Raises:
             OutOfTime: the deadline passed, or the clock was stopped.
+            KeyboardInterrupt: Ctrl-C; the solver is of no use afterwards.
         """
         clock = self._clock
         if clock.stopped or (clock.deadline is not None and perf_counter() >= clock.deadline):
@@ -193,7 +195,12 @@ class Oracle:
         inner = self._inner
         inner.conf_budget(conflicts)
         inner.prop_budget(propagations)
-        answer: bool | None = inner.solve_limited(assumptions)
+        try:
+            answer: bool | None = inner.solve_limited(assumptions)
+        except pysolvers.error as error:
+            if "keyboard interrupt" in str(error):  # Ctrl-C while the solver has the processor
+                raise KeyboardInterrupt from error
+            raise
         return answer
 
     def _long(self, assumptions: list[int]) -> bool:

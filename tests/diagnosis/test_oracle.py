@@ -1,0 +1,41 @@
+"""The persistent SAT solver, and what comes between."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+
+PIGEONS = """
+from itertools import combinations
+from robomend.diagnosis.oracle import Deadline, Oracle
+
+n = 12  # holes for n + 1 pigeons: no solver of this kind is soon done with it
+number = lambda pigeon, hole: pigeon * n + hole + 1
+clauses = [[number(pigeon, hole) for hole in range(n)] for pigeon in range(n + 1)]
+clauses += [
+    [-number(one, hole), -number(other, hole)]
+    for hole in range(n)
+    for one, other in combinations(range(n + 1), 2)
+]
+oracle = Oracle(clauses, Deadline())
+print("at work", flush=True)
+try:
+    print(oracle.quickly([], -1, -1))
+except KeyboardInterrupt:
+    print("interrupted")
+"""
+
+
+def test_ctrl_c_in_the_middle_of_a_short_question_is_a_keyboard_interrupt() -> None:
+    """The solver's library takes the signal while it computes, and raises an error of its own."""
+    with subprocess.Popen([sys.executable, "-c", PIGEONS], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "at work\n"
+        while process.poll() is None:
+            try:
+                process.wait(0.5)  # it is in the solver by then
+            except subprocess.TimeoutExpired:
+                process.send_signal(signal.SIGINT)
+        assert process.stdout.read() == "interrupted\n"
+        assert process.returncode == 0
