@@ -21,7 +21,7 @@ LOGS = 12
 LONG = 600_000
 
 
-def many_logs(folder: Path, lines: int = 3000) -> Path:
+def many_logs(folder: Path, lines: int = 8000) -> Path:
     """Write logs that take some seconds together."""
     folder.mkdir()
     said = ["ok(odom)", "not ok(odom)", "ok(scan)", "not on(jaguar)", "on(jaguar)", "not ok(map)", "ok(map)"]
@@ -73,7 +73,7 @@ def killed_in_the_middle(
     return not (out / "logs.ndjson").exists()
 
 
-@pytest.mark.parametrize(("parts", "by"), [(1, signal.SIGKILL), (5, signal.SIGINT)])
+@pytest.mark.parametrize(("parts", "by"), [(1, signal.SIGKILL), (3, signal.SIGINT)])
 def test_a_run_that_is_killed_is_finished_by_the_same_command(
     parts: int, by: signal.Signals, undisturbed: tuple[Path, dict[str, bytes]], tmp_path: Path
 ) -> None:

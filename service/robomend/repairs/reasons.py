@@ -14,9 +14,12 @@ from __future__ import annotations
 
 import time
 
+from robomend.errors import RobomendError
 from robomend.planning.policy import Policy
+from robomend.repairs.choosing import Chooser
 from robomend.repairs.conclusions import BadSets, blamed_now
 from robomend.repairs.flapping import Flapping
+from robomend.repairs.record import RepairRecord
 from robomend.robots.declared import Delays
 from robomend.robots.robot import Robot
 from robomend.robots.sight import SLACK_S
@@ -38,7 +41,7 @@ class ReasonsToRepair:
         self.retry_ns: int | None = None  # when they may be tried again
         self.interlocked = False  # it ended while nothing might be sent: worth a try when something may
         self.held_by_stop = False  # by nothing else, when it was asked last
-        self.flapping = Flapping()
+        self._flapping = Flapping()
         self._unhealthy: tuple[BadSets, float] | None = None  # and since when, monotonic
         self._unwell_s: float | None = None  # since when it was not healthy, whatever is blamed
 
@@ -62,6 +65,26 @@ class ReasonsToRepair:
     def gave_up(self, blamed: BadSets | None, retry_ns: int | None, *, interlocked: bool) -> None:
         """A repair has ended; `blamed` are the bad sets that it could not mend."""
         self.given_up, self.retry_ns, self.interlocked = blamed, retry_ns, interlocked
+
+    def well_by_itself(self, record: RepairRecord, blamed: BadSets | None) -> str | None:
+        """A repair ended well; if nothing was done for it, return what to tell a person, if it is time to."""
+        if record.data.get("rounds") or record.data.get("asked") or record.drill:
+            return None
+        return self._flapping.well_by_itself(blamed, time.monotonic())
+
+    def any(self, state: Robot | None, chooser: Chooser, stop: Stop) -> bool:
+        """Return whether there is one, or soon is, by the diagnosis in memory; True where none is known.
+
+        A turn of the robot's loop would cost several times as much.
+        """
+        if state is None or state.stale:
+            return True
+        chooser.keep_ready(state)
+        try:
+            policy = chooser.policy(state)
+        except RobomendError:  # the loop tells of it
+            return True
+        return self.wait_s(state, policy, stop) < IDLE_S
 
     def wait_s(self, state: Robot, policy: Policy, stop: Stop) -> float:
         """Return 0 if there is a reason to begin a repair now, else after how long to look again."""
@@ -90,7 +113,7 @@ class ReasonsToRepair:
         hold_s = policy.hold_s
         if state.config.policy == "approve":
             hold_s = max(hold_s, settles_s(state))
-        steady_s = self.flapping.hold_s(blamed, now) - (now - self._unwell_s)
+        steady_s = self._flapping.hold_s(blamed, now) - (now - self._unwell_s)
         if held_s < hold_s or steady_s > 0:
             return max(hold_s - held_s, steady_s) + 0.001
         return 0.0 if policy.may_begin(time.time_ns()) else IDLE_S

@@ -12,22 +12,13 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import time
 
 import structlog
 
 from robomend.cycle import mend
 from robomend.errors import NotFound, Refused, RobomendError, StoreError
 from robomend.repairs.acts import Acts
-from robomend.repairs.conclusions import (
-    BadSets,
-    blamed_now,
-    conclusion,
-    end_of,
-    in_doubt,
-    unconfirmed,
-    well,
-)
+from robomend.repairs.conclusions import BadSets, blamed_now, conclusion, end_of, in_doubt, unconfirmed, well
 from robomend.repairs.dependencies import Dependencies
 from robomend.repairs.executors.registry import executors
 from robomend.repairs.left_off import in_words
@@ -65,27 +56,10 @@ class RobotRepairs:
     # --- what wakes it
 
     def poke(self) -> None:
-        """There is a new diagnosis: Diagnosing calls back, and robot_loops.py hands it on.
-
-        Most are no reason to do anything. That is seen here: a turn of the loop costs several times as much.
-        """
-        if not self._resting or self._wait_s() < IDLE_S:
-            self._news.set()
-
-    def _wait_s(self) -> float:
-        """Return after how long there is something to do, by the diagnosis that is in memory; 0: now, or it
-        is not known.
-        """
+        """There is a new diagnosis (robot_loops.py); of most is seen here that they are no reason to act."""
         state = self._needs.robots.memory.states.get(self._robot)
-        if state is None or state.stale:
-            return 0.0
-        chooser = self._needs.chooser
-        chooser.keep_ready(state)
-        try:
-            policy = chooser.policy(state)
-        except RobomendError:  # the loop tells of it
-            return 0.0
-        return self._reasons.wait_s(state, policy, self._needs.switch.stop)
+        if not self._resting or self._reasons.any(state, self._needs.chooser, self._needs.switch.stop):
+            self._news.set()
 
     def asked(self) -> None:
         """Somebody wrote a repair, or a request for one."""
@@ -112,7 +86,7 @@ class RobotRepairs:
             await self._needs.store.read(lambda view: self._reasons.recall(view, self._robot))
         while True:
             self._news.clear()
-            wait_s = IDLE_S
+            self._resting, wait_s = False, IDLE_S
             try:
                 repair = await self._open_repair()
                 if repair is None:
@@ -136,8 +110,6 @@ class RobotRepairs:
                     await self._news.wait()
             except TimeoutError:
                 self._look_up = True  # for an event that was lost
-            finally:
-                self._resting = False
 
     async def _is_lost(self, error: Exception) -> bool:
         """Whether an error says that the robot is no longer ours: another instance has it, or it is gone."""
@@ -211,9 +183,8 @@ class RobotRepairs:
                 silent = state.sight.confirmed_by_silence()
                 reason = well(unconfirmed(silent) if silent else reason, state)
                 state.sight.unconfirmed.clear()
-                if not (record.data.get("rounds") or record.data.get("asked") or record.drill):
-                    told = self._reasons.flapping.well_by_itself(at_first, time.monotonic())
-                    end, reason = (end, reason) if told is None else (RepairTrigger.NEEDS_PERSON, told)
+                if (told := self._reasons.well_by_itself(record, at_first)) is not None:
+                    end, reason = RepairTrigger.NEEDS_PERSON, told
         except StoreError:
             raise  # the repair stays open and is entered again
         except Exception as error:  # whatever it is: a person must see it, and the loop lives on
