@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Literal as OneOf
 
@@ -83,13 +83,24 @@ class Answers:
         numbers[~self.heard(rows, sensors)] = 0
         return [*number], numbers[row_of]
 
-    def grounds(self, codes: Codes, sensors: tuple[Atom, ...]) -> tuple[list[list[str]], NDArray[np.intp]]:
+    @property
+    def components(self) -> Names:
+        """All that answers may name."""
+        return self._cnf.components
+
+    def said(self, sensors: tuple[Atom, ...]) -> list[str]:
+        """Return all that grounds may name."""
+        return [str(literal) for literal in self.library(sensors).said]
+
+    def grounds(
+        self, codes: Codes, sensors: tuple[Atom, ...]
+    ) -> tuple[Iterator[list[str]], NDArray[np.intp]]:
         """Return the observations that the answers of codes rest on: distinct ones, and which a code has."""
         library = self.library(sensors)
         states, state_of = distinct(codes)
         rows, row_of = distinct(library.grounds(states))
         text = {literal: str(literal) for literal in library.said}
-        texts = [[text[literal] for literal in library.literals(row)] for row in rows.tolist()]
+        texts = ([text[literal] for literal in library.literals(row)] for row in rows.tolist())
         return texts, row_of[state_of]
 
     def heard(self, codes: Codes, sensors: tuple[Atom, ...]) -> NDArray[np.bool_]:

@@ -76,6 +76,9 @@ def lines(
 
 def _texts(frame: pl.DataFrame) -> list[bytes]:
     """Return the rows of a table as JSON, without their braces."""
-    text = BytesIO()
-    frame.write_ndjson(text)
-    return [line[1:-1] for line in text.getvalue().split(b"\n")[: len(frame)]]
+    texts: list[bytes] = []
+    for piece in frame.iter_slices(SLICE):
+        text = BytesIO()
+        piece.write_ndjson(text)
+        texts += [line[1:-1] for line in text.getvalue().split(b"\n")[: len(piece)]]
+    return texts

@@ -233,3 +233,16 @@ def test_the_example_of_the_docs_says_what_it_says(
     monkeypatch.chdir(ROOT)
     exec(compile(code, "docs/diagnosis.md", "exec"), {})
     assert capsys.readouterr().out == told
+
+
+def test_what_is_remembered_is_bounded_by_the_diagnoses_and_answers_stay(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("robomend.diagnosis.library.REMEMBERED_DIAGNOSES", 4)
+    library = Library(TEDUSAR, TEDUSAR.atoms, PLAIN)
+    rows = [[Literal(atom, False)] for atom in TEDUSAR.atoms]
+    for _ in range(2):
+        agree(library, rows, PLAIN)
+    remembered = [answer for answer, _ in library._of_sets.values() if isinstance(answer, DiagnosisResult)]
+    assert len(remembered) == 1 or sum(len(answer.diagnoses) for answer in remembered) <= 4
+    library.close()

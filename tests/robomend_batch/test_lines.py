@@ -7,10 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from tests.robomend_batch.running import batch_run, ndjson, tree
 
+from robomend_batch import parts
 from robomend_batch.lines import AFTER, BEFORE, lines
 from robomend_batch.one_log import RESULTS
 from robomend_batch.parts import schema
@@ -66,3 +68,34 @@ def test_lines_that_are_not_there_are_made_of_the_parts(tmp_path: Path) -> None:
     assert batch_run(tmp_path / "two", *logs) == 0
     assert tree(tmp_path / "two") == tree(tmp_path / "one")
     assert not stale.exists()
+
+
+def test_the_bytes_do_not_depend_on_how_much_is_spread_out_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Names are themselves, though numbers stand for them on the way."""
+    names = ["a_scanner_that_has_a_long_name", "Kamera2", "x", "left_motor"]
+    model = tmp_path / "m.yaml"
+    model.write_text(
+        "robomend: 1\nname: m\nhardware: {{{}}}\nproperties: {{{}}}\nrules: [{}]\n".format(
+            ", ".join(f"c{number}: {{}}" for number in range(4)),
+            ", ".join(f'"{name}": {{}}' for name in names),
+            ", ".join(
+                f'"not ab(c{number}) and not ab(c{(number + 1) % 4}) -> ok({name})"'
+                for number, name in enumerate(names)
+            ),
+        )
+    )
+    said = [
+        (number, f"{'' if number >> place & 1 else 'not '}ok({name})")
+        for number in range(40)
+        for place, name in enumerate(names)
+    ]
+    log = ndjson(tmp_path / "a.ndjson", *said)
+    assert batch_run(tmp_path / "whole", log, model=model) == 0
+    monkeypatch.setattr(parts, "DECODED", 1)
+    monkeypatch.setattr(parts, "SPREAD", 3)
+    assert batch_run(tmp_path / "pieces", log, model=model) == 0
+    found = tree(tmp_path / "whole")
+    assert tree(tmp_path / "pieces") == found
+    assert all(name.encode() in found["results.ndjson"] for name in names)

@@ -61,7 +61,10 @@ COMPARED = 500
 """Conflicts up to which those that contain another one that applies are left out in numpy."""
 
 REMEMBERED = 50_000
-"""Sets of conflicts, parts of them, and rows of the engine, whose diagnoses are remembered."""
+"""Sets of conflicts, parts of them, and rows of the engine, whose diagnoses are remembered; …"""
+
+REMEMBERED_DIAGNOSES = 500_000
+"""… and of how many together, as that is what they take in memory: some 100 MB."""
 
 Codes = NDArray[np.uint64]
 """Shape (rows, words): see `Library.codes`."""
@@ -123,6 +126,7 @@ class Library:
             bytes, tuple[Answer, Names]
         ] = {}  # which conflicts apply, as bits -> what is told
         self._of_rows: dict[tuple[int, ...], Answer] = {}
+        self._diagnoses = 0  # of these answers
         self._engine: Engine | None = None
         self.conflicts: list[SensorConflict] = []
         """All minimal ones, if `whole`."""
@@ -257,12 +261,11 @@ class Library:
     def _asked(self, engine: Engine, row: tuple[int, ...]) -> Answer:
         answer = self._of_rows.get(row)
         if answer is None:
-            if len(self._of_rows) >= REMEMBERED:
-                self._of_rows.clear()
             try:
                 answer = engine.diagnose(self.literals(row), self._options)
             except ContradictoryModel as contradiction:
                 answer = contradiction
+            self._make_room(answer)
             self._of_rows[row] = answer
         return answer
 
@@ -271,15 +274,24 @@ class Library:
         key = packed.tobytes()
         known = self._of_sets.get(key)
         if known is None:
-            if len(self._of_sets) >= REMEMBERED:
-                self._of_sets.clear()
             places = np.flatnonzero(np.unpackbits(packed, count=len(self._columns))).tolist()
             columns = [self._columns[place] for place in places]
             masks = [components for components, _ in columns]
             clash = next((states for components, states in columns if not components), None)
             answer = self._searched(masks) if clash is None else self._contradiction(clash)
+            self._make_room(answer)
             known = self._of_sets[key] = answer, self._names(masks)
         return known
+
+    def _make_room(self, answer: Answer) -> None:
+        """Forget what is remembered, if it would be too much with this answer."""
+        count = 0 if isinstance(answer, ContradictoryModel) else len(answer.diagnoses)
+        self._diagnoses += count
+        many = len(self._of_sets) + len(self._of_rows) >= REMEMBERED
+        if many or self._diagnoses > REMEMBERED_DIAGNOSES:
+            self._of_sets.clear()
+            self._of_rows.clear()
+            self._diagnoses = count
 
     def _searched(self, masks: list[int]) -> Answer:
         started = perf_counter()
