@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 from tests.api.conftest import Service, running
-from tests.store.older import HERE
+from tests.store.older import HERE, lay
 from tests.waiting import until
 
 from robomend.settings import Settings
@@ -27,6 +27,7 @@ LONG_S = 90.0
 @pytest.fixture(scope="module")
 def carried_over(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
     data = tmp_path_factory.mktemp("older")
+    lay(f"sqlite:///{data / 'robomend.db'}", "0007")
     with closing(sqlite3.connect(data / "robomend.db")) as lite:
         lite.executescript((HERE / "0007.drills.sqlite.sql").read_text(encoding="utf-8"))
     with running(Settings(port=0, data=data), repairs=True) as service:

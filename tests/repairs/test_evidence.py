@@ -159,6 +159,14 @@ async def test_a_repair_waits_for_a_verdict_that_could_change_its_first_act(tmp_
     assert robot.done == ["stop_node(lidar_node)", "start_node(lidar_node)"]  # not mapping
 
 
+async def well_meanwhile(robot: Robot, state: Any) -> None:
+    """Have the fault end by itself, and wait until the service knows."""
+    robot.running["mapping"] = True
+    async with asyncio.timeout(60):
+        while not state.current.healthy:
+            await asyncio.sleep(0.01)
+
+
 async def test_what_becomes_well_while_it_is_planned_for_is_left_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -171,10 +179,7 @@ async def test_what_becomes_well_while_it_is_planned_for_is_left_alone(
             """Plan as on a busy computer: meanwhile the node is started by whoever else looks after it."""
             found = await choose(chooser, state, result, **options)
             planned.append(found.reason)
-            robot.running["mapping"] = True
-            async with asyncio.timeout(60):
-                while not state.current.healthy:
-                    await asyncio.sleep(0.01)
+            await well_meanwhile(robot, state)
             return found
 
         monkeypatch.setattr(Chooser, "choose_in_turn", slow)
@@ -199,10 +204,7 @@ async def test_a_fault_that_comes_and_goes_is_told_once_and_repaired_when_it_sta
             """Plan for longer than the fault lasts, as long as it does not stay."""
             found = await choose(chooser, state, result, **options)
             if not stays:
-                robot.running["mapping"] = True
-                async with asyncio.timeout(60):
-                    while not state.current.healthy:
-                        await asyncio.sleep(0.01)
+                await well_meanwhile(robot, state)
             return found
 
         monkeypatch.setattr(Chooser, "choose_in_turn", slow)

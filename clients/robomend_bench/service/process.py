@@ -68,19 +68,17 @@ def start(data: Path, arguments: Sequence[str] = ()) -> Served:
     assert process.stdout is not None
     late = threading.Timer(START_S, process.kill)
     late.start()
+    line = ""
     try:
         line = process.stdout.readline()
-    except BaseException:
-        process.kill()
-        process.wait(30)
-        raise
     finally:
         late.cancel()
+        if not line:  # it ended, was ended as it said nothing, or Ctrl-C came
+            process.kill()
+            process.wait(30)
+            process.stdout.close()
     ready_s = time.perf_counter() - began
     if not line:
-        process.kill()
-        process.wait(30)
-        process.stdout.close()
         raise NotReady((data / "log").read_text()[-2000:])
     return Served(process, json.loads(line)["url"], ready_s, data)
 

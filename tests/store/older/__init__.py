@@ -4,7 +4,8 @@
     0005.sqlite.sql, 0005.postgresql.sql   the same, brought up to date and written to by a later one
     0006.sqlite.sql, 0006.postgresql.sql   the same once more, with a result that rows have in common
     0007.sqlite.sql, 0007.postgresql.sql   what the next one has beside that: a batch
-    0007.drills.sqlite.sql                 another of that version: drills that ended, and three under way
+    0007.drills.sqlite.sql                 rows of another of that version, in place of its own: drills that
+                                           ended, and three under way
 
 When the schema changes, add what the version before wrote (SQLite: `.dump`; PostgreSQL: `pg_dump --inserts`),
 or what it has beside the one before it (`BESIDE`), and leave the files that are here as they are.
