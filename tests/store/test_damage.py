@@ -84,3 +84,16 @@ async def test_damage_that_is_found_later_is_told_and_remembered(tmp_path: Path)
     assert store.damage is not None
     assert "put a copy in its place" in store.damage
     await store.close()
+
+
+async def test_damage_that_a_write_finds_is_told_and_remembered_too(tmp_path: Path) -> None:
+    path = tmp_path / "robomend.db"
+    await written(path)
+    overwrite(path, "observations")
+    store = Store(f"sqlite:///{path}")
+    await store.start()
+    assert store.damage is None
+    with pytest.raises(StoreDamaged, match="malformed"):
+        await observe(store, "r1", entry("scan"))
+    assert store.damage is not None
+    await store.close()

@@ -79,8 +79,8 @@ class ReasonsToRepair:
         """
         if state is None or state.stale:
             return True
-        chooser.keep_ready(state)
         try:
+            chooser.keep_ready(state)
             policy = chooser.policy(state)
         except RobomendError:  # the loop tells of it
             return True

@@ -19,18 +19,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, TypeGuard
 
-from sqlalchemy import (
-    URL,
-    Connection,
-    Engine,
-    ExceptionContext,
-    create_engine,
-    event,
-    exc,
-    make_url,
-    select,
-    text,
-)
+from sqlalchemy import URL, Connection, Engine, create_engine, event, exc, make_url, select, text
 from sqlalchemy.pool import ConnectionPoolEntry
 
 from robomend.errors import (
@@ -104,7 +93,6 @@ class Database:
         self._engine = _sqlite_engine(self.url) if self.path else _postgres_engine(self.url)
         self.damage: str | None = None
         """What is wrong with the file, once something was found: it is not tried again."""
-        event.listen(self._engine, "handle_error", self._note_damage)
         self._reading = self._engine
         if self.path is None:
             self._reading = self._engine.execution_options(
@@ -114,8 +102,12 @@ class Database:
     @contextmanager
     def reading(self) -> Iterator[Connection]:
         """A read-only snapshot."""
-        with translated(), self._reading.connect() as connection, connection.begin():
-            yield connection
+        try:
+            with translated(), self._reading.connect() as connection, connection.begin():
+                yield connection
+        except StoreDamaged as error:
+            self.note(error)
+            raise
 
     def open_writer(self) -> Connection:
         """Return a connection whose transactions may write; on SQLite they lock out other writers at once."""
@@ -157,9 +149,10 @@ class Database:
                 elif found != schema.HEAD:
                     _migrate(connection, found)
 
-    def _note_damage(self, context: ExceptionContext) -> None:
-        if _is_damage(context.original_exception):
-            self.damage = str(_damaged(str(context.original_exception)))
+    def note(self, error: BaseException) -> None:
+        """Remember it, if the error says that the file is damaged."""
+        if isinstance(error, StoreDamaged):
+            self.damage = str(error)
 
     def dispose(self) -> None:
         """Close the connections that nobody uses."""

@@ -210,6 +210,7 @@ class Writer:
             if group.connection.invalidated:
                 raise
             job.error = translate(error) if isinstance(error, exc.DBAPIError) else error
+            self._database.note(job.error)
 
     def _connect(self) -> Connection:
         if self._connection is None:
@@ -245,6 +246,7 @@ class Writer:
             return jobs
 
     def _fail(self, jobs: Sequence[Job], error: BaseException) -> None:
+        self._database.note(error)
         for job in jobs:
             job.error = error
         self._finished(jobs, ())
