@@ -12,6 +12,7 @@ import sys
 import time
 from collections.abc import Callable, Coroutine, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
 from typing import Any, TypeVar
@@ -161,8 +162,6 @@ def command(
 
     What each figure means: docs/score.md.
     """
-    # That the service is away for a moment is what some stretches are about.
-    logging.getLogger("robomend_client").setLevel(logging.ERROR)
     terms = Terms(observers, accounts=verbose or only_trial is not None, boots=boots)
     wanted = [only_trial] if only_trial else list(choose(trials, stretches, seed, robots, classes))
     if not wanted:
@@ -194,7 +193,8 @@ def command(
 
     until_s = math.inf if minutes is None else began + 60 * minutes
     try:
-        records, report.ticks = _play(wanted, terms, agent, jobs, load, until_s, take_in)
+        with _errors_alone("robomend_client"):  # some stretches are about a service that is away for a moment
+            records, report.ticks = _play(wanted, terms, agent, jobs, load, until_s, take_in)
     except NotReady as error:
         click.echo(f"robomend-bench: the service did not start: {error}", err=True)
         sys.exit(3)
@@ -311,6 +311,18 @@ def _play(
         for each in taken:
             each.result()
         return records, ticks
+
+
+@contextmanager
+def _errors_alone(name: str) -> Iterator[None]:
+    """Let a logger say nothing below an error, and afterwards what it said before."""
+    logger = logging.getLogger(name)
+    before = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        logger.setLevel(before)
 
 
 def _run(work: Coroutine[Any, Any, T]) -> T:

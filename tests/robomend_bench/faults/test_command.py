@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import re
 import shlex
 import sys
@@ -95,7 +96,9 @@ def test_a_stand_in_s_run_is_told_and_written(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     few = ("--trials", "6", "--stretches", "1", "--robots", "base,loops", "--observers", "fast")
+    said = logging.getLogger("robomend_client").getEffectiveLevel()
     assert run(monkeypatch, *few, "--agent", "idle", "--out", str(tmp_path)) == 0
+    assert logging.getLogger("robomend_client").getEffectiveLevel() == said, "others log in this process, too"
     shown = capsys.readouterr().out
     assert "### Faults" in shown
     assert "### Nothing is broken (5 stretches)" in shown
