@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pysat.solvers import Solver
 from tests.diagnosis.netlists import fresh_solver_diagnoses
 from tests.diagnosis.systems import ATOMS, model, systems
 
@@ -108,5 +109,17 @@ def test_diagnoses_with_modes_are_those_of_the_definition(
         engine.close()
     assert result.complete
     assert {diagnosis.bad for diagnosis in result.diagnoses} == fresh_solver_diagnoses(cnf, observations)
-    for diagnosis in result.diagnoses:
-        assert set(diagnosis.modes) == set(diagnosis.bad) & set(cnf.modes)
+    with Solver(
+        bootstrap_with=[*cnf.clauses, *([number] for one in observations if (number := cnf.literal(one)))]
+    ) as solver:
+        for diagnosis in result.diagnoses:
+            assert set(diagnosis.modes) == set(diagnosis.bad) & set(cnf.modes)
+            health = [-v if name in diagnosis.bad else v for name, v in cnf.health.items()]
+            assert solver.solve([*health, *(cnf.modes[name][mode] for name, mode in diagnosis.modes.items())])
+            unknown = {
+                name: -cnf.modes[name]["unknown"] for name in diagnosis.modes if "unknown" in cnf.modes[name]
+            }
+            names_fit = [unknown[name] for name in unknown if diagnosis.modes[name] != "unknown"]
+            for name in unknown:
+                if diagnosis.modes[name] == "unknown":
+                    assert not solver.solve([*health, *names_fit, unknown[name]]), "a named mode fits"

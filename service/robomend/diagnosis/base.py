@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from functools import cached_property
 from math import log, log1p
 from time import perf_counter
@@ -41,6 +42,7 @@ from robomend.diagnosis.search import (
     listed_as_rows,
 )
 from robomend.errors import ContradictoryModel, OptionRefused, SolverError
+from robomend.model.clauses import UNKNOWN_MODE
 from robomend.model.cnf import HealthCnf
 from robomend_client.literals import Literal
 
@@ -170,6 +172,8 @@ class BaseEngine(ABC):
         found, modes = answer.found, answer.modes
         if len(found) > 1 and not answer.rows and options.order == "size":
             found.sort(key=by_size)
+        if self.cnf.modes:
+            self._name_modes(answer, [*observed.numbers, *what_if.numbers])
         blamed = [tuple([names[variable - 1] for variable in bad]) for bad in found]
         conflicts: tuple[Conflict, ...] = ()
         whole = True
@@ -212,6 +216,17 @@ class BaseEngine(ABC):
             conflicts_complete=whole,
             cleared=Cleared(blamed, conflicts) if conflicts else {},
         )
+
+    def _name_modes(self, answer: SearchState, assumptions: Sequence[int]) -> None:
+        """Let named fault modes take the place of "unknown" where they fit, as far as there is time.
+
+        A search takes the modes of the model that it comes upon, and any mode will do for that.
+        """
+        with suppress(OutOfTime):
+            for bad in answer.found:
+                told = answer.modes.get(bad)
+                if told and UNKNOWN_MODE in told.values():
+                    answer.modes[bad] = self._consistency.named(bad, told, assumptions)
 
     def _explain_contradiction(self, observed: SignedObs, what_if: Supposed) -> StoppedBy | None:
         """Raise ContradictoryModel with a small core, unless it is the supposition alone that cannot be.

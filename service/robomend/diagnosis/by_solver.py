@@ -71,7 +71,8 @@ class BySolver:
                 for found in minima:
                     bad = tuple(sorted([*found, *what_if.abnormal]))
                     if bad not in already:
-                        answer.modes[bad] = self._consistency.modes_behind(bad, assumptions)
+                        if self._cnf.modes:
+                            answer.modes[bad] = self._consistency.modes_behind(bad, assumptions)
                         answer.add(bad)
                         known.append(bad)
             if not known:

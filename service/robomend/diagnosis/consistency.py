@@ -13,6 +13,7 @@ from functools import cached_property
 from robomend.diagnosis.masks import mask_of, outside
 from robomend.diagnosis.oracle import Deadline, Oracle
 from robomend.diagnosis.search import Bad
+from robomend.model.clauses import UNKNOWN_MODE
 from robomend.model.cnf import HealthCnf
 
 LEFTOVER_CLAUSES = 20_000
@@ -69,6 +70,26 @@ class Consistency:
         if not self.cnf.modes or not self.explains(bad, assumptions):
             return {}
         return self.modes_of(bad, self.oracle.model())
+
+    def named(self, bad: Bad, modes: Mapping[str, str], assumptions: Sequence[int]) -> Mapping[str, str]:
+        """Return fault modes that fit together; "unknown" is told only where no name fits beside the others.
+
+        Args:
+            modes: some that fit together, as a model has them.
+        """
+        unknown = {
+            component: variables[UNKNOWN_MODE]
+            for component, variables in self.cnf.modes.items()
+            if component in modes and UNKNOWN_MODE in variables
+        }
+        settled = [*assumptions, *(-unknown[one] for one in unknown if modes[one] != UNKNOWN_MODE)]
+        for component in [one for one in unknown if modes[one] == UNKNOWN_MODE]:
+            if modes[component] == UNKNOWN_MODE:
+                if not self.explains(bad, [*settled, -unknown[component]]):
+                    continue
+                modes = self.modes_of(bad, self.oracle.model() or ())
+            settled.append(-unknown[component])
+        return modes
 
     def close(self) -> None:
         """Free the solver."""

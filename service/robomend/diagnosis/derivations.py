@@ -31,7 +31,7 @@ from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 from robomend.diagnosis.masks import mask_of
-from robomend.diagnosis.observed import SignedObs, Supposed
+from robomend.diagnosis.observed import NOTHING_SUPPOSED, SignedObs, Supposed
 from robomend.model.cnf import HealthCnf
 
 MAX_ENVIRONMENTS = 5_000
@@ -79,6 +79,7 @@ class HornRule(NamedTuple):
     opposite: tuple[int, ...]  # of the body: one of these seen, and the rule says nothing
     head: int  # 0: none, they contradict one another
     origin: int
+    alone: Derivation  # of the head, where all of the body is seen
 
 
 class Derivations:
@@ -92,7 +93,8 @@ class Derivations:
             head = next((literal for literal in clause if literal > 0), 0)
             mask = mask_of(-literal for literal in clause if -n <= literal < 0)
             body = tuple(-literal for literal in clause if literal < -n)
-            rule = HornRule(mask, body, tuple(-atom for atom in body), head, origin)
+            alone = Derivation(mask, origin, head, body, ())
+            rule = HornRule(mask, body, tuple(-atom for atom in body), head, origin, alone)
             (self._rules.setdefault(head, []) if head else self._goals).append(rule)
 
     @staticmethod
@@ -120,16 +122,20 @@ class Derivations:
             TooManyEnvironments: see the module.
         """
         seen = observed.seen
-        asked = _Asked(self._rules, seen, supposed, check)
-        found: list[Derivation] = []
-        for rule in self._goals:
-            found += asked.derivations(rule)
         rules_of = self._rules.get
+        rules = self._goals.copy()
         for number in observed.failed:
-            if rules := rules_of(-number):
-                for rule in rules:
-                    if seen.isdisjoint(rule.opposite):
-                        found += asked.derivations(rule)
+            rules += rules_of(-number, ())
+        found: list[Derivation] = []
+        asked: _Asked | None = None  # mostly what was seen is all that a rule needs
+        plain = supposed is NOTHING_SUPPOSED
+        for rule in rules:
+            if plain and seen.issuperset(rule.body):
+                found.append(rule.alone)
+            elif seen.isdisjoint(rule.opposite):
+                if asked is None:
+                    asked = _Asked(self._rules, seen, supposed, check)
+                found += asked.derivations(rule)
         return found
 
     def may_spare(self, mask: int, steps: Iterable[Derivation]) -> bool:
@@ -183,35 +189,32 @@ class _Asked:
         self._left = MAX_ENVIRONMENTS
 
     def derivations(self, rule: HornRule) -> list[Derivation]:
-        """Return how the rule derives what it concludes, for each minimal environment."""
-        mask, body, _, head, origin = rule
-        if self._seen.issuperset(body):
-            if mask & self._abnormal:
-                return []
-            return [Derivation(mask & self._healthy, origin, head, body, ())]
-        applied = self._applied(rule)
-        if applied is None:
+        """Return how a rule that is not silent derives what it concludes, for each minimal environment."""
+        if rule.mask & self._abnormal:
             return []
+        applied = self._applied(rule)
         for atom in applied.unseen:
             if atom not in self._labels:
                 self._derive(atom)
         return self._joined(applied)
 
-    def _applied(self, rule: HornRule) -> Applied | None:
-        """Return what the rule still needs, or None: it says nothing."""
-        mask, body, opposite, head, origin = rule
+    def _applied(self, rule: HornRule) -> Applied:
+        """Return what the rule still needs."""
+        mask, body, _, head, origin, _ = rule
         seen = self._seen
-        if mask & self._abnormal or not seen.isdisjoint(opposite):
-            return None
-        if seen.issuperset(body):
-            return Applied(mask & self._healthy, body, (), head, origin)
         unseen = tuple([atom for atom in body if atom not in seen])
-        body = tuple([atom for atom in body if atom in seen]) if len(unseen) < len(body) else ()
+        if unseen:
+            body = tuple([atom for atom in body if atom in seen]) if len(unseen) < len(body) else ()
         return Applied(mask & self._healthy, body, unseen, head, origin)
 
     def _usable(self, atom: int) -> list[Applied]:
         """Return the rules that may derive an atom."""
-        return [one for rule in self._rules.get(atom, ()) if (one := self._applied(rule)) is not None]
+        seen, abnormal = self._seen, self._abnormal
+        return [
+            self._applied(rule)
+            for rule in self._rules.get(atom, ())
+            if not rule.mask & abnormal and seen.isdisjoint(rule.opposite)
+        ]
 
     def _label(self, usable: list[Applied]) -> list[Derivation]:
         """Return the derivations by these rules with minimal environments."""
