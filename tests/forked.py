@@ -2,8 +2,9 @@
 
 To import the service takes a second of processor time, and the tests start it a hundred times. The template
 imports it once, has a single thread, and forks whoever is asked for: each with arguments, environment, folder
-and output of its own, and its own end. How a program starts is tested with fresh interpreters, in
-tests/api/test_process.py; what a test puts on PYTHONPATH, and lines that coverage counts, need one as well.
+and output of its own, its own end, and a command line that others see. How a program starts is tested with
+fresh interpreters, in tests/api/test_process.py; what a test puts on PYTHONPATH or loads before the C library
+needs one as well, and so do lines that coverage counts.
 
 The workers of a service (robomend.workers) are such programs, too: to load the planners takes seconds, and
 each service begins with a worker that few tests need. tests/workers/ has fresh ones.
@@ -14,14 +15,9 @@ each service begins with a worker that few tests need. tests/workers/ has fresh 
 from __future__ import annotations
 
 import array
-import atexit
 import contextlib
-import fcntl
-import gc
-import importlib
 import json
 import os
-import runpy
 import select
 import signal
 import socket
@@ -29,26 +25,35 @@ import struct
 import subprocess
 import sys
 import threading
-import time
-import traceback
 import types
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, NoReturn
+from typing import IO, TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import pytest  # which the template need not load
 
-LOADED = ("robomend.cli.main", "robomend.cli.serve", "robomend.api.runtime", "robomend.api.server", "uvloop")
-"""What the template imports; nothing that starts a thread."""
-
 NUMBER = struct.Struct("<i")
 ROOT = Path(__file__).parents[1]
 
-WORDS = {"stdin", "stdout", "stderr", "text", "cwd", "env", "start_new_session", "pass_fds", "process_group"}
-"""The options of subprocess.Popen that are understood."""
+WORDS = {
+    "stdin",
+    "stdout",
+    "stderr",
+    "text",
+    "cwd",
+    "env",
+    "start_new_session",
+    "pass_fds",
+    "process_group",
+    "preexec_fn",
+}
+"""The options of subprocess.Popen that are understood; ours calls `preexec_fn` to end with who started it."""
 
-MOST_DESCRIPTORS = 8
-"""Of a process: its three streams, what is passed on, and what tells its end."""
+ADDRESS = "\0robomend-tests-{}"
+"""Of a template, by its process, in no folder: what it forked asks there."""
+
+SHOWN_BYTES = 8_000
+"""For the command line of a process, and as many for its environment."""
 
 
 class Forked:
@@ -106,7 +111,8 @@ def popen(command: list[str], **options: Any) -> Any:
     environment = dict(options.get("env") or os.environ)
     alike = command[0] == sys.executable and command[1] in ("-c", "-m") and options.keys() <= WORDS
     counted = any(name.startswith("COVERAGE_PROCESS") for name in environment)
-    if not alike or counted or environment.get("PYTHONPATH") != _TEMPLATE.path:
+    loaded = any(environment.get(name) != value for name, value in _TEMPLATE.loaded.items())
+    if not alike or counted or loaded:
         return subprocess.Popen(command, **options)
     piped = options.get("stdout") == subprocess.PIPE
     read, write = os.pipe() if piped else (-1, -1)
@@ -133,6 +139,7 @@ def popen(command: list[str], **options: Any) -> Any:
         "session": bool(options.get("start_new_session")),
         "group": options.get("process_group") == 0,
         "passed": passed,
+        "bound": bool(passed) or options.get("preexec_fn") is not None,
         "by": os.getpid(),
     }
     try:
@@ -154,7 +161,8 @@ class _Template:
     """The template, from outside; started when it is first needed, unless it is there: at an address."""
 
     def __init__(self, address: str | None = None) -> None:
-        self.path = os.environ.get("PYTHONPATH")
+        self.loaded = {name: os.environ.get(name) for name in ("PYTHONPATH", "LD_PRELOAD")}
+        self.process = 0
         self._address = address
         self._socket: socket.socket | None = None
         self._lock = threading.Lock()
@@ -184,178 +192,28 @@ class _Template:
             return
         self._socket, theirs = socket.socketpair()
         with theirs:
-            subprocess.Popen(
-                [sys.executable, "-m", "tests.forked", str(theirs.fileno())],
+            process = subprocess.Popen(
+                [sys.executable, "-m", "tests.forked_template", str(theirs.fileno()), " " * SHOWN_BYTES],
+                env={**os.environ, "ROOM": " " * SHOWN_BYTES},
                 pass_fds=(theirs.fileno(),),
                 stdin=subprocess.DEVNULL,
                 cwd=ROOT,  # wherever the test is that needs it first
                 start_new_session=True,  # whoever ends a test's processes by their group does not mean it
             )
+        self.process = process.pid
 
 
 _TEMPLATE = _Template()
 
 
-# --- in the template ---
+def template() -> int:
+    """Return the template's process, which is there now."""
+    if not _TEMPLATE.process:
+        popen([sys.executable, "-c", ""]).wait()
+    return _TEMPLATE.process
 
 
-def serve(control: socket.socket) -> None:
-    """Fork whoever is asked for, and tell how each ends; when nobody can ask any more, all end."""
-    for module in LOADED:
-        importlib.import_module(module)
-    gc.collect()
-    gc.freeze()  # or each process would copy what it only looks at
-    assert threading.active_count() == 1
-    wake, woken = os.pipe()
-    os.set_blocking(woken, False)
-    signal.set_wakeup_fd(woken, warn_on_full_buffer=False)
-    signal.signal(signal.SIGCHLD, lambda *_: None)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    template = _Serving(control)
-    while True:
-        waited_for: list[int | socket.socket] = [wake, template.listener, *template.asking]
-        ready, _, _ = select.select(waited_for, [], [])
-        if wake in ready:
-            os.read(wake, 1000)
-        template.reap()
-        if template.listener in ready:
-            template.asking.append(template.listener.accept()[0])
-        for asking in [one for one in template.asking if one in ready]:
-            asked, descriptors = _request(asking)
-            if asked is None:
-                if asking is control:
-                    template.end()
-                    return
-                template.asking.remove(asking)
-                asking.close()
-            else:
-                template.fork(asked, descriptors)
-
-
-class _Serving:
-    """What the template knows of those who ask, and of those it has forked."""
-
-    def __init__(self, control: socket.socket) -> None:
-        self.asking = [control]
-        self.address = f"\0robomend-tests-{os.getpid()}"  # in no folder: processes that it forked ask there
-        self.listener = socket.socket(socket.AF_UNIX)
-        self.listener.bind(self.address)
-        self.listener.listen(64)
-        self._ends: dict[int, int] = {}  # process -> where its end is told
-        self._workers: dict[int, int] = {}  # process -> the one that it works for
-        self._warm = False
-
-    def reap(self) -> None:
-        """Tell who has ended, and end who worked for them, as the kernel would."""
-        while self._ends and (ended := os.waitpid(-1, os.WNOHANG))[0]:
-            pid, status = ended
-            end = self._ends.pop(pid)
-            with contextlib.suppress(BrokenPipeError):  # nobody wants to know
-                os.write(end, NUMBER.pack(os.waitstatus_to_exitcode(status)))
-            os.close(end)
-            self._workers.pop(pid, None)
-            for worker, by in self._workers.items():
-                if by == pid:
-                    os.kill(worker, signal.SIGKILL)
-
-    def end(self) -> None:
-        """Nobody needs anything any more."""
-        for pid in self._ends:
-            os.kill(pid, signal.SIGKILL)
-
-    def fork(self, asked: dict[str, Any], descriptors: list[int]) -> None:
-        """Fork a process; `descriptors` are its own, and the last one tells its end."""
-        if asked["passed"] and not self._warm:
-            importlib.import_module("robomend.planning.planner_pool").warm()
-            gc.freeze()
-            assert threading.active_count() == 1
-            self._warm = True
-        pid = os.fork()
-        if not pid:
-            for asking in (self.listener, *self.asking):
-                asking.detach()
-            _become(asked, descriptors[:-1], self.address)
-        with contextlib.suppress(BrokenPipeError):  # whoever asked was killed meanwhile
-            os.write(descriptors[-1], NUMBER.pack(pid))
-        self._ends[pid] = descriptors.pop()
-        if asked["passed"]:
-            self._workers[pid] = asked["by"]
-        for descriptor in descriptors:
-            os.close(descriptor)
-
-
-def _request(asking: socket.socket) -> tuple[dict[str, Any] | None, list[int]]:
-    """Return what is asked, and the descriptors with it; None: nobody asks any more."""
-    head, descriptors, _, _ = socket.recv_fds(asking, NUMBER.size, MOST_DESCRIPTORS)
-    text = b""
-    while head and len(text) < NUMBER.unpack(head)[0]:
-        more = asking.recv(NUMBER.unpack(head)[0] - len(text))
-        if not more:  # killed in the middle of asking
-            break
-        text += more
-    if head and text:
-        with contextlib.suppress(json.JSONDecodeError):
-            return json.loads(text), descriptors
-    for descriptor in descriptors:
-        os.close(descriptor)
-    return None, []
-
-
-def _become(asked: dict[str, Any], descriptors: list[int], template: str) -> NoReturn:
-    """Be the program that was asked for, until its end."""
-    signal.set_wakeup_fd(-1)
-    signal.signal(signal.SIGCHLD, signal.SIG_DFL)
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-    if asked["session"]:
-        os.setsid()
-    if asked["group"]:
-        os.setpgid(0, 0)
-    numbers = (0, 1, 2, *asked["passed"])
-    aside = [fcntl.fcntl(number, fcntl.F_DUPFD, max(numbers) + 1) for number in descriptors]
-    for number, descriptor in zip(numbers, aside, strict=True):
-        os.dup2(descriptor, number)
-    for number in map(int, os.listdir("/proc/self/fd")):
-        if number not in numbers:
-            with contextlib.suppress(OSError):  # the list's own
-                os.close(number)
-    os.chdir(asked["folder"])
-    os.environ.clear()
-    os.environ.update(asked["environment"])
-    time.tzset()
+def use(process: int) -> None:
+    """Have that template fork what this process starts."""
     global _TEMPLATE
-    _TEMPLATE = _Template(template)
-    workers = importlib.import_module("robomend.workers.process")
-    vars(workers)["subprocess"] = types.SimpleNamespace(**{**vars(subprocess), "Popen": popen})
-    if asked["passed"]:  # a worker looks whether whoever asked for it is its parent; `reap` sees to that
-        vars(os)["getppid"] = lambda: asked["by"]
-    sys.stdin, sys.stdout, sys.stderr = (
-        os.fdopen(number, how, closefd=False, buffering=1) for number, how in enumerate("rww")
-    )
-    code = 0
-    try:
-        kind, what, *arguments = asked["command"]
-        sys.argv = [kind, *arguments]
-        if kind == "-m":
-            runpy.run_module(what, run_name="__main__", alter_sys=True)
-        else:
-            sys.modules["__main__"] = main = types.ModuleType("__main__")
-            exec(compile(what, "<string>", "exec"), main.__dict__)
-    except SystemExit as end:
-        code = end.code if isinstance(end.code, int) else 1 if end.code else 0
-        if isinstance(end.code, str):
-            sys.stderr.write(f"{end.code}\n")
-    except BaseException:  # noqa: BLE001  # as the interpreter does
-        traceback.print_exc()
-        code = 1
-    try:
-        threading._shutdown()  # type: ignore[attr-defined]  # as the interpreter does, as what follows
-        atexit._run_exitfuncs()
-        sys.stdout.flush()
-        sys.stderr.flush()
-    finally:
-        os._exit(code & 0xFF)
-
-
-if __name__ == "__main__":
-    with socket.socket(fileno=int(sys.argv[1])) as given:
-        serve(given)
+    _TEMPLATE = _Template(ADDRESS.format(process))

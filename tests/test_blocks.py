@@ -25,6 +25,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests import forked_programs
 from tests.api.conftest import TEDUSAR
 from tests.api.test_process import served
 from tests.block_commands import commands, parse
@@ -51,6 +52,8 @@ END_S = 300.0
 SERVICE = "http://127.0.0.1:8600"
 BOARD_PORT = "5000"
 BUS_PORT = "7411"
+FORKED = ".forked"
+"""Where commands are that begin at once."""
 BATCH = "b-7k2m9x4qhj"
 OPEN_BATCH = "b-3fwt8k6rnz"
 ASKS = re.compile(r"\bcurl\b|\brobomend (?:robot|observe|status|watch|probes|repairs|batches)\b")
@@ -110,7 +113,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     programs.mkdir()
     script(programs / "curl", f'exec {shutil.which("curl")} -sS --fail-with-body "$@"')
     script(tmp_path / "dev", 'shift; exec "$@"')  # `./dev run` would look whether everything is installed
-    monkeypatch.setenv("PATH", f"{programs}:{Path(sys.executable).parent}:{os.environ['PATH']}")
+    begun = forked_programs.write(tmp_path / FORKED)
+    monkeypatch.setenv("PATH", f"{begun}:{programs}:{Path(sys.executable).parent}:{os.environ['PATH']}")
     monkeypatch.setenv("ROBOMEND_DATA", str(tmp_path / "data"))
     monkeypatch.setenv("COLUMNS", "80")
     monkeypatch.chdir(tmp_path)
@@ -250,10 +254,13 @@ def endless(typed: str, folder: Path) -> None:
 
         broker = Broker("tcp:127.0.0.1:0", heard)
         await broker.open()
+        _, _, killable = os.environ["PATH"].partition(":")
+        assert FORKED not in killable
         process = await asyncio.create_subprocess_exec(
             *("bash", "-euo", "pipefail", "-c", typed.replace(BUS_PORT, broker.address.rpartition(":")[2])),
             cwd=folder,
             stdout=asyncio.subprocess.PIPE,
+            env={**os.environ, "PATH": killable},
             start_new_session=True,
         )
         assert process.stdout is not None

@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests import forked_programs
 from tests.clients.running_agent import alive
-from tests.forked import Forked, popen
+from tests.forked import ROOT, Forked, popen
 from tests.waiting import until
 
 from robomend.errors import WorkerTimeout
@@ -34,6 +35,33 @@ def test_arguments_folder_environment_and_output_are_its_own(tmp_path: Path) -> 
     code = "import os, sys; print(sys.argv[1:], os.getcwd(), os.environ['COLOUR']); sys.exit(7)"
     process = forked(code, "a b", cwd=tmp_path, env={**os.environ, "COLOUR": "red"})
     assert end_of(process) == (f"['a b'] {tmp_path} red\n", 7)
+
+
+def test_others_see_it_as_what_it_is() -> None:
+    code = "import os, signal; print(flush=True); signal.pause()"
+    process = forked(code, "a b", env={**os.environ, "COLOUR": "red"})
+    assert process.stdout is not None
+    process.stdout.readline()
+    seen = Path(f"/proc/{process.pid}")
+    assert (seen / "cmdline").read_text().rstrip("\0").split("\0") == [sys.executable, "-c", code, "a b"]
+    assert b"COLOUR=red" in (seen / "environ").read_bytes().split(b"\0")
+    process.kill()
+
+
+def test_what_ours_bind_to_who_starts_it_ends_with_it() -> None:
+    starts = """
+import signal, subprocess, sys
+from tests.forked import popen
+child = popen([sys.executable, "-c", "import signal; signal.pause()"], preexec_fn=print)
+print(child.pid, flush=True)
+signal.pause()
+"""
+    process = forked(starts, cwd=ROOT)
+    assert process.stdout is not None
+    child = int(process.stdout.readline())
+    assert alive(child)
+    process.kill()
+    until(lambda: not alive(child), "it has ended with who started it")
 
 
 def test_it_is_a_process_that_can_be_killed() -> None:
@@ -66,6 +94,27 @@ def test_what_is_done_at_exit_is_done() -> None:
         "hello\nbye\n",
         0,
     )
+
+
+def test_a_command_of_a_shell_is_what_it_stands_for(tmp_path: Path) -> None:
+    folder = forked_programs.write(tmp_path / "programs")
+    found = {**os.environ, "PATH": f"{folder}:{os.environ['PATH']}"}
+
+    def said(command: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            ["bash", "-c", command], capture_output=True, text=True, timeout=100, cwd=tmp_path, env=found
+        )
+
+    assert said("robomend --version | cat").stdout.startswith("robomend")
+    wrong = said("robomend diagnose 'no file.yaml'")
+    assert (wrong.returncode, wrong.stdout) == (2, "")
+    assert "no file.yaml" in wrong.stderr
+    serve = ["bash", "-c", "exec robomend serve --port 0 --announce --data data"]
+    with subprocess.Popen(serve, stdout=subprocess.PIPE, cwd=tmp_path, env=found) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline()
+        process.terminate()  # the small program, which hands it on
+        assert process.wait(60) == 0
 
 
 def test_what_is_on_another_path_is_a_fresh_interpreter(

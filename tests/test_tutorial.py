@@ -15,6 +15,7 @@ from tempfile import TemporaryDirectory
 from textwrap import indent
 
 import pytest
+from tests import forked_programs
 from tests.api.test_process import served
 from tests.blocks import BLOCKS, Block
 from tests.ros1 import RosMaster, ros1
@@ -122,7 +123,8 @@ def test_the_tutorial_leads_from_nothing_to_a_repaired_robot(
         _, url = stack.enter_context(served(data))
         client = stack.enter_context(Client(url))
         monkeypatch.setenv("ROBOMEND_URL", url)
-        monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}:{os.environ['PATH']}")
+        begun = forked_programs.write(home / "programs")
+        monkeypatch.setenv("PATH", f"{begun}:{Path(sys.executable).parent}:{os.environ['PATH']}")
         for block in TUTORIAL:
             text = block.text.replace(SERVICE, url)
             seen.add(block.use or block.kind)
@@ -185,7 +187,8 @@ def test_a_node_of_the_tutorial_is_heard_over_ros_and_restarted(monkeypatch: pyt
         put_in(folder / "agent.yaml", "topics:", topic)
         put_in(folder / "agent.yaml", "processes:", process)
         monkeypatch.setenv("ROBOMEND_URL", url)
-        monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}:{os.environ['PATH']}")
+        begun = forked_programs.write(home / "programs")
+        monkeypatch.setenv("PATH", f"{begun}:{Path(sys.executable).parent}:{os.environ['PATH']}")
         for name in ("ROS_MASTER_URI", "ROS_IP", "ROS_HOME", "ROS_LOG_DIR"):
             monkeypatch.setenv(name, master.environment[name])
         put = bash(shell("robomend robot put walker robot.yaml --model walker.yaml"), folder)

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.clients.service_double import eventually
+from tests.forked import popen
 
 SLEEPER = [sys.executable, "-c", "import time; time.sleep(1000)"]
 
@@ -42,7 +43,7 @@ def agent(file: Path, environment: Mapping[str, str] | None = None) -> Iterator[
     """Run the agent; SIGTERM at the end, and what it says goes to a file beside its configuration."""
     with (file.parent / "agent.log").open("ab") as log:
         command = [sys.executable, "-m", "robomend_client.agent.main", "--verbose", str(file)]
-        process = subprocess.Popen(command, stderr=log, env=environment)
+        process = popen(command, stderr=log, env=environment)
         try:
             yield process
         finally:

@@ -73,8 +73,7 @@ class DrilledRobot:
 
     def _start(self, name: str, *arguments: str, announces: bool = True) -> dict[str, Any]:
         with (self.folder / f"{name}.log").open("ab") as log:
-            start = popen if name == "service" else subprocess.Popen
-            process = start(
+            process = popen(
                 [sys.executable, "-m", *arguments],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE if announces else log,

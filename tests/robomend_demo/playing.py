@@ -6,7 +6,7 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +14,7 @@ from typing import Any
 
 from tests.clients.running_agent import alive
 from tests.clients.service_double import eventually
+from tests.forked import popen
 
 END_S = 150.0  # more than the demo gives itself, so that it says what it waited for
 
@@ -63,12 +64,17 @@ class Playing:
 
 
 @contextmanager
-def playing(folder: Path, *options: str, environment: Mapping[str, str] | None = None) -> Iterator[Playing]:
+def playing(
+    folder: Path,
+    *options: str,
+    environment: Mapping[str, str] | None = None,
+    start: Callable[..., Any] = subprocess.Popen,
+) -> Iterator[Playing]:
     """Start a demo in a folder of its own; it is gone afterwards, whatever happened."""
     (folder / "tmp").mkdir(parents=True)
     with (folder / "said").open("w") as said, (folder / "out").open("w") as out:
-        process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "robomend", "demo", "--report", str(folder / "report"), *options],
+        process = start(
+            [sys.executable, "-m", "robomend", "demo", "--report", str(folder / "report"), *options],
             stdin=subprocess.DEVNULL,
             stdout=out,
             stderr=said,
@@ -87,8 +93,8 @@ def playing(folder: Path, *options: str, environment: Mapping[str, str] | None =
 
 
 def play(folder: Path, *options: str, environment: Mapping[str, str] | None = None) -> dict[str, Any]:
-    """Play to the end; return what `--format json` prints, which is all of standard output."""
-    with playing(folder, "--format", "json", *options, environment=environment) as demo:
+    """Play to the end, with forked parts; return what `--format json` prints: all of standard output."""
+    with playing(folder, "--format", "json", *options, environment=environment, start=popen) as demo:
         assert demo.process.wait(END_S) == 0, demo.said()
         demo.nothing_is_left()
     printed: dict[str, Any] = json.loads((folder / "out").read_text())

@@ -19,6 +19,7 @@ from typing import Any
 import pytest
 from tests.clients.running_agent import alive
 from tests.clients.service_double import eventually
+from tests.forked import popen
 from tests.robomend_demo.playing import END_S, Playing, children, play, playing
 
 DEVICES = {"jaguar", "hokuyo", "laser_alignment"}
@@ -185,8 +186,8 @@ def test_the_papers_domain_needs_two_rounds_for_the_lost_power(tmp_path: Path) -
 
 def test_two_demos_do_not_disturb_each_other(tmp_path: Path) -> None:
     with (
-        playing(tmp_path / "one", "--scenario", "shut-down", "--format", "json") as one,
-        playing(tmp_path / "two", "--scenario", "shut-down", "--format", "json") as two,
+        playing(tmp_path / "one", "--scenario", "shut-down", "--format", "json", start=popen) as one,
+        playing(tmp_path / "two", "--scenario", "shut-down", "--format", "json", start=popen) as two,
     ):
         for demo in (one, two):
             assert demo.process.wait(END_S) == 0, demo.said()
@@ -212,7 +213,8 @@ def test_ctrl_c_at_any_moment_leaves_nothing_behind(tmp_path: Path, request: pyt
 
 
 def test_ctrl_c_while_it_holds_is_the_ordinary_end(tmp_path: Path) -> None:
-    with playing(tmp_path / "held", "--scenario", "shut-down", "--hold", "--format", "json") as demo:
+    options = ("--scenario", "shut-down", "--hold", "--format", "json")
+    with playing(tmp_path / "held", *options, start=popen) as demo:
         demo.until_said("Ctrl-C ends it")
         assert scenario(json.loads((demo.folder / "out").read_text()), "shut-down")["repaired"] is True
         demo.process.send_signal(signal.SIGINT)
@@ -256,7 +258,7 @@ def test_kill_9_of_the_service_ends_its_workers_and_is_told(tmp_path: Path) -> N
 
 
 def test_a_part_that_ends_in_the_middle_is_named_with_its_log(tmp_path: Path) -> None:
-    with playing(tmp_path / "board", "--scenario", "shut-down") as demo:
+    with playing(tmp_path / "board", "--scenario", "shut-down", start=popen) as demo:
         demo.until_said("diagnosis: healthy")
         os.kill(demo.part("robomend_board.main"), signal.SIGTERM)
         assert "board ended with exit code 0 in the middle; its log ends" in failed(demo)

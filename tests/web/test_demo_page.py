@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, expect
 from tests.browser import PATIENCE_MS, Watched, keep
+from tests.forked import popen
 from tests.robomend_demo.playing import playing
 from tests.web.test_fleet import LIVE
 
@@ -31,7 +32,7 @@ def test_the_power_up_scenario_is_seen_from_the_diagnosis_to_the_verified_repair
     visitor: Watched, tmp_path: Path
 ) -> None:
     options = ("--scenario", "power-up", "--page", "--format", "json")
-    with playing(tmp_path / "demo", *options, environment=NO_DESKTOP) as demo:
+    with playing(tmp_path / "demo", *options, environment=NO_DESKTOP, start=popen) as demo:
         demo.until_said("the page: ")
         address = re.findall(r"the page: (\S+)", demo.said())[0]
         visitor.url = address.partition("/ui/")[0]
