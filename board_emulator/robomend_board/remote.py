@@ -33,7 +33,7 @@ def control(context: click.Context, host: str, port: int) -> None:
     context.obj = (host, port)
 
 
-@control.command()
+@control.command(short_help="Bring a fault about.")
 @click.argument("name", type=click.Choice([*FAULTS]))
 @click.argument("channel", required=False)
 @click.argument("parameters", nargs=-1)
@@ -63,7 +63,7 @@ def clear(address: tuple[str, int], name: str, channel: int | None) -> None:
     _print_answer(address, {"clear": name} | ({} if channel is None else {"channel": channel}))
 
 
-@control.command(name="set")
+@control.command("set", short_help="Move a relay although no client asked for it.")
 @click.argument("channel", type=int)
 @click.argument("state", type=click.Choice(["on", "off"]))
 @click.pass_obj
@@ -79,7 +79,7 @@ def status(address: tuple[str, int]) -> None:
     _print_answer(address, {"status": True})
 
 
-@control.command()
+@control.command(short_help="Print a line of JSON for each change.")
 @click.pass_obj
 def watch(address: tuple[str, int]) -> None:
     """Print a line of JSON for each channel, then one for each change, until interrupted."""

@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from robomend_batch.report_command import OUT
+from robomend_client.counts import counted
 
 FORMAT = click.option(
     "--format", "format_", type=click.Choice(("table", "ndjson")), default="table", show_default=True
@@ -42,7 +43,11 @@ def diff(before: Path, after: Path, format_: str, fail_on_difference: bool) -> i
         else:
             span = f"{found.start_ns} to {found.end_ns} ({short_times(found.end_ns - found.start_ns)})"
             click.echo(f"{found.log}  {span}: {words(found.before)} -> {words(found.after)}")
-    said = f"{count} differences in {len(logs)} logs, {short_times(span_ns)}" if count else "no difference"
+    said = (
+        f"{counted(count, 'difference')} in {counted(len(logs), 'log')}, {short_times(span_ns)}"
+        if count
+        else "no difference"
+    )
     click.echo(said, err=True)
     return 1 if count and fail_on_difference else 0
 
@@ -66,8 +71,7 @@ def compare(out: Path, format_: str) -> int:
             click.echo(json.dumps(line, ensure_ascii=False, separators=(",", ":")))
             continue
         shown = "; ".join(told(fault) or "what the model cannot explain" for fault in group.faults)
-        many = "1 log" if len(group.logs) == 1 else f"{len(group.logs)} logs"
-        click.echo(f"{shown or 'no fault'}: {many}")
+        click.echo(f"{shown or 'no fault'}: {counted(len(group.logs), 'log')}")
         for log in group.logs:
             click.echo(f"    {log}")
     return 0

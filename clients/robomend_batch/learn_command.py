@@ -10,6 +10,7 @@ import click
 from robomend.cli.files import ExistingFile
 from robomend.errors import InputError
 from robomend_batch.found import find_logs
+from robomend_client.counts import counted
 
 if TYPE_CHECKING:
     from robomend_batch.learn.learning import Learned
@@ -67,7 +68,8 @@ def command(
     \b
     robomend-batch learn good/*.bag -o draft
     robomend-batch learn good/*.mcap -o draft --ros2 0
-    robomend-batch run night/ -m draft/model.yaml --observers draft/observers.yaml -o out
+    robomend-batch run night/ -o out \\
+        -m draft/model.yaml --observers draft/observers.yaml
     robomend-batch learn good/*.bag --update agent.yaml | patch agent.yaml
     """
     from robomend_batch.learn.learning import learn
@@ -127,12 +129,16 @@ def _tell(learned: Learned, out: Path | None, quiet: bool) -> None:
             place = f"{problem['place']}: " if problem["place"] else ""
             click.echo(f"{'bad' if problem['bad'] else 'note'}: {place}{problem['reason']}", err=True)
     for name in learned.doubtful:
-        click.echo(f"doubtful: {name}: {learned.alarms[name]} false alarms over what was held back", err=True)
+        click.echo(
+            f"doubtful: {name}: {counted(learned.alarms[name], 'false alarm')} over what was held back",
+            err=True,
+        )
     if quiet:
         return
     where = "" if out is None else f"; draft in {out}"
+    alarms = counted(learned.false_alarms, "false alarm")
     click.echo(
-        f"{len(learned.entries.names)} observers from {learned.learned_h:.3g} h; "
-        f"{learned.false_alarms} false alarms in {learned.held_back_h:.3g} h that were held back{where}",
+        f"{counted(len(learned.entries.names), 'observer')} from {learned.learned_h:.3g} h; "
+        f"{alarms} in {learned.held_back_h:.3g} h that were held back{where}",
         err=True,
     )

@@ -43,7 +43,8 @@ def command(confirmed: Path, model: str, results: Path | None, confidence: float
 
     \b
     robomend-batch priors confirmed.csv -m my_robot.yaml -r out
-    robomend export -o history.ndjson && robomend-batch priors history.ndjson -m my_robot.yaml --format yaml
+    robomend export -o history.ndjson
+    robomend-batch priors history.ndjson -m my_robot.yaml --format yaml
     """
     from robomend_batch.logs.export import MAGIC
     from robomend_batch.priors import of_export, of_list, priors

@@ -6,6 +6,8 @@ import sys
 from time import monotonic
 from typing import TextIO
 
+from robomend_client.counts import counted
+
 TERMINAL_S, FILE_S = 0.2, 10.0
 
 
@@ -57,7 +59,7 @@ class Progress:
         rate = read / spent_s if spent_s else 0.0
         left = f", {_clock((self._size - read) / rate)} left" if rate else ""
         megabytes = f"{read / 1e6:,.0f} of {self._size / 1e6:,.0f} MB, {rate / 1e6:,.1f} MB/s"
-        text = f"{self._done} of {self._logs} logs, {megabytes}{left}"
+        text = f"{self._done} of {counted(self._logs, 'log')}, {megabytes}{left}"
         if self._terminal:
             self._wipe()
             self._wide = len(text)

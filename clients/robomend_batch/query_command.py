@@ -8,6 +8,7 @@ import click
 
 from robomend.errors import InputError
 from robomend_batch.report_command import OUT
+from robomend_client.counts import counted
 
 FORMATS = ("table", "ndjson", "csv")
 
@@ -55,5 +56,7 @@ def command(out: Path, sql: str, format_: str, rows: int) -> int:
         with pl.Config(**wide, **hidden):  # type: ignore[arg-type]  # its own names
             click.echo(str(found))
         if len(found) > rows:
-            click.echo(f"note: {len(found) - rows} more rows; --rows, or --format ndjson", err=True)
+            click.echo(
+                f"note: {counted(len(found) - rows, 'more row')}; --rows, or --format ndjson", err=True
+            )
     return 0

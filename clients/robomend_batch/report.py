@@ -16,6 +16,7 @@ from robomend.web.timeline import BAD, GOOD, Mark, Span, Timeline, svg
 from robomend_batch.faults import FAULTY, Fault, explain, find_faults
 from robomend_batch.one_log import Record
 from robomend_batch.results import Interval, Results, record_span_ns, short_times, told
+from robomend_client.counts import counted
 
 FAULTS, OTHERS, ROWS = 20, 500, 24
 """Faults that are explained, those that are named beside, and components of a timeline."""
@@ -146,8 +147,7 @@ def _figures(records: Sequence[Record], faults: Sequence[Fault]) -> str:
 
 
 def _fault(fault: Fault, sentences: Iterable[str], anchors: dict[str, str]) -> str:
-    times = "interval" if fault.intervals == 1 else "intervals"
-    where = f"in {_count(fault)}, {fault.intervals} {times}"
+    where = f"in {_count(fault)}, {counted(fault.intervals, 'interval')}"
     said = "".join(f"<li>{escape(sentence)}</li>" for sentence in dict.fromkeys(sentences))
     return (
         f"<div class='card'><h3>{escape(_name(fault))}</h3><div class='muted'>{where}, "
@@ -157,7 +157,7 @@ def _fault(fault: Fault, sentences: Iterable[str], anchors: dict[str, str]) -> s
 
 
 def _count(fault: Fault) -> str:
-    return "1 log" if len(fault.logs) == 1 else f"{len(fault.logs)} logs"
+    return counted(len(fault.logs), "log")
 
 
 def _name(fault: Fault) -> str:
@@ -190,7 +190,7 @@ def _others(faults: Sequence[Fault], anchors: dict[str, str]) -> str:
         for fault in faults[:OTHERS]
     )
     rest = _rest(len(faults) - OTHERS, f"more {NAMED_BY}")
-    many = "1 more fault" if len(faults) == 1 else f"{len(faults)} more faults"
+    many = counted(len(faults), "more fault")
     return f"<details><summary>{many}</summary>{lines}{rest}</details>"
 
 

@@ -14,6 +14,7 @@ from robomend.model.system import System
 from robomend_batch.manifest import Manifest, read_manifest
 from robomend_batch.one_log import RESULTS, Record
 from robomend_batch.parts import schema
+from robomend_client.counts import counted
 
 if TYPE_CHECKING:
     import polars as pl
@@ -107,7 +108,7 @@ def bad_of(bad: Iterable[Iterable[str]] | None) -> Bad:
 def told(bad: Bad, most: int = 4) -> str:
     """Return diagnoses in words: `hokuyo, or hokuyo_node`."""
     words = [" with ".join(one) or "nothing" for one in bad[:most]]
-    more = f" (and {len(bad) - most} others)" if len(bad) > most else ""
+    more = f" (and {counted(len(bad) - most, 'other')})" if len(bad) > most else ""
     return ", or ".join(words) + more
 
 

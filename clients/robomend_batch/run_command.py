@@ -13,6 +13,7 @@ from robomend.cli.files import ExistingFile
 from robomend.cli.models import MODEL, load
 from robomend.cli.search_options import search_options
 from robomend_batch.found import find_logs
+from robomend_client.counts import counted
 
 if TYPE_CHECKING:
     from robomend_batch.run import Summary
@@ -157,7 +158,7 @@ def tell(summary: Summary, out: Path) -> None:
     """Say on stderr what came out."""
     records = summary.records
     faulty = sum(1 for record in records if record["intervals"].get("faulty"))
-    text = f"{len(records)} logs, {faulty} with faults"
+    text = f"{counted(len(records), 'log')}, {faulty} with faults"
     contradictory = sum(1 for record in records if record["intervals"].get("contradictory"))
     if contradictory:
         text += f", {contradictory} with what the model cannot explain"

@@ -15,6 +15,7 @@ from xml.sax.saxutils import escape
 
 from robomend_bench.results import Run, summarise
 from robomend_bench.tables import seconds
+from robomend_client.counts import counted
 
 WIDTH, HEIGHT = 780, 470
 LEFT, RIGHT, TOP, BOTTOM = 72, 158, 74, 58
@@ -47,9 +48,10 @@ def cactus(run: Run) -> str:
     asked = len({(sample.group, sample.question) for sample in run.samples})
     most = max(asked, 1)
     ticks = [(float(value), str(value)) for value in _round_steps(most)]
+    of = f"{counted(asked, 'question')} in {counted(len(run.groups), 'group')}"
     return _chart(
         title=f"{run.suite}, {run.mode}: questions solved within a time",
-        subtitle=f"{asked} questions in {len(run.groups)} groups; fastest of the repeats of each",
+        subtitle=f"{of}; fastest of the repeats of each",
         x_title="questions solved",
         curves=curves,
         x_ticks=ticks,

@@ -23,6 +23,7 @@ import click
 from robomend.errors import InputError, OptionRefused, StateConflict
 from robomend_bench.exporting import FORMATS, DiagnosisProblem, PlanningProblem
 from robomend_bench.suite import DATA, Wish, find_suite
+from robomend_client.counts import counted
 
 COMMENT = {"wcnf": "c ", "lp": "% ", "pddl": ";; "}
 
@@ -81,7 +82,7 @@ def command(
     manifest = export(
         suite, wish, format_, out, answers=not no_answers, told=lambda name: click.echo(name, err=True)
     )
-    click.echo(f"{len(manifest['files'])} questions, sha256 {manifest['sha256']}")
+    click.echo(f"{counted(len(manifest['files']), 'question')}, sha256 {manifest['sha256']}")
 
 
 def export(

@@ -178,17 +178,18 @@ def command(
     """Measure diagnosis engines side by side on one SUITE.
 
     \b
-    robomend-bench iscas85                                first diagnosis, against RC2
+    robomend-bench iscas85                  first diagnosis, against RC2
     robomend-bench iscas85 --mode factored --only c7552 --faults 5
     robomend-bench robots-v1 --engines sat,hs_dag --out report/
-    robomend-bench iscas85 --external "rc2-cli=wcnf:python -m pysat.examples.rc2 -vv {file}"
+    robomend-bench iscas85 \\
+        --external "rc2-cli=wcnf:python -m pysat.examples.rc2 -vv {file}"
     robomend-bench --compare old.json new.json
-    robomend-bench export --help                          questions as WCNF, ASP or PDDL
-    robomend-bench service --help                         load on a running service
-    robomend-bench robots --help                          observers and agents
-    robomend-bench faults --help                          the score: robots that break
-    robomend-bench isolability --help                     which faults can be told apart
-    robomend-bench mutated --help                         snapshots of circuits with two broken gates
+    robomend-bench export --help            questions as WCNF, ASP or PDDL
+    robomend-bench service --help           load on a running service
+    robomend-bench robots --help            observers and agents
+    robomend-bench faults --help            the score: robots that break
+    robomend-bench isolability --help       which faults can be told apart
+    robomend-bench mutated --help           circuits with two broken gates
     """
     if listing:
         _list()

@@ -36,6 +36,7 @@ from robomend.model.cnf import HealthCnf
 from robomend.model.loading import load_text
 from robomend_bench.circuit_faults import observe_mutated, read_circuit
 from robomend_bench.suite import DATA
+from robomend_client.counts import counted
 from robomend_client.literals import Literal
 
 CIRCUITS = ("c432", "c499", "c880", "c1908", "c2670", "c3540", "c5315", "c7552")
@@ -131,7 +132,8 @@ def command(
         click.echo(json.dumps([{**asdict(row), "behind": row.behind} for row in told]))
     elif against is not None:
         level = sum(not row.behind for row in told)
-        click.echo(f"\nAt least as many of each size up to {max_size} on {level} of {len(told)} instances.")
+        of = counted(len(told), "instance")
+        click.echo(f"\nAt least as many of each size up to {max_size} on {level} of {of}.")
     if any(row.behind and row.complete for row in told):
         raise SystemExit(1)
 

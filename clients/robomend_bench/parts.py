@@ -18,5 +18,5 @@ def only(parts: Collection[str]) -> Callable[[Any], Any]:
                 raise click.BadParameter(f"{name!r} is none of {', '.join(parts)}")
         return names
 
-    told = f"Parts, comma-separated: {','.join(parts)}."
+    told = f"Parts, comma-separated: {', '.join(parts)}."
     return click.option("--only", "parts", callback=named, default="", help=told)

@@ -9,6 +9,7 @@ from statistics import geometric_mean, median
 from robomend_bench.costs import comparisons
 from robomend_bench.results import Line, Run, duels, ratio_at_least, slope, summarise
 from robomend_bench.suite import ONE
+from robomend_client.counts import counted
 
 
 def seconds(value: float | None) -> str:
@@ -105,7 +106,7 @@ def _against_the_fastest(run: Run) -> list[str]:
         most = times(geometric_mean(duel.most_ratio for duel in whole))
         parts += [
             f"Geometric means over groups: {medians}, of the 90th percentiles {most}. "
-            f"Some other contender is faster than {first} on {lost} of {asked} questions.",
+            f"Some other contender is faster than {first} on {lost} of {counted(asked, 'question')}.",
             "",
         ]
     return parts
@@ -170,7 +171,9 @@ def _few(run: Run) -> list[str]:
         for group in run.groups:
             chosen = [t for key, t in run.best(contender, group).items() if (shown.get(key) or 0) <= FEW]
             if chosen:
-                texts.append(f"{contender} on {group} {seconds(median(chosen))} ({len(chosen)} questions)")
+                texts.append(
+                    f"{contender} on {group} {seconds(median(chosen))} ({counted(len(chosen), 'question')})"
+                )
     return texts
 
 

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from robomend.web.timeline import ActionBar, Mark, Span, Timeline
+from robomend_client.counts import counted
 from robomend_client.events import Event, Kind
 from robomend_demo.figures import NS, Figures
 from robomend_demo.record import Record
@@ -48,10 +49,10 @@ def timeline(record: Record, components: Sequence[str], figures: Figures) -> Tim
         marks.append(Mark(figures.detection_s, f"diagnosis: {' or '.join(named)}"))
     began: BadSets | None = ((),) if from_fault else None
     rows = [(name, tuple(spans(name, diagnoses, end_s, began))) for name in components]
-    actions = sum(len(done.plan) for done in record.rounds)
+    actions = counted(sum(len(done.plan) for done in record.rounds), "action")
     since = "fault" if from_fault else "plan"
     subtitle = (
-        f"All good and verified {figures.total_s:.2f} s after the {since}, with {actions} actions; the "
+        f"All good and verified {figures.total_s:.2f} s after the {since}, with {actions}; the "
         f"service's own share of that is {figures.service_share_s:.2f} s."
     )
     return Timeline(SCENARIOS[record.name].title, subtitle, rows, bars, marks, end_s)

@@ -163,7 +163,7 @@ def test_processes_of_one_service_carry_out_each_batch_once(start: StartService,
     for batch in made:
         assert ended(second, batch)["state"] == "done"
         said = (first.runtime.settings.data / "batches" / batch / "said.txt").read_text()
-        assert said.count("1 logs") == 1
+        assert said.count("1 log") == 1
     was = running(slow)
     assert first.api("DELETE", f"/batches/{slow}").json()["state"] == "cancelled"
     until(lambda: not any(map(alive, was)), "whoever carries it out ends it")

@@ -24,7 +24,7 @@ def test_logs_are_handed_in_and_their_report_is_read(batching: Service, look: Lo
     page.get_by_placeholder("optional; it goes").fill("<b>night</b>")
     page.get_by_role("button", name="Diagnose them").click()
     expect(page.get_by_role("heading", name="Batch b-")).to_be_visible()
-    expect(page.get_by_text("1 of 1 logs, 1 with faults")).to_be_visible(timeout=90_000)
+    expect(page.get_by_text("1 of 1 log, 1 with faults")).to_be_visible(timeout=90_000)
     expect(page.get_by_text("<b>night</b>")).to_be_visible()
     assert not serious(page)
     page.get_by_role("link", name="Report").click()

@@ -52,9 +52,9 @@ def on(snapshot: Snapshot, channel: int) -> bool:
     return snapshot.channels[channel].on
 
 
-def link_to(port: int, **options: object) -> BoardLink:
+def link_to(port: int, *, host: str = "127.0.0.1", **options: object) -> BoardLink:
     defaults: dict[str, object] = {"broadcast_hz": 100, "command_timeout_s": END_S, "backoff_s": (0.01, 0.05)}
-    return BoardLink("127.0.0.1", port, **{**defaults, **options})  # type: ignore[arg-type]  # mixed kinds
+    return BoardLink(host, port, **{**defaults, **options})  # type: ignore[arg-type]  # mixed kinds
 
 
 Handler = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]

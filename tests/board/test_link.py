@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import itertools
+import re
 
 import pytest
 from tests.board.linking import (
@@ -133,6 +134,16 @@ async def test_a_board_that_refuses_to_broadcast_is_said_to() -> None:
     async with badly_behaved(refuse) as port, link_to(port) as link:
         await until(lambda: link.state is LinkState.DISCONNECTED)
         assert "refused to broadcast at 100 Hz" in link.reason
+
+
+@pytest.mark.parametrize(
+    ("host", "why"), [("127.0.0.1", "Connection refused"), ("no-such-host.invalid", "not known|resolution")]
+)
+async def test_why_nobody_is_reached_is_said_in_words(host: str, why: str) -> None:
+    async with link_to(1, host=host) as link:
+        await until(lambda: link.state is LinkState.DISCONNECTED)
+        assert re.search(why, link.reason)
+        assert "Errno" not in link.reason
 
 
 # --- silence and loss ----------------------------------------------------------------------------------

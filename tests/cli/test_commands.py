@@ -257,7 +257,7 @@ def test_a_line_that_is_refused_keeps_its_place(tmp_path: Path, capsys: Capture)
     captured = capsys.readouterr()
     found = [json.loads(line) for line in captured.out.splitlines()]
     assert [one.get("error", {}).get("code") for one in found] == [None, *["bad-observation"] * 3, None]
-    assert "3 of 5 sets were refused" in captured.err
+    assert "refused 3 of 5 sets" in captured.err
 
 
 def test_sets_come_from_stdin_too(monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:

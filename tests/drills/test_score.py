@@ -146,7 +146,7 @@ def test_reports_compare_fault_by_fault() -> None:
     assert against(among, row())["better"] == ["node-killed:driver: was among, is told"]
     unrepaired = row(repaired_s=None, repair_reason="it sticks")
     assert against(row(), unrepaired)["worse"] == ["node-killed:driver: was repaired, and is not: it sticks"]
-    assert against(row(), row(needless=["x"]))["worse"] == ["node-killed:driver: 1 needless acts more"]
+    assert against(row(), row(needless=["x"]))["worse"] == ["node-killed:driver: 1 needless act more"]
     slow = against(row(), row(repaired_s=20.0))
     assert (slow["worse"], len(slow["slower"])) == ([], 1)
     gone = against(row(), scored(PLANNED, None, "it is in use"))

@@ -91,7 +91,7 @@ def test_long_lists_are_cut_and_say_how_many_more_there_are(many: int) -> None:
     hint = "; with `blame_hardware: true` its driver's clauses can"
     assert list(check(load_text(f"robomend: 1\nhardware:\n{hardware}{driver}"))) == [
         *(f"no rule can blame {name}{hint}" for name in names[:SHOWN]),
-        *([f"and {more} more components that no rule can blame"] if more else []),
+        *([f"and {more} more component that no rule can blame"] if more else []),
     ]
     waiting = "".join(f"  {name}: {{publishes: {{{name}: [sky]}}}}\n" for name in names)
     (excused,) = check(load_text(f"robomend: 1\nnodes:\n{waiting}topics: [sky]\n"))

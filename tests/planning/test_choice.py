@@ -42,7 +42,7 @@ def test_after_the_power_came_back_without_help_the_driver_is_restarted() -> Non
     after = choose(candidates, [tried("jaguar")])
     assert after.diagnosis is not None
     assert after.diagnosis.bad == ("jaguar_node",)
-    assert "its acts worked 1 of 1 times" in after.alternatives[1].reason
+    assert "its acts worked 1 of 1 time" in after.alternatives[1].reason
 
 
 def test_a_repair_whose_effect_was_never_seen_may_be_tried_again() -> None:
@@ -216,7 +216,7 @@ def test_a_plan_for_part_of_a_diagnosis_helps_in_part() -> None:
 
 def test_the_reason_counts_the_repairs_that_did_not_help() -> None:
     once = choose([candidate("a", 4)], [tried("a", seen=False)])
-    assert once.reason.endswith("; repaired once before without help; its acts worked 0 of 1 times")
+    assert once.reason.endswith("; repaired once before without help; its acts worked 0 of 1 time")
     twice = choose([candidate("a", 4)], [tried("a", seen=False), tried("a"), tried("a", helped=True)])
     assert twice.reason.endswith("; repaired 2 times before without help; its acts worked 1 of 2 times")
 

@@ -366,7 +366,7 @@ def test_it_starts_without_web_framework_and_database(tmp_path: Path) -> None:
     line = [sys.executable, "-c", blocked, "run", log, "--model", TEDUSAR, "-o", tmp_path / "out"]
     done = subprocess.run(list(map(str, line)), capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 0, done.stderr
-    assert "1 logs, 1 with faults" in done.stderr
+    assert "1 log, 1 with faults" in done.stderr
 
 
 def test_its_help_is_there() -> None:

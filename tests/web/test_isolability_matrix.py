@@ -31,3 +31,11 @@ def test_a_figure_of_many_faults_shows_some_and_says_so(monkeypatch: pytest.Monk
     said = [text.text or "" for text in root.iter(f"{SVG}text")]
     assert "c" not in said
     assert any("The first 2 of 3" in text for text in said)
+
+
+def test_a_long_name_is_cut_and_told_whole_in_its_title() -> None:
+    long = "n" * 200
+    root = drawn(("=-", "-="), ["a", long])
+    assert float(root.get("width", "")) < 700
+    assert float(root.get("height", "")) < 500
+    assert [title.text for title in root.iter(f"{SVG}title")].count(long) == 2

@@ -40,4 +40,16 @@ def test_what_a_repair_that_ended_did_not_begin_waits_no_longer() -> None:
     ended = shown("cancelled")
     assert '<span class="badge not-done">not done</span>' in ended
     assert "badge waiting" not in ended
-    assert '</time>: <bdi class="name">waiting for observers: ok(scan)' in ended
+    assert '</time>: <bdi class="name" dir="ltr">waiting for observers: ok(scan)' in ended
+
+
+@pytest.mark.parametrize(
+    ("said", "shown"),
+    [
+        ("a <b> explains not ok(c)", "a &lt;b&gt; explains not ok(c)"),
+        ("חיישן 2 explains not on(חיישן 2)", "<bdi>חיישן 2</bdi> explains not on(<bdi>חיישן 2</bdi>)"),
+        ('on("شمال"); right & left', "on(&#34;<bdi>شمال</bdi>&#34;); right &amp; left"),
+    ],
+)
+def test_a_sentence_goes_from_left_to_right_whatever_is_named_in_it(said: str, shown: str) -> None:
+    assert str(rendering.sentence(said)) == f'<bdi class="name" dir="ltr">{shown}</bdi>'

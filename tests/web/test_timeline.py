@@ -32,18 +32,26 @@ def classes(root: ET.Element) -> list[str]:
 
 @given(st.lists(BARS, max_size=12), st.floats(1, 500))
 def test_no_bar_meets_another_in_its_lane(bars: list[ActionBar], per_second: float) -> None:
-    placed = lanes(bars, per_second)
-    assert sorted(map(id, (bar for _, bar in placed))) == sorted(map(id, bars))
-    for lane in {lane for lane, _ in placed}:
-        inside = [bar for at, bar in placed if at == lane]
+    placed = lanes(bars, per_second, 30)
+    assert sorted(id(one.action) for one in placed) == sorted(map(id, bars))
+    for lane in {one.lane for one in placed}:
+        inside = [one.action for one in placed if one.lane == lane]
         for before, after in pairwise(inside):
             assert before.end_s <= after.start_s
 
 
+def test_a_label_left_of_its_bar_meets_none_before_it() -> None:
+    bars = [ActionBar(0, 9, "long enough"), ActionBar(9.2, 9.4, "at the end")]
+    assert [(one.lane, one.label) for one in lanes(bars, 200, 10)] == [(0, "inside"), (0, "right")]
+    assert [(one.lane, one.label) for one in lanes(bars, 50, 10)] == [(0, "inside"), (1, "left")]
+    bars = [ActionBar(0, 1, "a"), ActionBar(9.2, 9.4, "at the end")]
+    assert [(one.lane, one.label) for one in lanes(bars, 50, 10)] == [(0, "inside"), (0, "left")]
+
+
 def test_actions_one_after_the_other_share_a_lane_if_their_labels_have_room() -> None:
     bars = [ActionBar(0, 1, "a"), ActionBar(1, 2, "b"), ActionBar(1.5, 3, "c")]
-    assert [(lane, bar.label) for lane, bar in lanes(bars, 100)] == [(0, "a"), (0, "b"), (1, "c")]
-    assert [lane for lane, _ in lanes(bars, 1)] == [0, 1, 2]
+    assert [(one.lane, one.action.label) for one in lanes(bars, 100, 9)] == [(0, "a"), (0, "b"), (1, "c")]
+    assert [one.lane for one in lanes(bars, 1, 90)] == [0, 1, 2]
 
 
 def test_state_is_told_by_height_as_well_as_by_colour() -> None:

@@ -20,8 +20,9 @@ from robomend_batch.learn.ranges import TELEMETRY, RangeFound, StatusFound, lear
 from robomend_batch.learn.rates import WAYS, RateFound, learn_rate
 from robomend_batch.learn.stretches import hours
 from robomend_batch.learn.trial import false_alarms
-from robomend_batch.learn.words import plural, slug
+from robomend_batch.learn.words import slug
 from robomend_batch.observing import load_observers
+from robomend_client.counts import counted
 from robomend_client.literals import Atom
 from robomend_client.observers.base import SECOND
 from robomend_client.ros_graph import RosGraph
@@ -101,7 +102,7 @@ def learn(
     )
     head = _head(robot, found, learned_h, held_back_h, per_hour, entries, sum(alarms.values()))
     trial = {
-        name: f"held back: {plural(alarms[name], 'false alarm')} in {held_back_h:.3g} h"
+        name: f"held back: {counted(alarms[name], 'false alarm')} in {held_back_h:.3g} h"
         + (", more than was meant: it needs more logs, or a look" if name in doubtful else "")
         for name in entries.names
         if found.held_back
@@ -297,7 +298,7 @@ def _by_chance(count: int, meant: float) -> float:
 def _source(found: Gathered) -> str:
     names = ", ".join(Path(name).name for name in found.names[:3])
     more = f" and {len(found.names) - 3} more" if len(found.names) > 3 else ""
-    return f"{plural(len(found.names), 'log')} of a healthy robot: {names}{more}"
+    return f"{counted(len(found.names), 'log')} of a healthy robot: {names}{more}"
 
 
 def _head(
@@ -310,7 +311,7 @@ def _head(
     alarms: int,
 ) -> list[str]:
     measured = (
-        f"Measured over what was held back: {plural(alarms, 'false alarm')} in {held_back_h:.3g} h."
+        f"Measured over what was held back: {counted(alarms, 'false alarm')} in {held_back_h:.3g} h."
         if found.held_back
         else "Not measured: the logs are too short to hold any of them back."
     )

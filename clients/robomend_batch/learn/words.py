@@ -47,8 +47,3 @@ def outwards(value: float, sign: int) -> str:
     if sign * float(text) < sign * value:
         text = f"{value + sign * abs(value) * 0.0005:.4g}"
     return f"{float(text):.10g}"
-
-
-def plural(count: int, what: str) -> str:
-    """Return `1 log`, `2 logs`."""
-    return f"{count:,} {what}" if count == 1 else f"{count:,} {what}s"

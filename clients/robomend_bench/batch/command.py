@@ -21,6 +21,7 @@ from robomend_bench.batch import drives, edited, learning, workload
 from robomend_bench.parts import only
 from robomend_bench.service.measure import load_of_others
 from robomend_bench.service.process import processors
+from robomend_client.counts import counted
 
 Row = tuple[str, str, str]
 """What was measured, what came out, the goal."""
@@ -177,7 +178,7 @@ def _learn(wish: dict[str, Any], folder: Path) -> Measured:
     score = learning.measure(COMMAND, folder, range(first, first + wish["robots"]), wish["minutes"])
     planted, found, alone = (counts.total() for counts in (score.planted, score.found, score.alone))
     delays = sorted(score.delays_s)
-    robots = f"{score.robots} robots, learned from {wish['minutes']:g} min of each"
+    robots = f"{counted(score.robots, 'robot')}, learned from {wish['minutes']:g} min of each"
     shown = f"{found} of {planted} ({found / max(planted, 1):.1%}), {alone} of them as the one diagnosis"
     if delays:
         shown += f"; after {delays[len(delays) // 2]:.1f} s (median), {delays[-1]:.1f} s at most"

@@ -280,6 +280,8 @@ async def _beside_bare(url: str, process: Served | None, wish: dict[str, Any]) -
         seed=wish["seed"],
         database=wish["database"] or "",
     )
+    if not all(found.bare_ms):
+        raise click.UsageError("part beside-bare needs more --seconds: a turn took no tick of the processor")
     service, bare = (statistics.median(times) for times in (found.service_ms, found.bare_ms))
     shown = f"{service:.2f} and {bare:.2f} ms: ×{found.ratio:.2f} ({found.errors} errors)"
     name = f"processor time a change at {found.asked_per_s:g}/s: the service, and a bare handler"

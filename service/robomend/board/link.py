@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import os
 import random
 import time
 from collections.abc import AsyncGenerator, Callable, Iterator
@@ -259,7 +260,7 @@ class BoardLink:
             except TimeoutError:
                 reason = f"no answer within {self._connect_timeout_s:g} s: is it a power board?"
             except (OSError, UnicodeError, BoardError) as error:
-                reason = str(error) or type(error).__name__
+                reason = _said(error)
             except Exception as error:  # a bug must not leave the last snapshot standing as if it were true
                 logger.exception("board %s:%s: the link failed", self.host, self.port)
                 reason = f"the link failed: {error!r}"
@@ -364,6 +365,15 @@ class BoardLink:
                 self._on_snapshot(snapshot)
             except Exception:  # likewise, nor keep the reading from the queues
                 logger.exception("board %s:%s: a snapshot callback failed", self.host, self.port)
+
+
+def _said(error: Exception) -> str:
+    """Return why there is no connection, in words: of the system's errors without numbers and addresses."""
+    if isinstance(error, OSError) and error.errno is not None and error.errno > 0:
+        return os.strerror(error.errno)
+    if isinstance(error, OSError) and error.strerror:  # of a name that nobody knows
+        return error.strerror
+    return str(error) or type(error).__name__
 
 
 def _put(queue: asyncio.Queue[Snapshot | None], snapshot: Snapshot | None) -> None:

@@ -16,6 +16,7 @@ from robomend.cli.files import near_file
 from robomend.cli.models import MODEL, is_snapshot_file, load
 from robomend.cli.search_options import search_options
 from robomend.diagnosis.engines import DEFAULT, ENGINES
+from robomend_client.counts import counted
 
 if TYPE_CHECKING:
     from robomend.diagnosis.probes import ProbeResult
@@ -205,7 +206,9 @@ def _many(warm: WarmModel, path: str, fail_on_fault: bool) -> int:
         if path == "-":  # somebody waits at the other end
             sys.stdout.flush()
     if refused:
-        click.echo(f"error: {refused} of {lines} sets were refused: see `error` in their lines", err=True)
+        click.echo(
+            f"error: refused {refused} of {counted(lines, 'set')}: see `error` in their lines", err=True
+        )
         return 2
     return 1 if fail_on_fault and not all_healthy else 0
 

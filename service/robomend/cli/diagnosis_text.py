@@ -16,6 +16,7 @@ from typing import TypeVar
 from robomend.diagnosis.explanations import Cleared
 from robomend.diagnosis.probes import Probe, ProbeResult
 from robomend.diagnosis.result import Diagnosis, DiagnosisResult, Factor
+from robomend_client.counts import counted
 from robomend_client.literals import quote
 
 WIDTH = 80
@@ -128,11 +129,11 @@ def _products(result: DiagnosisResult, most: int, everything: bool) -> Iterator[
     for product in shown:
         factors = [_braces(factor, named) for factor in product[:named]]
         if len(product) > named:
-            factors.append(f"{len(product) - named} more factors")
+            factors.append(counted(len(product) - named, "more factor"))
         text = " × ".join(factors)
         yield from wrap(text, WIDTH, initial_indent="  ", subsequent_indent="    ")
     if len(shown) < len(result.factored):
-        yield f"  … and {len(result.factored) - len(shown)} more products"
+        yield f"  … and {counted(len(result.factored) - len(shown), 'more product')}"
 
 
 def _braces(factor: Factor, named: int) -> str:

@@ -21,6 +21,7 @@ from robomend.cli.remote.connection import format_option, service_options
 from robomend.cli.remote.names import RobotName
 from robomend.cli.settings_options import read_settings, settings_options
 from robomend.errors import RobomendError
+from robomend_client.counts import counted
 
 if TYPE_CHECKING:
     from http.client import HTTPConnection
@@ -167,7 +168,7 @@ def _planner(_: Settings) -> str:
         plan = pool.plans_now(parts, [fails("on", "hokuyo")], [("hokuyo",)], options)[0]
     finally:
         pool.close()
-    return f"{plan.outcome} by {plan.planner} in a worker process: {len(plan.steps)} steps"
+    return f"{plan.outcome} by {plan.planner} in a worker process: {counted(len(plan.steps), 'step')}"
 
 
 def _disk(settings: Settings) -> str:
@@ -226,10 +227,10 @@ def _growth(settings: Settings) -> str:
         return said
     path = settings.data.expanduser() / "robomend.db"
     free = shutil.disk_usage(path.parent).free
-    days = free / found.bytes_a_day
+    days = counted(round(free / found.bytes_a_day), "day")
     if kept is None or kept > free + path.stat().st_size:
-        raise Amiss(f"{said}; the disk is full in {days:.0f} days: make room, or keep less (…_days)")
-    return f"{said}; the disk would take {days:.0f} days of it"
+        raise Amiss(f"{said}; the disk is full in {days}: make room, or keep less (…_days)")
+    return f"{said}; the disk would take {days} of it"
 
 
 def _mb(size: float) -> str:

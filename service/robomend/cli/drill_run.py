@@ -15,6 +15,7 @@ from robomend.cli.remote.connection import asking
 from robomend.cli.tables import diagnoses
 from robomend.drills.score import compared, name_of, passed, report, scored
 from robomend.repairs.states import RepairState
+from robomend_client.counts import counted
 from robomend_client.rest.errors import ApiError, ClientError, StateConflict
 
 if TYPE_CHECKING:
@@ -156,9 +157,10 @@ def _table(found: Mapping[str, Any], against: Mapping[str, list[str]] | None) ->
             click.echo(f"    look at {what}")
     sums = found["totals"]
     told = f"{sums['told']} told apart ({sums['promised_and_told']} of {sums['promised_told']} promised)"
+    faults, acts = counted(sums["faults"], "fault"), counted(sums["acts"], "act")
     click.echo(
-        f"{sums['watched']} of {sums['faults']} faults watched: {sums['detected']} detected, {told}, "
-        f"{sums['repaired']} repaired, {sums['needless']} of {sums['acts']} acts needless; "
+        f"{sums['watched']} of {faults} watched: {sums['detected']} detected, {told}, "
+        f"{sums['repaired']} repaired, {sums['needless']} of {acts} needless; "
         f"{sums['worse']} worse than promised, {sums['not_undone']} not undone"
     )
     if sums["detected_s"] is not None:

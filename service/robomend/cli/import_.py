@@ -9,6 +9,7 @@ import click
 
 from robomend.cli.export import database_url
 from robomend.errors import InputError
+from robomend_client.counts import counted
 
 
 @click.command("import")
@@ -30,4 +31,4 @@ def command(file: Path, database: str | None, data: Path | None, config: Path | 
                 count = portable.load(target, lines)
         except (OSError, UnicodeDecodeError) as error:
             raise InputError(f"{file}: {error}") from error
-    click.echo(f"{count} records into {target.shown}", err=True)
+    click.echo(f"{counted(count, 'record')} into {target.shown}", err=True)

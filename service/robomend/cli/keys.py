@@ -94,7 +94,7 @@ def list_keys(config_file: Path | None, data: Path | None, database: str | None,
             click.echo("  ".join("-" if value is None else str(value) for value in values.values()))
 
 
-@command.command("revoke")
+@command.command("revoke", short_help="Revoke KEY, by its id or name.")
 @settings_options
 @click.argument("key")
 @click.option("--reason", default="", help="Why; it goes to the audit log.")

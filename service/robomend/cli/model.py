@@ -10,6 +10,7 @@ import click
 from robomend.cli.files import ExistingFile
 from robomend.cli.lazy import LazyGroup, Table
 from robomend.cli.models import MODEL, load
+from robomend_client.counts import counted
 
 COMMANDS: Table = {
     "check": ("robomend.cli.model:check", "Say what a model leaves out."),
@@ -89,8 +90,8 @@ def check(
         click.echo(json.dumps(summary, ensure_ascii=False, separators=(",", ":")))
     else:
         click.echo(
-            f"{system.name}: {system.format} model, {len(cnf.components)} components, "
-            f"{len(cnf.clauses)} clauses, {len(cnf.atoms)} observable atoms"
+            f"{system.name}: {system.format} model, {counted(len(cnf.components), 'component')}, "
+            f"{counted(len(cnf.clauses), 'clause')}, {counted(len(cnf.atoms), 'observable atom')}"
         )
         for warning in warnings:
             click.echo(f"warning: {warning}")

@@ -14,6 +14,7 @@ from typing import Any
 
 from robomend.drills.states import DrillState
 from robomend.planning.faults import fault_name
+from robomend_client.counts import counted
 
 Json = Mapping[str, Any]
 
@@ -202,7 +203,7 @@ def _changes(then: Json, now: Json) -> Iterable[tuple[str, str]]:
     if more:
         yield (
             "worse" if more > 0 else "better",
-            f"{abs(more)} needless acts {'more' if more > 0 else 'fewer'}",
+            f"{counted(abs(more), 'needless act')} {'more' if more > 0 else 'fewer'}",
         )
     for what in ("detected_s", "repaired_s"):
         if then[what] is not None and now[what] is not None and now[what] > 2 * then[what] + 1.0:

@@ -9,6 +9,7 @@ from pysat.solvers import Solver
 from robomend.model.components import Node
 from robomend.model.schemes import publishers_of
 from robomend.model.system import System
+from robomend_client.counts import counted
 from robomend_client.literals import Atom
 
 SHOWN = 20
@@ -84,7 +85,7 @@ def unblamable(system: System) -> Iterator[str]:
         remedy = "; with `blame_hardware: true` its driver's clauses can" if driven else ""
         yield f"no rule can blame {name}{remedy}"
     if len(names) > SHOWN:
-        yield f"and {len(names) - SHOWN} more components that no rule can blame"
+        yield f"and {counted(len(names) - SHOWN, 'more component')} that no rule can blame"
 
 
 def excused(system: System) -> Iterator[str]:

@@ -27,6 +27,7 @@ from robomend.model.sentences import plain, tokens
 from robomend.model.system import System
 from robomend.model.vocabulary import Vocabulary
 from robomend_client import yaml_tree
+from robomend_client.counts import counted
 from robomend_client.literals import Atom, Literal
 from robomend_client.yaml_tree import Scalar, Sequence, Tree
 
@@ -231,7 +232,7 @@ class _Reading:
         for atom in missing[:SHOWN]:
             yield f"{atom} is used by a rule, but `props` does not list it"
         if len(missing) > SHOWN:
-            yield f"and {len(missing) - SHOWN} more propositions that `props` does not list"
+            yield f"and {counted(len(missing) - SHOWN, 'more proposition')} that `props` does not list"
 
     def _rule(self, text: str, number: int, line: int | None) -> Clause | None:
         """Return the clause over symbols; None for a rule that always holds."""

@@ -34,6 +34,7 @@ from robomend.diagnosis.result import Diagnosis
 from robomend.planning.cures import cured
 from robomend.planning.plan import Outcome, Plan
 from robomend.planning.tried import DEFAULT_PATIENCE, S_TO_NS, Attempt, Patience, repaired_by, weights
+from robomend_client.counts import counted
 from robomend_client.literals import Atom
 
 
@@ -196,7 +197,8 @@ def _weigh(
     if failures:
         seen = sum(attempt.effect_seen for attempt in failures)
         times = "once" if len(failures) == 1 else f"{len(failures)} times"
-        reason += f"; repaired {times} before without help; its acts worked {seen} of {len(failures)} times"
+        of = counted(len(failures), "time")
+        reason += f"; repaired {times} before without help; its acts worked {seen} of {of}"
     return Alternative(one.diagnosis, plan, chance, helps, score, len(failures), reason)
 
 
@@ -273,7 +275,7 @@ def _nothing(candidates: Sequence[Candidate], weighed: Sequence[Alternative]) ->
         sentences[f"{' and '.join(aside)} left alone for a while, as {repairs} failing"] = None
     told = list(sentences)[:TOLD]
     if len(sentences) > TOLD:
-        told.append(f"{len(sentences) - TOLD} more reasons")
+        told.append(counted(len(sentences) - TOLD, "more reason"))
     return "no known repair: " + "; ".join(told)
 
 

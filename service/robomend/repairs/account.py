@@ -19,6 +19,7 @@ from robomend.entry import Entry
 from robomend.planning.choice import Choice
 from robomend.repairs.execution_values import Ending
 from robomend.repairs.states import StepState
+from robomend_client.counts import counted
 from robomend_client.literals import Atom
 
 Json = Mapping[str, Any]
@@ -90,7 +91,7 @@ def _round(number: int, done: Json) -> list[str]:
     lines = [f"{at}round {number}: {', '.join(done['diagnosis']['bad'])} blamed{_weight(done.get('weight'))}"]
     lines += [f"  symptom {_observed(symptom)}" for symptom in done.get("symptoms", ())]
     if done.get("symptoms_left_out"):
-        lines.append(f"  and {done['symptoms_left_out']} more symptoms")
+        lines.append(f"  and {counted(done['symptoms_left_out'], 'more symptom')}")
     lines += [f"  conflict: {text}" for text in done.get("conflicts", ())]
     lines.append(f"  chosen: {done['why']}")
     lines += [f"  {not_chosen(rival, done)}" for rival in done.get("rivals", ())]

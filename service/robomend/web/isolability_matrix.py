@@ -13,15 +13,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from html import escape
 
+from robomend.web.letters import cut, width
+
 NEVER, SOMETIMES, UNKNOWN, SELF = "#c8553d", "#e3a690", "#9aa5b1", "#d9dee3"
 INK, MUTED, GRID = "#1f2933", "#616e7c", "#eef1f4"
 FONT = "font-family='system-ui, Segoe UI, Roboto, Helvetica, Arial, sans-serif'"
 
-CELL, LETTER = 14, 6.2  # pixels
+CELL, LETTERS = 14, 11  # pixels
 TOP, MARGIN = 64, 16
 LEGEND = 170  # of one mark and its words; four stand side by side
 MOST_ROWS = 200
 """Faults in one figure; what is left out is said in it."""
+MOST_NAME = 260
+"""Pixels; of a longer name the rest is in its title."""
 
 
 def isolability_matrix(
@@ -30,15 +34,15 @@ def isolability_matrix(
     """Return the figure."""
     count = min(len(faults), MOST_ROWS)
     names = [" + ".join(fault) for fault in faults[:count]]
-    wide = max([len(name) for name in names], default=0) * LETTER + 12
+    wide = min(max((width(name, LETTERS) for name in names), default=0.0), MOST_NAME) + 12
     left, top = MARGIN + wide, TOP + wide
-    width = max(left + count * CELL, MARGIN + 3.5 * LEGEND, MARGIN + len(title) * 8) + MARGIN
+    all_wide = max(left + count * CELL, MARGIN + 3.5 * LEGEND, MARGIN + len(title) * 8) + MARGIN
     height = top + count * CELL + 56
     out = [
-        f"<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 {width:.0f} {height:.0f}' "
-        f"width='{width:.0f}' height='{height:.0f}' role='img' {FONT} font-size='11' fill='{INK}'>",
+        f"<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 {all_wide:.0f} {height:.0f}' "
+        f"width='{all_wide:.0f}' height='{height:.0f}' role='img' {FONT} font-size='11' fill='{INK}'>",
         f"<title>{escape(title)}</title>",
-        f"<rect width='{width:.0f}' height='{height:.0f}' fill='white'/>",
+        f"<rect width='{all_wide:.0f}' height='{height:.0f}' fill='white'/>",
         f"<text x='{MARGIN}' y='24' font-size='14' font-weight='600'>{escape(title)}</text>",
         f"<text x='{MARGIN}' y='42' fill='{MUTED}'>Can the fault of the row be told from that of the column?"
         f"{f' The first {count} of {len(faults)}.' if count < len(faults) else ''}</text>",
@@ -48,9 +52,12 @@ def isolability_matrix(
         faint = f" fill='{MUTED}' font-style='italic'" if detectable[index] is False else ""
         lines = f"M{left:.1f} {y:.1f}h{count * CELL}M{x:.1f} {top:.1f}v{count * CELL}"
         turned = f"translate({x + 11:.1f} {top - 6:.1f}) rotate(-90)"
+        shown = cut(name, MOST_NAME, LETTERS)
+        whole = f"<title>{escape(name)}</title>" if shown != name else ""
+        told = f"{faint}>{whole}{escape(shown)}</text>"
         out += [
-            f"<text x='{left - 6:.1f}' y='{y + 11:.1f}' text-anchor='end'{faint}>{escape(name)}</text>",
-            f"<text transform='{turned}'{faint}>{escape(name)}</text>",
+            f"<text x='{left - 6:.1f}' y='{y + 11:.1f}' text-anchor='end'{told}",
+            f"<text transform='{turned}'{told}",
             f"<path d='{lines}' stroke='{GRID}'/>",
         ]
     end = f"M{left:.1f} {top + count * CELL:.1f}h{count * CELL}v{-count * CELL}"

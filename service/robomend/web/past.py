@@ -8,6 +8,7 @@ from typing import Any
 from robomend.repairs.states import StepState
 from robomend.store.records import StoredDiagnosis
 from robomend.web.timeline import ActionBar, Span, Timeline
+from robomend_client.counts import counted
 
 NS = 1_000_000_000
 ROWS = 30
@@ -50,7 +51,7 @@ def timeline(
     actions = [bar for repair in repairs for bar in _bars(repair, start_ns, end_ns)][:ACTIONS]
     left_out = len(blamed) - len(rows)
     subtitle = "what its diagnoses said of each component" + (
-        f"; {left_out} more components were blamed" if left_out > 0 else ""
+        f"; {counted(left_out, 'more component was', 'more components were')} blamed" if left_out > 0 else ""
     )
     return Timeline(robot, subtitle, rows, actions, (), (end_ns - start_ns) / NS, start_ns)
 

@@ -24,6 +24,7 @@ from markupsafe import Markup
 from robomend.repairs.account import how_it_ended, not_chosen, since, waited
 from robomend.web.plan_graph import svg as plan_svg
 from robomend.web.words import duration, layers, listed, repair_state, without
+from robomend_client.counts import counted
 
 HERE = Path(__file__).resolve().parent
 STATIC = HERE / "static"
@@ -113,12 +114,14 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.filters.update(counted=counted)
     environment.filters.update(listed=listed, repair_state=repair_state, layers=layers, json=in_json)
     environment.filters.update(
         without=without, plan_graph=lambda plan, states: Markup(plan_svg(plan, states))
     )
     environment.filters.update(
         name=name,
+        sentence=sentence,
         marked=marked,
         literal=literal,
         time=time,
@@ -141,6 +144,18 @@ def fleet_address(**query: str | int) -> str:
 def name(text: object) -> Markup:
     """Return a name as it is written, kept apart from the direction of the text around it."""
     return Markup('<bdi class="name">{}</bdi>').format(text)
+
+
+_OTHER_WAY = "\u0590-\u08ff\ufb1d-\ufdff\ufe70-\ufefc"
+OTHER_WAY = re.compile(f"([{_OTHER_WAY}]+(?:[\\s_.-]*[{_OTHER_WAY}0-9]+)*)")
+"""Words that are written from right to left."""
+
+
+def sentence(text: object) -> Markup:
+    """Return a sentence of ours: from left to right, whatever the names in it are."""
+    parts = OTHER_WAY.split(str(text))
+    made = [Markup("<bdi>{}</bdi>" if place % 2 else "{}").format(part) for place, part in enumerate(parts)]
+    return Markup('<bdi class="name" dir="ltr">{}</bdi>').format(Markup("").join(made))
 
 
 def marked(text: str) -> Markup:

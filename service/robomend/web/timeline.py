@@ -97,17 +97,34 @@ class Timeline:
     """When it begins: then the axis shows the time of day (UTC), else seconds from its beginning."""
 
 
-def lanes(actions: Iterable[ActionBar], per_second: float) -> list[tuple[int, ActionBar]]:
-    """Return each action with the topmost lane in which neither its bar nor its label meets another's."""
-    free: list[float] = []
+@dataclass(frozen=True, slots=True)
+class Placed:
+    """A bar in its lane, and where its label is: inside it, or on one side of it."""
+
+    lane: int
+    action: ActionBar
+    label: str  # inside, right, left
+
+
+def lanes(actions: Iterable[ActionBar], per_second: float, end_s: float) -> list[Placed]:
+    """Return each action with the topmost lane in which neither its bar nor its label meets another's.
+
+    Args:
+        end_s: where the figure ends; a label that would go beyond stands left of its bar.
+    """
+    taken: list[float] = []  # of each lane: until when
     placed = []
     for action in sorted(actions, key=lambda a: (a.start_s, a.end_s, a.label)):
         wide_s = _wide(action.label) / per_second
-        inside = action.end_s - action.start_s >= wide_s
-        needs = action.end_s + (0.0 if inside else wide_s)
-        lane = next((i for i, until in enumerate(free) if until <= action.start_s), len(free))
-        free[lane : lane + 1] = [needs]
-        placed.append((lane, action))
+        if action.end_s - action.start_s >= wide_s:
+            label, begins, ends = "inside", action.start_s, action.end_s
+        elif action.end_s + wide_s <= end_s:
+            label, begins, ends = "right", action.start_s, action.end_s + wide_s
+        else:
+            label, begins, ends = "left", action.start_s - wide_s, action.end_s
+        lane = next((i for i, until in enumerate(taken) if until <= begins), len(taken))
+        taken[lane : lane + 1] = [ends]
+        placed.append(Placed(lane, action, label))
     return placed
 
 
@@ -124,8 +141,8 @@ def svg(timeline: Timeline, width: Width = WIDE) -> str:
     def x(at_s: float) -> float:
         return round(width.labels + min(max(at_s, 0.0), end_s) * per_second, 2)
 
-    placed = lanes(timeline.actions, per_second)
-    lane_count = max((lane for lane, _ in placed), default=-1) + 1
+    placed = lanes(timeline.actions, per_second, end_s + RIGHT / per_second)
+    lane_count = max((one.lane for one in placed), default=-1) + 1
     marks_height = 18 * len(timeline.marks)
     actions_top = TOP + marks_height
     rows_top = actions_top + LANE * lane_count + (14 if lane_count else 4)
@@ -143,39 +160,45 @@ def svg(timeline: Timeline, width: Width = WIDE) -> str:
         at = x(at_s)
         out.append(f"<line x1='{at}' x2='{at}' y1='{actions_top - 4}' y2='{bottom + 4}' stroke='{GRID}'/>")
         out.append(_text(at, bottom + 20, told, size=11, fill=MUTED, anchor="middle"))
-    for index, mark in enumerate(sorted(timeline.marks, key=lambda m: m.at_s)):
-        at, y = x(mark.at_s), TOP + 18 * index + 8
+    marks = [
+        (x(mark.at_s), TOP + 18 * index + 8, mark.label)
+        for index, mark in enumerate(sorted(timeline.marks, key=lambda m: m.at_s))
+    ]
+    for at, y, _ in marks:
         out.append(
             f"<line x1='{at}' x2='{at}' y1='{y}' y2='{bottom + 4}' stroke='{MUTED}' stroke-dasharray='3 3'/>"
         )
+    for at, y, told in marks:
         flip = at > width.all * 0.7
         out.append(
             _text(
                 at + (-5 if flip else 5),
                 y + 3,
-                mark.label,
+                told,
                 size=11,
                 fill=MUTED,
                 anchor="end" if flip else "start",
+                over=True,
             )
         )
     if lane_count:
         out.append(_text(16, actions_top + 15, "repair actions", size=12, fill=MUTED))
-    for lane, action in placed:
-        left, right, y = x(action.start_s), x(action.end_s), actions_top + LANE * lane
+    for one in placed:
+        action, y = one.action, actions_top + LANE * one.lane
+        left, right = x(action.start_s), x(action.end_s)
         colour = ACTION if action.ok else FAILED
         out.append(
             f"<rect class='action' x='{left}' y='{y + 2}' width='{round(max(right - left, 3), 2)}' "
             f"height='{LANE - 6}' rx='3' fill='{colour}' fill-opacity='0.22'/>"
         )
         out.append(f"<rect x='{left}' y='{y + 2}' width='3' height='{LANE - 6}' fill='{colour}'/>")
-        wide = _wide(action.label)
-        if right - left >= wide:
+        if one.label == "inside":
             out.append(_text(left + 7, y + 14, action.label, size=11))
-        elif right + wide <= width.all:
-            out.append(_text(max(right, left + 3) + 5, y + 14, action.label, size=11))
+        elif one.label == "right":
+            out.append(_text(max(right, left + 3) + 5, y + 14, action.label, size=11, over=True))
         else:
-            out.append(_text(left - 5, y + 14, action.label, size=11, anchor="end"))
+            label = cut(action.label, left - 10, 11)
+            out.append(_text(left - 5, y + 14, label, size=11, anchor="end", over=True, title=action.label))
     for index, (component, spans) in enumerate(timeline.rows):
         middle = rows_top + ROW * index + ROW / 2
         out.append(_text(16, middle + 4, _cut(component, width), size=12, title=component))
@@ -235,11 +258,14 @@ def _text(
     weight: int = 400,
     anchor: str = "start",
     title: str = "",
+    over: bool = False,
 ) -> str:
+    """Return a text; `over`: with a rim, so that it is read where it stands on lines."""
+    rim = " class='over' paint-order='stroke' stroke='#ffffff' stroke-width='3'" if over else ""
     whole = f"<title>{escape(title)}</title>" if title not in ("", text) else ""
     return (
         f"<text x='{x}' y='{y}' font-size='{size}' fill='{fill}' font-weight='{weight}' "
-        f"text-anchor='{anchor}'>{whole}{escape(text)}</text>"
+        f"text-anchor='{anchor}'{rim}>{whole}{escape(text)}</text>"
     )
 
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from robomend.repairs.states import RepairState, StepState
+from robomend_client.counts import counted
 
 Json = Mapping[str, Any]
 
@@ -96,7 +97,7 @@ def _of_open(repair: Json) -> tuple[str, bool]:
     state, reason = repair["state"], repair["reason"]
     if state == RepairState.AWAITING_APPROVAL:
         steps = len(repair["plan"])
-        plan = f" of a plan of {steps} {'action' if steps == 1 else 'actions'}" if steps else ""
+        plan = f" of a plan of {counted(steps, 'action')}" if steps else ""
         return f"approval{plan}", True
     if state == RepairState.WAITING and repair["waiting_for"]:
         atoms = listed(repair["waiting_for"])

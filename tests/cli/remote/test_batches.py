@@ -58,7 +58,7 @@ def test_logs_are_handed_in_looked_after_and_their_report_is_fetched(
     code, out, err = say("batches", "post", str(log), *given)
     assert code == 0, err
     batch = err.split()[-1]
-    assert out.startswith(f"batch {batch}: done, 1 of 1 files done\n  logs: 1 ok; 1 with faults\n")
+    assert out.startswith(f"batch {batch}: done, 1 of 1 file done\n  logs: 1 ok; 1 with faults\n")
     assert say("batches", "get", batch)[1] == out
     assert narrow(out)
     options = answer(say("batches", "get", batch, "--format", "json"))["options"]
@@ -99,7 +99,7 @@ def test_a_batch_that_has_not_ended_has_no_results_and_can_be_cancelled(ask: Say
     assert (code, out) == (1, "")
     assert err.startswith(f"too early: batch {waiting['id']} is waiting")
     code, out, _ = ask("batches", "cancel", waiting["id"], "--reason", "enough")
-    assert (code, out) == (0, f"batch {waiting['id']}: cancelled, 0 of 1 files done\n")
+    assert (code, out) == (0, f"batch {waiting['id']}: cancelled, 0 of 1 file done\n")
     told = idle.api("GET", "/audit", params={"action": "batch.cancel"}).json()["items"]
     assert [one["reason"] for one in told] == ["enough"]
 

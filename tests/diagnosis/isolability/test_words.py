@@ -55,7 +55,7 @@ def test_the_whole_is_told_first_with_how_many_faults_there_are_to_tell() -> Non
     said = "3 observables at hand: of 5 single faults 3 can be detected, 2 of these told from every other"
     assert first.startswith(said)
     nothing, *_ = sentences(asked(robot(), "running(lidar_driver)"), robot())
-    assert "1 observables at hand: of 5 single faults 1 can be detected, 1 of these told" in nothing
+    assert "1 observable at hand: of 5 single faults 1 can be detected, 1 of these told" in nothing
 
 
 def test_of_two_observables_the_cheaper_is_told() -> None:

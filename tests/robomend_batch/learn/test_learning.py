@@ -133,7 +133,7 @@ def test_a_log_that_was_not_healthy_is_doubted(tmp_path: Path, capsys: pytest.Ca
     silent = [Planted("silent", "base_node", 210, 235)]  # in a stretch that is held back
     log = drives.write(tmp_path / "bad.bag", ROBOT, 6, 240, silent)
     assert learn(log, "-o", tmp_path / "draft", "--quiet") == 0
-    assert "doubtful: odom: 1 false alarms over what was held back" in capsys.readouterr().err
+    assert "doubtful: odom: 1 false alarm over what was held back" in capsys.readouterr().err
     text = (tmp_path / "draft" / "observers.yaml").read_text()
     assert "held back: 1 false alarm in 0.0154 h, more than was meant" in text
 

@@ -56,7 +56,8 @@ def command(
 
     \b
     robomend init robot walker
-    robomend init robot walker --node camera=image --node detector=people --needs people=image
+    robomend init robot walker --node camera=image \\
+        --node detector=people --needs people=image
     robomend init robot rover --ros2 0
     """
     from robomend.cli.init.described import Described, files_of

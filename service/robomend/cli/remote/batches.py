@@ -19,6 +19,7 @@ from robomend.cli.remote.connection import DECLINED, asking, format_option, serv
 from robomend.cli.remote.names import BatchName
 from robomend.cli.tables import at, printable, show_paragraph, show_table
 from robomend.errors import InputError
+from robomend_client.counts import counted
 
 if TYPE_CHECKING:
     from robomend_client.rest import Client
@@ -60,7 +61,7 @@ def _row(one: Mapping[str, Any]) -> tuple[str, ...]:
     return one["id"], began, one["model"], logs, str(one["faulty"]), one["state"]
 
 
-@command.command("post")
+@command.command("post", short_help="Hand in LOGS, to be diagnosed by the service.")
 @click.argument("logs", nargs=-1, required=True, metavar="LOGS...")
 @click.option("--model", "-m", required=True, help="A model that the service holds, or a file with one.")
 @click.option("--observers", type=ExistingFile(), help="For recorded messages: an agent's file.")
@@ -146,7 +147,9 @@ def _show(batch: Mapping[str, Any], format_: str) -> None:
     if format_ == "json":
         click.echo(json.dumps(batch, ensure_ascii=False))
         return
-    show_paragraph(f"batch {batch['id']}: {batch['state']}, {batch['done']} of {batch['logs']} files done")
+    show_paragraph(
+        f"batch {batch['id']}: {batch['state']}, {batch['done']} of {counted(batch['logs'], 'file')} done"
+    )
     states = ", ".join(f"{count} {state}" for state, count in batch["log_states"].items())
     if states:
         show_paragraph(f"  logs: {states}; {batch['faulty']} with faults")

@@ -18,7 +18,7 @@ def command() -> None:
     """Configure a robot on a running service."""
 
 
-@command.command("get")
+@command.command("get", short_help="Write the configuration of ROBOT as a file.")
 @click.argument("robot", type=RobotName())
 @service_options("viewer")
 @format_option("json", default="yaml")
@@ -33,7 +33,7 @@ def get(robot: str, url: str, key: str | None, format_: str) -> None:
         click.echo()
 
 
-@command.command("put")
+@command.command("put", short_help="Configure ROBOT as FILE says.")
 @click.argument("robot", type=RobotName())
 @click.argument("file", type=ExistingFile())
 @click.option("--model", type=ExistingFile(), help="Store this model first, by the name that FILE says.")

@@ -12,6 +12,7 @@ from robomend.cli.remote.connection import asking, format_option, service_option
 from robomend.cli.remote.names import RobotName
 from robomend.cli.tables import at, show_paragraph, show_table
 from robomend.repairs.states import RepairState
+from robomend_client.counts import counted
 
 if TYPE_CHECKING:
     from robomend_client.rest import Client
@@ -91,9 +92,7 @@ def _show(found: Mapping[str, Any]) -> None:
     shown = "" if found["found"] == found["total"] else f"; {found['found']} shown"
     unread = "" if found["complete"] else "; some are not read yet, ask again"
     total = found["total"]
-    click.echo(
-        f"\n{total} robot{'' if total == 1 else 's'}: {counts or 'not read yet'}{shown}{pages}{unread}"
-    )
+    click.echo(f"\n{counted(total, 'robot')}: {counts or 'not read yet'}{shown}{pages}{unread}")
 
 
 def _stop(stop: Mapping[str, Any]) -> None:

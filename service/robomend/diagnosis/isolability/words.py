@@ -14,6 +14,7 @@ from robomend.diagnosis.isolability.analysis import Ambiguity, Isolability
 from robomend.model.components import ComponentModel
 from robomend.model.schemes import publishers_of
 from robomend.model.system import System
+from robomend_client.counts import counted
 from robomend_client.literals import Atom, quote
 
 SHOWN = 12
@@ -133,8 +134,9 @@ def summary(found: Isolability) -> Iterator[str]:
         if known and set(row) <= {"+", "="}
     )
     yield (
-        f"{len(found.observed)} observables at hand: of {count} single faults {shown} can be detected, "
-        f"{apart} of these told from every other, {always} of them whatever they show"
+        f"{counted(len(found.observed), 'observable')} at hand: of {counted(count, 'single fault')} "
+        f"{shown} can be detected, {apart} of these told from every other, "
+        f"{always} of them whatever they show"
     )
     alike = [
         f"{_fault(found.faults[i])} / {_fault(found.faults[j])}"
