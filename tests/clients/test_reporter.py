@@ -53,7 +53,7 @@ def bad(atom: Atom, time_ns: int, since_ns: int = 1, onset_ns: int | None = None
 Test = Callable[[Seen, "asyncio.Task[None]", list[dict[str, Any]]], Awaitable[None]]
 
 
-def reporting(tmp_path: Path, test: Test) -> list[dict[str, Any]]:
+def reporting(tmp_path: Path, test: Test, heartbeat_s: float = 0.2) -> list[dict[str, Any]]:
     """Run a reporter beside `test`; return the batches that a service, played by a transport, got."""
     got: list[dict[str, Any]] = []
 
@@ -66,7 +66,9 @@ def reporting(tmp_path: Path, test: Test) -> list[dict[str, Any]]:
         async with AsyncClient("http://service", transport=httpx.MockTransport(answer)) as client:
             seen = Seen()
             outbox = AsyncOutbox(client, "r", buffer)
-            seen.reporter = VerdictReporter(outbox, "agent", 0.2, 1, lambda: list(seen.standing.values()))
+            seen.reporter = VerdictReporter(
+                outbox, "agent", heartbeat_s, 1, lambda: list(seen.standing.values())
+            )
             task = asyncio.create_task(seen.reporter.run())
             try:
                 await asyncio.wait_for(test(seen, task, got), 20)
@@ -132,6 +134,25 @@ def test_what_was_judged_anew_goes_out_with_the_number_that_asked_for_it(tmp_pat
     settled, other = reporting(tmp_path, test)[:2]
     assert (settled["observations"], settled["settled"]) == (["ok(scan)"], 7)
     assert (other["observations"], "settled" in other) == (["ok(odom)"], False)
+
+
+def test_what_was_judged_anew_and_is_bad_is_said_again_before_the_next_heartbeat(tmp_path: Path) -> None:
+    async def test(seen: Seen, task: asyncio.Task[None], got: list[dict[str, Any]]) -> None:
+        seen.say(good(ODOM, 50))
+        await until(lambda: len(got) >= 2)  # the change, and the only heartbeat of an hour
+        seen.say(bad(SCAN, 60, 55, 54)._replace(settled=7))
+        seen.standing[SCAN] = Verdict(-Literal(SCAN), 70, 54)
+        await until(lambda: len(got) >= 5)
+        seen.say(good(SCAN, 80), bad(ODOM, 80))
+        await until(lambda: any("ok(scan)" in batch["observations"] for batch in got))
+
+    got = reporting(tmp_path, test, heartbeat_s=3600)[2:]
+    assert (got[0]["observations"], got[0]["since"], got[0]["settled"]) == (["not ok(scan)"], [55], 7)
+    again = [batch for batch in got[1:] if "ok(scan)" not in batch["observations"]]
+    assert len(again) >= 2
+    assert all((one["observations"], one["since"]) == (["not ok(scan)"], [70]) for one in again)
+    assert not any("settled" in one for one in again)
+    assert got[-1]["observations"] == ["ok(scan)", "not ok(odom)"]  # of its own, and not followed any more
 
 
 def test_of_two_changes_at_one_time_the_last_counts(tmp_path: Path) -> None:

@@ -80,10 +80,10 @@ def begun(
 def test_silence_of_what_rests_on_something_that_has_just_begun_is_pending() -> None:
     began = {"driver": 10 * S, "mapping": 2 * S}
     scan, map_, odom = (bad(atom, time=12 * S, onset=8 * S) for atom in (SCAN, MAP, ODOM))
-    assert begun([scan, map_, odom], began, 12 * S) == {SCAN: 15 * S + SLACK_NS, MAP: 15 * S + SLACK_NS}
-    assert begun([odom, scan], began, 12 * S) == {SCAN: 15 * S + SLACK_NS}  # in whatever order they are known
+    assert begun([scan, map_, odom], began, 12 * S) == {SCAN: 15 * S, MAP: 15 * S}
+    assert begun([odom, scan], began, 12 * S) == {SCAN: 15 * S}  # in whatever order they are known
     over_first = dict(reversed(began.items()))  # what has had its time hides nobody that comes after it
-    end = 15 * S + SLACK_NS
+    end = 15 * S
     assert begun([scan], over_first, 12 * S) == {SCAN: end}
     assert begun([scan], began, end - 1) == {SCAN: end}
     assert begun([scan], began, end) == {}

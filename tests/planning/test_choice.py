@@ -88,7 +88,7 @@ def test_what_was_done_in_vain_is_not_repeated_when_it_hardly_helps_any_more() -
     assert choose([device, driver], once * 2).plan is None
     assert choose([device, driver], once * 2).reason == (
         "no known repair: driver was repaired before, and it did not help; "
-        "imu left alone for a while, as its repairs keep failing"
+        "imu left alone for a while, as its repairs keep failing or do not last"
     )
 
 
@@ -196,7 +196,8 @@ def test_what_has_no_plan_because_it_is_left_alone_is_told_as_that_and_anything_
     left_alone = replace(plan(0), excluded=("a",))
     aside, other = (Candidate(Diagnosis((name,)), left_alone) for name in ("a", "b"))
     assert choose([aside, other]).reason == (
-        "no known repair: nothing to do about b; a left alone for a while, as its repairs keep failing"
+        "no known repair: nothing to do about b; "
+        "a left alone for a while, as its repairs keep failing or do not last"
     )
     late = Candidate(Diagnosis(("c",)), replace(plan(0), outcome=Outcome.GAVE_UP))
     assert choose([late]).reason == "no known repair: no plan for c was found in time"

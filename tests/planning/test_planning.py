@@ -296,6 +296,37 @@ def test_what_is_tied_restarts_too(planner: str) -> None:
     assert set(texts(plan)) == {f"{verb}({node})" for verb in ("stop_node", "start_node") for node in nodes}
 
 
+def test_what_is_tied_to_a_node_that_ended_restarts_after_that_is_back(planner: str) -> None:
+    nodes = {
+        "core": Node("core"),
+        "bridge": Node("bridge", tied_to=("core",)),
+        "view": Node("view", tied_to=("bridge",)),
+        "other": Node("other"),
+    }
+    robot = ComponentModel("r", {}, nodes, {})
+    seen = [fails("running", "core"), *(holds("running", name) for name in ("bridge", "view", "other"))]
+    plan = plan_for(robot, seen, ["core"], PlanOptions(planner=planner))
+    assert sorted(texts(plan)) == [
+        "start_node(bridge)",
+        "start_node(core)",
+        "start_node(view)",
+        "stop_node(bridge)",
+        "stop_node(view)",
+    ]
+    after = {str(step): {str(plan.steps[i]) for i in step.after} for step in plan.steps}
+    assert "start_node(core)" in after["start_node(bridge)"]
+    assert "start_node(bridge)" in after["start_node(view)"]
+
+    kept = plan_for(robot, seen, ["core"], PlanOptions(planner=planner, protected=("bridge",)))
+    assert texts(kept) == ["start_node(core)"]  # what bridge was tied to is gone in any case
+    left_alone = PlanOptions(planner=planner, quarantined=("core",))
+    assert texts(plan_for(robot, seen, ["core"], left_alone)) == []
+    dragged = PlanOptions(planner=planner, quarantined=("bridge",))
+    assert texts(plan_for(robot, seen, ["core"], dragged)) == texts(plan)
+    meant_so = PlanOptions(planner=planner, expected_stopped=("core",))
+    assert texts(plan_for(robot, seen, [], meant_so)) == []
+
+
 def test_feeders_come_first(planner: str) -> None:
     hardware = {"arm": Hardware("arm", 1, fed_by=("psu",)), "psu": Hardware("psu", 0)}
     robot = ComponentModel("r", hardware, {}, {})

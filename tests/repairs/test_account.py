@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 from tests.repairs.robot import Robot, robot_on, running, service, the_repair
@@ -57,6 +58,33 @@ def test_the_outcome_names_what_does_not_hold_and_was_no_symptom_when_the_round_
     assert [one["literal"] for one in found] == ["running(driver)", "not ok(scan)"]
     many = [Entry(fails("ok", f"t{n}"), "agent", 9, None, 8, 4) for n in range(30)]
     assert len(outcome(round_, {entry.atom: entry for entry in many})) == MOST
+
+
+def lines_of(*rounds: dict[str, Any]) -> list[str]:
+    return account({**REPAIR, "rounds": list(rounds)})
+
+
+def test_an_act_that_answered_with_a_failure_and_worked_all_the_same_is_told_as_that() -> None:
+    step = {**STEP, "state": "done", "result": 1, "message": "address in use", "seen": ["running(driver)"]}
+    told = "\n".join(lines_of({**ROUND, "plan": [step]}))
+    assert "done (although its action answered 1: address in use); seen: running(driver)" in told
+    told = "\n".join(lines_of({**ROUND, "plan": [{**step, "result": 0, "message": "runs"}]}))
+    assert "done (runs); seen" in told
+
+
+def test_what_was_so_before_is_told_with_the_evidence_from_after_the_acts() -> None:
+    def seen(literal: str, since_ns: int, onset_ns: int | None) -> str:
+        after = [{"literal": literal, "since_ns": since_ns, "onset_ns": onset_ns}]
+        (line,) = [one for one in lines_of({**ROUND, "after": after}) if "seen after it" in one]
+        return line.strip()
+
+    anew = "seen after it: ok(scan) since 00:00:02.000, and anew since 00:00:09.000"
+    assert seen("ok(scan)", 9 * S, 2 * S) == anew
+    assert seen("ok(scan)", 9 * S, 8 * S) == "seen after it: ok(scan) since 00:00:08.000"
+    assert seen("not ok(scan)", 9 * S, 2 * S) == "seen after it: not ok(scan) since 00:00:02.000"
+    assert (
+        seen("ok(scan)", 3 * S, 2 * S) == "seen after it: ok(scan) since 00:00:02.000"
+    )  # nobody looked since
 
 
 S = 10**9

@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any, cast
+
+from robomend.planning.policy import Policy
 from robomend.repairs.flapping import HELD_S, STEADY_S, TIMES, WITHIN_S, Flapping
+from robomend.repairs.reasons import ReasonsToRepair
+from robomend.store.records import Stop
 
 LIDAR = frozenset({("lidar",), ("driver",)})
 MAP = frozenset({("mapping",)})
@@ -33,3 +39,30 @@ def test_for_the_same_suspects_nothing_is_begun_for_a_while_unless_it_lasts() ->
     assert found.hold_s(LIDAR | MAP, TIMES) == 0.0  # mapping alone may be it
     assert found.hold_s(LIDAR, TIMES + HELD_S) == 0.0
     assert found.well_by_itself(LIDAR, TIMES + HELD_S) is None  # counted anew
+
+
+def test_what_is_well_again_each_time_that_nothing_may_be_done_about_it_is_not_told_for_ever() -> None:
+    def state(*bad: tuple[str, ...]) -> Any:
+        current = SimpleNamespace(healthy=not bad, bad_sets=bad)
+        config, parts = SimpleNamespace(policy="auto"), object()
+        return SimpleNamespace(current=current, config=config, system=SimpleNamespace(parts=parts))
+
+    def wait_s(*bad: tuple[str, ...]) -> float:
+        return found.wait_s(cast(Any, state(*bad)), Policy(), Stop())
+
+    found, begun = ReasonsToRepair(), 0
+    for _ in range(3 * TIMES):
+        if wait_s(*LIDAR) == 0.0:
+            begun += 1  # and escalated, as the limit of its acts is reached
+            found.gave_up(LIDAR, None, interlocked=False, untouched=True)
+        assert wait_s(*LIDAR) > 0.0
+        wait_s()  # well again
+    assert begun == TIMES
+    assert wait_s(*MAP) == 0.0
+
+    found, begun = ReasonsToRepair(), 0
+    for _ in range(3 * TIMES):
+        begun += wait_s(*LIDAR) == 0.0
+        found.gave_up(LIDAR, None, interlocked=False)  # something was done each time: see quarantine
+        wait_s()
+    assert begun == 3 * TIMES

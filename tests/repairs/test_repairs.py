@@ -107,7 +107,7 @@ async def test_a_stuck_relay_ends_with_a_person_told_the_cause(tmp_path: Path) -
     assert repair["state"] == "escalated"
     assert repair["reason"] == (
         "power_up(base) answered 'done', but on(base) was not seen within 1 s (3 times); "
-        "no known repair: base left alone for a while, as its repairs keep failing"
+        "no known repair: base left alone for a while, as its repairs keep failing or do not last"
     )
     assert list(quarantined) == ["base"]
     assert robot.done.count("power_up(base)") == 3
@@ -226,7 +226,7 @@ async def test_a_node_that_runs_and_soon_dies_again_is_not_restarted_for_ever(tm
         aside = await runtime.repairs.quarantined("r1")
     assert robot.done == ["start_node(mapping)"] * 4
     assert repair["reason"] == (
-        "no known repair: mapping left alone for a while, as its repairs keep failing"
+        "no known repair: mapping left alone for a while, as its repairs keep failing or do not last"
     )
     assert aside["mapping"].reason.startswith(
         "mapping was repaired 3 times in a row, each time it helped, and soon it was broken again"

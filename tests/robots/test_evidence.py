@@ -27,6 +27,20 @@ def dated(obs: Obs, *since: int | None, onset: tuple[int | None, ...] = (), time
     return Dating(obs, SourceClocks(), 2 * S).of("general", time, NOW, 1, since, onset)
 
 
+def test_how_much_reports_differ_on_their_way_is_that_of_the_source_that_differs_most() -> None:
+    clocks = SourceClocks()
+    assert clocks.spread_ns() is None
+    for number in range(ENOUGH):
+        assert clocks.spread_ns() is None
+        clocks.offset_ns("agent", NOW + number * S - 10_000_000 * (number + 1), NOW + number * S)
+    assert clocks.spread_ns() == 30_000_000
+    clocks.offset_ns("arm", NOW, NOW)
+    assert clocks.spread_ns() is None  # of a source that nobody knows yet
+    for number in range(ENOUGH):
+        clocks.offset_ns("arm", NOW + number * S + 90 * S, NOW + number * S)  # its clock is ahead, no more
+    assert clocks.spread_ns() == 90 * S
+
+
 def test_what_a_batch_says_counts() -> None:
     assert dated(Obs(), NOW - 5, onset=(NOW - 9,))(BAD, 0) == (NOW - 5, NOW - 9)
 

@@ -6,6 +6,9 @@ instead of staying true; the heartbeat says all of it again in time, with the pr
 service is away changes go to the disk (outbox.py) and heartbeats are not worth keeping; when it is back the
 past is replayed in order, and a heartbeat with the present follows at once.
 
+What the service wanted to be judged anew, and is bad still, is said more often for a while: a repair waits
+for it, as it cannot know otherwise that nothing has changed since.
+
 docs/agent.md, "What it tells the service", has the batches as they are on the wire.
 """
 
@@ -20,7 +23,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 from robomend_client.clock import Clock
-from robomend_client.literals import Literal
+from robomend_client.literals import Atom, Literal
 from robomend_client.observers import Change, Verdict
 from robomend_client.outbox import AsyncOutbox
 from robomend_client.python310 import timeout
@@ -30,6 +33,12 @@ log = logging.getLogger(__name__)
 
 MOST_PENDING = 1000
 """Batches of changes in memory, while one is being sent; beyond it the oldest go, and the heartbeat tells."""
+
+CLOSELY_S = 0.2
+"""How often what was judged anew for the service is said again, as long as it is bad …"""
+
+FOLLOWED_S = 10.0
+"""… and for how long: by then a repair waits for something else."""
 
 
 class VerdictReporter:
@@ -51,6 +60,7 @@ class VerdictReporter:
         self._lifetime_s = lifetime_s
         self._standing = standing
         self._pending: deque[list[Change]] = deque(maxlen=MOST_PENDING)
+        self._followed: dict[Atom, float] = {}  # what was judged anew, and is bad -> until when
         self._wake = asyncio.Event()
         self._away = False
         self._clock = clock or Clock()
@@ -64,6 +74,10 @@ class VerdictReporter:
                 self._pending[-1].append(change)
             else:
                 self._pending.append([change])
+            if change.value is None or change.value.positive:
+                self._followed.pop(change.atom, None)
+            elif change.settled is not None:
+                self._followed[change.atom] = time.monotonic() + FOLLOWED_S
         if self._pending:
             self._wake.set()
 
@@ -71,9 +85,10 @@ class VerdictReporter:
         """Send changes as they come and heartbeats in between, for ever."""
         retry = Retry(longest_s=2.0)
         failures = 0
-        due = 0.0
+        due = again = 0.0
         while True:
-            wait_s = retry.wait_s(failures, 0.5) if failures else max(0.0, due - time.monotonic())
+            next_s = min(due, again) if self._followed else due
+            wait_s = retry.wait_s(failures, 0.5) if failures else max(0.0, next_s - time.monotonic())
             with contextlib.suppress(TimeoutError):
                 async with timeout(wait_s):
                     await self._wake.wait()
@@ -82,6 +97,9 @@ class VerdictReporter:
             if arrived and (failures or time.monotonic() >= due):
                 arrived = await self._heartbeat()
                 due = time.monotonic() + self._heartbeat_s
+            elif arrived and self._followed and time.monotonic() >= again:
+                arrived = await self._say_again(self._still_bad())
+                again = time.monotonic() + CLOSELY_S
             if self._outbox.refused != self._refused:
                 self._refused = self._outbox.refused
                 # Perhaps for stamps 60 s ahead of the service's clock: those were wrong all along.
@@ -117,8 +135,16 @@ class VerdictReporter:
                 self._outbox.put(literals, **batch)
         return arrived
 
+    def _still_bad(self) -> list[Verdict]:
+        """Return what stands of what is followed."""
+        now = time.monotonic()
+        self._followed = {atom: until for atom, until in self._followed.items() if until > now}
+        return [verdict for verdict in self._standing() if verdict.literal.atom in self._followed]
+
     async def _heartbeat(self) -> bool:
-        verdicts = self._standing()
+        return await self._say_again(self._standing())
+
+    async def _say_again(self, verdicts: Sequence[Verdict]) -> bool:
         if self._pending and not await self._send_pending():  # asking may have shown changes: in their order
             return False
         if not verdicts:

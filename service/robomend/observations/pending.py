@@ -57,12 +57,14 @@ def pending(
     onset_ns: int,
     delay_ns: Callable[[Atom], int],
     now_ns: int,
+    slack_ns: int = SLACK_NS,
 ) -> dict[Atom, int]:
     """Return those of the atoms whose observer may still be about to notice, with until when.
 
-    `atoms`: what is known to hold or not known at all. `delay_ns`: an observer's detection time.
+    `atoms`: what is known to hold or not known at all. `delay_ns`: an observer's detection time. `slack_ns`:
+    how long what it says may be on its way.
     """
-    until = {atom: onset_ns + delay_ns(atom) + SLACK_NS for atom in atoms}
+    until = {atom: onset_ns + delay_ns(atom) + slack_ns for atom in atoms}
     return {atom: end for atom, end in until.items() if end > now_ns}
 
 
@@ -81,6 +83,7 @@ def starting(
     Args:
         known: what is observed; what does not hold of it are the symptoms.
         began_ns: component -> since when it is on, or runs.
+        start_up_ns: component -> how long it may take from then until what is said of it shows that.
         influences: component -> the names of what rests on it.
         publishes: component -> the topics that are its own, or its drivers'.
         good_ns: what holds -> times since when it is known to have held all along.
@@ -90,7 +93,7 @@ def starting(
     symptoms = [entry for entry in known if not entry.positive]
     found: dict[Atom, int] = {}
     for component, began in began_ns.items():
-        end = began + start_up_ns(component) + SLACK_NS
+        end = began + start_up_ns(component)
         if end <= now_ns:
             continue
         names, own = frozenset(influences(component)), frozenset(publishes(component))

@@ -272,7 +272,7 @@ def _nothing(candidates: Sequence[Candidate], weighed: Sequence[Alternative]) ->
     aside = sorted({name for one in candidates for name in one.plan.excluded if name in one.diagnosis.bad})
     if aside:
         repairs = "its repairs keep" if len(aside) == 1 else "their repairs keep"
-        sentences[f"{' and '.join(aside)} left alone for a while, as {repairs} failing"] = None
+        sentences[f"{' and '.join(aside)} left alone for a while, as {repairs} failing or do not last"] = None
     told = list(sentences)[:TOLD]
     if len(sentences) > TOLD:
         told.append(counted(len(sentences) - TOLD, "more reason"))

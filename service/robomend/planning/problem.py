@@ -8,6 +8,8 @@ completed until exactly one of on/off, running/stopped and good/bad holds for ea
     unobserved         true for good components; for bad ones assumed true, and the assumption is listed
     no channel         hardware without one is on
     stopped or off     implies bad: what does not run does not work, whatever the diagnosis blames
+    tied to a stopped  implies bad: it holds a connection to a process that is gone, and must restart
+    node that starts   after it, as it must after one that a plan stops
 
 A bad component of unknown state is taken to be on: shutdown and power_up then also mend one that was off,
 while the opposite guess would send a command without effect.
@@ -15,9 +17,9 @@ while the opposite guess would send a command without effect.
 Static facts come from the model: `drives` and `tied` as written; `fed_by` up the whole chain of feeders, so
 that it leads to every channel that the device loses its power with; `hangs_on` of devices without channel:
 the nearest channels up the chain, with which they come back by themselves. `needs(n, m)` holds when
-something that n publishes rests on a topic of m. Cycles of topics are normal, so within a strongly connected
-component of `needs` there is no order to keep. Facts of predicates that the domain does not declare are left
-out, so one builder serves every domain.
+something that n publishes rests on a topic of m, or n is tied to m. Cycles of topics are normal, so within a
+strongly connected component of `needs` there is no order to keep. Facts of predicates that the domain does
+not declare are left out, so one builder serves every domain.
 """
 
 from __future__ import annotations
@@ -113,6 +115,12 @@ def repair_problem(
         facts.add(("good" if is_on and name not in blamed else "bad", name))
     aside = frozenset(expected_stopped)
     needs = {pair for pair in needs_of(model) if pair[1] not in aside}
+    shielded = protection(model, protected)
+    cut_off: frozenset[str] = frozenset()
+    if "tied" in domain.predicates:
+        left_alone = aside | frozenset(quarantined)
+        ended = [n for n in model.nodes if seen.get(Atom("running", (n,))) is False and n not in left_alone]
+        cut_off = _cut_off(model, ended, aside | shielded.keys())
     for name, node in model.nodes.items():
         runs = active("running", name, node.restartable)
         facts.update([("running", name)] if runs else [("stopped", name), ("not_running", name)])
@@ -120,7 +128,7 @@ def repair_problem(
             facts.add(("restartable", name))
         facts.update(("drives", name, device) for device in node.drives)
         facts.update(("tied", name, other) for other in node.tied_to)
-        facts.add(("good" if runs and name not in blamed else "bad", name))
+        facts.add(("good" if runs and name not in blamed | cut_off else "bad", name))
     facts.update(("needs", node, other) for node, other in needs)
     for kind in KINDS:
         for name in () if kind in {Hardware, Node} else model.of(kind):
@@ -137,7 +145,7 @@ def repair_problem(
     _add_objects(objects, domain, known)
     _add_facts(facts, domain, objects)
     _add_observed(facts, domain, objects, seen)
-    alone = frozenset(quarantined) - _dragged_along(model, blamed)
+    alone = frozenset(quarantined) - _dragged_along(model, blamed) - cut_off
     excluded = tuple(name for name in components if name in aside or name in alone)
     parts = model.parts
     return RepairProblem(
@@ -149,14 +157,14 @@ def repair_problem(
         assumed=tuple(assumed),
         excluded=excluded,
         idle=aside,
-        protected=protection(model, protected),
+        protected=shielded,
         avoided=dict(avoided),
         costs={name: part.cost for name, part in parts.items() if part.cost is not None},
     )
 
 
 def needs_of(model: ComponentModel) -> frozenset[tuple[str, str]]:
-    """Return the pairs (n, m) where node n rests on a topic that m publishes, cycles left out."""
+    """Return the pairs (n, m) where node n rests on a topic of m, or is tied to it; cycles left out."""
     publishers: dict[str, list[str]] = {}
     for name, node in model.nodes.items():
         for topic in node.publishes:
@@ -164,7 +172,8 @@ def needs_of(model: ComponentModel) -> frozenset[tuple[str, str]]:
     successors: dict[str, list[str]] = {}
     for name, node in model.nodes.items():
         inputs = dict.fromkeys(topic for topics in node.publishes.values() for topic in topics)
-        successors[name] = [other for topic in inputs for other in publishers.get(topic, ()) if other != name]
+        others = [other for topic in inputs for other in publishers.get(topic, ()) if other != name]
+        successors[name] = [*others, *node.tied_to]
     cluster = strong_components(successors)
     return frozenset(
         (name, other)
@@ -181,6 +190,25 @@ def _dragged_along(model: ComponentModel, bad: frozenset[str]) -> frozenset[str]
     while more := {name for name, node in model.nodes.items() if not found.isdisjoint(node.tied_to)} - found:
         found |= more
     return frozenset(found) - bad
+
+
+def _cut_off(model: ComponentModel, ended: Collection[str], kept: Collection[str]) -> frozenset[str]:
+    """Return the nodes that are tied to one that is to be started anew, and to what must restart for that.
+
+    `kept`: may not be stopped, and stay as they are; what they were tied to is gone in any case.
+    """
+    starting = frozenset(name for name in ended if model.nodes[name].restartable)
+    found = set(starting)
+    while (
+        more := {
+            name
+            for name, node in model.nodes.items()
+            if node.restartable and name not in kept and not found.isdisjoint(node.tied_to)
+        }
+        - found
+    ):
+        found |= more
+    return frozenset(found) - starting
 
 
 def _feeders(model: ComponentModel, device: Hardware) -> list[str]:

@@ -97,7 +97,7 @@ def _round(number: int, done: Json) -> list[str]:
     lines += [f"  {not_chosen(rival, done)}" for rival in done.get("rivals", ())]
     for step in done["plan"]:
         lines.append(f"  {_step(step)}")
-    lines += [f"  seen after it: {_observed(one)}" for one in done.get("after", ())]
+    lines += [f"  seen after it: {_observed(one)}{_anew(one, done)}" for one in done.get("after", ())]
     if done["ending"] is not None:
         lines.append(f"  {how_it_ended(done)}")
     return lines
@@ -164,6 +164,8 @@ def _step(step: Json) -> str:
 def _said(step: Json) -> str:
     if step.get("missing"):
         return " (its action answered 'done')"  # what was not seen of it follows
+    if step.get("result") and step.get("state") == StepState.DONE:  # what counts is what was seen of it
+        return f" (although its action answered {step['result']}: {step['message']})"
     return f" ({step['message']})" if step.get("message") else ""
 
 
@@ -174,6 +176,14 @@ def _seen(entry: Entry) -> dict[str, Any]:
 def _observed(seen: Json) -> str:
     began = since(seen)
     return f"{seen['literal']} since {_clock(began)}" if began else str(seen["literal"])
+
+
+def _anew(seen: Json, done: Json) -> str:
+    """Say of what was so before the round, too, since when it was seen to be so after it."""
+    began, fresh = done.get("began_ns"), seen["since_ns"]
+    if not began or not fresh or seen["literal"].startswith("not ") or not (since(seen) or 0) < began < fresh:
+        return ""
+    return f", and anew since {_clock(fresh)}"
 
 
 def _weight(weight: float | None) -> str:

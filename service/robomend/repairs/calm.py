@@ -17,7 +17,7 @@ from collections.abc import Awaitable, Callable, Collection, Iterable
 from functools import partial
 
 from robomend.diagnosis.result import DiagnosisResult
-from robomend.observations.pending import first_fallen, newest_onset, pending, returning, starting
+from robomend.observations.pending import SLACK_NS, first_fallen, newest_onset, pending, returning, starting
 from robomend.planning.choice import Choice
 from robomend.planning.influence import needed, published, touched
 from robomend.planning.prediction import OBSERVED_FACTS
@@ -73,7 +73,7 @@ class Calm:
         self._newest = newest
         self._diagnose = diagnose
         self._choose = choose
-        self._start_up_ns = round(start_up_s * 1e9)
+        self._start_up_ns = round(start_up_s * 1e9) + SLACK_NS
 
     async def settled(self, result: DiagnosisResult) -> DiagnosisResult:
         """Return the diagnosis once no pending verdict could change the first act."""
@@ -117,7 +117,13 @@ class Calm:
             return {}
         bad = {entry.atom for entry in symptoms}
         other = (self._observed | entries.keys()) - bad
-        found = pending(other, onset_ns, lambda atom: state.sight.delays(atom).detection_ns, now_ns)
+        found = pending(
+            other,
+            onset_ns,
+            lambda atom: state.sight.delays(atom).detection_ns,
+            now_ns,
+            state.sight.on_its_way_ns(),
+        )
         if parts is not None:
             began = {
                 entry.atom: entry.onset_ns

@@ -42,6 +42,7 @@ class ReasonsToRepair:
         self.interlocked = False  # it ended while nothing might be sent: worth a try when something may
         self.held_by_stop = False  # by nothing else, when it was asked last
         self._flapping = Flapping()
+        self._untouched: BadSets | None = None  # what the last repair gave up on without having done anything
         self._unhealthy: tuple[BadSets, float] | None = None  # and since when, monotonic
         self._unwell_s: float | None = None  # since when it was not healthy, whatever is blamed
 
@@ -62,9 +63,12 @@ class ReasonsToRepair:
         """A person changed something: what was given up on may be worth another try."""
         self.given_up = None
 
-    def gave_up(self, blamed: BadSets | None, retry_ns: int | None, *, interlocked: bool) -> None:
-        """A repair has ended; `blamed` are the bad sets that it could not mend."""
+    def gave_up(
+        self, blamed: BadSets | None, retry_ns: int | None, *, interlocked: bool, untouched: bool = False
+    ) -> None:
+        """A repair has ended; `blamed` are the bad sets that it could not mend, `untouched`: nor tried to."""
         self.given_up, self.retry_ns, self.interlocked = blamed, retry_ns, interlocked
+        self._untouched = blamed if untouched else None
 
     def well_by_itself(self, record: RepairRecord, blamed: BadSets | None) -> str | None:
         """A repair ended well; if nothing was done for it, return what to tell a person, if it is time to."""
@@ -94,6 +98,9 @@ class ReasonsToRepair:
             self._unhealthy = self._unwell_s = None
             if state.current is not None and state.current.healthy:
                 self.given_up = None
+                if self._untouched is not None:  # a person was told already, as often as this has happened
+                    self._flapping.well_by_itself(self._untouched, time.monotonic())
+                    self._untouched = None
             return IDLE_S
         now = time.monotonic()
         if self._unhealthy is None or self._unhealthy[0] != blamed:

@@ -195,6 +195,8 @@ class RobotRepairs:
             declined = isinstance(error, Declined)
             if end is RepairTrigger.OVERTAKEN:
                 blamed = None  # the new one may begin a repair of its own
+            elif end is RepairTrigger.NEEDS_PERSON:
+                blamed = blamed_now(state)  # by what came of its acts; a new repair would end as this one did
             elif end is RepairTrigger.BROKE:
                 unforeseen = not isinstance(error, RobomendError)
                 log.warning(
@@ -225,7 +227,10 @@ class RobotRepairs:
         retry_ns = await entry.next_try() if end is RepairTrigger.NEEDS_PERSON else None
         reason += in_words(state, record.left_off)
         interlocked = end is RepairTrigger.NEEDS_PERSON and state.interlocked() is not None
-        self._reasons.gave_up(blamed if gives_up else None, retry_ns, interlocked=interlocked)
+        untouched = end is RepairTrigger.NEEDS_PERSON and not record.data.get("rounds")
+        self._reasons.gave_up(
+            blamed if gives_up else None, retry_ns, interlocked=interlocked, untouched=untouched
+        )
         given_up = self._reasons.given_up
         await record.update(
             end,

@@ -34,6 +34,9 @@ SLACK_S = 0.3
 
 SLACK_NS = round(SLACK_S * 1e9)
 
+LEAST_SLACK_NS = 100_000_000
+"""For what is on its way where all that came lately came equally fast."""
+
 LATER_NS = 2 * GUARD_NS
 """Evidence so much later than the first one is not in doubt for the sake of clocks."""
 
@@ -238,14 +241,25 @@ class Sight:
         entry = self._robot.obs.get(atom)
         if entry is None or entry.since_ns is None:
             return 0
+        detection_ns = self.declared.delays(atom, Delays(0, 0)).detection_ns
+        if not detection_ns:
+            return entry.since_ns  # which is already as much less than its report as such an observer needs
         # Of silence `since` is the present less what was waited for, which is as much as detection takes. Of
-        # observers that say nothing of themselves it is already less than they may need.
-        return entry.since_ns + self.declared.delays(atom, Delays(0, 0)).detection_ns
+        # a wrong rate it is the oldest sample of many, which were looked at until the report.
+        told_ns = entry.time_ns + self._clocks.lives_on_ns(entry.source)
+        return max(entry.since_ns + detection_ns, told_ns)
 
     def delays(self, atom: Atom) -> Delays:
         """Return how fast the atom's observers are."""
         usual_ns = 0 if atom.predicate in OBSERVED_FACTS else self._usual_ns
         return self.declared.delays(atom, Delays(usual_ns, usual_ns))
+
+    def on_its_way_ns(self) -> int:
+        """Return how long a verdict that has been reached may be on its way: twice as much as the latest ones
+        differed, and SLACK_S at most.
+        """
+        spread_ns = self._clocks.spread_ns()
+        return SLACK_NS if spread_ns is None else min(SLACK_NS, LEAST_SLACK_NS + 2 * spread_ns)
 
     def told_ns(self, source: str, time_ns: int) -> int:
         """Return when a source said something, by this computer's clock: the source's may be a minute off."""

@@ -64,6 +64,15 @@ class SourceClocks:
         self._offsets[source] = least
         return least
 
+    def spread_ns(self) -> int | None:
+        """Return by how much the latest batches of any source differed in how long they were on their way.
+
+        None: of one of them too few were heard.
+        """
+        if not self._delays or any(len(delays) < ENOUGH for delays in self._delays.values()):
+            return None
+        return max(max(delays) - min(delays) for delays in self._delays.values())
+
     def lives_on_ns(self, source: str) -> int:
         """Return what is added to the end of what a source says, so that its lifetime is one by our clock.
 

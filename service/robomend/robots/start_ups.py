@@ -279,7 +279,7 @@ class StartUps:
                 if may_take_ns is None:
                     return None
                 if seen.looked_ns(atom) < began_ns + may_take_ns:  # else all is told
-                    may_take_ns += seen.delays(atom).settling_ns
+                    may_take_ns += seen.delays(atom).settling_ns + SLACK_NS
                 longest_ns = max(longest_ns, may_take_ns)
         return longest_ns or None
 
