@@ -12,10 +12,10 @@ Everything here belongs to the event loop.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Collection
 
 from robomend.errors import RobomendError
-from robomend_client.events import Event
+from robomend_client.events import Event, Kind
 
 Read = Callable[[int], Awaitable[tuple[Event, ...]]]
 """Return some of the events after an id, oldest first; () when there are none."""
@@ -30,7 +30,7 @@ class Tail:
         self._read = read
         self._last = 0
         self._newest = 0  # the largest id that is known to exist
-        self._listeners: list[Callable[[tuple[Event, ...]], None]] = []
+        self._listeners: list[tuple[Callable[[tuple[Event, ...]], None], frozenset[Kind] | None]] = []
         self._catching_up: asyncio.Task[None] | None = None
         self._closed = False
 
@@ -83,19 +83,29 @@ class Tail:
         if not events:
             return
         self._last = events[-1].id
-        for listener in tuple(self._listeners):
+        there = {event.kind for event in events}
+        for listener, kinds in tuple(self._listeners):
+            if kinds is not None and kinds.isdisjoint(there):
+                continue
             try:
                 listener(events)
             except Exception as error:  # noqa: BLE001  # one listener's bug takes no event from the others
                 told = {"message": "a listener to the store's events failed", "exception": error}
                 asyncio.get_running_loop().call_exception_handler(told)
 
-    def listen(self, callback: Callable[[tuple[Event, ...]], None]) -> Callable[[], None]:
-        """Call back with new events until the returned function is called."""
-        self._listeners.append(callback)
+    def listen(
+        self, callback: Callable[[tuple[Event, ...]], None], kinds: Collection[Kind] | None = None
+    ) -> Callable[[], None]:
+        """Call back with new events until the returned function is called.
+
+        Args:
+            kinds: of events without any of which the callback need not hear of a commit; None: all.
+        """
+        listener = (callback, None if kinds is None else frozenset(kinds))
+        self._listeners.append(listener)
 
         def end() -> None:
-            if callback in self._listeners:
-                self._listeners.remove(callback)
+            if listener in self._listeners:
+                self._listeners.remove(listener)
 
         return end
