@@ -73,7 +73,7 @@ class Store:
         self._writer = Writer(self._database, self._finished_in_thread)
         self._readers = ThreadPoolExecutor(READERS, thread_name_prefix="store-reader")
         self._reading = 0
-        self._tail = Tail(self._read_events)
+        self._tail = Tail(self._read_events, lambda: self._writer.committing)
         self._session: InstanceSession
         if self._database.path is not None:
             self._session = SqliteSession(self._database.path, self._on_sign, self._on_lost)

@@ -26,8 +26,10 @@ RETRY_S = 0.5
 class Tail:
     """Hands new events to those who listen."""
 
-    def __init__(self, read: Read) -> None:
+    def __init__(self, read: Read, committing: Callable[[], bool] = lambda: False) -> None:
+        """`committing`: whether a commit of our own is under way, which is told here in any case."""
         self._read = read
+        self._committing = committing
         self._last = 0
         self._newest = 0  # the largest id that is known to exist
         self._listeners: list[tuple[Callable[[tuple[Event, ...]], None], frozenset[Kind] | None]] = []
@@ -51,15 +53,19 @@ class Tail:
             await asyncio.wait({self._catching_up})
 
     def committed(self, events: tuple[Event, ...]) -> None:
-        """Take the events of an own commit."""
-        if not events:
-            return
-        if events[0].id == self._last + 1:
+        """Take the events of an own commit, if it had any and came off."""
+        if events and events[0].id == self._last + 1:
             self._deliver(events)
-        self.sign(events[-1].id)
+        self._look(events[-1].id if events else 0)
 
     def sign(self, newest: int) -> None:
-        """Hear that events up to this id exist."""
+        """Hear that events up to this id exist: maybe those of a commit of ours, which come by themselves."""
+        if self._committing():
+            self._newest = max(self._newest, newest)
+        else:
+            self._look(newest)
+
+    def _look(self, newest: int) -> None:
         self._newest = max(self._newest, newest)
         if self._newest > self._last and self._catching_up is None and not self._closed:
             self._catching_up = asyncio.get_running_loop().create_task(self._catch_up())

@@ -77,6 +77,8 @@ class Writer:
         self._driver: DriverConnection | None = None
         self._known = KnownRows()
         self._thread = threading.Thread(target=self._run, name="store-writer", daemon=True)
+        self.committing = False
+        """Whether a COMMIT is under way of which nobody was told."""
         self.commits = 0
         self.writes = 0
         self.last_commit_s = 0.0
@@ -183,9 +185,10 @@ class Writer:
                     break
             with driver.together():
                 events = group.finish()
-                committing = True
+                self.committing = committing = True
                 driver.commit()
         except BaseException as error:
+            self.committing = False
             self._roll_back()
             if committing and isinstance(error, exc.DBAPIError) and error.connection_invalidated:
                 raise _NoConnection(
@@ -201,6 +204,7 @@ class Writer:
         self.writes += count
         self.last_commit_s = time.monotonic() - begun
         self._finished(jobs[:count], events)
+        self.committing = False
         return jobs[count:]
 
     def _run_job(self, group: Group, job: Job) -> None:
