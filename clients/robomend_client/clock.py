@@ -19,10 +19,11 @@ class Clock:
 
     def now_ns(self) -> int:
         """Return nanoseconds since the epoch."""
-        at = time.monotonic_ns()
-        self._latest_ns = max(time.time_ns(), self._latest_ns + at - self._read_at)
+        at, now_ns = time.monotonic_ns(), time.time_ns()
+        on_ns = self._latest_ns + at - self._read_at
+        self._latest_ns = now_ns = now_ns if now_ns > on_ns else on_ns
         self._read_at = at
-        return self._latest_ns
+        return now_ns
 
     @property
     def ahead_ns(self) -> int:

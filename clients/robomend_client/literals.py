@@ -2,13 +2,15 @@
 
 An atom is a predicate over names, `ok(scan)`; a literal is an atom or its negation, `not ok(scan)`. Both
 sides of the wire share this type; the parser of whole sentences is robomend.observations.language.
+
+They are tuples, as they are looked up all the time: these are hashed and compared without Python's help.
 """
 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 PLAIN_NAME = re.compile(r"[A-Za-z0-9_.\-][A-Za-z0-9_./\-]*\Z")
 """A name that needs no quotes. A leading `/`, as ROS writes it, is dropped before a name gets here."""
@@ -26,8 +28,7 @@ def quote(name: str) -> str:
     return f'"{escaped}"'
 
 
-@dataclass(frozen=True, slots=True, order=True)
-class Atom:
+class Atom(NamedTuple):
     """A predicate and its arguments; a proposition of a five-key model may have none."""
 
     predicate: str
@@ -42,8 +43,7 @@ class Atom:
         return Atom, (self.predicate, self.args)  # models of thousands of them travel to workers
 
 
-@dataclass(frozen=True, slots=True, order=True)
-class Literal:
+class Literal(NamedTuple):
     """An atom that holds, or its negation."""
 
     atom: Atom

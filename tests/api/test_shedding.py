@@ -150,7 +150,7 @@ def test_while_the_disk_hangs_batches_are_503_at_once_and_the_stop_is_set(
             accepted = clients.submit(post)  # it was let in before anybody could know
             until(lambda: service.runtime.parts.shedding.under_way > 0, "it was not let in")
             monkeypatch.setattr(shedding, "HANGS_S", 0.1)
-            until(lambda: service.runtime.store.oldest_queued_s > 0.1, "nothing waits")
+            until(lambda: service.runtime.store.oldest_queued_s() > 0.1, "nothing waits")
             refused = post()
             assert (refused.status_code, refused.json()["code"]) == (503, "overloaded")
             assert int(refused.headers["retry-after"]) >= 1

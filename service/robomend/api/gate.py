@@ -13,6 +13,7 @@ import asyncio
 import math
 import time
 from collections.abc import Callable, Coroutine
+from functools import lru_cache
 from typing import Any, Protocol
 
 import structlog
@@ -111,6 +112,7 @@ class Admission:
         self._rates: dict[str, Bucket] = {}
         self._refused = metrics.refused
         self._names = frozenset(name.lower() for name in settings.allowed_hosts)
+        self._ours = lru_cache(maxsize=256)(self._is_ours)  # Host headers, of which few are different
 
     async def admit(self, request: Request, rule: tuple[str, str]) -> Principal:
         """Return who makes this request.
@@ -224,8 +226,7 @@ class Admission:
         with an image, say: the browser tells (robomend.api.origin), and not even reads are answered.
         """
         host = first(request.scope, b"host") or ""
-        name = host_name(host)
-        if not loopback(name) and name not in self._names:
+        if not self._ours(host):
             raise Problem(
                 421,
                 f"Host {host[:100]!r} is no name of this computer; see the setting allowed_hosts",
@@ -239,6 +240,11 @@ class Admission:
                 code="cross-origin",
             )
         return LOCAL
+
+    def _is_ours(self, host: str) -> bool:
+        """Return whether a Host header has a name of this computer."""
+        name = host_name(host)
+        return loopback(name) or name in self._names
 
     def _not_too_often(self, principal: Principal) -> Bucket:
         bucket = self._rates.get(principal.name)

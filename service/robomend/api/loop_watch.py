@@ -3,14 +3,16 @@
 A request holds the loop from one `await` to the next; nothing else happens in that time. Each request's
 longest hold goes into a histogram, in processor time, as a busy machine is no request's fault.
 
-A thread of its own looks at the loop from outside: it asks the loop for a sign every 25 ms. Where none comes
-for a while, it notes what the loop is at, and says so in the log when the sign has come: how long, how much
-of it was processor time, and where. The delay of the signs is what every request waits before it begins.
+A thread of its own looks at the loop from outside, every 25 ms. A loop that waits for work is let sleep, all
+but each fourth time; of one that is at something a sign is asked. Where none comes for a while, the thread
+notes what the loop is at, and says so in the log when the sign has come: how long, how much of it was
+processor time, and where. The delay of the signs is what every request waits before it begins.
 """
 
 from __future__ import annotations
 
 import asyncio
+import inspect
 import sys
 import threading
 import time
@@ -21,6 +23,7 @@ from typing import Any, TypeVar
 
 import structlog
 
+from robomend.end_sign import EndSign
 from robomend.metrics import Metrics
 
 T = TypeVar("T")
@@ -33,8 +36,11 @@ EVERY_S = 0.025
 HELD_S = 0.05
 """A hold that is told in the log."""
 
+ASKED_EACH = 4
+"""Looks at a loop that waits, of which one asks for a sign: it may have work, and no processor."""
+
 DELAYS = 40
-"""Of the latest signs, kept: a second's."""
+"""Of the latest looks, kept: a second's."""
 
 FROZEN_S = 10.0
 """Without a sign for so long, the process is of no use."""
@@ -58,7 +64,9 @@ def timed(work: Coroutine[Any, Any, T], note: Callable[[float], None]) -> Genera
                 result: T = end.value
                 return result
             finally:
-                longest = max(longest, time.thread_time() - began)
+                held_s = time.thread_time() - began
+                if held_s > longest:
+                    longest = held_s
             try:
                 argument = yield awaited
                 call = work.send
@@ -74,7 +82,7 @@ class LoopWatch:
     def __init__(self, metrics: Metrics) -> None:
         self._metrics = metrics
         self._watched_loop: asyncio.AbstractEventLoop | None = None
-        self._ending = threading.Event()
+        self._ending = EndSign()
         self._sign = threading.Event()
         self._turned_s = time.monotonic()
         self._delays: deque[float] = deque(maxlen=DELAYS)
@@ -92,6 +100,7 @@ class LoopWatch:
         """Watch the running event loop from now on."""
         self._watched_loop = asyncio.get_running_loop()
         self._watched = threading.get_ident()
+        self._waits_in = _loops_own(sys._getframe())
         self._turned_s = time.monotonic()
         self._thread.start()
 
@@ -129,7 +138,14 @@ class LoopWatch:
 
     def _run(self) -> None:
         clock = _processor_clock(self._watched)
+        let_sleep = 0
         while not self._ending.wait(EVERY_S):
+            if let_sleep + 1 < ASKED_EACH and self._waits():
+                let_sleep += 1
+                self._turned_s = time.monotonic()
+                self._note(0.0)
+                continue
+            let_sleep = 0
             self._sign.clear()
             asked_s, used_s = time.monotonic(), clock()
             try:
@@ -139,10 +155,7 @@ class LoopWatch:
             where = "" if self._sign.wait(HELD_S) else self._place()
             self._sign.wait()
             delay_s = self._turned_s - asked_s
-            self._delays.append(delay_s)
-            self._usual_s = sorted(self._delays)[len(self._delays) // 2]
-            self._worst_s = max(self._worst_s, delay_s)
-            self._metrics.loop_delay_s.observe(delay_s)
+            self._note(delay_s)
             if where and not self._ending.is_set():
                 log.warning(
                     "event loop held",
@@ -150,6 +163,16 @@ class LoopWatch:
                     processor_ms=round((clock() - used_s) * 1000),
                     where=where,
                 )
+
+    def _note(self, delay_s: float) -> None:
+        self._delays.append(delay_s)
+        self._usual_s = sorted(self._delays)[len(self._delays) // 2]
+        self._worst_s = max(self._worst_s, delay_s)
+        self._metrics.loop_delay_s.observe(delay_s)
+
+    def _waits(self) -> bool:
+        """Return whether the loop waits for work: no code of Python's but what runs the loop is under way."""
+        return sys._current_frames().get(self._watched) is self._waits_in
 
     def _place(self) -> str:
         """Return where the loop's thread is, innermost first, and which request it is about."""
@@ -164,6 +187,19 @@ class LoopWatch:
             request = request or _request(frame)
             frame = frame.f_back
         return " < ".join(places) + (f"; {request}" if request else "")
+
+
+def _loops_own(frame: FrameType | None) -> FrameType | None:
+    """Return the frame in which the loop was run that a frame is a part of: outside of all its coroutines.
+
+    Of a loop that is written in Python itself, none: it is always asked.
+    """
+    found = None
+    while frame is not None:
+        if frame.f_code.co_flags & inspect.CO_COROUTINE:
+            found = frame.f_back
+        frame = frame.f_back
+    return found
 
 
 def _request(frame: FrameType) -> str:

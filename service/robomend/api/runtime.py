@@ -72,7 +72,7 @@ class Runtime:
         self.batches = Batches(self.store, settings)
         self.watch = LoopWatch(self.metrics)
         self.probe = StoreProbe(self.store)
-        shedding = LoadShedding(lambda: self.store.oldest_queued_s, lambda: self.watch.delay_s, self.metrics)
+        shedding = LoadShedding(self.store.oldest_queued_s, lambda: self.watch.delay_s, self.metrics)
         self.parts = Parts(
             settings,
             self.store,
@@ -112,7 +112,7 @@ class Runtime:
             self.probe.start()
             stack.callback(self.probe.close)
             self.hub.start()
-            stack.callback(self.store.subscribe(self._count))
+            stack.callback(self.store.subscribe(self._count, (Kind.REPAIR, Kind.ACTION)))
             telling = asyncio.create_task(self._tell_figures(), name="figures for the other workers")
             stack.callback(telling.cancel)
             pruning = asyncio.create_task(self._prune(), name="retention")

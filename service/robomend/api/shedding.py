@@ -20,8 +20,8 @@ References:
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from types import TracebackType
 
 import structlog
 
@@ -119,9 +119,12 @@ class LoadShedding:
             self._told_s, self._untold = now, 0
         return Problem(503, why)
 
-    @contextmanager
-    def one(self) -> Iterator[None]:
-        """Count a batch in while it is kept.
+    def one(self) -> BatchUnderWay:
+        """Return a context in which a batch is counted in while it is kept."""
+        return BatchUnderWay(self)
+
+    def begin(self) -> int:
+        """Count a batch in, and return its place.
 
         Raises:
             Problem: while it was read, so many others came that it would wait too long.
@@ -130,10 +133,28 @@ class LoadShedding:
         if late is not None:
             raise late
         self.under_way += 1
-        place, began = self.under_way, time.perf_counter()
-        try:
-            yield
-        finally:
-            self.under_way -= 1
-            self._took_s += (time.perf_counter() - began) - self._took_s * MEMORY
-            self._places += place - self._places * MEMORY
+        return self.under_way
+
+    def end(self, place: int, took_s: float) -> None:
+        """A batch that began at this place is kept, or is not going to be."""
+        self.under_way -= 1
+        self._took_s += took_s - self._took_s * MEMORY
+        self._places += place - self._places * MEMORY
+
+
+class BatchUnderWay:
+    """See `LoadShedding.one`."""
+
+    __slots__ = ("_began", "_place", "_shedding")
+
+    def __init__(self, shedding: LoadShedding) -> None:
+        self._shedding = shedding
+
+    def __enter__(self) -> None:
+        self._place = self._shedding.begin()
+        self._began = time.perf_counter()
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._shedding.end(self._place, time.perf_counter() - self._began)

@@ -17,6 +17,7 @@ import time
 from collections import deque
 from collections.abc import AsyncIterator, Awaitable, Callable, Collection
 from dataclasses import dataclass
+from json.encoder import encode_basestring_ascii
 
 from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
@@ -58,7 +59,8 @@ Still = Callable[[], Awaitable[bool]]
 
 def encode(event: Event, brief: bool = False) -> bytes:
     """Return an event as it goes over the wire; `brief`: without its data."""
-    robot, data = to_json(event.robot), "{}" if brief else to_json(event.data)
+    robot = "null" if event.robot is None else encode_basestring_ascii(event.robot)
+    data = "{}" if brief else to_json(event.data)
     text = f'{{"time_ns":{event.time_ns},"robot":{robot},"data":{data}}}'
     return f"id: {event.id}\nevent: {event.kind}\ndata: {text}\n\n".encode()
 
@@ -190,7 +192,7 @@ class Stream:
                 if self._from_log:
                     chunk = await self._catch_up()
                 else:
-                    chunk = b"".join(frame for number, frame in self._pending if number > self._last)
+                    chunk = b"".join([frame for number, frame in self._pending if number > self._last])
                     if self._pending:
                         self._last = max(self._last, self._pending[-1][0])
                         self._pending.clear()

@@ -96,7 +96,7 @@ class Batches:
 
     async def start(self) -> None:
         """Take up what a crash left, and what is asked for from now on."""
-        self._end = self._store.subscribe(self._follow)
+        self._end = self._store.subscribe(self._follow, (Kind.BATCH,))
         self._seeker.start()
 
     async def close(self) -> None:

@@ -52,7 +52,10 @@ class Drills:
 
     async def start(self) -> None:
         """Take up what a crash left, and what is asked for from now on."""
-        self._ends = [self._store.subscribe(self._follow), self._store.ownership.on_lost(self._lost)]
+        self._ends = [
+            self._store.subscribe(self._follow, (Kind.DRILL,)),
+            self._store.ownership.on_lost(self._lost),
+        ]
         self._parts.switch.on_change(self._stop_changed)
         self._seeker.start()
 

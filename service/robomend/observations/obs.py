@@ -32,6 +32,9 @@ MAX_ATOMS = 20_000
 MAX_ASSERTIONS = 200
 FOREVER = 2**63 - 1
 
+IMPLYING = frozenset((*TRENDS, *SYMMETRIC))
+"""Predicates of which a literal may say more than itself, or in other words: see `consequences`."""
+
 
 class Obs:
     """The observations of one robot. Not thread-safe; small, as a service holds a thousand."""
@@ -72,26 +75,34 @@ class Obs:
         Raises:
             ObservationError: OBS would grow beyond MAX_ATOMS.
         """
-        new = [entry for given in observed for entry in consequences(given)]
-        atoms = {entry.literal.atom for entry in new}
-        if len(self._by_atom) + len(atoms) > MAX_ATOMS and len(self._by_atom.keys() | atoms) > MAX_ATOMS:
-            raise ObservationError(f"OBS would hold more than {MAX_ATOMS} atoms", str(new[0].literal))
+        new: list[Entry] = []
+        for given in observed:
+            if given.literal.atom.predicate in IMPLYING:
+                new += consequences(given)
+            else:
+                new.append(given)
+        by_atom = self._by_atom
+        if len(by_atom) + len(new) > MAX_ATOMS:
+            atoms = {entry.literal.atom for entry in new}
+            if len(by_atom.keys() | atoms) > MAX_ATOMS:
+                raise ObservationError(f"OBS would hold more than {MAX_ATOMS} atoms", str(new[0].literal))
         changed: dict[Atom, Entry] = {}
         for entry in new:
-            atom = entry.literal.atom
-            old = self._by_atom.get(atom)
+            literal = entry.literal
+            atom = literal.atom
+            old = by_atom.get(atom)
             if old is not None and entry.time_ns < old.time_ns:
                 continue
-            self._by_atom[atom] = entry
-            if old is None or old.literal != entry.literal:
-                if old is not None:
-                    self._held.discard(old.literal)
-                self._held.add(entry.literal)
+            by_atom[atom] = entry
             if entry.expires_ns is not None:
                 self._mortal = True
+            if old is None or old.literal != literal:
+                if old is not None:
+                    self._held.discard(old.literal)
+                self._held.add(literal)
+                changed[atom] = entry
             # `_computed_ns`: somebody may have been told already that the old entry is stale.
-            seen_ns = max(entry.time_ns, self._computed_ns)
-            if old is None or old.literal != entry.literal or not old.fresh(seen_ns) or atom in changed:
+            elif atom in changed or not old.fresh(max(entry.time_ns, self._computed_ns)):
                 changed[atom] = entry
             elif entry.expires_ns is not None and entry.expires_ns < self._valid_ns:
                 self._valid_ns = entry.expires_ns

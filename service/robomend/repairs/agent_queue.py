@@ -59,7 +59,7 @@ class AgentQueue:
 
     def start(self) -> None:
         """Follow the store's events, whichever instance wrote them."""
-        self._end = self._store.subscribe(self._notice)
+        self._end = self._store.subscribe(self._notice, (Kind.ACTION,))
 
     def end_waits(self) -> None:
         """Let every waiting agent go with nothing to do: a server that ends need not wait for them."""

@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from robomend.errors import NotFound
 from robomend.repairs.dependencies import Dependencies
 from robomend.repairs.robot_repairs import RobotRepairs
+from robomend.robots.robot import Robot
 from robomend.seeking import Seeker
 from robomend.store.records import Fence, Json, Stop
 from robomend_client.events import Event, Kind
@@ -88,10 +89,10 @@ class RobotLoops:
         if loop is not None and loop.fence == fence:
             self._tasks[fence.robot].cancel()
 
-    def _poke(self, robot: str) -> None:
-        loop = self._loops.get(robot)
+    def _poke(self, state: Robot) -> None:
+        loop = self._loops.get(state.id)
         if loop is not None:
-            loop.poke()
+            loop.poke(state)
 
     def _follow(self, events: Sequence[Event]) -> None:
         for event in events:
@@ -109,11 +110,18 @@ class RobotLoops:
                 elif event.kind is Kind.ROBOT and event.data.get("what") in {"updated", "released"}:
                     self._loops[event.robot].reconsider()
                 else:
-                    self._loops[event.robot].poke()
+                    state = self._needs.robots.memory.states.get(event.robot)
+                    if event.kind is not Kind.DIAGNOSIS or not _ours(state, event):
+                        self._loops[event.robot].poke(state)
 
     def _stop_changed(self) -> None:
         for loop in self._loops.values():
             loop.stopped()
+
+
+def _ours(state: Robot | None, event: Event) -> bool:
+    """Return whether a diagnosis is one of which `_poke` hears, as it is published here."""
+    return state is not None and state.has_announced(event.data["revision"])
 
 
 def _stop_of(data: Json) -> Stop:

@@ -55,9 +55,12 @@ class RobotRepairs:
 
     # --- what wakes it
 
-    def poke(self) -> None:
-        """There is a new diagnosis (robot_loops.py); of most is seen here that they are no reason to act."""
-        state = self._needs.robots.memory.states.get(self._robot)
+    def poke(self, state: Robot | None) -> None:
+        """There is a new diagnosis (robot_loops.py); of most is seen here that they are no reason to act.
+
+        Args:
+            state: the robot, if it is in memory.
+        """
         if not self._resting or self._reasons.any(state, self._needs.chooser, self._needs.switch.stop):
             self._news.set()
 

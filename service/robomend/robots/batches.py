@@ -189,7 +189,7 @@ async def read_batches(
             except ObservationError as error:
                 _refuse(batch, refused, error)
             await turns.rest()
-    dated = all(batch.time_ns is not None for batch in batches)
+    dated = None not in [batch.time_ns for batch in batches]
     return Update(entries, asserted, forgotten=tuple(forgotten), refused=refused, dated=dated)
 
 
@@ -244,6 +244,6 @@ def told(revision: int, changed: list[str], forgotten: Iterable[Atom], accepted_
     """Return the event of a batch. The encoder would take several times as long for its text."""
     atoms = [*map(str, forgotten)]
     event = {"revision": revision, "changed": changed, "forgotten": atoms, "accepted_ns": accepted_ns}
-    new, gone = (",".join(map(encode_basestring_ascii, texts)) for texts in (changed, atoms))
+    new, gone = ",".join(map(encode_basestring_ascii, changed)), ",".join(map(encode_basestring_ascii, atoms))
     text = f'"revision":{revision},"changed":[{new}],"forgotten":[{gone}],"accepted_ns":{accepted_ns}'
     return Encoded(event, f"{{{text}}}")

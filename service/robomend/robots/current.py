@@ -59,7 +59,7 @@ class Current:
     @property
     def healthy(self) -> bool:
         """OBS is what a healthy system would show; False without a result as well."""
-        return healthy(self.bad_sets or ())
+        return healthy(self.bad_sets or ()) if self.answer is None else self.answer.healthy
 
     def says_the_same_as(self, before: Current | None) -> bool:
         """Return whether this is no news, whatever time it took."""

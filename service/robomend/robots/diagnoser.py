@@ -24,8 +24,8 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any
 
-from robomend.diagnosis.engines import make_engine
-from robomend.diagnosis.result import DiagnosisResult, Engine, Minimal, Options
+from robomend.diagnosis.engines import ENGINES, make_engine
+from robomend.diagnosis.result import DiagnosisResult, Engine, Minimal, Options, healthy
 from robomend.errors import RobomendError
 from robomend.metrics import Metrics
 from robomend.model.cnf import HealthCnf
@@ -43,7 +43,7 @@ from robomend_client.literals import Literal
 CACHED = 4096
 """Answers kept, over all models."""
 
-ENGINES = 64
+WARM = 64
 """Warm engines kept on the event loop; beyond, the one that was not asked for longest is closed."""
 
 STRIKES = 3
@@ -65,6 +65,7 @@ class Diagnosed:
     key: str  # equal for equal answers, whatever time they took
     took: str | None = None  # behind the key it makes the text of `json`
     bad_sets: tuple[tuple[str, ...], ...] | None = None  # what each diagnosis blames; None without a result
+    healthy: bool = False  # none of them blames anybody
     kept_as: dict[tuple[str, tuple[str, ...]], Common] = field(default_factory=dict, compare=False)
     """What the store keeps of it, for a model version and what is not expected to run; see `Current`."""
 
@@ -75,7 +76,7 @@ class Diagnosed:
         text = to_json(values)
         key = timeless(text)
         bad_sets = tuple(tuple(diagnosis["bad"]) for diagnosis in values["diagnoses"])
-        return cls(result, None, values, key, text[len(key) :], bad_sets)
+        return cls(result, None, values, key, text[len(key) :], bad_sets, healthy(bad_sets))
 
     @classmethod
     def failed(cls, fault: RobomendError) -> Diagnosed:
@@ -103,6 +104,9 @@ class Diagnoser:
         self._strikes: Counter[tuple[str, str]] = Counter()
         self._turns: dict[tuple[str, str], asyncio.Lock] = {}
         self._at_once = memory_unlimited()
+        if self._at_once:
+            # Its solvers take 30 ms to load, for which the first robot's diagnosis would hold the event loop.
+            ENGINES.load("sat")
         self._seen_before = metrics.diagnoses.labels("cache")  # looking a label up costs more than counting
 
     async def diagnose(
@@ -203,7 +207,7 @@ class Diagnoser:
         engine = self._engines.get((version, name))
         if engine is None:
             engine = self._engines[version, name] = make_engine(name, cnf)
-            while len(self._engines) > ENGINES:
+            while len(self._engines) > WARM:
                 self._engines.popitem(last=False)[1].close()
         self._engines.move_to_end((version, name))
         return engine

@@ -49,14 +49,14 @@ class Diagnosing:
         self._metrics = metrics
         self._diagnoser = diagnoser
         self._running: set[asyncio.Task[None]] = set()
-        self._callbacks: list[Callable[[str], None]] = []
+        self._callbacks: list[Callable[[Robot], None]] = []
         self.closing = False
         metrics.on_demand(
             "robomend_diagnoses_queued", "robots being diagnosed", (), lambda: [((), len(self._running))]
         )
 
-    def on_diagnosis(self, callback: Callable[[str], None]) -> None:
-        """Call back with a robot's id after each diagnosis, as robot_loops.py is; it must not block."""
+    def on_diagnosis(self, callback: Callable[[Robot], None]) -> None:
+        """Call back with a robot after each diagnosis of it, as robot_loops.py is; it must not block."""
         self._callbacks.append(callback)
 
     async def close(self) -> None:
@@ -223,7 +223,7 @@ class Diagnosing:
         robot.is_diagnosed(current)
         self._set_expiry(robot)
         for callback in self._callbacks:
-            callback(robot.id)
+            callback(robot)
 
 
 async def _debounce(robot: Robot) -> None:

@@ -43,7 +43,9 @@ class Dating:
             InputError: there are not as many values as observations, or one is after the batch.
         """
         for name, values in (("since", since), ("onset", onset)):
-            if values and len(values) != observations:
+            if not values:
+                continue
+            if len(values) != observations:
                 raise InputError(
                     f"{name}: {len(values)} values for {observations} observations; give one for each, null "
                     "where there is none"

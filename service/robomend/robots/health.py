@@ -57,10 +57,10 @@ class HealthWatch:
             "robomend_robots_health", "robots in memory by how they are", ("state",), self._count
         )
 
-    def look(self, robot: str) -> None:
+    def look(self, state: Robot) -> None:
         """A diagnosis was published or confirmed."""
-        state = self._robots.get(robot)
-        if state is None:
+        robot = state.id
+        if state.gone:
             self._told.pop(robot, None)
             return
         how, unknown = health_of(state)

@@ -62,6 +62,7 @@ class Robot:
         "config",
         "current",
         "diagnosed",
+        "id",
         "model",
         "obs",
         "observed",
@@ -97,10 +98,6 @@ class Robot:
         self._changed_at = 0.0  # perf_counter of the latest change
         self._timers: dict[str, asyncio.TimerHandle] = {}
         self._own: tuple[tuple[str, tuple[Assertion, ...], tuple[str, ...]], str, System] | None = None
-
-    @property
-    def id(self) -> str:
-        return self.stored.id
 
     @property
     def stale(self) -> bool:
@@ -196,7 +193,7 @@ class Robot:
         keep: a renewed lifetime must survive a restart as well. ObservationError if OBS would grow too large.
         """
         changed = self.obs.update(update.entries) if update.entries else ()
-        kept = {entry.atom: entry for entry in changed}
+        kept = {entry.literal.atom: entry for entry in changed}
         for given in update.entries:
             if given.expires_ns is not None:
                 for entry in consequences(given):
@@ -250,7 +247,7 @@ class Robot:
             self._circles.were_up(system, self.current.result)
 
     def _configure(self, stored: records.StoredRobot, model: records.StoredModel, system: System) -> None:
-        self.stored = stored
+        self.stored, self.id = stored, stored.id
         self.config = RobotConfig.from_json(stored.id, stored.config)
         self.model = model
         self.system = system
@@ -335,6 +332,10 @@ class Robot:
     def confirms(self, current: Current) -> bool:
         """Return whether a diagnosis says what was published last."""
         return current.says_the_same_as(self._announced)
+
+    def has_announced(self, revision: int) -> bool:
+        """Return whether the diagnosis that is announced here is of this revision."""
+        return self._announced is not None and self._announced.revision == revision
 
     def not_announced(self) -> None:
         """What was about to be published was not: it is still news."""

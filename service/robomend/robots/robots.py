@@ -163,7 +163,8 @@ class Robots:
                 by=by.name,
             )
             note(tx, state.id, by, update, revision, reports)
-            start_ups.keep(tx, state.id, started)
+            if started:
+                start_ups.keep(tx, state.id, started)
             literals = [str(entry.literal) for entry in changed]
             tx.emit(Kind.OBSERVATIONS, state.id, told(revision, literals, update.forgotten, accepted_ns))
             return {"revision": revision, "changed": literals}

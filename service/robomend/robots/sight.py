@@ -212,14 +212,15 @@ class Sight:
         if len(self._off) > MAX_ATOMS:
             self._off.clear()
         for entry in changed:
-            if not entry.positive and entry.atom.predicate in OBSERVED_FACTS:
-                self._off.add(entry.atom)
-            if entry.positive and entry.since_ns is not None:
-                self._rose[entry.atom] = (entry.since_ns,)
-                self._risen.add(entry.atom)
+            atom, positive = entry.literal
+            if not positive and atom.predicate in OBSERVED_FACTS:
+                self._off.add(atom)
+            if positive and entry.since_ns is not None:
+                self._rose[atom] = (entry.since_ns,)
+                self._risen.add(atom)
             else:
-                self._rose.pop(entry.atom, None)
-                self._risen.discard(entry.atom)
+                self._rose.pop(atom, None)
+                self._risen.discard(atom)
         if self.unconfirmed:
             said = (entry for given in reported for entry in consequences(given))
             self.unconfirmed.hear(entry for entry in said if self._robot.obs.get(entry.atom) == entry)

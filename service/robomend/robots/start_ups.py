@@ -152,7 +152,7 @@ class StartUps:
         if parts is None:
             return
         for entry in changed:
-            match entry.atom:
+            match entry.literal.atom:
                 case Atom(Node.state, (node,)) if node in parts.nodes:
                     self._ran(parts.nodes[node], entry, seen)
                 case Atom("ok", (topic,)) if topic in self._awaited:

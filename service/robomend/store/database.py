@@ -32,6 +32,7 @@ from robomend.errors import (
     StoreFull,
 )
 from robomend.store import schema
+from robomend.store.driver import DriverConnection
 
 BUSY_TIMEOUT_S = 10.0
 """How long a SQLite writer waits for a writer in another process."""
@@ -117,6 +118,20 @@ class Database:
                 connection.exec_driver_sql(f"SET idle_in_transaction_session_timeout = {HANGS_MS}")
                 connection.commit()
             return connection
+
+    def open_driver(self) -> DriverConnection:
+        """Return a connection as `open_writer` does, of which the transactions are the driver's own: each
+        begins with `begin` and ends with its `commit` or `rollback`.
+        """
+        connection = self.open_writer().execution_options(robomend_begins=False)
+        with translated():
+            connection.begin()  # as far as SQLAlchemy knows: its statements are part of what we begin
+        return DriverConnection(connection)
+
+    def begin(self, driver: DriverConnection) -> None:
+        """Begin a transaction that writes."""
+        if self.path is not None:
+            _begin_writing(driver.connection, driver.itself)
 
     def prepare(self) -> None:
         """Create or migrate the schema; quick when it is current.
@@ -236,23 +251,22 @@ def _sqlite_engine(url: URL) -> Engine:
 
     @event.listens_for(engine, "begin")
     def _begin(connection: Connection) -> None:
-        writes = connection.get_execution_options().get("robomend_writes")
-        if writes:
-            _begin_writing(connection)
+        options = connection.get_execution_options()
+        if options.get("robomend_writes"):
+            if options.get("robomend_begins", True):
+                _begin_writing(connection, connection.connection.driver_connection)
         else:
             connection.exec_driver_sql("BEGIN")
 
     return engine
 
 
-def _begin_writing(connection: Connection) -> None:
+def _begin_writing(connection: Connection, raw: Any) -> None:
     """BEGIN IMMEDIATE, once it is our turn among the processes that write.
 
     SQLite's own wait sleeps up to 0.1 s at a time, and whoever writes often gets in between: a process that
     writes now and then waited for up to a second, and a stop with it. Looking each millisecond: 7 ms.
     """
-    raw = connection.connection.driver_connection
-    assert isinstance(raw, sqlite3.Connection)
     if not connection.info.get(LOOKS):
         raw.execute("PRAGMA busy_timeout=0")
         connection.info[LOOKS] = True

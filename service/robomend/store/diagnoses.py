@@ -48,15 +48,9 @@ def between(
 def record(tx: Transaction, robot: str, revision: int, result: Json, *, model_version: str = "") -> None:
     """Keep a diagnosis that differs from the one before."""
     tx.existing(robot)
-    tx.waiting.diagnoses.append(
-        {
-            "robot": robot,
-            "revision": checked_ns(revision),
-            "model_version": checked(model_version),
-            "time_ns": tx.now_ns,
-            **tx.waiting.kept("result", result),
-        }
-    )
+    waiting = tx.waiting
+    of_revision = (robot, checked_ns(revision), checked(model_version), tx.now_ns)
+    waiting.diagnoses.append((*of_revision, *waiting.kept(result)))
 
 
 def _diagnoses(view: View, rows: Sequence[AnyRow]) -> tuple[StoredDiagnosis, ...]:

@@ -17,7 +17,8 @@ from robomend_client.literals import Atom, Literal
 _COMPACT = json.JSONEncoder(separators=(",", ":"), allow_nan=False)
 _CANONICAL = json.JSONEncoder(separators=(",", ":"), allow_nan=False, sort_keys=True)
 _ID_LETTERS = "23456789abcdefghjkmnpqrstvwxyz"  # none that look like another
-_INT64 = 2**63
+INT64 = range(-(2**63), 2**63)
+"""What a column of times holds."""
 
 HOLE = "\n"
 """Where the common piece of a text goes: compact JSON has no line breaks."""
@@ -114,7 +115,7 @@ def checked_or_none(text: str | None) -> str | None:
 
 def checked_ns(time_ns: int) -> int:
     """Return a time that fits 64 bits; InputError for others."""
-    if not -_INT64 <= time_ns < _INT64:
+    if time_ns not in INT64:
         raise InputError(f"the time {time_ns} ns does not fit 64 bits; nanoseconds since 1970 end in 2262")
     return time_ns
 
@@ -154,7 +155,8 @@ def batch_to_text(
 
 def _entry_row(entry: Entry) -> list[Any]:
     """Return an entry as an array, without the values at its end that it has not got."""
-    row = [entry.atom.predicate, entry.atom.args, entry.positive, entry.source, entry.time_ns]
+    (predicate, args), positive = entry.literal
+    row = [predicate, args, positive, entry.source, entry.time_ns]
     row += [entry.expires_ns, entry.since_ns, entry.onset_ns, entry.settled]
     while row[-1] is None:
         row.pop()

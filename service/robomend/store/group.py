@@ -15,17 +15,19 @@ writer until the COMMIT: that is what makes event ids gapless and committed in t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Sequence
 from typing import TypeVar
 
-from sqlalchemy import Connection, Executable, Table, bindparam, select, text
+from sqlalchemy import Executable, Table, bindparam, select, text
 
 from robomend.errors import StateConflict
 from robomend.store import results, schema
+from robomend.store.driver import DriverConnection
 from robomend.store.encoding import checked, from_json, to_json
-from robomend.store.prepared import Prepared, select_in
+from robomend.store.known import KnownRows
+from robomend.store.prepared import Prepared
 from robomend.store.records import IdempotencyKey
-from robomend.store.rows import LockedRobot, Rows, Values, upsert
+from robomend.store.rows import DIAGNOSES, EVENTS, HISTORY, OBS, LockedRobot, Row, Rows, upsert
 from robomend.store.transaction import Transaction
 from robomend_client.events import Event
 
@@ -52,17 +54,16 @@ def _revise(kind: str) -> Executable:
     return table.update().where(of_robot).values(revision=bindparam("to_revision"))
 
 
-def _inserts(table: Table) -> Prepared:
-    columns = [column.name for column in table.columns if column.name != "number"]
+def _inserts(table: Table, columns: Sequence[str]) -> Prepared:
     return Prepared(lambda _: table.insert(), columns)
 
 
 # Made once: building a statement costs several times as much as running it.
-_KEEP_BATCH = _inserts(schema.observations)
-_KEEP_DIAGNOSIS = _inserts(schema.diagnoses)
-_KEEP_EVENT = _inserts(schema.events)
-_KEEP_OBS = Prepared(lambda kind: upsert(kind, schema.obs), schema.obs.columns.keys())
-_KEEP_REVISION = Prepared(_revise)
+_KEEP_BATCH = _inserts(schema.observations, HISTORY)
+_KEEP_DIAGNOSIS = _inserts(schema.diagnoses, DIAGNOSES)
+_KEEP_EVENT = _inserts(schema.events, EVENTS)
+_KEEP_OBS = Prepared(lambda kind: upsert(kind, schema.obs), OBS)
+_KEEP_REVISION = Prepared(_revise, ("of_robot", "to_revision"))
 _KEEP_AUDIT = schema.audit.insert()
 _LOOK_AT_ROBOTS = """
     SELECT robot_state.robot, revision, fence, owner, robots.id IS NOT NULL
@@ -83,23 +84,38 @@ _COUNT = (
     .values(value=schema.counters.c.value + bindparam("by"))
     .returning(schema.counters.c.value)
 )
-_NEXT = Prepared(lambda _: _COUNT)
-_NOTIFY = text("SELECT pg_notify(:c, :id)")
+_NEXT = Prepared(lambda _: _COUNT, ("counter", "by"))
+_TELL = """
+    WITH counted AS (UPDATE counters SET value = value + :by WHERE name = :counter RETURNING value)
+    SELECT value, pg_notify(:channel, CAST(value AS text)) FROM counted
+"""
+_NEXT_TOLD = Prepared(
+    lambda _: text(_TELL), ("counter", "by", "channel")
+)  # the others hear of it at the COMMIT
 
 
 class Group:
     """The database transaction that a group of changes shares; `connection` is in it already."""
 
     def __init__(
-        self, connection: Connection, robots: Iterable[str], onces: Iterable[IdempotencyKey], now_ns: int
+        self,
+        driver: DriverConnection,
+        known: KnownRows,
+        robots: Collection[str],
+        onces: Sequence[IdempotencyKey],
+        now_ns: int,
     ) -> None:
-        self.connection = connection
-        self.kind = connection.dialect.name
+        """`known`: what need not be looked up; whoever fails to commit the group has it forgotten."""
+        self.driver = driver
+        self.connection = driver.connection
+        self.kind = driver.kind
         self.now_ns = now_ns
         self.rows = Rows()
-        self.rows.states.update(self.lock(robots))
-        self._numbers: dict[str, int] = {}  # of results, by digest
-        self.answers = self._answers(onces)
+        self._numbers: dict[str, int] = {}  # of results that this group found or wrote, by digest
+        self._known = known
+        known.look(driver, now_ns // results.DAY_NS)
+        self.rows.states = self.lock(robots)
+        self.answers = self._answers(onces) if onces else {}
 
     def run(self, change: Callable[[Transaction], T], once: IdempotencyKey | None) -> T:
         """Run one change; if it raises, nothing of it is left."""
@@ -125,18 +141,20 @@ class Group:
         tx.done()
         return result
 
-    def lock(self, robots: Iterable[str]) -> dict[str, LockedRobot]:
+    def lock(self, robots: Collection[str]) -> dict[str, LockedRobot]:
         """Lock robots, in the order of their names, and return what is known of them."""
-        names = sorted({checked(robot) for robot in robots})
-        found: dict[str, LockedRobot] = {}
+        known = self._known.robots
+        found = {robot: known[robot] for robot in robots if robot in known}
+        if len(found) == len(robots):
+            return found
+        names = sorted({checked(robot) for robot in robots if robot not in found})
         for start in range(0, len(names), 500):
-            for robot, revision, fence, owner, there in select_in(
-                self.connection, _STATES, names[start : start + 500]
-            ):
+            some = names[start : start + 500]
+            for robot, revision, fence, owner, there in self.driver.select_in(_STATES, some):
                 found[robot] = LockedRobot(revision, fence, owner, bool(there))
         return found
 
-    def _answers(self, onces: Iterable[IdempotencyKey]) -> dict[tuple[str, str], tuple[str, str]]:
+    def _answers(self, onces: Sequence[IdempotencyKey]) -> dict[tuple[str, str], tuple[str, str]]:
         keys = sorted({checked(once.key) for once in onces})
         answers = {}
         for start in range(0, len(keys), 500):
@@ -147,25 +165,30 @@ class Group:
 
     def flush(self, rows: Rows) -> None:
         """Write the rows that have no id yet to get: all but audit and events."""
-        execute = self.connection.execute
+        execute, driver = self.connection.execute, self.driver
         if rows.history:
-            _KEEP_BATCH.run(self.connection, rows.history)
-        kept = [values for values in rows.obs.values() if values is not None]
-        if kept:
-            _KEEP_OBS.run(self.connection, kept)
-        if len(kept) < len(rows.obs):
-            gone = [key for key, values in rows.obs.items() if values is None]
-            execute(_FORGET, [{"of_robot": robot, "of_atom": atom} for robot, atom in gone])
+            _KEEP_BATCH.run(driver, rows.history)
+            rows.history = []
+        if rows.obs:
+            kept = [values for values in rows.obs.values() if values is not None]
+            if kept:
+                _KEEP_OBS.run(driver, kept)
+            if len(kept) < len(rows.obs):
+                gone = [key for key, values in rows.obs.items() if values is None]
+                execute(_FORGET, [{"of_robot": robot, "of_atom": atom} for robot, atom in gone])
+            rows.obs = {}
         if rows.revised:
             states = rows.states
-            revised = [{"of_robot": r, "to_revision": states[r].revision} for r in sorted(rows.revised)]
-            _KEEP_REVISION.run(self.connection, revised)
-        self._give_numbers(rows.common)
+            _KEEP_REVISION.run(driver, [(robot, states[robot].revision) for robot in sorted(rows.revised)])
+            rows.revised = set()
+        if rows.common:
+            self._give_numbers(rows.common)
         if rows.diagnoses:
-            _KEEP_DIAGNOSIS.run(self.connection, [self._numbered(values) for values in rows.diagnoses])
+            _KEEP_DIAGNOSIS.run(driver, [self._numbered(row) for row in rows.diagnoses])
+            rows.diagnoses = []
         if rows.once:
             execute(upsert(self.kind, schema.idempotency), list(rows.once.values()))
-        rows.history, rows.obs, rows.revised, rows.once, rows.diagnoses = [], {}, set(), {}, []
+            rows.once = {}
 
     def finish(self) -> tuple[Event, ...]:
         """Write what is left, give the ids, and return the events. The COMMIT comes next."""
@@ -180,41 +203,43 @@ class Group:
             if self.rows.turn and self.kind == "postgresql":  # on SQLite it is the transaction's own
                 self._count("event", 0)
             return ()
-        last = self._count("event", len(pending))
-        events = tuple(
-            Event(id_, self.now_ns, kind, robot, data)
-            for id_, (kind, robot, data, _) in enumerate(pending, last - len(pending) + 1)
-        )
-        _KEEP_EVENT.run(
-            self.connection,
-            [
-                {
-                    "id": e.id,
-                    "time_ns": e.time_ns,
-                    "kind": e.kind.value,
-                    "robot": e.robot,
-                    **self._numbered(kept),
-                }
-                for e, (_, _, _, kept) in zip(events, pending, strict=True)
-            ],
-        )
         if self.kind == "postgresql":
-            self.connection.execute(_NOTIFY, {"c": CHANNEL, "id": str(last)})
-        return events
+            last = int(_NEXT_TOLD.value(self.driver, ("event", len(pending), CHANNEL)))
+        else:
+            last = self._count("event", len(pending))
+        now_ns, events, rows = self.now_ns, [], []
+        for id_, (kind, robot, data, own, digest) in enumerate(pending, last - len(pending) + 1):
+            events.append(Event(id_, now_ns, kind, robot, data))
+            rows.append(self._numbered((id_, now_ns, str(kind), robot, own, digest)))
+        _KEEP_EVENT.run(self.driver, rows)
+        return tuple(events)
 
     def _give_numbers(self, common: dict[str, str]) -> None:
         """Keep the results that are not yet, and learn their numbers."""
-        new = {digest: text for digest, text in common.items() if digest not in self._numbers}
+        known = self._known.numbers
+        new = {d: text for d, text in common.items() if d not in self._numbers and d not in known}
         if new:
-            self._numbers.update(results.number(self.connection, new, self.now_ns))
+            self._numbers.update(results.number(self.driver, new, self.now_ns))
 
-    def _numbered(self, values: Values) -> Values:
-        digest = values["common"]
-        return values if digest is None else {**values, "common": self._numbers[digest]}
+    def _numbered(self, row: Row) -> Row:
+        """Return a row of which the last column is the number of its result, in place of its digest."""
+        digest = row[-1]
+        if digest is None:
+            return row
+        number = self._numbers.get(digest)
+        return (*row[:-1], self._known.numbers[digest] if number is None else number)
+
+    def otherwise(self) -> None:
+        """Something is changed by a statement of its own: what is known may not be so any more."""
+        self._known.forget()
+
+    def learned(self) -> None:
+        """The transaction was committed."""
+        self._known.learn(self.rows.states, self._numbers)
 
     def forget_numbers(self) -> None:
         """Some of the results were taken back."""
         self._numbers.clear()
 
     def _count(self, counter: str, by: int) -> int:
-        return int(_NEXT.value(self.connection, {"counter": counter, "by": by}))
+        return int(_NEXT.value(self.driver, (counter, by)))

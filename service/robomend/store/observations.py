@@ -10,6 +10,7 @@ from robomend.entry import Entry
 from robomend.errors import NotFound, StateConflict
 from robomend.store import schema
 from robomend.store.encoding import (
+    INT64,
     atom_from_text,
     atom_to_text,
     batch_from_text,
@@ -94,19 +95,12 @@ def observe(
     """
     state = _at(tx, robot, expected)
     rows, revision = tx.waiting, state.revision + 1
-    rows.history.append(
-        {
-            "robot": robot,
-            "revision": revision,
-            "time_ns": tx.now_ns,
-            "data": batch_to_text(accepted, asserted, withdrawn, by),
-        }
-    )
+    rows.history.append((robot, revision, tx.now_ns, batch_to_text(accepted, asserted, withdrawn, by)))
     _hold(tx, robot, changed)
     for gone in forgotten:
         rows.obs[robot, atom_to_text(gone)] = None
     rows.revised.add(robot)
-    tx.now_is(robot, state._replace(revision=revision))
+    tx.now_is(robot, LockedRobot(revision, *state[1:]))
     if asserted or withdrawn:
         _assert(tx, robot, asserted, withdrawn)
     return revision
@@ -140,19 +134,15 @@ def _at(tx: Transaction, robot: str, expected: int | None) -> LockedRobot:
 
 
 def _hold(tx: Transaction, robot: str, entries: Sequence[Entry]) -> None:
+    obs = tx.waiting.obs
     for entry in entries:
-        atom = atom_to_text(entry.atom)
-        tx.waiting.obs[robot, atom] = {
-            "robot": robot,
-            "atom": atom,
-            "positive": entry.positive,
-            "source": checked(entry.source),
-            "time_ns": checked_ns(entry.time_ns),
-            "expires_ns": None if entry.expires_ns is None else checked_ns(entry.expires_ns),
-            "since_ns": None if entry.since_ns is None else checked_ns(entry.since_ns),
-            "onset_ns": None if entry.onset_ns is None else checked_ns(entry.onset_ns),
-            "settled": None if entry.settled is None else checked_ns(entry.settled),
-        }
+        atom, positive = entry.literal
+        times = (entry.time_ns, entry.expires_ns, entry.since_ns, entry.onset_ns, entry.settled)
+        for time_ns in times:
+            if time_ns is not None and time_ns not in INT64:
+                checked_ns(time_ns)
+        key = atom_to_text(atom)
+        obs[robot, key] = (robot, key, positive, checked(entry.source), *times)
 
 
 def _assert(

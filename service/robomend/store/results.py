@@ -12,13 +12,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 
-from sqlalchemy import Connection, Insert, Integer, bindparam, func, select
+from sqlalchemy import Insert, Integer, bindparam, func, select
 from sqlalchemy.dialects import postgresql, sqlite
 
 from robomend.errors import StoreError
 from robomend.store import schema
+from robomend.store.driver import DriverConnection
 from robomend.store.encoding import filled
-from robomend.store.prepared import select_in
 from robomend.store.view import AnyRow, View
 
 DAY_NS = 86_400_000_000_000
@@ -44,7 +44,7 @@ def _keep(kind: str) -> Insert:
     if kind == "sqlite":
         lite = sqlite.insert(_RESULTS).values(values)
         return lite.on_conflict_do_update(["digest"], set_={"used_day": lite.excluded.used_day})
-    postgres = postgresql.insert(_RESULTS).values(values)
+    postgres = postgresql.insert(_RESULTS).values(values).inline()  # nobody waits for its number just now
     used = func.greatest(_RESULTS.c.used_day, postgres.excluded.used_day)
     return postgres.on_conflict_do_update(index_elements=["digest"], set_={"used_day": used})
 
@@ -52,22 +52,22 @@ def _keep(kind: str) -> Insert:
 _KEEP = {kind: _keep(kind) for kind in ("sqlite", "postgresql")}
 
 
-def number(connection: Connection, texts: Mapping[str, str], now_ns: int) -> dict[str, int]:
+def number(driver: DriverConnection, texts: Mapping[str, str], now_ns: int) -> dict[str, int]:
     """Return the number of each text, by its digest; what is not there yet is kept."""
     today = now_ns // DAY_NS
     numbers: dict[str, int] = {}
     digests = sorted(texts)  # one order, so that instances do not wait for each other in a circle
     for start in range(0, len(digests), _SOME):
         some = digests[start : start + _SOME]
-        for digest, found, used_day, newest in select_in(connection, _FIND, [*map(bytes.fromhex, some)]):
+        for digest, found, used_day, newest in driver.select_in(_FIND, [*map(bytes.fromhex, some)]):
             if used_day >= max(today, newest):
                 numbers[digest.hex()] = found
         if missing := [digest for digest in some if digest not in numbers]:
-            connection.execute(
-                _KEEP[connection.dialect.name],
+            driver.connection.execute(
+                _KEEP[driver.kind],
                 [{"of_digest": digest, "text": texts[digest], "today": today} for digest in missing],
             )
-            for digest, found, _, _ in select_in(connection, _FIND, [*map(bytes.fromhex, missing)]):
+            for digest, found, _, _ in driver.select_in(_FIND, [*map(bytes.fromhex, missing)]):
                 numbers[digest.hex()] = found
     return numbers
 

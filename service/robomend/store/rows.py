@@ -1,8 +1,10 @@
-"""Rows that wait in memory until their group's end, and how a row is put in."""
+"""Rows that wait in memory until their group's end, and how a row is put in.
+
+A row is a tuple in the order of its columns, as it goes to the driver; the columns stand here.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -14,6 +16,22 @@ from robomend.store.records import Json
 from robomend_client.events import Kind
 
 Values = dict[str, Any]
+Row = tuple[Any, ...]
+
+HISTORY = ("robot", "revision", "time_ns", "data")
+OBS = (
+    "robot",
+    "atom",
+    "positive",
+    "source",
+    "time_ns",
+    "expires_ns",
+    "since_ns",
+    "onset_ns",
+    "settled",
+)
+DIAGNOSES = ("robot", "revision", "model_version", "time_ns", "result", "common")
+EVENTS = ("id", "time_ns", "kind", "robot", "data", "common")
 
 
 class LockedRobot(NamedTuple):
@@ -25,40 +43,55 @@ class LockedRobot(NamedTuple):
     exists: bool
 
 
-@dataclass(slots=True)
 class Rows:
     """Rows that wait in memory, and what is known of the locked robots."""
 
-    states: dict[str, LockedRobot] = field(default_factory=dict)
-    revised: set[str] = field(default_factory=set)
-    history: list[Values] = field(default_factory=list)
-    obs: dict[tuple[str, str], Values | None] = field(default_factory=dict)  # None: forgotten
-    once: dict[tuple[str, str], Values] = field(default_factory=dict)
-    diagnoses: list[Values] = field(default_factory=list)
-    audit: list[Values] = field(default_factory=list)
-    events: list[tuple[Kind, str | None, Json, Values]] = field(default_factory=list)
-    common: dict[str, str] = field(default_factory=dict)  # digest -> text, of what the rows above have
-    turn: bool = False  # somebody asks only whether there is a turn to write
+    __slots__ = (
+        "audit",
+        "common",
+        "diagnoses",
+        "events",
+        "history",
+        "obs",
+        "once",
+        "revised",
+        "states",
+        "turn",
+    )
+
+    def __init__(self) -> None:
+        self.states: dict[str, LockedRobot] = {}
+        self.revised: set[str] = set()
+        self.history: list[Row] = []
+        self.obs: dict[tuple[str, str], Row | None] = {}  # None: forgotten
+        self.once: dict[tuple[str, str], Values] = {}
+        self.diagnoses: list[Row] = []  # in place of a result's number stands its digest yet
+        self.audit: list[Values] = []
+        self.events: list[tuple[Kind, str | None, Json, str, str | None]] = []  # text and digest of the data
+        self.common: dict[str, str] = {}  # digest -> text, of what the rows above have
+        self.turn = False  # somebody asks only whether there is a turn to write
 
     def absorb(self, other: Rows) -> None:
         """Take over the rows of a change that went well."""
-        self.states.update(other.states)
+        self.states |= other.states
         self.revised |= other.revised
         self.history += other.history
-        self.obs.update(other.obs)
-        self.once.update(other.once)
+        self.obs |= other.obs
+        self.once |= other.once
         self.diagnoses += other.diagnoses
         self.audit += other.audit
         self.events += other.events
-        self.common.update(other.common)
+        self.common |= other.common
         self.turn |= other.turn
 
-    def kept(self, column: str, data: Json) -> Values:
-        """Return the columns that keep a value; in place of its result's number stands the digest yet."""
-        if type(data) is Encoded and data.common is not None:
-            self.common[data.common.digest] = data.common.text
-            return {column: data.own, "common": data.common.digest}
-        return {column: to_json(data), "common": None}
+    def kept(self, data: Json) -> tuple[str, str | None]:
+        """Return the text that keeps a value, and the digest of the piece that other rows have as well."""
+        if type(data) is not Encoded:
+            return to_json(data), None
+        if data.common is None:
+            return data.text, None
+        self.common[data.common.digest] = data.common.text
+        return data.own, data.common.digest
 
 
 @cache

@@ -28,7 +28,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
-from collections.abc import AsyncIterator, Callable, Iterable, Sequence
+from collections.abc import AsyncIterator, Callable, Collection, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
@@ -43,7 +43,7 @@ from robomend.store.tail import Tail
 from robomend.store.transaction import Transaction
 from robomend.store.view import View
 from robomend.store.writer import Job, Writer
-from robomend_client.events import Event
+from robomend_client.events import Event, Kind
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -73,7 +73,7 @@ class Store:
         self._writer = Writer(self._database, self._finished_in_thread)
         self._readers = ThreadPoolExecutor(READERS, thread_name_prefix="store-reader")
         self._reading = 0
-        self._tail = Tail(self._read_events)
+        self._tail = Tail(self._read_events, lambda: self._writer.committing)
         self._session: InstanceSession
         if self._database.path is not None:
             self._session = SqliteSession(self._database.path, self._on_sign, self._on_lost)
@@ -162,7 +162,9 @@ class Store:
 
         Being cancelled does not take back a write that is queued.
         """
-        names = tuple(checked(robot) for robot in robots)
+        names = tuple(robots)
+        for robot in names:
+            checked(robot)
         if once is not None:  # a text that no column takes must not reach the group
             for part in (once.scope, once.key, once.request):
                 checked(part)
@@ -178,8 +180,10 @@ class Store:
         await self.write(Transaction.wait_turn)
 
     def _finished_in_thread(self, jobs: Sequence[Job], events: tuple[Event, ...]) -> None:
-        with contextlib.suppress(RuntimeError):  # the event loop has ended without closing us
+        try:
             self._running().call_soon_threadsafe(self._finished, jobs, events)
+        except RuntimeError:  # the event loop has ended without closing us
+            return
 
     def _finished(self, jobs: Sequence[Job], events: tuple[Event, ...]) -> None:
         for job in jobs:
@@ -198,20 +202,23 @@ class Store:
 
     # --- events
 
-    def subscribe(self, callback: Callable[[tuple[Event, ...]], None]) -> Callable[[], None]:
+    def subscribe(
+        self, callback: Callable[[tuple[Event, ...]], None], kinds: Collection[Kind] | None = None
+    ) -> Callable[[], None]:
         """Call back, in the event loop, with every event committed
         from now on by any instance, in order of id.
 
         None is left out and none comes twice, also when the database was away. Returns a function that ends
-        it.
+        it. With `kinds`, commits without an event of these may be left out.
         """
-        return self._tail.listen(callback)
+        return self._tail.listen(callback, kinds)
 
     async def _read_events(self, after: int) -> tuple[Event, ...]:
         return await self.read(log.after, after)
 
     def _on_sign(self, newest: int) -> None:
-        self._from_thread(self._tail.sign, newest)
+        if newest > self._tail.last:  # else it was our own commit, and the event loop may sleep on
+            self._from_thread(self._tail.sign, newest)
 
     def _on_lost(self) -> None:
         self._from_thread(self._ownership.lost)
@@ -220,9 +227,8 @@ class Store:
         with contextlib.suppress(RuntimeError):  # the event loop has ended
             self._running().call_soon_threadsafe(call, *args)
 
-    @property
     def oldest_queued_s(self) -> float:
-        """How long the oldest write has waited whose group has not begun."""
+        """Return how long the oldest write has waited whose group has not begun."""
         return self._writer.queued_s()
 
     def figures(self) -> StoreFigures:

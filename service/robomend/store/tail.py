@@ -12,10 +12,10 @@ Everything here belongs to the event loop.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Collection
 
 from robomend.errors import RobomendError
-from robomend_client.events import Event
+from robomend_client.events import Event, Kind
 
 Read = Callable[[int], Awaitable[tuple[Event, ...]]]
 """Return some of the events after an id, oldest first; () when there are none."""
@@ -26,11 +26,13 @@ RETRY_S = 0.5
 class Tail:
     """Hands new events to those who listen."""
 
-    def __init__(self, read: Read) -> None:
+    def __init__(self, read: Read, committing: Callable[[], bool] = lambda: False) -> None:
+        """`committing`: whether a commit of our own is under way, which is told here in any case."""
         self._read = read
+        self._committing = committing
         self._last = 0
         self._newest = 0  # the largest id that is known to exist
-        self._listeners: list[Callable[[tuple[Event, ...]], None]] = []
+        self._listeners: list[tuple[Callable[[tuple[Event, ...]], None], frozenset[Kind] | None]] = []
         self._catching_up: asyncio.Task[None] | None = None
         self._closed = False
 
@@ -51,15 +53,19 @@ class Tail:
             await asyncio.wait({self._catching_up})
 
     def committed(self, events: tuple[Event, ...]) -> None:
-        """Take the events of an own commit."""
-        if not events:
-            return
-        if events[0].id == self._last + 1:
+        """Take the events of an own commit, if it had any and came off."""
+        if events and events[0].id == self._last + 1:
             self._deliver(events)
-        self.sign(events[-1].id)
+        self._look(events[-1].id if events else 0)
 
     def sign(self, newest: int) -> None:
-        """Hear that events up to this id exist."""
+        """Hear that events up to this id exist: maybe those of a commit of ours, which come by themselves."""
+        if self._committing():
+            self._newest = max(self._newest, newest)
+        else:
+            self._look(newest)
+
+    def _look(self, newest: int) -> None:
         self._newest = max(self._newest, newest)
         if self._newest > self._last and self._catching_up is None and not self._closed:
             self._catching_up = asyncio.get_running_loop().create_task(self._catch_up())
@@ -83,19 +89,29 @@ class Tail:
         if not events:
             return
         self._last = events[-1].id
-        for listener in tuple(self._listeners):
+        there = {event.kind for event in events}
+        for listener, kinds in tuple(self._listeners):
+            if kinds is not None and kinds.isdisjoint(there):
+                continue
             try:
                 listener(events)
             except Exception as error:  # noqa: BLE001  # one listener's bug takes no event from the others
                 told = {"message": "a listener to the store's events failed", "exception": error}
                 asyncio.get_running_loop().call_exception_handler(told)
 
-    def listen(self, callback: Callable[[tuple[Event, ...]], None]) -> Callable[[], None]:
-        """Call back with new events until the returned function is called."""
-        self._listeners.append(callback)
+    def listen(
+        self, callback: Callable[[tuple[Event, ...]], None], kinds: Collection[Kind] | None = None
+    ) -> Callable[[], None]:
+        """Call back with new events until the returned function is called.
+
+        Args:
+            kinds: of events without any of which the callback need not hear of a commit; None: all.
+        """
+        listener = (callback, None if kinds is None else frozenset(kinds))
+        self._listeners.append(listener)
 
         def end() -> None:
-            if callback in self._listeners:
-                self._listeners.remove(callback)
+            if listener in self._listeners:
+                self._listeners.remove(listener)
 
         return end

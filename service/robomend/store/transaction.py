@@ -32,7 +32,8 @@ _WORKED_ON = Prepared(
                 for table in (schema.repairs, schema.drills)
             )
         )
-    )
+    ),
+    ("of_robot",),
 )
 
 
@@ -58,7 +59,8 @@ class Transaction(View):
 
     def emit(self, kind: Kind, robot: str | None, data: Json) -> None:
         """Append to the event log; the id is given at the commit."""
-        self.waiting.events.append((kind, checked_or_none(robot), data, self.waiting.kept("data", data)))
+        waiting = self.waiting
+        waiting.events.append((kind, checked_or_none(robot), data, *waiting.kept(data)))
 
     def note(self, entry: AuditEntry) -> None:
         """Append to the audit log; id and time are filled in."""
@@ -88,12 +90,14 @@ class Transaction(View):
     def change(self, statement: Insert | Update | Delete, values: Mapping[str, Any] | None = None) -> int:
         """Run a statement now and return how many rows it touched."""
         self._put_waiting()
+        self._group.otherwise()
         result = self._connection.execute(statement, dict(values) if values is not None else None)
         return int(result.rowcount)
 
     def insert(self, table: Table, values: Values) -> int:
         """Insert into a numbered table and return the number."""
         self._put_waiting()
+        self._group.otherwise()
         result = self._connection.execute(table.insert(), values)
         key = result.inserted_primary_key
         assert key is not None
@@ -132,7 +136,7 @@ class Transaction(View):
 
     def worked_on(self, robot: str) -> bool:
         """Return whether a repair or a drill of the robot is open."""
-        return bool(_WORKED_ON.value(self._connection, {"of_robot": robot}))
+        return bool(_WORKED_ON.value(self._group.driver, (robot,)))
 
     def now_is(self, robot: str, state: LockedRobot) -> None:
         """Tell those who come after, in this transaction, what the robot's row has become."""

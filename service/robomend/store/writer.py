@@ -25,13 +25,16 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from queue import SimpleQueue
 from typing import Any
 
-from sqlalchemy import Connection, exc
+from sqlalchemy import exc
 
 from robomend.errors import StoreError, StoreOverloaded
 from robomend.store.database import Database, repeatable, translate
+from robomend.store.driver import DriverConnection
 from robomend.store.group import Group
+from robomend.store.known import KnownRows
 from robomend.store.records import IdempotencyKey
 from robomend.store.transaction import Transaction
 from robomend_client.events import Event
@@ -68,10 +71,14 @@ class Writer:
         self._finished = finished
         self._jobs: deque[Job] = deque()
         self._in_hand_s: float | None = None  # since when the oldest of the group under way waits
-        self._wake = threading.Condition()
+        self._bell: SimpleQueue[None] = SimpleQueue()  # rung for each change, and at the end
+        self._open = threading.Lock()  # nothing is queued behind the end
         self._closing = False
-        self._connection: Connection | None = None
+        self._driver: DriverConnection | None = None
+        self._known = KnownRows()
         self._thread = threading.Thread(target=self._run, name="store-writer", daemon=True)
+        self.committing = False
+        """Whether a COMMIT is under way of which nobody was told."""
         self.commits = 0
         self.writes = 0
         self.last_commit_s = 0.0
@@ -82,9 +89,9 @@ class Writer:
 
     def close(self, timeout_s: float = 30.0) -> None:
         """Write what is queued, then end the thread. Blocking."""
-        with self._wake:
+        with self._open:
             self._closing = True
-            self._wake.notify()
+        self._bell.put(None)
         if self._thread.is_alive():
             self._thread.join(timeout_s)
 
@@ -95,28 +102,27 @@ class Writer:
             StoreOverloaded: too many wait already.
             StoreError: the store is closed.
         """
-        with self._wake:
+        with self._open:
             if self._closing:
                 raise StoreError("the store is closed")
             if len(self._jobs) >= MAX_QUEUED:
                 raise StoreOverloaded(f"{MAX_QUEUED} writes are waiting for the disk; try again in a moment")
             self._jobs.append(job)
-            self._wake.notify()
+        self._bell.put(None)
 
     def waiting(self) -> tuple[int, float]:
         """Return how many changes are queued, and how long the oldest that is not on disk has waited, in
         seconds: one whose group hangs in the middle, too.
         """
-        with self._wake:
-            oldest_s = self._in_hand_s
-            if oldest_s is None and self._jobs:
-                oldest_s = self._jobs[0].queued_s
-            return len(self._jobs), 0.0 if oldest_s is None else time.monotonic() - oldest_s
+        in_hand_s = self._in_hand_s
+        return len(self._jobs), self.queued_s() if in_hand_s is None else time.monotonic() - in_hand_s
 
     def queued_s(self) -> float:
         """Return how long the oldest has waited whose group has not begun."""
-        with self._wake:
-            return time.monotonic() - self._jobs[0].queued_s if self._jobs else 0.0
+        try:
+            return time.monotonic() - self._jobs[0].queued_s
+        except IndexError:
+            return 0.0
 
     def _run(self) -> None:
         while jobs := self._take():
@@ -124,13 +130,12 @@ class Writer:
         self._drop_connection()
 
     def _take(self) -> list[Job]:
-        with self._wake:
-            self._in_hand_s = None
-            while not self._jobs and not self._closing:
-                self._wake.wait()
-            jobs = [self._jobs.popleft() for _ in range(min(len(self._jobs), MAX_GROUP))]
-            self._in_hand_s = jobs[0].queued_s if jobs else None
-            return jobs
+        self._in_hand_s = None
+        while not self._jobs and not self._closing:
+            self._bell.get()  # there may be more rings than changes left: a group takes all there are
+        jobs = [self._jobs.popleft() for _ in range(min(len(self._jobs), MAX_GROUP))]
+        self._in_hand_s = jobs[0].queued_s if jobs else None
+        return jobs
 
     def _write(self, jobs: list[Job]) -> None:
         """Write a group, again where that may help, until each of its jobs has a result or an error."""
@@ -154,8 +159,7 @@ class Writer:
                     for job in jobs:
                         self._write([job])
                 return
-            with self._wake:
-                self._jobs.extendleft(reversed(left))
+            self._jobs.extendleft(reversed(left))
             return
 
     def _transact(self, jobs: list[Job]) -> list[Job]:
@@ -163,13 +167,14 @@ class Writer:
         begun = time.monotonic()
         for job in jobs:
             job.error = None
-        connection = self._connect()
+        driver, committing = self._connect(), False
         try:
-            transaction = connection.begin()
+            self._database.begin(driver)
             group = Group(
-                connection,
-                (robot for job in jobs for robot in job.robots),
-                (job.once for job in jobs if job.once is not None),
+                driver,
+                self._known,
+                {robot for job in jobs for robot in job.robots},
+                [job.once for job in jobs if job.once is not None],
                 time.time_ns(),
             )
             count = 0
@@ -178,27 +183,28 @@ class Writer:
                 count += 1
                 if time.monotonic() - begun > GROUP_TIME_S:
                     break
-            events = group.finish()
+            with driver.together():
+                events = group.finish()
+                self.committing = committing = True
+                driver.commit()
         except BaseException as error:
+            self.committing = False
             self._roll_back()
-            if repeatable(error):
-                raise _Repeat(translate(error)) from error
-            raise
-        try:
-            transaction.commit()
-        except BaseException as error:
-            self._roll_back()
-            if isinstance(error, exc.DBAPIError) and error.connection_invalidated:
+            if committing and isinstance(error, exc.DBAPIError) and error.connection_invalidated:
                 raise _NoConnection(
                     StoreError(
                         "the connection was lost during a commit: it may be kept or not; repeat with its key"
                     )
                 ) from error
+            if repeatable(error):
+                raise _Repeat(translate(error)) from error
             raise
+        group.learned()
         self.commits += 1
         self.writes += count
         self.last_commit_s = time.monotonic() - begun
         self._finished(jobs[:count], events)
+        self.committing = False
         return jobs[count:]
 
     def _run_job(self, group: Group, job: Job) -> None:
@@ -212,38 +218,35 @@ class Writer:
             job.error = translate(error) if isinstance(error, exc.DBAPIError) else error
             self._database.note(job.error)
 
-    def _connect(self) -> Connection:
-        if self._connection is None:
+    def _connect(self) -> DriverConnection:
+        if self._driver is None:
             try:
-                self._connection = self._database.open_writer()
+                self._driver = self._database.open_driver()
             except StoreError as error:
                 raise _NoConnection(error) from error
-        return self._connection
+        return self._driver
 
     def _roll_back(self) -> None:
         """Leave a connection that is in no transaction, or none."""
-        if self._connection is None or self._connection.invalidated:
+        self._known.forget()
+        if self._driver is None or self._driver.connection.invalidated:
             self._drop_connection()
             return
         try:
-            if transaction := self._connection.get_transaction():
-                transaction.rollback()
+            self._driver.rollback()
         except exc.SQLAlchemyError:
             self._drop_connection()
 
     def _drop_connection(self) -> None:
-        if self._connection is not None:
+        if self._driver is not None:
+            connection, self._driver = self._driver.connection, None
             try:
-                self._connection.close()
+                connection.close()
             except exc.SQLAlchemyError:
-                self._connection.invalidate()
-            self._connection = None
+                connection.invalidate()
 
     def _take_all(self) -> list[Job]:
-        with self._wake:
-            jobs = list(self._jobs)
-            self._jobs.clear()
-            return jobs
+        return [self._jobs.popleft() for _ in range(len(self._jobs))]
 
     def _fail(self, jobs: Sequence[Job], error: BaseException) -> None:
         self._database.note(error)

@@ -1,0 +1,106 @@
+"""What a writer of SQLite knows of its last groups is not looked up again, and never is old."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from sqlalchemy import select
+from tests.store.examples import entry, observe, with_robots
+from tests.store.test_results import announce, kept
+
+from robomend.errors import StateConflict
+from robomend.store import Store, Transaction, diagnoses, observations, schema
+
+pytestmark = pytest.mark.anyio
+
+LOOKS = re.compile(r"\s*SELECT .*FROM (robot_state|results)", re.DOTALL)
+
+
+@pytest.fixture
+def looks(store: Store) -> list[str]:
+    """The looks of the store's writer at what it may know, from its next statement on; none on PostgreSQL."""
+    found: list[str] = []
+    driver = store._writer._connect()  # nobody writes just now
+    if driver.kind == "sqlite":
+        driver.itself.set_trace_callback(lambda said: found.append(said) if LOOKS.match(said) else None)
+    return found
+
+
+async def test_what_our_own_last_group_left_is_not_looked_up(store: Store, looks: list[str]) -> None:
+    await with_robots(store, "r1")
+    await observe(store, "r1", entry("scan"))
+    await announce(store, "r1", 1, "jaguar")
+    looks.clear()
+    for revision in (2, 3, 4):
+        await observe(store, "r1", entry("scan", revision % 2 == 0))
+        await announce(store, "r1", revision, "jaguar")
+    assert looks == []
+    assert (await store.read(observations.revision, "r1"), len(await kept(store))) == (4, 1)
+
+
+async def test_what_another_instance_wrote_is_seen_at_once(store: Store, second: Store) -> None:
+    await with_robots(store, "r1")
+    for revision in (1, 2):
+        await observe(store, "r1", entry("scan", revision == 1))
+    await observe(second, "r1", entry("scan"))
+
+    def late(tx: Transaction) -> int:
+        return observations.observe(tx, "r1", changed=[entry("scan")], expected=2)
+
+    with pytest.raises(StateConflict, match="revision 3"):
+        await store.write(late, robots=["r1"])
+    await observe(store, "r1", entry("odom"))
+    assert await second.read(observations.revision, "r1") == 4
+
+
+@pytest.mark.parametrize("ours", [True, False])
+async def test_a_result_that_was_removed_is_kept_anew(store: Store, second: Store, ours: bool) -> None:
+    await with_robots(store, "r1")
+    await announce(store, "r1", 1, "jaguar")
+    await announce(store, "r1", 2, "jaguar")
+    remove = schema.results.delete()
+    await (store if ours else second).write(lambda tx: tx.change(remove))
+    await announce(store, "r1", 3, "jaguar")
+    assert len(await kept(store)) == 1
+    latest = await store.read(diagnoses.latest, "r1")
+    assert latest is not None
+    assert latest.result["result"]["bad"] == "jaguar"
+
+
+async def test_in_a_group_a_result_that_is_removed_before_it_is_used_is_kept_anew(store: Store) -> None:
+    await with_robots(store, "r1")
+    await announce(store, "r1", 1, "jaguar")
+    await announce(store, "r1", 2, "jaguar")
+    remove = store.write(lambda tx: tx.change(schema.results.delete()))
+    use = announce(store, "r1", 3, "jaguar")
+    await remove
+    await use
+    latest = await store.read(diagnoses.latest, "r1")
+    assert latest is not None
+    assert latest.result["result"]["bad"] == "jaguar"
+
+
+async def test_nothing_is_known_of_a_change_that_failed(store: Store) -> None:
+    await with_robots(store, "r1")
+    await observe(store, "r1", entry("scan"))
+
+    def fail(tx: Transaction) -> None:
+        observations.observe(tx, "r1", changed=[entry("odom")])
+        raise StateConflict("not this one")
+
+    with pytest.raises(StateConflict, match="not this one"):
+        await store.write(fail, robots=["r1"])
+    await observe(store, "r1", entry("scan", False))
+    assert await store.read(observations.revision, "r1") == 2
+
+
+async def test_a_robot_that_is_deleted_is_not_known_any_more(store: Store) -> None:
+    await with_robots(store, "r1")
+    await observe(store, "r1", entry("scan"))
+    gone = schema.robots.delete().where(schema.robots.c.id == "r1")
+    await store.write(lambda tx: tx.change(gone))
+    with pytest.raises(Exception, match="no robot 'r1'"):
+        await observe(store, "r1", entry("scan"))
+    rows = await store.read(lambda view: view.rows(select(schema.observations)))
+    assert [row.revision for row in rows] == [1]
