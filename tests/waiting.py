@@ -8,23 +8,34 @@ from collections.abc import Callable
 from typing import NoReturn
 
 LOOK_S = 0.01
-"""Between two looks."""
+"""Between two looks, at first."""
+
+SELDOM_S = 0.05
+"""Between two looks, when it has taken half a second: a look is often a request, and keeps a processor busy
+that others need to get there."""
+
+
+def look_s(waited_s: float) -> float:
+    """Return how long to wait for the next look: a tenth of what was waited, within bounds."""
+    return min(max(LOOK_S, waited_s / 10), SELDOM_S)
 
 
 def until(true: Callable[[], object], what: str, timeout_s: float = 30.0) -> None:
     """Wait until something holds."""
-    deadline = time.monotonic() + timeout_s
+    began = time.monotonic()
     while not true():
-        assert time.monotonic() < deadline, f"waited {timeout_s:g} s in vain: {what}"
-        time.sleep(LOOK_S)
+        waited_s = time.monotonic() - began
+        assert waited_s < timeout_s, f"waited {timeout_s:g} s in vain: {what}"
+        time.sleep(look_s(waited_s))  # until the next look
 
 
 async def eventually(true: Callable[[], object], what: str, timeout_s: float = 30.0) -> None:
     """Wait until something holds, in the event loop."""
-    deadline = time.monotonic() + timeout_s
+    began = time.monotonic()
     while not true():
-        assert time.monotonic() < deadline, f"waited {timeout_s:g} s in vain: {what}"
-        await asyncio.sleep(LOOK_S)
+        waited_s = time.monotonic() - began
+        assert waited_s < timeout_s, f"waited {timeout_s:g} s in vain: {what}"
+        await asyncio.sleep(look_s(waited_s))  # until the next look
 
 
 async def for_ever() -> NoReturn:

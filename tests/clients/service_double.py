@@ -14,6 +14,8 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 from urllib.parse import parse_qs, unquote, urlsplit
 
+from tests.waiting import until
+
 
 @dataclass
 class Posted:
@@ -240,8 +242,5 @@ def service_double() -> Iterator[ServiceDouble]:
 def eventually(true: Callable[[], object], what: str, within_s: float = 60.0) -> float:
     """Wait until `true()`; return how long it took. The bound only keeps a broken test from hanging."""
     began = time.monotonic()
-    while not true():
-        if time.monotonic() - began > within_s:
-            raise AssertionError(f"within {within_s:g} s there was not: {what}")
-        time.sleep(0.01)
+    until(true, what, within_s)
     return time.monotonic() - began

@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 from tests.drills.drilled_robot import DrilledRobot, drilled_robot
+from tests.forked import popen
 from tests.waiting import until
 
 from robomend.planning.faults import fault_name
@@ -71,7 +72,7 @@ def by_command(robot: DrilledRobot, fault: str) -> tuple[subprocess.Popen[bytes]
             return [one for one in client.drills("r1")["items"] if one["id"] not in before]
 
         words = ("drill", "r1", "--url", robot.url, "--fault", fault, "--yes", "--bound-s", "8")
-        command = subprocess.Popen(
+        command = popen(
             [sys.executable, "-m", "robomend", *words], stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL
         )
         until(new, "the command has begun a drill", 90.0)

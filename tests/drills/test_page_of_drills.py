@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from tests import forked_programs
 from tests.blocks import BLOCKS, Block
 from tests.drills.drilled_robot import DrilledRobot, drilled_robot
 from tests.test_blocks import commands_and_output, same
@@ -31,8 +32,10 @@ SCORE = block("faults watched")
 
 
 @pytest.mark.timeout(600)
-def test_what_the_page_of_drills_shows_is_done(robot: DrilledRobot, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}:{os.environ['PATH']}")
+def test_what_the_page_of_drills_shows_is_done(
+    robot: DrilledRobot, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("PATH", f"{forked_programs.write(tmp_path / 'programs')}:{os.environ['PATH']}")
     monkeypatch.setenv("ROBOMEND_URL", robot.url)
     monkeypatch.setenv("U", f"{robot.url}/api/v1")
     short = [block for block in MINE if block not in (WHOLE, SCORE)]

@@ -12,6 +12,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
+from tests.forked import popen
+
 END_S = 20.0
 
 
@@ -30,7 +32,7 @@ class Running:
 
 def start(*options: str, port: int = 0) -> Running:
     """Start `robomend-board` and wait for its line of JSON."""
-    process = subprocess.Popen(
+    process = popen(
         [sys.executable, "-m", "robomend_board.main", "--port", str(port), "--control-port", "0", *options],
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,

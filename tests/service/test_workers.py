@@ -60,15 +60,20 @@ def test_a_worker_that_hangs_is_killed_and_replaced(tmp_path: Path) -> None:
         assert "worker hangs" in (tmp_path / "log").read_text()
 
 
-def test_a_signal_ends_all_workers_in_order_with_open_streams(tmp_path: Path) -> None:
+def test_it_is_announced_once_and_a_signal_ends_all_workers_in_order_with_open_streams(
+    tmp_path: Path,
+) -> None:
     with served(tmp_path, "--workers", "2") as (process, url):
         workers = workers_of(process.pid)
+        assert httpx.get(f"{url}/readyz", timeout=20).status_code == 200
         with httpx.stream("GET", f"{url}/api/v1/events", timeout=20) as stream:
             lines = stream.iter_lines()
             next(lines)
             process.send_signal(signal.SIGTERM)
             assert list(lines)[-1] == ""
         assert process.wait(20) == 0
+        assert process.stdout is not None
+        assert process.stdout.read() == "", "it was announced once"
         assert not any(map(alive, workers))
 
 
@@ -97,11 +102,3 @@ def test_a_port_that_is_taken_is_said_to_be(tmp_path: Path) -> None:
         refused = subprocess.run(command(*arguments), capture_output=True, text=True, timeout=60)
     assert refused.returncode == 2
     assert "another service" in refused.stderr
-
-
-def test_the_announcement_comes_once(tmp_path: Path) -> None:
-    with served(tmp_path, "--workers", "3") as (process, url):
-        assert httpx.get(f"{url}/readyz", timeout=20).status_code == 200
-        process.send_signal(signal.SIGTERM)
-        assert process.stdout is not None
-        assert process.stdout.read() == ""
