@@ -57,8 +57,12 @@ def well(reason: str, state: Robot) -> str:
     """Return the reason of a repair that ends well, with what is silent although nothing is wrong.
 
     Topics that wait for an input from outside, or for each other, are nobody's fault; a person should hear of
-    it all the same, and not that every observation is as it should be.
+    it all the same, and not that every observation is as it should be. Of what came after the diagnosis,
+    nobody can say yet whom it blames.
     """
+    current = state.current
+    if current is None or not current.healthy or current.revision < state.revision:
+        return reason
     literals = (literal for literal in state.literals() if literal.atom.predicate == "ok")
     seen = sorted(str(literal) for literal in literals if not literal.positive)
     if not seen:
