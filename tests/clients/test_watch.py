@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import time
+from contextlib import suppress
 
 import pytest
 
 from robomend_client.agent.watch import Watch
 from robomend_client.clock import Clock
-from robomend_client.observers import SECOND, GeneralObserver
+from robomend_client.observers import SECOND, Change, GeneralObserver, Rate
 
 
 def test_a_clock_that_is_set_ahead_is_told_also_while_the_agent_was_late(
@@ -34,4 +36,59 @@ def test_a_clock_that_is_set_ahead_is_told_also_while_the_agent_was_late(
         ("DEBUG", "nobody looked for 5.00 s"),
         ("WARNING", "the clock was set ahead by 600.0 s"),
         ("WARNING", "the clock was set ahead by 60.0 s"),
+    ]
+
+
+def test_what_has_come_by_now_is_taken_in_before_anything_is_judged(monkeypatch: pytest.MonkeyPatch) -> None:
+    wall_ns = [1_800_000_000 * SECOND]
+    monkeypatch.setattr(time, "time_ns", lambda: wall_ns[0])
+    monkeypatch.setattr(time, "monotonic_ns", lambda: wall_ns[0])
+    changes: list[Change] = []
+    sleeps: list[float] = []
+
+    class Waiting:
+        """A topic at 10 Hz whose newest message waits until it is read."""
+
+        def read_now(self) -> None:
+            watch.sample("scan", None, wall_ns[0] - SECOND // 100)
+
+    async def passing(seconds: float) -> None:
+        """Time passes, nothing else happens."""
+        sleeps.append(seconds)
+        if len(sleeps) == 20:
+            raise asyncio.CancelledError
+        wall_ns[0] += SECOND // 10
+
+    # Silence is due before the next sample is read: it was there before that.
+    watch = Watch(
+        [GeneralObserver("scan", Rate(10, silence_s=0.105))], Clock(), changes.extend, readers=[Waiting()]
+    )
+    monkeypatch.setattr(asyncio, "sleep", passing)
+    with suppress(asyncio.CancelledError):
+        asyncio.run(watch.run())
+    assert len(sleeps) == 20
+    assert [str(change.value) for change in changes] == ["ok(scan)"]
+
+
+def test_a_feed_that_cannot_be_read_is_told_once_and_the_others_are_read_on(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    class Reading:
+        reads = 0
+
+        def read_now(self) -> None:
+            self.reads += 1
+
+    class Broken(Reading):
+        def read_now(self) -> None:
+            super().read_now()
+            raise ZeroDivisionError("mine")
+
+    broken, good = Broken(), Reading()
+    watch = Watch([GeneralObserver("scan")], Clock(), lambda changes: None, readers=[broken, good])
+    for n in range(3):
+        watch.settle(n, ())
+    assert (broken.reads, good.reads) == (1, 3)
+    assert [record.message for record in caplog.records] == [
+        "the feed Broken failed, and is not read any more"
     ]

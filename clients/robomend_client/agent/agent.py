@@ -23,7 +23,7 @@ from robomend_client.agent.config import AgentConfig
 from robomend_client.agent.executors.base import Executors
 from robomend_client.agent.executors.drill import drilled
 from robomend_client.agent.executors.supervised import supervised
-from robomend_client.agent.feeds import AgentParts, Bridge, Feed, Samples
+from robomend_client.agent.feeds import AgentParts, Bridge, Feed, Reads, Samples
 from robomend_client.agent.memory import FirstResults
 from robomend_client.agent.planted import PlantedFaults
 from robomend_client.agent.reporter import VerdictReporter
@@ -89,6 +89,7 @@ class Agent:
                 on_changes,
                 config.lenient,
                 config.recording,
+                [feed for feed in config.feeds if isinstance(feed, Reads)],
             )
             stack.callback(watch.close)
             reporter = VerdictReporter(
@@ -167,6 +168,7 @@ class Agent:
         wanted = PROCESSES in self.config.sources(own=True)
         usage = Usage(self.config.sources(own=True) - {PROCESSES}, supervisor.processes)
         measure_at = 0.0
+        period_s = TABLE_S if wanted else PERIOD_S
         while True:
             if wanted:
                 watch.sample(PROCESSES, supervisor.table())
@@ -178,7 +180,7 @@ class Agent:
                         watch.sample(source, value)
             with contextlib.suppress(TimeoutError):
                 # Not wait_for: up to Python 3.11 it swallows a cancellation that comes with the event.
-                async with timeout(until_beat_s(TABLE_S, time.time_ns())):
+                async with timeout(until_beat_s(period_s, time.time_ns())):
                     await self._nodes_changed.wait()
             self._nodes_changed.clear()
 

@@ -63,6 +63,14 @@ class Feed(Protocol):
         """Deliver until cancelled; what goes wrong outside is waited out and logged, not raised."""
 
 
+@runtime_checkable
+class Reads(Protocol):
+    """A feed that lets messages wait, and delivers them now and then."""
+
+    def read_now(self) -> None:
+        """Deliver what has come by now: called each beat, and before anything is judged."""
+
+
 @dataclass(frozen=True)
 class AgentParts:
     """What a bridge may use of the agent that it is a part of."""

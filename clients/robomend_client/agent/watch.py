@@ -16,8 +16,10 @@ import asyncio
 import logging
 import time
 from collections.abc import Callable, Collection, Iterable, Sequence
+from operator import itemgetter
 from pathlib import Path
 
+from robomend_client.agent.feeds import Reads
 from robomend_client.beats import BEAT_NS
 from robomend_client.clock import Clock
 from robomend_client.literals import Atom
@@ -43,9 +45,11 @@ class Watch:
         on_changes: Callable[[Sequence[Change]], None],
         lenient: Collection[Atom] = (),
         recording: tuple[Path, int] | None = None,
+        readers: Iterable[Reads] = (),
     ) -> None:
         """
         Args:
+            readers: feeds that have what came by now delivered before anything is judged.
             recording: a file and its bound in bytes; what the observers are fed with is written down there.
 
         Raises:
@@ -53,6 +57,8 @@ class Watch:
         """
         self._clock = clock
         self._on_changes = on_changes
+        self._readers = tuple(readers)
+        self._gathered: list[tuple[int, str, object]] | None = None  # while they are read
         start_ns = clock.now_ns()
         self._recording = Recording(recording[0], start_ns, recording[1]) if recording else None
         self.driver = Driver(observers, start_ns, lenient=lenient, listener=self._recording)
@@ -60,23 +66,31 @@ class Watch:
 
     def sample(self, source: str, value: object = None, time_ns: int | None = None) -> None:
         """A feeder has something; `time_ns` is its own stamp, if it has one."""
+        if self._gathered is not None:
+            self._gathered.append((self._look() if time_ns is None else time_ns, source, value))
+            return
         now_ns = self._look()
+        if self.driver.next_ns is not None and now_ns >= self.driver.next_ns:
+            self._read()
+            now_ns = self._look()
         self._tell(self.driver.sample(source, now_ns if time_ns is None else time_ns, value, now_ns))
 
     def settle(self, n: int, atoms: Collection[Atom]) -> None:
         """The service wants these atoms judged anew, from now on."""
-        now_ns = self._look()
-        self._tell(self.driver.advance(now_ns))
+        self._read()
+        self._tell(self.driver.advance(self._look()))
         self._tell(self.driver.settle(n, atoms))
 
     def standing(self) -> list[Verdict]:
         """Return what holds now, with its present evidence."""
+        self._read()
         self._tell(self.driver.advance(self._look()))
         return self.driver.standing()
 
     async def run(self) -> None:
         """Keep the beat, for ever."""
         while True:
+            self._read()
             now_ns = self._look()
             self._tell(self.driver.advance(now_ns))
             beat_ns = (now_ns // BEAT_NS + 1) * BEAT_NS  # the observers' grid has many of its ticks there
@@ -87,6 +101,26 @@ class Watch:
         """End the recording."""
         if self._recording is not None:
             self._recording.close(self.driver.now_ns)
+
+    def _read(self) -> None:
+        """Take in what has come by now, in its order in time, before the ticks that were due since then."""
+        if not self._readers:
+            return
+        gathered = self._gathered = []
+        for reader in self._readers:
+            try:
+                reader.read_now()
+            except Exception:  # a feed may be anybody's
+                log.exception("the feed %s failed, and is not read any more", type(reader).__name__)
+                self._readers = tuple(other for other in self._readers if other is not reader)
+        self._gathered = None
+        now_ns = self._look()
+        gathered.sort(key=itemgetter(0))
+        driver = self.driver
+        for time_ns, source, value in gathered:
+            changes = driver.sample(source, time_ns, value, min(max(time_ns, driver.now_ns), now_ns))
+            if changes:
+                self._on_changes(changes)
 
     def _look(self) -> int:
         """Return the time; tell the driver of time in which nobody looked."""

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterable, Mapping, Sequence
 
 from robomend_client.agent.feeds import AgentParts
+from robomend_client.beats import beat
 from robomend_client.bridges.listening import Listening
 from robomend_client.bridges.names import Names, resolved
 from robomend_client.bridges.problems import Problems
@@ -27,7 +29,7 @@ NODE_NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+\Z")
 MOST_NAMES = 4096
 
 
-class RosBridge:
+class RosBridge(ABC):
     """A node of the robot, which the agent is."""
 
     def __init__(self, section: Section, where: str, tells: Collection[str]) -> None:
@@ -58,7 +60,17 @@ class RosBridge:
         if self._telling is not None:
             self._telling.changed(changes)
 
+    @abstractmethod
+    def read_now(self) -> None:
+        """Deliver what has come by now; an agent asks for it each beat, and before it judges."""
+
     # --- for those who derive from it --------------------------------------------------------------------
+
+    async def read_on(self) -> None:
+        """Read each beat, where no agent asks for it."""
+        while True:
+            self.read_now()
+            await beat()
 
     @property
     def node_name(self) -> str:

@@ -22,7 +22,8 @@ from robomend_client.outbox import AsyncOutbox
 from robomend_client.python310 import end
 
 SOURCE = "ROS /observations"
-LOOK_S = 0.1
+LOOK_S = 0.5
+"""How often it is looked what nobody repeats; a tenth of the lifetime, if that is less."""
 
 
 class Listening:
@@ -42,6 +43,7 @@ class Listening:
         self._names = names
         self._problems = problems
         self._ignored = ignored
+        self._look_s = min(LOOK_S, lifetime_s / 10)
         self._sentences = Sentences(ns(lifetime_s))
         self._buffer = DiskBuffer(parts.state_dir / folder, parts.buffer_bytes)
         self._reporter = VerdictReporter(
@@ -73,7 +75,7 @@ class Listening:
         report = asyncio.create_task(self._reporter.run())
         try:
             while not report.done():
-                await beat(LOOK_S)
+                await beat(self._look_s)
                 self._reporter.report(self._sentences.expired(self._parts.clock.now_ns()))
             report.result()
         finally:

@@ -11,8 +11,8 @@ times. The rules that make it so:
   GRID_NS that is not before the time it is due. An observer with period 0 is asked after each sample.
 - All ticks up to a sample's time come before the sample. A late wake-up makes up for the ticks that it
   missed, with the samples in between in their places.
-- Live, a sample's place is the time at which it was taken in (`now_ns`); its own stamp, which a feeder may
-  have put on it, only says when it was made. In a log the two are the same.
+- Live, a sample's place is the time at which it was taken in (`now_ns`), or came, where it waited to be read;
+  its own stamp, which a feeder may have put on it, only says when it was made. In a log the two are the same.
 - Time that nobody looked at (`lapse`: the computer slept, the agent was starved, the clock was set) is not
   silence of the robot. Observers that cannot bear it begin anew; what they said last stands until they have
   judged again, with its old evidence, at most for their settling time. Where lapses keep them from judging

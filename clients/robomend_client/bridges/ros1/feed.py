@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+import time
 from collections.abc import Callable, Coroutine
 from pathlib import Path
 from typing import Any
@@ -82,10 +83,18 @@ class Ros1(RosBridge):
                 name, field = ALL_DIAGNOSTICS, "status"
             self._topics.setdefault(name, []).append((source, field))
         self._watches_nodes = NODES in sources
+        self._node: RosNode | None = None
+
+    def read_now(self) -> None:
+        if self._node is not None:
+            self._node.read_now()
 
     async def run(self, deliver: Deliver) -> None:
         """Be a node of the master, and deliver what it hears, until cancelled."""
-        node = RosNode(self.node_name, self.master_uri, self.address, self.problems)
+        parts = self._parts
+        now_ns = time.time_ns if parts is None else parts.clock.now_ns
+        node = RosNode(self.node_name, self.master_uri, self.address, self.problems, now_ns)
+        self._node = node
         liveness = self._liveness(node, deliver) if self._watches_nodes else None
         for topic, wanted in self._topics.items():
             hears = _Hearing(self, topic, wanted, deliver, liveness)
@@ -95,12 +104,12 @@ class Ros1(RosBridge):
             work.append(self._watched(node, deliver).run())
         if liveness is not None:
             work.append(liveness.run())
-        if self._parts is not None:
-            work += self._with(node, self._parts)
+        work += [self.read_on()] if parts is None else self._with(node, parts)
         tasks = [asyncio.create_task(part) for part in work]
         try:
             await asyncio.gather(*tasks)
         finally:
+            self._node = None
             await end(tasks)
 
     def _with(self, node: RosNode, parts: AgentParts) -> list[Coroutine[Any, Any, None]]:
@@ -184,12 +193,10 @@ class _Hearing:
     def message(self, publisher: Publisher, body: bytes, arrived_ns: int) -> None:
         if self._liveness is not None:
             self._liveness.heard(publisher)
-        parts = self._bridge._parts
-        time_ns = arrived_ns if parts is None else arrived_ns + parts.clock.ahead_ns
         for source in self._counted:
-            self._deliver(source, None, time_ns)
+            self._deliver(source, None, arrived_ns)
         if self._fields:
-            self._look(publisher, body, time_ns)
+            self._look(publisher, body, arrived_ns)
 
     def _look(self, publisher: Publisher, body: bytes, time_ns: int) -> None:
         problems = self._bridge.problems

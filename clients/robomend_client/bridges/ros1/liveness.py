@@ -39,6 +39,7 @@ from robomend_client.python310 import end
 log = logging.getLogger(__name__)
 
 ROSOUT = "/rosout"
+LOOK_S = 0.1
 LIST_S = 1.0
 TELL_S = 0.3
 """How often the table is told, changed or not; node.py of the observers has it run out after 3 s."""
@@ -87,13 +88,13 @@ class Liveness:
         try:
             while not listing.done():
                 now_s = time.monotonic()
-                silent = self.nodes.silent(time.monotonic(), self._ping_s) - self._questions.keys()
+                silent = self.nodes.silent(now_s, self._ping_s) - self._questions.keys()
                 for name in sorted(silent)[:MOST_AT_ONCE]:
                     self._ask(name)
                 if now_s >= tell_at:
                     tell_at = now_s + TELL_S
                     self._tell()
-                await beat()
+                await beat(LOOK_S)
             listing.result()
         finally:
             self._closed = True

@@ -14,6 +14,8 @@ import contextlib
 import logging
 import os
 import socket
+import time
+from collections.abc import Callable
 from typing import Any
 
 from robomend_client.beats import beat
@@ -36,9 +38,18 @@ GOODBYE_S = 2.0
 class RosNode:
     """One ROS node. Topics are named with their slash."""
 
-    def __init__(self, name: str, master_uri: str, address: str | None, problems: Problems) -> None:
-        """`address` is the host name or number under which others reach us; None: the one that faces the
-        master.
+    def __init__(
+        self,
+        name: str,
+        master_uri: str,
+        address: str | None,
+        problems: Problems,
+        now_ns: Callable[[], int] = time.time_ns,
+    ) -> None:
+        """
+        Args:
+            address: the host name or number under which others reach us; None: the one that faces the master.
+            now_ns: the clock by which it is told when messages came.
         """
         self.name = name
         self.problems = problems
@@ -48,7 +59,7 @@ class RosNode:
         self._address = address
         self._server = XmlRpcServer(self._answer, self._garbage)
         self._messages: asyncio.Server | None = None
-        self._bursts = Bursts()
+        self._bursts = Bursts(now_ns)
         self._subscriptions: dict[str, Subscription] = {}
         self._publications: dict[str, Publication] = {}
         self._displaced = False
@@ -72,6 +83,10 @@ class RosNode:
         found = Publication(topic, self.name, type_name, describe, latched)
         self._publications[topic] = found
         return found
+
+    def read_now(self) -> None:
+        """Take in what has come on all topics by now: nobody else does, but for what is read as it comes."""
+        self._bursts.read()
 
     async def run(self) -> None:
         """Be a node until cancelled."""

@@ -35,6 +35,9 @@ RUNS: Mapping[NodeState, bool | None] = {
 
 MOST_NODES = 4096
 
+LAST_WORDS_S = 0.15
+"""What is read of a node within so long after it was seen to be gone, it said before."""
+
 
 @dataclass(slots=True)
 class KnownNode:
@@ -44,6 +47,7 @@ class KnownNode:
     state: NodeState = NodeState.NEW
     links: int = 0  # connections of its own that stand
     heard_s: float = float("-inf")  # when it was last heard: a message, a connection, an answer
+    gone_s: float = float("-inf")  # when it was last seen to be gone
 
 
 class Nodes:
@@ -75,7 +79,7 @@ class Nodes:
         node = self.known.setdefault(name, KnownNode())
         node.uri = uri
         node.links += 1
-        return self.heard(name, now_s)
+        return self.asked(name, NodeState.RUNNING, now_s)
 
     def unlinked(self, name: str) -> None:
         """A connection of the node was lost: that alone says nothing, it may have stopped publishing."""
@@ -83,8 +87,12 @@ class Nodes:
             node.links -= 1
 
     def heard(self, name: str, now_s: float) -> bool:
-        """The node said something; return whether its state is another now."""
-        return self.asked(name, NodeState.RUNNING, now_s)
+        """A message of the node was read; return whether its state is another now."""
+        node = self.known.get(name)
+        if node is None or now_s - node.gone_s < LAST_WORDS_S:
+            return False
+        node.heard_s = now_s
+        return node.state is not NodeState.RUNNING and self._is_now(node, NodeState.RUNNING)
 
     def asked(self, name: str, state: NodeState, now_s: float) -> bool:
         """The node was asked whether it runs; return whether its state is another now."""
@@ -92,6 +100,7 @@ class Nodes:
         if node is None:
             return False
         node.heard_s = now_s  # or so: the next question has its time
+        node.gone_s = now_s if state is NodeState.GONE else float("-inf")
         return self._is_now(node, state)
 
     def silent(self, now_s: float, for_s: float) -> frozenset[str]:

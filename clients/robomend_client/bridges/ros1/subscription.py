@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from importlib import import_module
 
 from robomend_client.bridges.problems import Problems
-from robomend_client.bridges.ros1.bursts import REST_S, Bursts
+from robomend_client.bridges.ros1.bursts import Bursts
 from robomend_client.bridges.ros1.tcpros import ProtocolError, TcprosDecoder, encode_header
 from robomend_client.bridges.ros1.xmlrpc import (
     CALL_S,
@@ -39,6 +39,9 @@ FIRST_WAIT_S, LONGEST_WAIT_S = 0.1, 3.0
 
 MOST_PUBLISHERS = 512
 
+LARGE = 16 * 1024
+"""Bytes of a message; where such ones come, they are read as they come: no publisher waits for room here."""
+
 NAMES = "; is ROS_IP or ROS_HOSTNAME right, where it runs? Its topics look silent from here"
 
 KEEPALIVE = ((socket.TCP_KEEPIDLE, 5), (socket.TCP_KEEPINTVL, 2), (socket.TCP_KEEPCNT, 3))
@@ -57,7 +60,7 @@ class Publisher:
 
 
 OnMessage = Callable[[Publisher, bytes, int], None]
-"""Called with who says it, what, and when it came, by the computer's clock."""
+"""Called with who says it, what, and when it came, by our node's clock."""
 
 OnLink = Callable[[Publisher, bool], None]
 
@@ -231,23 +234,24 @@ class _Stream:
         self._publisher: Publisher | None = None
         self._newest_ns = 0  # when the newest message came
 
-    def received(self, data: bytes, arrived_ns: int) -> bool:
+    def received(self, data: memoryview, after_ns: int, arrived_ns: int) -> bool:
+        decoder = self._decoder
         try:
-            messages = self._decoder.receive(data)
+            messages = decoder.receive(data)
         except ProtocolError as error:
             raise ProtocolError(f"it speaks no TCPROS: {error}") from error
-        if self._publisher is None and self._decoder.header is not None:
-            self._publisher = self._subscription.greeted(self, self._decoder.header)
+        publisher = self._publisher
+        if publisher is None and decoder.header is not None:
+            publisher = self._publisher = self._subscription.greeted(self, decoder.header)
             _set(self.greeted)
-        if self._publisher is not None:
+        if publisher is not None and messages:
             self.messages += len(messages)
-            times_ns = spread(self._newest_ns, arrived_ns, len(messages))
+            times_ns = spread(max(after_ns, self._newest_ns), arrived_ns, len(messages))
+            self._newest_ns = arrived_ns
             for message, time_ns in zip(messages, times_ns, strict=True):
                 for on_message in self._subscription._on_message:
-                    on_message(self._publisher, message, time_ns)
-            if messages:
-                self._newest_ns = arrived_ns
-        return self._decoder.within
+                    on_message(publisher, message, time_ns)
+        return decoder.within or decoder.longest > LARGE
 
     def ended(self, error: Exception | None) -> None:
         if self.lost.done():
@@ -262,16 +266,11 @@ class _Stream:
             self._subscription.lost(self._publisher)
 
 
-def spread(before_ns: int, newest_ns: int, count: int) -> Iterable[int]:
-    """Return when messages came of which only the newest one's time is known: evenly, within one rest.
-
-    Args:
-        before_ns: when the message before them came.
-    """
+def spread(after_ns: int, newest_ns: int, count: int) -> Iterable[int]:
+    """Return when messages came of which only the newest one's time is known: evenly, after that."""
     if count < 2:
         return (newest_ns,) * count
-    rest_ns = round(REST_S * 1e9)
-    span_ns = min(rest_ns, newest_ns - before_ns) if before_ns < newest_ns else 0
+    span_ns = max(0, newest_ns - after_ns)
     return (newest_ns - span_ns * left // count for left in range(count - 1, -1, -1))
 
 

@@ -67,6 +67,7 @@ class TcprosDecoder:
     def __init__(self, keep: bool) -> None:
         self.keep = keep
         self.header: dict[str, str] | None = None
+        self.longest = 0  # of the messages that have begun
         self._buffer = bytearray()
         self._skip = 0  # bytes to come of a message that nobody looks at
 
@@ -75,12 +76,18 @@ class TcprosDecoder:
         """Whether the rest of something is still to come."""
         return self._skip > 0 or len(self._buffer) > 0
 
-    def receive(self, data: bytes) -> list[bytes]:
+    def receive(self, data: bytes | memoryview) -> list[bytes]:
         """Take in bytes; return the messages that are whole now, empty ones where they are not kept.
 
         Raises:
             ProtocolError: this is no TCPROS.
         """
+        size = len(data)
+        if not self._skip and not self._buffer and self.header is not None and size >= LENGTH.size:
+            (length,) = LENGTH.unpack_from(data)
+            if size == LENGTH.size + length:  # one message, whole: mostly it is
+                self.longest = max(self.longest, length)
+                return [bytes(data[LENGTH.size :]) if self.keep else b""]
         found: list[bytes] = []
         if self._skip:
             if len(data) < self._skip:
@@ -98,6 +105,8 @@ class TcprosDecoder:
                 what = "header" if self.header is None else "message"
                 raise ProtocolError(f"a {what} of {length} bytes")
             end = LENGTH.size + length
+            if self.header is not None:
+                self.longest = max(self.longest, length)
             if self.header is not None and not self.keep:
                 if len(buffer) < end:
                     self._skip = end - len(buffer)

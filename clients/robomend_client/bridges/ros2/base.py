@@ -11,10 +11,9 @@ import asyncio
 import os
 import time
 from collections.abc import Awaitable, Callable, Coroutine, Hashable, Mapping
-from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 from robomend_client.agent.feeds import AgentParts, Deliver, split
 from robomend_client.beats import beat
@@ -37,9 +36,6 @@ TELLS: dict[str, tuple[str, Callable[..., bytes | None]]] = {
 }
 
 HIGHEST_DOMAIN = 232
-POLL_S = 0.04
-"""How often it is looked whether messages have come in."""
-
 LOOK_S = 0.1
 """How often it is looked who is there."""
 
@@ -55,8 +51,7 @@ LookAtNodes = Callable[[], Awaitable["Mapping[str, bool | None] | None"]]
 """Returns which nodes run, None where that is unknown; None: nobody knows now."""
 
 
-@dataclass(frozen=True)
-class Message:
+class Message(NamedTuple):
     """A message as it came."""
 
     data: bytes
@@ -80,6 +75,9 @@ class Ros2Node(Protocol):
         """Offer a topic."""
         ...
 
+    def read_now(self) -> None:
+        """Hand on what has come by now."""
+
 
 class Ros2Bridge(RosBridge):
     """All that does not depend on how the messages come."""
@@ -102,12 +100,17 @@ class Ros2Bridge(RosBridge):
                 topic, field = split(source)
                 self._topics.setdefault(self.names.ros(topic), []).append((source, field))
         self._watches_nodes = NODES in sources
+        self._node: Ros2Node | None = None
         self._looks = any(field for wanted in self._topics.values() for _, field in wanted)
 
     async def import_reader(self) -> None:
         """Import what reads messages, if somebody looks into them."""
         if self._looks:
             await asyncio.to_thread(import_module, "rosbags.typesys")
+
+    def read_now(self) -> None:
+        if self._node is not None:
+            self._node.read_now()
 
     async def be(
         self,
@@ -125,7 +128,8 @@ class Ros2Bridge(RosBridge):
         """
         for topic, wanted in self._topics.items():
             node.subscribe(topic, self._hearing(topic, wanted, deliver))
-        works = [work]
+        self._node = node
+        works = [work] if self._parts is not None else [work, self.read_on()]
         if self._watches_nodes:
             works.append(self._tables(look, untold, deliver))
         if self._parts is not None:
@@ -134,6 +138,7 @@ class Ros2Bridge(RosBridge):
         try:
             await asyncio.gather(*tasks)
         finally:
+            self._node = None
             await end(tasks)
 
     # --- as a part of an agent ---------------------------------------------------------------------------

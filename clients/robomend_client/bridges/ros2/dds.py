@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from types import new_class
-from typing import Any
+from typing import Any, NamedTuple
 from xml.sax.saxutils import quoteattr
 
 from cyclonedds.builtin import (
@@ -64,8 +64,7 @@ class NoDds(Exception):
     """DDS cannot be opened; the message says why."""
 
 
-@dataclass(frozen=True)
-class Sample:
+class Sample(NamedTuple):
     """A message as it came: its bytes, its writer, and the writer's stamp."""
 
     data: bytes

@@ -128,6 +128,11 @@ class Discovered:
         nameless = participant is not None and not participant.is_ros
         return nameless or self.node_of(endpoint) != SOMEBODY
 
+    def name_of(self, endpoint: Endpoint) -> str:
+        """Return whose it is; nothing, as long as that may still be told."""
+        name = self.node_of(endpoint)
+        return name if name != SOMEBODY or self.is_named(endpoint) else ""
+
     def writer(self, handle: int) -> Endpoint | None:
         """Return the writer that a sample is of."""
         return self._by_handle.get(handle)

@@ -75,11 +75,14 @@ class _Named:
     def publish(self, topic: str, kind: str) -> ToldByUs:
         return self._node.publish(topic, kind)
 
+    def read_now(self) -> None:
+        self._node.read_now()
+
     def _handing(self, on_message: OnMessage) -> Callable[[Endpoint, Sample], None]:
         found = self._node.found
 
         def handed(writer: Endpoint, sample: Sample) -> None:
-            name = found.node_of(writer) if found.is_named(writer) else ""
+            name = found.name_of(writer)
             told = (writer.type, writer.type_hash, sample.writer, name, sample.time_ns)
             on_message(Message(sample.data, *told))
 

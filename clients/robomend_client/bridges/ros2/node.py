@@ -1,19 +1,19 @@
 """The bridge as a node of ROS 2: what it listens to, what it tells, and its own place in the graph.
 
 every LOOK_S   what is new on the network? ──► readers for its writers, mismatches, our own entities
-every POLL_S   what has come in? ──► whoever wants the topic
+`read_now`     what has come in? ──► whoever wants the topic
 """
 
 from __future__ import annotations
 
-import asyncio
 import time
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from robomend_client.beats import beat
 from robomend_client.bridges.problems import Problems
 from robomend_client.bridges.ros2 import entities
-from robomend_client.bridges.ros2.base import LOOK_S, POLL_S
+from robomend_client.bridges.ros2.base import LOOK_S
 from robomend_client.bridges.ros2.cdr import BadCdr
 from robomend_client.bridges.ros2.dds import Dds, RawReader, RawWriter
 from robomend_client.bridges.ros2.discovered import Discovered
@@ -78,6 +78,11 @@ class DdsNode:
         self._told.append(told)
         return told
 
+    def read_now(self) -> None:
+        """Hand on what has come in."""
+        for topic in self._topics.values():
+            topic.take(self.found)
+
     async def run(self, dds: Dds) -> None:
         """Be a node until cancelled.
 
@@ -89,16 +94,10 @@ class DdsNode:
         graph_out = dds.writer(entities.TOPIC, entities.TYPE, latched=True)
         for told in self._told:
             told.writer = dds.writer(wire_topic(told.topic), wire_type(told.kind))
-        polls = round(LOOK_S / POLL_S)
-        count = 0
         try:
             while True:
-                if count % polls == 0:
-                    self._look(dds, graph_in, graph_out)
-                for topic in self._topics.values():
-                    topic.take(self.found)
-                count += 1
-                await asyncio.sleep(POLL_S)
+                self._look(dds, graph_in, graph_out)
+                await beat(LOOK_S)
         finally:
             for told in self._told:
                 if told.writer is not None:

@@ -14,7 +14,7 @@ from robomend_client.bridges.ros2.dds import Dds, NoDds, RawReader, Sample
 from robomend_client.bridges.ros2.discovered import Discovered, Endpoint
 from robomend_client.bridges.ros2.names import ros_type, wire_topic
 
-DEPTH = 40
+DEPTH = 100
 """Samples of one topic that may come between two looks: 1 kHz, and twice that."""
 
 OnSample = Callable[[Endpoint, Sample], None]

@@ -1,6 +1,6 @@
 """The bridge as a node of ROS 2 over zenoh: what it listens to, what it tells, and its place in the graph.
 
-every POLL_S   who has come and gone? what has come in? ──► whoever wants the topic
+`read_now`   who has come and gone? what has come in? ──► whoever wants the topic
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import asyncio
 import time
 
 from robomend_client.bridges.problems import Problems
-from robomend_client.bridges.ros2.base import POLL_S, OnMessage
+from robomend_client.bridges.ros2.base import OnMessage
 from robomend_client.bridges.zenoh.graph import Graph
 from robomend_client.bridges.zenoh.keys import NODE, TOKENS, BadKey, LivelinessToken, token_key
 from robomend_client.bridges.zenoh.session import Link, ZenohSession
@@ -32,6 +32,8 @@ class ZenohNode:
         self.links: list[Link] = []
         self.connected_s: float | None = None  # since when; None: to nobody
         self._alone_s = time.monotonic()  # since when, or when it was last not so
+        self._session: ZenohSession | None = None
+        self._watched: object = None
         self._topics: dict[str, HeardTopic] = {}
         self._told: list[OfferedTopic] = []
         self._mismatches: set[str] = set()
@@ -49,6 +51,14 @@ class ZenohNode:
         self._told.append(told)
         return told
 
+    def read_now(self) -> None:
+        """Hand on what has come in; who has come is looked at before: it may be of one who has just begun."""
+        if self._session is None:
+            return
+        self._look(self._session)
+        for topic in self._topics.values():
+            topic.take(self.graph)
+
     async def run(self, session: ZenohSession) -> None:
         """Be a node until cancelled."""
         self.graph.own = session.id
@@ -58,22 +68,20 @@ class ZenohNode:
             told.open(session, own, number)
         for topic in self._topics.values():
             topic.follow(session, self.graph)
-        watched = session.watch(f"{TOKENS}/{self.domain}/**")
+        self._watched = session.watch(f"{TOKENS}/{self.domain}/**")
+        self._session = session
         try:
-            while True:
-                self._look(session, watched)
-                for topic in self._topics.values():
-                    topic.take(self.graph)
-                await asyncio.sleep(POLL_S)
+            await asyncio.Event().wait()  # all else is read
         finally:
+            self._session = None
             for told in self._told:
                 told.close()
             for topic in self._topics.values():
                 topic.close()
 
-    def _look(self, session: ZenohSession, watched: object) -> None:
+    def _look(self, session: ZenohSession) -> None:
         changed = False
-        for key, came in session.changes(watched):
+        for key, came in session.changes(self._watched):
             changed = True
             try:
                 (self.graph.add if came else self.graph.remove)(key)

@@ -22,7 +22,7 @@ from robomend_client.bridges.zenoh.keys import (
 )
 from robomend_client.bridges.zenoh.session import KeyReader, KeyWriter, ZenohSession
 
-DEPTH = 40
+DEPTH = 100
 """Messages of one topic that may come between two looks: 1 kHz, and twice that."""
 
 HASHES = {

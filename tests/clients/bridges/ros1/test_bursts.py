@@ -22,11 +22,12 @@ class Reader:
         self.ends: list[Exception | None] = []
         self._on_data = on_data
 
-    def received(self, data: bytes, arrived_ns: int) -> bool:
+    def received(self, data: memoryview, after_ns: int, arrived_ns: int) -> bool:
+        assert after_ns <= arrived_ns
         self.data += data
         self.reads += 1
         self.arrived_ns = arrived_ns
-        return self._on_data(data)
+        return self._on_data(bytes(data))
 
     def ended(self, error: Exception | None) -> None:
         self.ends.append(error)
@@ -42,6 +43,17 @@ def joined(bursts: Bursts, reader: Reader) -> tuple[socket.socket, socket.socket
 
 async def until_read(reader: Reader, data: bytes) -> None:
     await eventually(lambda: reader.data == data, f"{data!r} was read")
+
+
+async def all_is_read_that_does_not_wait(bursts: Bursts) -> None:
+    """Return when one that has just begun, and is read as it comes, was read."""
+    other = Reader()
+    far, near = joined(bursts, other)
+    far.sendall(b"x")
+    await until_read(other, b"x")
+    bursts.leave(near)
+    far.close()
+    near.close()
 
 
 def test_each_gets_its_own_in_order_and_is_told_of_its_end() -> None:
@@ -66,48 +78,110 @@ def test_each_gets_its_own_in_order_and_is_told_of_its_end() -> None:
     asyncio.run(test())
 
 
-def test_what_comes_within_a_rest_is_read_at_once_together(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "REST_S", 0.5)
-
+def test_what_comes_waits_until_somebody_wants_to_judge_and_is_then_read_together() -> None:
     async def test() -> None:
         bursts, reader = Bursts(), Reader()
         far, near = joined(bursts, reader)
         with far, near:
             far.sendall(b"a")
-            await asyncio.sleep(0.01)  # it is known by now that there is something, and it rests
-            far.sendall(b"b")
-            await eventually(lambda: reader.data == b"ab", "both have come")
-            assert reader.reads == 1
+            await until_read(reader, b"a")  # what is new is read as it comes
+            for part in (b"b", b"c"):
+                far.sendall(part)
+                await all_is_read_that_does_not_wait(bursts)
+            assert reader.data == b"a"
+            bursts.read()
+            assert (reader.data, reader.reads) == (b"abc", 2)
             bursts.close()
 
     asyncio.run(test())
 
 
-def test_nobody_rests_while_one_is_in_the_middle_of_a_message(monkeypatch: pytest.MonkeyPatch) -> None:
-    rests: list[float] = []
-
+def test_one_that_is_in_the_middle_of_a_message_is_read_as_it_comes() -> None:
     async def test() -> None:
-        loop = asyncio.get_running_loop()
-        later = loop.call_later
-
-        def noted(after_s: float, call: Callable[..., object], *given: object) -> asyncio.TimerHandle:
-            if after_s == 0.004:
-                rests.append(after_s)
-            return later(after_s, call, *given)
-
-        monkeypatch.setattr(loop, "call_later", noted)
-        monkeypatch.setattr(module, "REST_S", 0.004)
         bursts, reader = Bursts(), Reader(lambda data: not data.endswith(b"."))
         far, near = joined(bursts, reader)
         with far, near:
-            for part in (b"a", b"ab", b"abc."):
-                far.sendall(part[-2:] if part.endswith(b".") else part[-1:])
-                await until_read(reader, part)
-            assert len(rests) == 1
-            far.sendall(b"d.")
-            await until_read(reader, b"abc.d.")
-            assert len(rests) == 2
+            for begun, part in ((b"a", b"a"), (b"ab", b"b"), (b"abc.", b"c.")):
+                far.sendall(part)
+                await until_read(reader, begun)
+            far.sendall(b"d")
+            await all_is_read_that_does_not_wait(bursts)
+            assert reader.data == b"abc."
+            bursts.read()
+            far.sendall(b"e.")
+            await until_read(reader, b"abc.de.")
             bursts.close()
+
+    asyncio.run(test())
+
+
+def test_whoever_hangs_up_is_known_at_once_with_all_that_was_said_before() -> None:
+    async def test() -> None:
+        bursts, reader = Bursts(), Reader()
+        far, near = joined(bursts, reader)
+        with near:
+            far.sendall(b"a")
+            await until_read(reader, b"a")
+            far.sendall(bytes(module.READ_BYTES // 4))
+            far.sendall(b"b")
+            far.close()
+            await eventually(lambda: reader.ends == [None], "it has ended")
+            assert len(reader.data) == module.READ_BYTES // 4 + 2
+            bursts.close()
+
+    asyncio.run(test())
+
+
+def test_what_was_said_elsewhere_before_somebody_hung_up_is_read_before_that_is_told() -> None:
+    async def test() -> None:
+        bursts = Bursts()
+        said: list[str] = []
+
+        class Telling(Reader):
+            def ended(self, error: Exception | None) -> None:
+                said.append(readers[1].data.decode())
+
+        readers = [Telling(), Reader()]
+        ends = [joined(bursts, reader) for reader in readers]
+        for (far, _), reader in zip(ends, readers, strict=True):
+            far.sendall(b"a")
+            await until_read(reader, b"a")
+        ends[1][0].sendall(b"b")  # it would wait
+        ends[0][0].close()
+        await eventually(lambda: said, "one has ended")
+        await asyncio.sleep(0)  # both were read in one turn
+        assert readers[1].data == b"ab"
+        bursts.close()
+        ends[1][0].close()
+        for _, near in ends:
+            near.close()
+
+    asyncio.run(test())
+
+
+def test_what_fills_the_memory_for_it_is_read_on_and_others_have_their_turn(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(module, "READ_BYTES", 4)
+    monkeypatch.setattr(module, "READS", 2)
+
+    async def test() -> None:
+        bursts = Bursts()
+        readers = [Reader(), Reader()]
+        ends = [joined(bursts, reader) for reader in readers]
+        for (far, _), reader in zip(ends, readers, strict=True):
+            far.sendall(b".")
+            await until_read(reader, b".")
+        for far, _ in ends:
+            far.sendall(b"0123456789ab")
+        bursts.read()
+        assert [reader.data for reader in readers] == [b".01234567"] * 2
+        bursts.read()
+        assert [reader.data for reader in readers] == [b".0123456789ab"] * 2
+        bursts.close()
+        for pair in ends:
+            pair[0].close()
+            pair[1].close()
 
     asyncio.run(test())
 
@@ -129,7 +203,7 @@ def test_what_came_is_as_old_as_the_kernel_says_however_late_it_is_read() -> Non
                     select.select([near], [], [])
                     there_ns = time.time_ns()
                     time.sleep(0.03)  # nobody reads meanwhile: the agent is late
-                    await until_read(reader, b"a")
+                    bursts.read()
                     assert before_ns <= reader.arrived_ns
                     if reader.arrived_ns <= there_ns:
                         break
@@ -139,15 +213,16 @@ def test_what_came_is_as_old_as_the_kernel_says_however_late_it_is_read() -> Non
 
 
 def test_a_clock_that_was_set_makes_nothing_old_and_nothing_from_the_future() -> None:
-    def told(arrived_ns: int) -> list[tuple[int, int, bytes]]:
-        stamp = module.STAMP.pack(*divmod(arrived_ns, 10**9))
-        return [(socket.SOL_SOCKET, module.SO_TIMESTAMPNS, stamp)]
+    now_ns, oldest_ns = 1_000_000_001_000, 100
 
-    read_ns, now_ns = 1_000_000_000_900, 1_000_000_001_000
-    assert module._arrived_ns(told(now_ns - 10), read_ns, now_ns) == now_ns - 10
-    for impossible_ns in (read_ns - 1, now_ns + 1, now_ns - 3600 * 10**9):
-        assert module._arrived_ns(told(impossible_ns), read_ns, now_ns) == now_ns
-    assert module._arrived_ns([], read_ns, now_ns) == now_ns  # where the system does not tell
+    def age_ns(arrived_ns: int) -> int:
+        stamp = module.STAMP.pack(*divmod(arrived_ns, 10**9))
+        return module._age_ns([(socket.SOL_SOCKET, module.SO_TIMESTAMPNS, stamp)], oldest_ns, now_ns)
+
+    assert age_ns(now_ns - 10) == 10
+    for impossible_ns in (now_ns - oldest_ns - 1, now_ns + 1, now_ns - 3600 * 10**9):
+        assert age_ns(impossible_ns) == 0
+    assert module._age_ns([], oldest_ns, now_ns) == 0  # where the system does not tell
 
 
 def test_one_that_raises_ends_and_the_others_go_on() -> None:
@@ -163,8 +238,8 @@ def test_one_that_raises_ends_and_the_others_go_on() -> None:
         assert isinstance(first.ends[0], ZeroDivisionError)
         ends[0][0].sendall(b"b")  # nobody reads it any more
         ends[1][0].sendall(b"b")
-        await eventually(lambda: second.data == b"ab", "the other goes on")
-        assert (first.data, first.ends[1:], second.ends) == (b"a", [], [])
+        bursts.read()
+        assert (second.data, first.data, first.ends[1:], second.ends) == (b"ab", b"a", [], [])
         bursts.close()
         for pair in ends:
             pair[0].close()

@@ -44,6 +44,20 @@ def test_a_killed_node_that_the_master_goes_on_naming_is_stopped() -> None:
     assert nodes.table() == {}
 
 
+def test_what_is_read_of_a_node_that_is_gone_was_said_before_unless_it_connects_anew() -> None:
+    nodes = Nodes()
+    nodes.linked("/a", "http://a:1/", 0.0)
+    nodes.asked("/a", NodeState.GONE, 1.0)
+    assert not nodes.heard("/a", 1.1)
+    assert nodes.table() == {"/a": False}
+    assert nodes.heard("/a", 1.2)  # nobody listens at its address, and it goes on
+    nodes.asked("/a", NodeState.GONE, 2.0)
+    assert nodes.linked("/a", "http://a:2/", 2.1)
+    assert not nodes.heard("/a", 2.11)
+    assert nodes.table() == {"/a": True}
+    assert nodes.silent(2.6, 0.5) == frozenset()
+
+
 def test_a_master_that_forgot_a_node_does_not_stop_it() -> None:
     nodes = Nodes()
     nodes.linked("/linked", "http://a:1/", 0.0)

@@ -63,6 +63,19 @@ def test_what_nobody_looks_at_is_not_held() -> None:
         assert len(decoder._buffer) == 0
 
 
+@given(messages=st.lists(st.binary(max_size=300), min_size=1, max_size=8), size=st.integers(1, 700))
+def test_the_longest_message_is_known_as_soon_as_its_length_is(messages: list[bytes], size: int) -> None:
+    for keep in (True, False):
+        decoder = TcprosDecoder(keep)
+        decoder.receive(stream())
+        data = b"".join(map(frame, messages))
+        for at in range(0, len(data), size):
+            decoder.receive(memoryview(data)[at : at + size])
+        assert decoder.longest == max(map(len, messages))
+        decoder.receive(frame(bytes(1000))[:4])
+        assert decoder.longest == 1000
+
+
 @given(garbage=st.binary(max_size=200))
 def test_garbage_is_a_protocol_error_or_waits_for_more(garbage: bytes) -> None:
     for start in (b"", stream()):
