@@ -37,13 +37,18 @@ def test_one_robot_is_told_with_its_diagnoses_and_the_plan_that_waits(
     assert narrow(out)
     for words in (
         f"{robot}: unhealthy; model tedusar, policy approve",
-        "\n  hokuyo\n  hokuyo_node\n",
+        "UTC; any of these explains what was seen:\n  hokuyo\n  hokuyo_node\n",
         f"repair {repair}: awaiting-approval",
         "\n  stop_node(hokuyo_node)\n",
         f"yes: robomend approve {repair}; no: robomend cancel {repair}",
         "note: start_node, stop_node: no agent",
     ):
         assert words in out
+
+
+def test_one_diagnosis_is_not_told_as_one_of_many(say: Say, shared: Shared, robot: str) -> None:
+    shared.robot(robot, "not on(jaguar)", policy="observe")
+    assert "UTC; this explains what was seen:\n  jaguar\n" in say("status", robot)[1]
 
 
 def test_a_script_learns_by_the_exit_code_whether_a_robot_is_well(

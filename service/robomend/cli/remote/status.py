@@ -134,7 +134,8 @@ def _told(known: Mapping[str, Any]) -> Iterator[str]:
     elif diagnosis["result"] is not None:
         found = [one for one in diagnosis["result"]["diagnoses"] if one["bad"]]
         if found:
-            yield f"diagnosed at {at(diagnosis['time_ns'])} UTC, any of which explains what was seen:"
+            which = "this" if len(found) == 1 else "any of these"
+            yield f"diagnosed at {at(diagnosis['time_ns'])} UTC; {which} explains what was seen:"
         for one in found[:SHOWN]:
             weight = "" if one["probability"] is None else f"  (probability {one['probability']:.2g})"
             yield f"  {', '.join(one['bad'])}{weight}"
