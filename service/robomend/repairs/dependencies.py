@@ -1,4 +1,4 @@
-"""What the repairs of all robots share, and what executors are made with."""
+"""What the repairs of all robots share, and who carries out what for one of them."""
 
 from __future__ import annotations
 
@@ -7,16 +7,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 
+from robomend.errors import Refused
 from robomend.repairs.agent_queue import AgentQueue
 from robomend.repairs.choosing import Chooser
 from robomend.repairs.execution_values import nobodys
-from robomend.repairs.executors.registry import Surroundings
+from robomend.repairs.executors.registry import Surroundings, executors
 from robomend.repairs.stop_switch import StopSwitch
 from robomend.robots.boards import WiredBoard
+from robomend.robots.robot import Robot
 from robomend.robots.robots import Robots
 from robomend.settings import Settings
 from robomend.store import Store
 from robomend.store.records import Fence
+from robomend_client.actions import Executor
 
 
 @dataclass
@@ -29,6 +32,20 @@ class Dependencies:
     chooser: Chooser
     switch: StopSwitch
     settings: Settings
+
+    async def executors(self, state: Robot, halt: asyncio.Event, fence: Fence) -> dict[str, Executor]:
+        """Return who carries out what for a robot, as it is configured now.
+
+        Raises:
+            Refused: its model says nothing of what can be repaired.
+        """
+        parts = state.system.parts
+        if parts is None:
+            raise Refused(f"a {state.system.format} model says nothing of what can be repaired")
+        board = None if state.config.board is None else await self.robots.board(state.id)
+        hosts = {name: part.host for name, part in parts.parts.items() if name not in parts.hardware}
+        around = self.around(state.id, board, hosts, halt, fence)
+        return executors(await self.chooser.actions(state), state.config.actions, around)
 
     def around(
         self,

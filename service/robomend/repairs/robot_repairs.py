@@ -16,11 +16,10 @@ import contextlib
 import structlog
 
 from robomend.cycle import mend
-from robomend.errors import NotFound, Refused, RobomendError, StoreError
+from robomend.errors import NotFound, RobomendError, StoreError
 from robomend.repairs.acts import Acts
 from robomend.repairs.conclusions import BadSets, blamed_now, conclusion, end_of, in_doubt, unconfirmed, well
 from robomend.repairs.dependencies import Dependencies
-from robomend.repairs.executors.registry import executors
 from robomend.repairs.left_off import in_words
 from robomend.repairs.live_repair import LiveRepair
 from robomend.repairs.reasons import IDLE_S, ReasonsToRepair
@@ -31,7 +30,6 @@ from robomend.repairs.states import RepairTrigger
 from robomend.robots.robot import Robot
 from robomend.store import Transaction, drills, repairs, robots
 from robomend.store.records import Fence, Paging, StoredRepair
-from robomend_client.actions import Executor
 
 log = structlog.get_logger("robomend.repairs.robot_repairs")
 
@@ -251,19 +249,8 @@ class RobotRepairs:
 
     async def _live(self, state: Robot, record: RepairRecord, heard_since: int | None) -> LiveRepair:
         needs, signals = self._needs, self._signals
-        who = await self._executors(state)
+        who = await needs.executors(state, signals.halt, self.fence)
         acts = await Acts.of(needs.store, state, record)
         return LiveRepair(
             needs.store, needs.robots, needs.chooser, state, record, who, signals, heard_since, acts
         )
-
-    async def _executors(self, state: Robot) -> dict[str, Executor]:
-        """Return who carries out what for this robot, as it is configured now."""
-        needs = self._needs
-        parts = state.system.parts
-        if parts is None:
-            raise Refused(f"a {state.system.format} model says nothing of what can be repaired")
-        board = None if state.config.board is None else await needs.robots.board(state.id)
-        hosts = {name: part.host for name, part in parts.parts.items() if name not in parts.hardware}
-        around = needs.around(state.id, board, hosts, self._signals.halt, self.fence)
-        return executors(await needs.chooser.actions(state), state.config.actions, around)
