@@ -95,9 +95,29 @@ RESPAWN = """
 """
 
 
-def test_a_user_s_action_breaks_no_protected_node_that_is_tied_to_what_it_restarts(planner: str) -> None:
-    options = PlanOptions(planner=planner, domain=RESPAWN)
-    assert texts(plan_for(ARM, [], ["moveit"], options))[0] == "respawn(moveit)"
+AIDED = """
+(define (domain robot-repair)
+  (:predicates (helps ?h - hardware ?n - node))
+  (:action respawn
+    :parameters (?n - node ?h - hardware)
+    :precondition (and (helps ?h ?n) (running ?n) (bad ?n))
+    :effect (and (good ?n) (not (bad ?n))
+      (forall (?m - node) (when (tied ?m ?n) (and (bad ?m) (not (good ?m)))))
+      (increase (total-cost) 1)))
+  (:init (helps rail moveit)))
+"""
+
+
+@pytest.mark.parametrize(
+    ("domain", "step"),
+    [(RESPAWN, "respawn(moveit)"), (AIDED, "respawn(moveit, rail)")],
+    ids=["alone", "aided"],
+)
+def test_a_user_s_action_breaks_no_protected_node_that_is_tied_to_what_it_restarts(
+    planner: str, domain: str, step: str
+) -> None:
+    options = PlanOptions(planner=planner, domain=domain)
+    assert texts(plan_for(ARM, [], ["moveit"], options))[0] == step
     safe = plan_for(ARM, [], ["moveit"], replace(options, protected=("traj_ctl",)))
     assert texts(safe) == []
     assert "traj_ctl, tied to it, is protected" in safe.unreachable[0]
