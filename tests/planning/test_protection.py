@@ -123,6 +123,18 @@ def test_a_user_s_action_breaks_no_protected_node_that_is_tied_to_what_it_restar
     assert "traj_ctl, tied to it, is protected" in safe.unreachable[0]
 
 
+def test_what_is_protected_and_bad_already_is_not_broken_once_more(planner: str) -> None:
+    nodes = {
+        "bridge": Node("bridge", publishes={"relay": ()}, tied_to=("core",)),
+        "core": Node("core", publishes={"beat": ()}),
+    }
+    pair = replace(ARM, nodes=nodes)
+    options = PlanOptions(planner=planner, domain=RESPAWN)
+    assert "respawn(core)" in texts(plan_for(pair, [], ["bridge", "core"], options))
+    safe = plan_for(pair, [], ["bridge", "core"], replace(options, protected=("bridge",)))
+    assert "respawn(core)" not in texts(safe)
+
+
 RESET = """
 (define (domain robot-repair)
   (:action reset
