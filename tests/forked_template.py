@@ -30,23 +30,23 @@ from typing import Any, NoReturn
 
 from tests.forked import ADDRESS, NUMBER, popen, use
 
-LOADED = {
-    "robomend": (
-        "robomend.cli.main",
-        "robomend.cli.serve",
-        "robomend.api.runtime",
-        "robomend.api.server",
-        "uvloop",
-        "robomend.cli.diagnose",
-        "robomend.cli.plan",
-        "robomend.cli.remote.status",
-        "robomend.diagnosis.sat",
-    ),
-    "robomend_board": ("robomend_board.main",),
-    "robomend_client": ("robomend_client.agent.main", "robomend_client.agent.agent"),
-    "robomend_demo": ("robomend_demo.command", "robomend_demo.run", "robomend_demo.devices"),
-}  # fmt: skip
-"""What the template imports of each package that is there; nothing that starts a thread."""
+CLIENT = ("robomend_client.agent.main", "robomend_client.agent.agent")
+SERVICE = (
+    "robomend.cli.main",
+    "robomend.cli.serve",
+    "robomend.api.runtime",
+    "robomend.api.server",
+    "uvloop",
+    "robomend.cli.diagnose",
+    "robomend.cli.plan",
+    "robomend.cli.remote.status",
+    "robomend.diagnosis.sat",
+    "robomend_board.main",
+    "robomend_demo.command",
+    "robomend_demo.run",
+    "robomend_demo.devices",
+)
+"""What the template imports; nothing that starts a thread."""
 
 STARTING = ("robomend.workers.process", "robomend_demo.stage")
 """Modules whose processes are forked in turn."""
@@ -57,10 +57,9 @@ MOST_DESCRIPTORS = 8
 
 def serve(control: socket.socket) -> None:
     """Fork whoever is asked for, and tell how each ends; when nobody can ask any more, all end."""
-    for package, modules in LOADED.items():
-        if find_spec(package) is not None:  # the client is tested without the service
-            for module in modules:
-                importlib.import_module(module)
+    there = find_spec("robomend") is not None  # the client is tested without the service
+    for module in (*CLIENT, *(SERVICE if there else ())):
+        importlib.import_module(module)
     gc.collect()
     gc.freeze()  # or each process would copy what it only looks at
     assert threading.active_count() == 1

@@ -95,12 +95,44 @@ RESPAWN = """
 """
 
 
-def test_a_user_s_action_breaks_no_protected_node_that_is_tied_to_what_it_restarts(planner: str) -> None:
-    options = PlanOptions(planner=planner, domain=RESPAWN)
-    assert texts(plan_for(ARM, [], ["moveit"], options))[0] == "respawn(moveit)"
+AIDED = """
+(define (domain robot-repair)
+  (:predicates (helps ?h - hardware ?n - node))
+  (:action respawn
+    :parameters (?n - node ?h - hardware)
+    :precondition (and (helps ?h ?n) (running ?n) (bad ?n))
+    :effect (and (good ?n) (not (bad ?n))
+      (forall (?m - node) (when (tied ?m ?n) (and (bad ?m) (not (good ?m)))))
+      (increase (total-cost) 1)))
+  (:init (helps rail moveit)))
+"""
+
+
+@pytest.mark.parametrize(
+    ("domain", "step"),
+    [(RESPAWN, "respawn(moveit)"), (AIDED, "respawn(moveit, rail)")],
+    ids=["alone", "aided"],
+)
+def test_a_user_s_action_breaks_no_protected_node_that_is_tied_to_what_it_restarts(
+    planner: str, domain: str, step: str
+) -> None:
+    options = PlanOptions(planner=planner, domain=domain)
+    assert texts(plan_for(ARM, [], ["moveit"], options))[0] == step
     safe = plan_for(ARM, [], ["moveit"], replace(options, protected=("traj_ctl",)))
     assert texts(safe) == []
     assert "traj_ctl, tied to it, is protected" in safe.unreachable[0]
+
+
+def test_what_is_protected_and_bad_already_is_not_broken_once_more(planner: str) -> None:
+    nodes = {
+        "bridge": Node("bridge", publishes={"relay": ()}, tied_to=("core",)),
+        "core": Node("core", publishes={"beat": ()}),
+    }
+    pair = replace(ARM, nodes=nodes)
+    options = PlanOptions(planner=planner, domain=RESPAWN)
+    assert "respawn(core)" in texts(plan_for(pair, [], ["bridge", "core"], options))
+    safe = plan_for(pair, [], ["bridge", "core"], replace(options, protected=("bridge",)))
+    assert "respawn(core)" not in texts(safe)
 
 
 RESET = """

@@ -301,7 +301,8 @@ class Grounder:
         initial = self.problem.initial
         if any(("tied", node, other) in initial for other in action.parameters):
             return True
-        comes_on = any(number > 0 and self.fact(number)[0] == "on" for number in action.effects)
+        gained = (number for number in action.effects if number > 0)
+        comes_on = any(self.fact(number)[0] == "on" for number in gained)
         return not comes_on and any(fact[:2] == ("drives", node) for fact in initial)
 
     def refusal(self, action: GroundAction) -> str | None:
