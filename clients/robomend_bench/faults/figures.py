@@ -75,6 +75,7 @@ def of_faults(scores: Sequence[Score]) -> list[Figure]:
         *_times("first_act", "fault → first act", scores, lambda s: s.first_act_s),
         *_times("waited", "all told → first act", scores, lambda s: s.waited_s),
         *_times("repaired", "detection → repaired", scores, lambda s: s.repaired_s),
+        *_times("mended", "fault → repaired", scores, _mended_s),
         *_times("confirmed", "health told → repaired", scores, lambda s: s.confirmed_s),
         _mean("errors", "DXC: classification errors", scores, lambda s: s.errors),
         _mean("utility", "DXC: system repair utility", scores, lambda s: s.utility),
@@ -92,6 +93,13 @@ def of_stretches(scores: Sequence[Score]) -> list[Figure]:
         _mean("acts", "needless acts, a stretch", scores, lambda s: s.acts),
         _mean("points", "points", scores, lambda s: s.points),
     ]
+
+
+def _mended_s(score: Score) -> float | None:
+    """Return fault → repaired: who waits before he calls it detected gains nothing by it."""
+    if score.detection_s is None or score.repaired_s is None:
+        return None
+    return score.detection_s + score.repaired_s
 
 
 def _share(name: str, what: str, scores: Sequence[Score], holds: Callable[[Score], bool | None]) -> Figure:

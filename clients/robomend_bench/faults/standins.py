@@ -2,6 +2,7 @@
 
     perfect   does what the cheapest policy does, as soon as the observers have told it all
     sighted   the same, but that an act was in vain it knows when it could be seen, and no sooner
+    knowing   knows what is broken from the first symptom on, and awaits only what that has to show: the floor
     idle      does nothing
 
 They see what the service would: literals of the real observers, fed by the same simulated robots. They make
@@ -12,27 +13,29 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from robomend_bench.faults.anatomy import Anatomy
 from robomend_bench.faults.body import Body
 from robomend_bench.faults.classes import Planted
-from robomend_bench.faults.condition import Act, abnormal, observed
+from robomend_bench.faults.condition import Act, abnormal, broken, observed
 from robomend_bench.faults.observing import HostObservers
 from robomend_bench.faults.policy import Belief, Repair
 from robomend_bench.faults.record import Acted, Diagnosed, Record, RepairSeen, Trial
 from robomend_bench.faults.robot import Robot, find_robot
 from robomend_bench.faults.stretches import STRETCH_BY_NAME
 from robomend_bench.faults.trial import Terms, scenario_of
+from robomend_bench.faults.universe import touched
 from robomend_client.literals import Atom, Literal
 
 STEP_S = 0.01
 BEFORE_S = 4.0
 """The robot runs so long before its fault, that every observer has its verdict."""
 
-STANDINS = ("perfect", "sighted", "idle")
+STANDINS = ("perfect", "sighted", "knowing", "idle")
 
 
 def play_with(standin: str, trial: Trial, terms: Terms) -> Record:
     """Play a trial with a stand-in; stretches are undisturbed."""
-    agents = dict(zip(STANDINS, (_Perfect, _Sighted, _Idle), strict=True))
+    agents = dict(zip(STANDINS, (_Perfect, _Sighted, _Knowing, _Idle), strict=True))
     return _Play(find_robot(trial.robot), trial, terms, agents[standin]).run()
 
 
@@ -259,3 +262,95 @@ class _Sighted(_Perfect):
             device for device in anatomy.devices.values() if {device.name, device.bus} & set(act.parameters)
         ]
         return max((device.boot_s for device in named), default=0.0)
+
+
+class _Knowing(_Perfect):
+    """Knows the truth as soon as anything shows, so that its first repair is the right one.
+
+    What is left is what nobody can go below: acts, side by side where they may be, the robot's starts, and
+    observers that judge what was touched anew.
+    """
+
+    def __init__(self, play: _Play) -> None:
+        super().__init__(play)
+        self._under_way: list[Acted] = []
+        self._settle = 0
+        self._shows = False
+
+    def step(self) -> None:
+        play = self.play
+        odd = abnormal(play.robot.anatomy, play.body.state)
+        if self._belief is None and not self._shows:  # what shows now is acted on in the next step
+            self._shows = not all(literal.positive for literal in play.held.values())
+            return
+        self._under_way = [each for each in self._under_way if not self._answered(each)]
+        self._start_ready()
+        if self._plan or self._under_way:
+            return
+        if odd:
+            self._belief = None if self._belief is None else frozenset({(play.body.state, 1.0)})
+            self._repair()
+        elif self._settled():
+            play.record.diagnoses.append(Diagnosed(play.now_s, ((),)))
+            self._shows = False
+            if self._belief is not None:
+                self._end("repaired", "everything is as it should be")
+
+    def _repair(self) -> None:
+        play = self.play
+        state = play.body.state
+        if self._belief is None:
+            self._number += 1
+            self._belief = frozenset({(state, 1.0)})
+        self._round += 1
+        roots = {fault.component for _, fault in play.record.faults}
+        self._bad = tuple(sorted(broken(play.robot.anatomy, state) & roots))
+        play.record.diagnoses.append(Diagnosed(play.now_s, (self._bad,)))
+        repair, _ = play.robot.policy.choose(self._belief)
+        if repair is None:
+            self._end("escalated", f"no repair is left for {', '.join(sorted(roots))}")
+            self.step = lambda: None  # type: ignore[method-assign]  # it has called a person, and waits
+            return
+        self._tell("planning", str(repair))
+        self._begin(repair)
+        self._start_ready()
+
+    def _start_ready(self) -> None:
+        """Begin what need not wait for the answer of an act on something that it has to do with."""
+        before = [each.act for each in self._under_way]
+        for act in tuple(self._plan):
+            if not any(self._related(act, other) for other in before):
+                self._plan.remove(act)
+                self._do(act)
+                assert self._acting is not None
+                self._under_way.append(self._acting)
+            before.append(act)
+
+    def _related(self, act: Act, other: Act) -> bool:
+        parts, others = set(act.parameters), set(other.parameters)
+        anatomy = self.play.robot.anatomy
+        return bool(_all_touched(anatomy, parts) & others or _all_touched(anatomy, others) & parts)
+
+    def _answered(self, acted: Acted) -> bool:
+        """Whether an act has answered; if so, what it influences is to be judged anew."""
+        if acted.code is None:
+            return False
+        self._settle += 1
+        anatomy, play = self.play.robot.anatomy, self.play
+        parts = _all_touched(anatomy, set(acted.act.parameters))
+        topics = [topic for topic, node in anatomy.publisher.items() if node in parts]
+        for topic in topics:
+            topics += (each for each in anatomy.consumers.get(topic, ()) if each not in topics)
+        atoms = [Atom("ok", (topic,)) for topic in topics]
+        for atom in atoms:
+            play.held.pop(atom, None)
+        for host in play.hosts:
+            host.settle(self._settle, atoms)
+        return True
+
+
+def _all_touched(anatomy: Anatomy, names: set[str]) -> frozenset[str]:
+    """Return what may have to be touched for these; a bus stands for what hangs on it."""
+    on_bus = {device.name for device in anatomy.devices.values() if device.bus in names}
+    known = (names | on_bus) & (anatomy.devices.keys() | anatomy.nodes.keys())
+    return frozenset(names).union(*(touched(anatomy, name) for name in known))

@@ -333,6 +333,26 @@ def test_who_cannot_see_sooner_that_an_act_was_in_vain_does_the_same_and_takes_l
     assert any(a + 0.5 < b for a, b in took)  # a driver is restarted in vain before its device is cycled
 
 
+def test_nobody_is_faster_than_who_knows_what_is_broken_from_the_first_symptom_on() -> None:
+    trials = [
+        Trial(robot, cls, 1, number)
+        for number, (robot, cls) in enumerate(
+            [("base", "hung-device"), ("arm", "mute-successor"), ("amr", "double"), ("loops", "loop")]
+        )
+    ]
+    knowing, sighted = played("knowing", trials), played("sighted", trials)
+    for floor, other in zip(knowing, sighted, strict=True):
+        assert floor.right, floor
+        assert not floor.wrong, floor
+        assert floor.acts <= other.acts
+        assert (floor.detection_s or 0.0) <= (other.detection_s or 0.0)
+        assert (floor.repaired_s or 0.0) < (other.repaired_s or 0.0) + (other.detection_s or 0.0)
+    assert knowing[0].acts < sighted[0].acts  # no driver is restarted in vain
+    # What was restarted within its observer's window is judged anew all the same: 5 intervals at least.
+    [dead] = played("knowing", [Trial("base", "dead-node", 1, 1)])
+    assert (dead.repaired_s or 0.0) > 0.5
+
+
 def test_idling_does_not_win() -> None:
     faults = played("idle", [trial for trial in drawn(20) if not BY_NAME[trial.cls].apart])
     assert not any(found.right for found in faults)
