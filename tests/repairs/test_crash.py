@@ -167,6 +167,9 @@ async def test_the_global_stop_holds_across_a_crash_and_what_it_ended_begins_ane
         client = running[0].client
         assert client is not None
         await client.stop("people on the floor")
+        async with asyncio.timeout(60):
+            while not (await client.stopped())["written"]:  # 202: in force, and not on the disk yet
+                await asyncio.sleep(0.02)
         await running[0].kill()
         await asyncio.sleep(0.2)  # what was handed out before the stop may still be on its way to the robot
         begun_before = len(robot.ids)
