@@ -168,7 +168,7 @@ class Agent:
         wanted = PROCESSES in self.config.sources(own=True)
         usage = Usage(self.config.sources(own=True) - {PROCESSES}, supervisor.processes)
         measure_at = 0.0
-        period_s = TABLE_S if wanted else PERIOD_S
+        period_s = TABLE_S if wanted or usage.wanted else PERIOD_S
         while True:
             if wanted:
                 watch.sample(PROCESSES, supervisor.table())

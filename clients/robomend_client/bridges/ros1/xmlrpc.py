@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import errno
 import fcntl
+import re
 import socket
 import struct
 import termios
@@ -30,7 +31,8 @@ LONGEST_ANSWER = 16 * 1024 * 1024
 LONGEST_REQUEST = 1024 * 1024
 LONGEST_HEAD = 16 * 1024
 MOST_CLIENTS = 64
-REFUSED = f"[Errno {errno.ECONNREFUSED}]"
+HUNG_UP = {errno.ECONNREFUSED, errno.ECONNRESET, errno.ECONNABORTED, errno.EPIPE}
+ERROR_NUMBER = re.compile(r"\[Errno (\d+)\]")
 
 Connection = tuple[asyncio.StreamReader, asyncio.StreamWriter]
 
@@ -43,7 +45,7 @@ class PeerError(Exception):
 
 
 class NobodyListens(PeerError):
-    """The connection was refused: there is no process any more."""
+    """The connection was refused, or taken and closed by a process that ended: there is none any more."""
 
 
 class NoAnswer(PeerError):
@@ -95,9 +97,8 @@ async def connect(host: str, port: int, timeout_s: float) -> Connection:
 def unreachable(host: str, port: int, error: Exception) -> PeerError:
     """Return what an error means that came of connecting."""
     # Of a name with several addresses asyncio joins the errors into one text, without a number.
-    if isinstance(error, ConnectionRefusedError) or 0 < str(error).count("[Errno ") == str(error).count(
-        REFUSED
-    ):
+    numbers = {int(number) for number in ERROR_NUMBER.findall(str(error))}
+    if isinstance(error, ConnectionError) or (numbers and numbers <= HUNG_UP):
         return NobodyListens(f"nobody listens at {host}:{port}")
     if isinstance(error, (socket.gaierror, UnicodeError)):
         return OutOfReach(f"the host name {host!r} is unknown here")

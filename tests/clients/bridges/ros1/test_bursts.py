@@ -13,6 +13,7 @@ from tests.waiting import eventually
 
 from robomend_client.bridges.ros1 import bursts as module
 from robomend_client.bridges.ros1.bursts import Bursts
+from robomend_client.python310 import timeout
 
 
 class Reader:
@@ -195,7 +196,7 @@ def test_what_came_is_as_old_as_the_kernel_says_however_late_it_is_read() -> Non
         near.setblocking(False)
         with far, near:
             bursts.join(near, reader)
-            async with asyncio.timeout(10):
+            async with timeout(10):
                 while True:  # the kernel begins to look at its clock a moment after it was asked to
                     reader.data = b""
                     before_ns = time.time_ns()
