@@ -40,9 +40,10 @@ class Problems:
 
         Args:
             place: file, and line, row or topic.
-            reason: in words.
+            reason: in words; on one line, whatever a library's error looks like.
             bad: it makes the log a bad one; otherwise it is worth knowing only.
         """
+        reason = " ".join(reason.split())
         key = place, reason
         if key not in self._count and len(self._count) >= MOST:
             self.left_out += 1

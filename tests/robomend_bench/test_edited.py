@@ -5,17 +5,20 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
+from rosbags.rosbag1 import Writer
+from rosbags.typesys import Stores, get_typestore
 
 from robomend_bench.batch import drives
 from robomend_bench.batch.command import command
-from robomend_bench.batch.edited import EDITS, Watched, edited, first_told
+from robomend_bench.batch.edited import EDITS, Watched, edited, first_told, numbered
 from robomend_bench.batch.messages import Change, Message, read, write
 
 BEGIN_NS = drives.BEGIN_S * 10**9
 START_NS, STOP_NS = BEGIN_NS + 20 * 10**9, BEGIN_NS + 30 * 10**9
-GYRO = Watched("gyro", "imu_node", "data", -1.0, 1.0, moves=True)
+GYRO = Watched("gyro", "imu_node", "data", -1.0, 1.0)
 
 
 @pytest.fixture(scope="module")
@@ -66,13 +69,41 @@ def test_what_is_told_of_edited_recordings_is_counted_and_so_is_what_cannot_be_r
     assert found["planted"] == found["found"] == dict.fromkeys(EDITS, 1)
 
 
-def test_what_a_recording_shows_by_itself_finds_no_edit() -> None:
-    def told(bad: str, *observations: str) -> dict[str, object]:
-        at = {"start_ns": BEGIN_NS + 5 * 10**9, "end_ns": BEGIN_NS + 9 * 10**9}
-        return {**at, "state": "faulty", "bad": [[bad]], "observations": [*observations]}
+def told(
+    bad: str, *observations: str, begin_s: int = 5, end_s: int = 9, log: str = "edited.bag"
+) -> dict[str, object]:
+    at = {"start_ns": BEGIN_NS + begin_s * 10**9, "end_ns": BEGIN_NS + end_s * 10**9}
+    return {**at, "log": log, "state": "faulty", "bad": [[bad]], "observations": [*observations]}
 
-    known = {"not ok(scan)"}
-    assert first_told([told("laser", "not ok(scan)")], "laser", known, (4.0, 8.0)) is None
-    assert first_told([told("laser", "not ok(scan)", "not ok(x)")], "laser", known, (4.0, 8.0)) == 5.0
-    assert first_told([told("base", "not ok(odom)")], "laser", known, (4.0, 8.0)) is None
-    assert first_told([told("laser", "not ok(odom)")], "laser", known, (9.0, 12.0)) is None
+
+def test_what_a_recording_shows_by_itself_finds_no_edit() -> None:
+    known = [told("laser", "not ok(scan)")]
+    assert first_told([told("laser", "not ok(scan)")], known, "laser", (4.0, 8.0)) is None
+    assert first_told([told("laser", "not ok(scan)", "not ok(x)")], known, "laser", (4.0, 8.0)) == 5.0
+    assert first_told([told("base", "not ok(odom)")], known, "laser", (4.0, 8.0)) is None
+    assert first_told([told("laser", "not ok(odom)")], known, "laser", (9.0, 12.0)) is None
+
+
+def test_what_a_recording_shows_by_itself_only_later_or_earlier_does_not_hide_an_edit() -> None:
+    edit = [told("laser", "not ok(scan)", begin_s=5)]
+    assert first_told(edit, [told("laser", "not ok(scan)", begin_s=6)], "laser", (4.0, 8.0)) == 5.0
+    assert first_told(edit, [told("laser", "not ok(scan)", begin_s=1, end_s=3)], "laser", (4.0, 8.0)) == 5.0
+    assert first_told(edit, [told("laser", "not ok(scan)", begin_s=1, end_s=5)], "laser", (4.0, 8.0)) is None
+
+
+def test_a_clock_among_the_numbers_is_not_what_is_edited(tmp_path: Path) -> None:
+    store = get_typestore(Stores.ROS1_NOETIC)
+    chance = np.random.default_rng(1)
+    with Writer(tmp_path / "a.bag") as writer:
+        pose = writer.add_connection("/pose", "geometry_msgs/msg/Point", typestore=store, callerid="/node")
+        for number in range(300):
+            point = store.types["geometry_msgs/msg/Point"](
+                x=0.1 * number, y=round(chance.normal(), 1), z=round(chance.normal()) // 3
+            )
+            data = store.serialize_ros1(point, "geometry_msgs/msg/Point")
+            writer.write(pose, BEGIN_NS + number * 10**8, data)
+    found = numbered(Watched("pose", "node"), read(tmp_path / "a.bag"))
+    assert found.number == "y"
+    assert 0 < found.still_s < 2
+    assert found.interval_s == pytest.approx(0.1)
+    assert found.edits == EDITS

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from robomend_bench.batch.tellable import scarcest, why_not
+from robomend_bench.batch.tellable import longest_standstill, scarcest, why_not
 
 STEADY = np.arange(0, 30, 0.1)
 PAUSED = np.delete(STEADY, slice(100, 140))  # four seconds without a message
@@ -33,4 +33,23 @@ def test_a_range_that_did_not_hold_by_itself_is_none() -> None:
     stands, walks = np.sin(np.arange(200.0)), 5 * np.sin(np.arange(200.0))
     assert why_not("ramped", STEADY, np.concatenate([stands, 1.2 * stands]), 6.0) is None
     assert why_not("ramped", STEADY, np.concatenate([stands, walks]), 6.0) == "its range was not seen"
-    assert why_not("frozen", STEADY, NONE, 6.0) is None
+
+
+def test_a_number_that_stands_still_by_itself_is_not_told_to_be_frozen() -> None:
+    moves = np.arange(300.0) % 7
+    stands = np.where((STEADY > 10) & (STEADY < 14), 3.0, moves)
+    assert why_not("frozen", STEADY, moves, 6.0) is None
+    assert why_not("frozen", STEADY, stands, 6.0) is not None
+    assert why_not("frozen", STEADY, stands, 9.0) is None
+
+
+def test_how_long_a_number_stands_still_is_from_its_first_message_to_its_last() -> None:
+    times = np.array([0.0, 1.0, 3.0, 4.0, 9.0])
+    assert longest_standstill(times, np.array([1.0, 1.0, 1.0, 2.0, 1.0])) == 3.0
+    assert longest_standstill(times, np.array([1.0, 2.0, 3.0, 4.0, 4.0])) == 5.0
+    assert longest_standstill(times, np.arange(5.0)) == 0.0
+
+
+def test_of_a_topic_that_is_silent_by_itself_nothing_can_be_taken() -> None:
+    assert why_not("dropped", STEADY, NONE, 6.0, 9.0) is None
+    assert why_not("dropped", STEADY, NONE, 6.0, 5.0) == "50% of the usual messages are there by themselves"

@@ -13,8 +13,10 @@ so long at most (`pause_s`), and what is longer is left to silence:
 
 What is left are sums of bounded intervals. These have light tails (by the central limit theorem, and
 Bernstein's inequality), so that a few windows tell how far another one can stray: a prediction interval, as
-of a normal mean whose variance is estimated. Only that half is missing is told from it, though: a bound that
-rests on half a minute is not drawn tighter than SLOWEST.
+of a normal mean whose variance is estimated. It is estimated from parts of the windows, of which there are
+more: a window of PARTS parts that have nothing to do with each other strays √PARTS times as far as one, and
+what windows were seen to stray is the least that is believed. Only that half is missing is told from it,
+though: a bound that rests on half a minute is not drawn tighter than SLOWEST.
 
 A topic for which that is too wide, too, is watched for little but silence, and one that comes irregularly is
 not watched.
@@ -32,7 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robomend_batch.learn.stretches import Times
-from robomend_batch.learn.tails import Bound, bound, largest_of_blocks, predicted
+from robomend_batch.learn.tails import HEAVIEST, Bound, bound, largest_of_blocks, predicted, spread_above
 from robomend_client.observers.base import SECOND, ns
 from robomend_client.observers.general import LEAST_SILENCE_S
 
@@ -51,6 +53,18 @@ PAUSES = (64, 32, 16, 8, 4)
 LEAST_SUM = 40
 LEAST_SUM_S = 0.7
 """Of a window whose length is taken to be normal: messages, and seconds, for bursts in it are few."""
+
+PARTS = 4
+"""That a window is cut into."""
+
+PAUSED = 10.0
+"""Usual intervals: who saw no interval as long as that has seen no pause, only jitter."""
+
+HEAVIEST_PAUSES = 0.4
+"""ξ of pauses is no larger, once one was seen. The longest ones of the two halves of a recording differ by a
+factor whose logarithm is logistic with scale ξ, if tails fall by a power: over 201 topics of 61 recordings of
+real robots that is 0.4.
+"""
 
 LONGEST_SILENCE_S = 60.0
 IRREGULAR = 100.0
@@ -97,7 +111,8 @@ def learn_rate(topic: str, pieces: Sequence[Times], hours: float, per_hour: floa
     usual_s = float(np.median(all_gaps))
     if usual_s <= 0:
         return "its messages come several at once"
-    silence = bound(all_gaps, hours, per_hour)
+    heaviest = HEAVIEST_PAUSES if all_gaps.max() > PAUSED * usual_s else HEAVIEST
+    silence = bound(all_gaps, hours, per_hour, heaviest=heaviest)
     if silence.value > max(LONGEST_SILENCE_S, IRREGULAR * usual_s):
         return f"irregular: usually {usual_s:.3g} s apart, and up to {silence.largest:.3g} s"
     silence_s = max(silence.value, LEAST_SILENCE_S, 2.5 * usual_s)
@@ -130,12 +145,18 @@ def _beside_pauses(
         tried = []
         for intervals in PAUSES:
             pause_s = intervals * usual_s
-            spans = _spans([_counted(times, ns(pause_s)) for times in pieces], window)
-            if spans is None:
+            counted = [_counted(times, ns(pause_s)) for times in pieces]
+            spans, part = _spans(counted, window), (window - 1) // PARTS + 1
+            parts = _spans(counted, part)
+            if spans is None or parts is None:
                 return None
             all_spans = np.concatenate(spans)
-            windows = sum(len(one) // window for one in spans)
-            slow = predicted(all_spans, windows, per_hour / 2 * float(np.median(all_spans)) / 3600)
+            slow = predicted(
+                all_spans,
+                sum(len(one) // part for one in parts),
+                per_hour / 2 * float(np.median(all_spans)) / 3600,
+                ((window - 1) / (part - 1)) ** 0.5 * spread_above(np.concatenate(parts)),
+            )
             tried.append((max(slow.value / slow.usual, 1 + pause_s / slow.usual), pause_s, slow, spans))
         slowest, pause_s, slow, spans = min(tried, key=lambda one: one[0])
         if slowest * SLOWEST > 1:

@@ -76,24 +76,30 @@ def bound(
     )
 
 
-def predicted(samples: Samples, independent: int, probability: float) -> Bound:
+def predicted(samples: Samples, independent: int, probability: float, least_spread: float = 0.0) -> Bound:
     """Return what another sample exceeds with a probability: a prediction bound.
-
-    What is above the median is taken to be so as half of a normal distribution is. What is below, such as
-    windows in which what was held up comes at once, says nothing of that.
 
     Args:
         samples: shape (n,), n > 0; they may overlap.
-        independent: how many of them do not.
+        independent: how many values, of which none overlap, the spread was measured by.
         probability: above 0; no more than LIKELIEST is promised.
+        least_spread: of parts of the samples, put together; no smaller one is believed.
     """
     middle, largest = float(np.median(samples)), float(samples.max())
-    above = samples[samples > middle] - middle
     freedom = max(1, independent // 2)
     quantile = critical(2 * min(probability, LIKELIEST), freedom)  # of both sides together
-    spread = float(np.sqrt(np.mean(above**2))) if len(above) else 0.0
+    spread = max(spread_above(samples), least_spread)
     value = max(middle + quantile * spread * (1 + 1 / freedom) ** 0.5, largest)
     return Bound(value, middle, float(np.quantile(samples, 0.999)), largest, len(samples))
+
+
+def spread_above(samples: Samples) -> float:
+    """Return the standard deviation, as of a normal distribution whose upper half is above the median.
+
+    What is below, such as windows in which what was held up comes at once, says nothing of what is above.
+    """
+    above = samples[samples > np.median(samples)] - np.median(samples)
+    return float(np.sqrt(np.mean(above**2))) if len(above) else 0.0
 
 
 def _hill(largest: Samples) -> float:

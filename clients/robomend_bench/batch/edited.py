@@ -5,8 +5,11 @@
                         └──────► a topic dropped, thinned, frozen or ramped for a while, one in each copy
 
 So jitter and values are real, and the truth is known. The two by hand are the ones that a person would write
-for a sensor: it has a range, and it is never without noise. Which faults can be told at all is decided by the
-first half alone: see tellable.py.
+for a sensor: it has a range, and it does not stand still for longer than it does. Which faults can be told at
+all is decided by the unedited recording alone: see tellable.py.
+
+A fault is told when the edited half first shows of its topic what the unedited one has not shown since the
+fault began: whatever differs there is the fault's doing.
 """
 
 from __future__ import annotations
@@ -27,7 +30,7 @@ from robomend_batch.learn.gathering import number_fields
 from robomend_bench.batch.drives import BEGIN_S
 from robomend_bench.batch.learning import episodes, faulty
 from robomend_bench.batch.messages import Change, Message, read, types_of, write
-from robomend_bench.batch.tellable import why_not
+from robomend_bench.batch.tellable import LONGER, longest_standstill, why_not
 
 EDITS = ("dropped", "thinned", "frozen", "ramped")
 """Of a topic nothing comes; half comes; a number stands still; a number grows."""
@@ -44,8 +47,8 @@ HAND = "edited"
 AFTER_S = 20.0
 """So long after its end a fault may still be told."""
 
-MOVES = 0.5
-"""A number that has fewer different values than this share of its messages may stand still by itself."""
+GROWS = 0.95
+"""A number of which more of the steps have one sign is a clock, or counts: it has no range."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +60,8 @@ class Watched:
     number: str | None = None  # the field that is edited, and watched by hand; None: the topic has none
     low: float = 0.0
     high: float = 0.0
-    moves: bool = False
+    still_s: float = 0.0  # it stands so long by itself
+    interval_s: float = 0.0
     name: str = ""  # of the observers by hand
 
     @property
@@ -67,7 +71,7 @@ class Watched:
     @property
     def edits(self) -> tuple[str, ...]:
         """Which of EDITS can be noticed."""
-        return (*EDITS[:2], *(EDITS[2:3] if self.moves else ()), *(EDITS[3:] if self.number else ()))
+        return EDITS if self.number else EDITS[:2]
 
 
 @dataclass
@@ -78,7 +82,7 @@ class Edited:
     unedited_s: float = 0.0
     refused: list[str] = field(default_factory=list)  # recordings that nothing can be learned from, and why
     planted: Counter[str] = field(default_factory=Counter)
-    tellable: Counter[str] = field(default_factory=Counter)  # of these, what the first half allows to tell
+    tellable: Counter[str] = field(default_factory=Counter)  # of these, what the recording allows to tell
     found: Counter[str] = field(default_factory=Counter)  # told of its topic, in its time, its node a suspect
     told: Counter[str] = field(default_factory=Counter)  # of those that can be told
     missed: list[str] = field(default_factory=list)
@@ -148,12 +152,13 @@ def _one(program: list[str], folder: Path, recording: Path, found: Edited) -> No
     as_it_is = [one for one in told if one["log"] == str(unedited)]
     _count_alarms(found, recording.name, as_it_is)
     when_s = start_ns / 1e9 - BEGIN_S, stop_ns / 1e9 - BEGIN_S
-    known = {word for one in _within(as_it_is, when_s) for word in _wrong(one)}
+    edited_s = (stop_ns - start_ns) / 1e9
     for file, (topic, kind) in planted.items():
         found.planted[kind] += 1
-        reason = _why_not(topic, kind, first, (stop_ns - start_ns) / 1e9)
+        left = sum(start_ns <= one.time_ns < stop_ns for one in _of(topic, rest)) / edited_s
+        reason = _why_not(topic, kind, first, edited_s, left)
         found.tellable[kind] += reason is None
-        at_s = first_told([one for one in told if one["log"] == str(file)], topic.node, known, when_s)
+        at_s = first_told([one for one in told if one["log"] == str(file)], as_it_is, topic.node, when_s)
         if at_s is None:
             why = f" (cannot be told: {reason})" if reason else ""
             found.missed.append(f"{recording.name}: {topic.topic} {kind}{why}")
@@ -163,15 +168,22 @@ def _one(program: list[str], folder: Path, recording: Path, found: Edited) -> No
             found.delays_s.append(max(0.0, at_s - when_s[0]))
 
 
-def _why_not(topic: Watched, kind: str, healthy: Sequence[Message], fault_s: float) -> str | None:
+def _why_not(
+    topic: Watched, kind: str, healthy: Sequence[Message], fault_s: float, left_hz: float
+) -> str | None:
     """Return why a fault of a topic cannot be told; None: it can."""
-    mine = [message for message in healthy if message.connection.topic.strip("/") == topic.topic]
+    mine = _of(topic, healthy)
     numbers: list[float] = []
-    if kind == "ramped" and topic.number is not None:
+    if kind in ("frozen", "ramped") and topic.number is not None:
         value = Change(mine[0].connection, topic.number).value
         numbers = [value(message.data) for message in mine]
     times_s = np.array([message.time_ns for message in mine], dtype=np.float64) / 1e9
-    return why_not(kind, times_s, np.array(numbers), fault_s)
+    return why_not(kind, times_s, np.array(numbers), fault_s, left_hz)
+
+
+def _of(topic: Watched, messages: Sequence[Message]) -> list[Message]:
+    """Return the messages of a topic."""
+    return [message for message in messages if message.connection.topic.strip("/") == topic.topic]
 
 
 def _count_alarms(found: Edited, name: str, as_it_is: Sequence[dict[str, Any]]) -> None:
@@ -188,19 +200,30 @@ def _count_alarms(found: Edited, name: str, as_it_is: Sequence[dict[str, Any]]) 
 
 
 def first_told(
-    intervals: Sequence[dict[str, Any]], node: str, known: set[str], when_s: tuple[float, float]
+    intervals: Sequence[dict[str, Any]],
+    as_it_is: Sequence[dict[str, Any]],
+    node: str,
+    when_s: tuple[float, float],
 ) -> float | None:
-    """Return when an edit is told first: its node is a suspect, for something else than what is known.
+    """Return when an edit is told first: its node is a suspect, for what is not known without the edit.
 
     Args:
         intervals: of the edited recording.
+        as_it_is: of the recording by itself.
         node: of the topic.
-        known: what the recording shows by itself at that time.
         when_s: from when to when it was edited.
     """
-    news = [one for one in _within(intervals, when_s) if not known.issuperset(_wrong(one))]
-    starts = [start_s for start_s, _, bad in faulty(news) if any(node in diagnosis for diagnosis in bad)]
-    return min(starts, default=None)
+    for one in _within(intervals, when_s):
+        for start_s, _, bad in faulty([one]):
+            known = {
+                word
+                for other in _within(as_it_is, when_s)
+                if other["start_ns"] <= max(one["start_ns"], (when_s[0] + BEGIN_S) * 1e9)
+                for word in _wrong(other)
+            }
+            if not known.issuperset(_wrong(one)) and any(node in diagnosis for diagnosis in bad):
+                return start_s
+    return None
 
 
 def _within(intervals: Sequence[dict[str, Any]], when_s: tuple[float, float]) -> list[dict[str, Any]]:
@@ -266,7 +289,7 @@ def watch(program: list[str], draft: Path, good: Path, messages: Sequence[Messag
     if not topics:
         raise BackendError("no topic of it is watched")
     found = [
-        _numbered(Watched(topic, node_of[topic], name=f"{HAND}{place}_"), messages)
+        numbered(Watched(topic, node_of[topic], name=f"{HAND}{place}_"), messages)
         for place, topic in enumerate(topics)
     ]
     while True:
@@ -281,7 +304,6 @@ def watch(program: list[str], draft: Path, good: Path, messages: Sequence[Messag
             replace(
                 one,
                 number=None if f"not ok({one.name}range)" in said else one.number,
-                moves=one.moves and f"const({one.name}value)" not in said,
             )
             for one in found
         ]
@@ -302,11 +324,10 @@ def _write(draft: Path, model: dict[str, Any], observers: dict[str, Any], watche
         near = {"source": source, "low": one.low - one.span, "high": one.high + one.span}
         more[span] = {"kind": "property", **near, "agreeing": 3}
         rules.append(f"not ab({json.dumps(one.node)}) -> ok({span})")
-        if one.moves:
-            still = {"source": source, "slope": one.span * 1e-6, "debounce_s": 1.0}
-            more[value] = {"kind": "qualitative", **still}
-            values[value] = {"topic": one.topic, "field": one.number}
-            rules.append(f"not ab({json.dumps(one.node)}) -> not const({value})")
+        still = {"source": source, "slope": one.span * 1e-6, "window_s": max(1.0, 5 * one.interval_s)}
+        more[value] = {"kind": "qualitative", **still, "debounce_s": max(1.0, LONGER * one.still_s)}
+        values[value] = {"topic": one.topic, "field": one.number}
+        rules.append(f"not ab({json.dumps(one.node)}) -> not const({value})")
     properties: dict[str, Any] = {name: {} for name in more if name not in values}
     observers = {**observers, "observers": {**(observers.get("observers") or {}), **more}}
     model = {
@@ -319,17 +340,26 @@ def _write(draft: Path, model: dict[str, Any], observers: dict[str, Any], watche
     (draft / "observers.yaml").write_text(yaml.safe_dump(observers, sort_keys=False))
 
 
-def _numbered(topic: Watched, good: Sequence[Message]) -> Watched:
+def numbered(topic: Watched, good: Sequence[Message]) -> Watched:
     """Return a topic with the number of it that moves most often, if it has any."""
-    messages = [one for one in good if one.connection.topic.strip("/") == topic.topic]
+    messages = _of(topic, good)
+    times_s = np.array([message.time_ns for message in messages], dtype=np.float64) / 1e9
     best, share = topic, 0.0
     for path, numbers in _numbers(messages):
         if not np.isfinite(numbers).all() or numbers.max() <= numbers.min():
             continue
-        moving = len(np.unique(numbers)) / len(numbers)
-        if moving > share:
-            low, high = float(numbers.min()), float(numbers.max())
-            best, share = replace(topic, number=path, low=low, high=high, moves=moving >= MOVES), moving
+        moves = np.sign(np.diff(numbers))
+        moving = float(np.mean(moves != 0))
+        if moving > share and abs(moves.sum()) < (2 * GROWS - 1) * np.abs(moves).sum():
+            best, share = (
+                replace(topic, number=path, low=float(numbers.min()), high=float(numbers.max())),
+                moving,
+            )
+            best = replace(
+                best,
+                still_s=longest_standstill(times_s, numbers),
+                interval_s=float(np.median(np.diff(times_s))),
+            )
     return best
 
 

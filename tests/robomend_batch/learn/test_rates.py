@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from robomend_batch.learn.rates import RateFound, learn_rate
+from robomend_batch.learn.rates import HEAVIEST_PAUSES, RateFound, learn_rate
 from robomend_client.literals import fails
 from robomend_client.observers import SECOND, Driver, GeneralObserver, Rate
 
@@ -84,6 +84,39 @@ def test_half_a_minute_with_stalls_tells_that_half_of_the_messages_are_missing()
         assert alarms(found, np.concatenate([whole[:750], whole[750::2]])) >= 1
         lossy = whole[750:][np.random.default_rng(seed).random(len(whole) - 750) < 0.5]
         assert alarms(found, np.concatenate([whole[:750], lossy])) >= 1
+
+
+def uneven(seed: int, seconds: float) -> Times:
+    """Return times at some 80 Hz, of which a few keep one waiting."""
+    chance = np.random.default_rng(seed)
+    count = round(80 * seconds)
+    gaps = np.where(
+        chance.random(count) < 0.03, chance.uniform(0.05, 0.12, count), chance.gamma(2, 0.005, count)
+    )
+    times = np.cumsum(gaps)
+    return (times[times < seconds] * SECOND).astype(np.int64)
+
+
+@pytest.mark.parametrize("seed", range(1, 6))
+def test_a_quarter_of_a_minute_tells_that_half_of_the_messages_are_missing_at_one_false_alarm_in_ten_hours(
+    seed: int,
+) -> None:
+    found = learn_rate("scan", [uneven(seed, 15)], 15 / 3600, 0.1)
+    assert isinstance(found, RateFound)
+    assert not found.only_silence
+    whole = uneven(100 + seed, 120)
+    assert alarms(found, whole) == 0
+    assert alarms(found, np.concatenate([whole[:2000], whole[2000::2]])) >= 1
+
+
+def test_silence_is_told_sooner_where_a_pause_was_seen_than_where_it_must_be_feared_like_any_other() -> None:
+    def beyond(pause_s: float) -> float:
+        gaps = learned(beats(10, 900, 1, ((100, pause_s),))).gaps
+        return (gaps.value - gaps.usual) / (gaps.largest - gaps.usual)
+
+    rarer = 1 / (0.25 * 0.01)
+    assert beyond(3.0) <= 1.001 * rarer**HEAVIEST_PAUSES
+    assert beyond(0.6) > 1.1 * rarer**HEAVIEST_PAUSES
 
 
 def test_a_topic_that_comes_when_it_likes_is_not_watched() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from robomend_batch.learn.tails import HEAVIEST, LIGHTEST, bound, largest_of_blocks, predicted
+from robomend_batch.learn.tails import HEAVIEST, LIGHTEST, bound, largest_of_blocks, predicted, spread_above
 
 
 def test_what_is_exceeded_as_often_as_the_largest_was_is_about_the_largest() -> None:
@@ -64,3 +64,20 @@ def test_of_a_normal_sample_the_next_one_exceeds_a_prediction_as_often_as_was_sa
 def test_what_is_below_the_median_says_nothing_of_what_is_above() -> None:
     above = np.linspace(1.0, 1.1, 20)
     assert predicted(np.append(above, [0.0] * 19), 39, 1e-4).value < 1.6
+
+
+def test_what_few_sums_do_not_tell_their_many_parts_tell_and_what_the_sums_show_is_the_least() -> None:
+    chance = np.random.default_rng(5)
+    exceeded, alone, together = [], [], []
+    for _ in range(2000):
+        parts = chance.normal(1.0, 0.1, 32)
+        sums = parts.reshape(8, 4).sum(axis=1)
+        found = predicted(sums, len(parts), 1e-3, 2 * spread_above(parts))
+        exceeded.append(chance.normal(1.0, 0.1, 4).sum() > found.value)
+        alone.append(predicted(sums, len(sums), 1e-3).value - 4)
+        together.append(found.value - 4)
+    assert np.mean(exceeded) < 3e-3
+    assert np.median(together) < 0.6 * np.median(alone)
+    drifts = np.repeat(chance.normal(1.0, 0.1, 8), 4)  # parts of a sum that are alike
+    sums = drifts.reshape(8, 4).sum(axis=1)
+    assert predicted(sums, 32, 1e-3, 2 * spread_above(drifts)).value >= predicted(sums, 32, 1e-3).value
