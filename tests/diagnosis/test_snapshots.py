@@ -238,6 +238,27 @@ def test_of_many_conflicts_those_are_told_that_the_first_diagnoses_need(
     assert len(diagnose_snapshots(file.cnf, file.snapshots, EVERYTHING).conflicts) == 1
 
 
+@pytest.mark.parametrize("calls", [0, 3, 1_000])
+def test_told_conflicts_are_minimal_however_large_those_of_the_search_are(
+    calls: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = read_wcnf(DATA / "c432" / "c432mut285p.wcnf.gz")
+    cnf, seen = file.cnf, file.snapshots
+    every = [one.bad for one in diagnose_snapshots(cnf, seen, EVERYTHING).diagnoses]
+    monkeypatch.setattr("robomend.diagnosis.snapshots.ROUGH_CALLS", calls)
+    result = diagnose_snapshots(cnf, seen, Options(limit=None, max_size=len(every[-1]), timeout_s=None))
+    assert [one.bad for one in result.diagnoses] == every
+    assert result.conflicts
+    with Solver("minisat22", bootstrap_with=cnf.clauses) as solver:
+        for conflict in result.conflicts:
+            assert conflict.minimal
+            healthy = [cnf.health[component] for component in conflict.components]
+            rests_on = [number for one in conflict.observations if (number := cnf.literal(one)) is not None]
+            assert not solver.solve([*healthy, *rests_on])
+            for needed in healthy:
+                assert solver.solve([*(other for other in healthy if other != needed), *rests_on])
+
+
 def test_a_told_conflict_rests_on_no_more_than_it_must_if_there_is_time(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

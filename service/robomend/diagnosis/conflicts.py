@@ -42,9 +42,6 @@ WORDS_KEPT = 20_000
 SHRINKING_CALLS = 256
 """Propagations to make a conflict of a search smaller: it is as right when it is not minimal."""
 
-MINIMISING_CALLS = 1_000
-"""Questions to the solver, for the same."""
-
 ASKED_AT_ONCE = 3
 """Components of a core whose clauses are not put into a solver of their own, if nothing else is asked."""
 
@@ -178,6 +175,7 @@ class Conflicts:
         needed: Collection[int] = (),
         *,
         components_only: bool = False,
+        calls: int | None = None,
     ) -> Known:
         """Return a minimal conflict inside a core. Those supposed healthy count as observations here.
 
@@ -188,6 +186,7 @@ class Conflicts:
         Args:
             needed: components that are known to be needed.
             components_only: leave it at these; what they rest on may be more than it must.
+            calls: of the solver at most, None: a thousand; where that is too few the conflict says so.
 
         Raises:
             OutOfTime.
@@ -196,7 +195,13 @@ class Conflicts:
         if not self._cnf.weak or (components_only and len(components) <= ASKED_AT_ONCE):
             background = [*supposed.numbers, *observed.numbers]
             kept, rest, minimal = minimised(
-                oracle, components, observations, background, set(needed), components_only=components_only
+                oracle,
+                components,
+                observations,
+                background,
+                set(needed),
+                components_only=components_only,
+                calls=calls,
             )
         else:
             healthy = frozenset(components) | supposed.healthy
@@ -214,6 +219,7 @@ class Conflicts:
                     set(extract.known(needed)),
                     witnesses,
                     components_only=components_only,
+                    calls=calls,
                 )
                 kept, rest = extract.original(kept), extract.original(rest)
         found = Known.of(kept, rest, minimal)

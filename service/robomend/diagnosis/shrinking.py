@@ -72,16 +72,18 @@ def minimised(
     witnesses: Witnesses | None = None,
     *,
     components_only: bool = False,
+    calls: int | None = None,
 ) -> tuple[list[int], list[int], bool]:
     """Return a minimal conflict inside these: components, observations, and whether the former are minimal.
 
     Components are left out with all of `background` assumed, then, unless `components_only`, observations for
-    those that are left.
+    those that are left; in at most so many `calls` of the solver each (None: CALLS).
 
     Raises:
         OutOfTime.
     """
     suspects = frozenset(components)
+    calls = CALLS if calls is None else calls
     minimal = True
     if len(components) > 1:
 
@@ -95,7 +97,7 @@ def minimised(
             observations = [literal for literal in core if literal not in suspects]
             return [literal for literal in core if literal in suspects]
 
-        components, minimal = shrunk(components, refute_components, CALLS, needed)
+        components, minimal = shrunk(components, refute_components, calls, needed)
 
     if components_only:
         return components, observations, minimal
@@ -103,5 +105,5 @@ def minimised(
     def refute(some: list[int]) -> list[int] | None:
         return None if oracle.sat(components + some) else oracle.core() or []
 
-    observations, _ = shrunk(observations, refute, CALLS)
+    observations, _ = shrunk(observations, refute, calls)
     return components, observations, minimal

@@ -55,6 +55,11 @@ ASKED_AGAIN = 4
 ASKED_FIRST = 10
 """Snapshots that are asked: where one tells, most do, those that refuted the last candidates above all."""
 
+ROUGH_CALLS = 20
+"""Of the solver, to make a conflict smaller where the search is by size. That nothing else is as small takes
+hundreds of conflicts, of circuits with hundreds of gates each, and to make one minimal takes longer than to
+do with a larger one."""
+
 EASY_CONFLICTS = 10
 EASY_PROPAGATIONS = 0.5
 """Of such a question, the latter for each variable of the model."""
@@ -107,7 +112,8 @@ class SnapshotEngine:
         # What contradicts by itself makes whatever else was met no conflict: it would be needless there.
         met = search.known if search.contradiction is None else [search.contradiction]
         told = self._justifying(masks, met) if options.conflicts else []
-        conflicts = tuple(self._in_words(self._resting_on_less(*pair, what_if)) for pair in told)
+        smaller = {one.mask: one for one in [self._resting_on_less(*pair, what_if) for pair in told]}
+        conflicts = tuple(map(self._in_words, smaller.values()))
         unused = dict.fromkeys(literal for observed in distinct.values() for literal in observed.unused)
         return DiagnosisResult(
             components=self.cnf.components,
@@ -141,12 +147,11 @@ class SnapshotEngine:
         return list(told.values()) or known[:most]
 
     def _resting_on_less(self, known: Known, observed: SignedObs, what_if: Supposed) -> Known:
-        """Return a conflict of the search with no more observations than it needs, if there is time."""
+        """Return a conflict of the search with no more in it than it needs, if there is time."""
         literals = [*known.components, *known.observations]
+        needed = known.components if known.minimal else ()
         with suppress(OutOfTime):
-            return self._conflicts.minimise(
-                self._oracle, literals, observed, what_if, needed=known.components
-            )
+            return self._conflicts.minimise(self._oracle, literals, observed, what_if, needed=needed)
         return known
 
     def _in_words(self, known: Known) -> Conflict:
@@ -156,7 +161,8 @@ class SnapshotEngine:
         rules = tuple(cnf.rules[index].text for index in used)
         # What was seen, and what is supposed: `ab(c)` or its negation.
         literals = tuple(map(cnf.literal_of, known.observations))
-        return Conflict(components, literals, rules, explain_conflict(cnf, components, literals, rules))
+        text = explain_conflict(cnf, components, literals, rules)
+        return Conflict(components, literals, rules, text, minimal=known.minimal)
 
     def _contradiction(self, known: Known) -> ContradictoryModel:
         literals = tuple(map(self.cnf.word, known.observations))
@@ -195,9 +201,10 @@ class _SnapshotSearch:
         self._health = list(range(1, len(cnf.components) + 1))
         self._forced = mask_of(what_if.abnormal)
         self._variables = cnf.variables
+        self._calls: int | None = None  # to make a conflict smaller
 
     def find_conflict(self, abnormal: int) -> int | None:
-        """Return a minimal conflict that these components do not hit; None: they explain each snapshot."""
+        """Return a small conflict that these components do not hit; None: they explain each snapshot."""
         healthy = outside(self._health, abnormal)
         healthy += [-variable for variable in self._what_if.abnormal]
         position = self._refuting(healthy, abnormal)
@@ -207,7 +214,9 @@ class _SnapshotSearch:
         self._snapshots.insert(0, self._snapshots.pop(position))
         observed, _ = self._snapshots[0]
         core = self._oracle.core() or ()
-        known = self._conflicts.minimise(self._oracle, core, observed, self._what_if, components_only=True)
+        known = self._conflicts.minimise(
+            self._oracle, core, observed, self._what_if, components_only=True, calls=self._calls
+        )
         if not known.mask:
             self.contradiction = (known, observed)
             raise _Contradiction
@@ -273,6 +282,7 @@ class _SnapshotSearch:
     def run(self, found: list[int], options: Options, clock: Deadline) -> StoppedBy | None:
         """Put the diagnoses into `found`; return why the search ended before all were found."""
         bounded = options.minimal == "cardinality" or options.max_size is not None
+        self._calls = ROUGH_CALLS if bounded else None
         by_size = CheapestHittingSets([1] * len(self._health), clock)
         any_ = AnyHittingSets(clock)
         try:
