@@ -13,6 +13,7 @@ import fcntl
 import gc
 import importlib
 import json
+import logging
 import os
 import runpy
 import select
@@ -124,6 +125,8 @@ class _Serving:
         """Fork a process; `descriptors` are its own, and the last one tells its end."""
         if asked["passed"] and not self._warm:
             importlib.import_module("robomend.planning.planner_pool").warm()
+            logging.root.handlers.clear()  # a planner has logged: whoever is forked sets up its own log
+            logging.root.setLevel(logging.WARNING)
             gc.freeze()
             assert threading.active_count() == 1
             self._warm = True

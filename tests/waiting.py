@@ -20,13 +20,13 @@ def look_s(waited_s: float) -> float:
     return min(max(LOOK_S, waited_s / 10), SELDOM_S)
 
 
-def until(true: Callable[[], object], what: str, timeout_s: float = 30.0) -> None:
-    """Wait until something holds."""
+def until(true: Callable[[], object], what: str, timeout_s: float = 30.0, *, closely: bool = False) -> None:
+    """Wait until something holds; `closely`: it will not for long."""
     began = time.monotonic()
     while not true():
         waited_s = time.monotonic() - began
         assert waited_s < timeout_s, f"waited {timeout_s:g} s in vain: {what}"
-        time.sleep(look_s(waited_s))  # until the next look
+        time.sleep(LOOK_S / 2 if closely else look_s(waited_s))  # until the next look
 
 
 async def eventually(true: Callable[[], object], what: str, timeout_s: float = 30.0) -> None:

@@ -334,8 +334,12 @@ def test_on_a_robot_in_use_or_not_well_nothing_is_planted(robot: DrilledRobot) -
     with robot.client as client:
         client.stop("lunch")
         assert "lunch" in refused(robot, "node-killed", "mapping")[1]
-        client.observe("r1", ["not ok(odom)"], source="a person", lifetime_s=30.0)
-        client.diagnosis("r1")
-        assert "unhealthy" in refused(robot, "node-killed", "mapping")[1]
+
+        def unwell() -> bool:  # until the agent says otherwise, at its next heartbeat
+            client.observe("r1", ["not ok(odom)"], source="a person", lifetime_s=30.0)
+            client.diagnosis("r1")
+            return "unhealthy" in refused(robot, "node-killed", "mapping")[1]
+
+        until(unwell, "a refusal that says so")
         client.observe("r1", ["ok(odom)"], source="a person", lifetime_s=0.5)
         client.resume()

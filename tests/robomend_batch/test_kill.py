@@ -64,6 +64,7 @@ def killed_in_the_middle(
             lambda: running.poll() is not None or len(list((out / "results").glob(files))) >= count,
             "the first files",
             60,
+            closely=True,
         )
     finally:
         with suppress(ProcessLookupError):

@@ -68,7 +68,7 @@ def test_whoever_lists_no_more_of_any_size_is_not_ahead(
     row = measured(capsys)
     assert (row["theirs"], row["behind"]) == (row["ours"], False)
     assert run(monkeypatch, *ONE, *prints(*same)) == 0
-    assert "on 1 of 1 instances" in capsys.readouterr().out
+    assert "on 1 of 1 instance." in capsys.readouterr().out
 
 
 def test_more_than_all_there_is_makes_it_fail(

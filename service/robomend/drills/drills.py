@@ -53,7 +53,7 @@ class Drills:
     async def start(self) -> None:
         """Take up what a crash left, and what is asked for from now on."""
         self._ends = [
-            self._store.subscribe(self._follow, (Kind.DRILL,)),
+            self._store.subscribe(self._follow, (Kind.DRILL, Kind.DIAGNOSIS, Kind.REPAIR)),
             self._store.ownership.on_lost(self._lost),
         ]
         self._parts.switch.on_change(self._stop_changed)
