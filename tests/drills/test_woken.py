@@ -13,7 +13,6 @@ from robomend.drills.drills import Drills
 from robomend.store import Store, Transaction
 from robomend_client.events import Kind
 
-
 pytestmark = pytest.mark.anyio
 
 
