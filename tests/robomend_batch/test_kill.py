@@ -47,7 +47,7 @@ def long_log(file: Path) -> Path:
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, bytes]]:
     folder = tmp_path_factory.mktemp("kill")
-    logs = many_logs(folder / "logs")
+    logs = many_logs(folder / "logs", 24_000)
     assert batch_run(folder / "out", logs) == 0
     return logs, tree(folder / "out")
 
