@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import sqlite3
+from collections.abc import Awaitable, Callable
 from contextlib import closing
 from pathlib import Path
 
@@ -71,29 +72,27 @@ async def test_what_is_only_in_the_write_ahead_log_is_not_missing(tmp_path: Path
     await again.close()
 
 
-async def test_damage_that_is_found_later_is_told_and_remembered(tmp_path: Path) -> None:
+async def look(store: Store) -> None:
+    await store.read(audit.page, Paging(None, 10))
+
+
+async def write(store: Store) -> None:
+    await observe(store, "r1", entry("scan"))
+
+
+@pytest.mark.parametrize(("table", "find"), [("audit", look), ("observations", write)])
+async def test_damage_that_is_found_later_is_told_and_remembered(
+    table: str, find: Callable[[Store], Awaitable[None]], tmp_path: Path
+) -> None:
     path = tmp_path / "robomend.db"
     await written(path)
-    overwrite(path, "audit")
+    overwrite(path, table)
     store = Store(f"sqlite:///{path}")
     await store.start()
     assert store.damage is None
     with pytest.raises(StoreDamaged, match="malformed"):
-        await store.read(audit.page, Paging(None, 10))
+        await find(store)
     assert len((await store.read(observations.obs, "r1")).entries) == 100
     assert store.damage is not None
     assert "put a copy in its place" in store.damage
-    await store.close()
-
-
-async def test_damage_that_a_write_finds_is_told_and_remembered_too(tmp_path: Path) -> None:
-    path = tmp_path / "robomend.db"
-    await written(path)
-    overwrite(path, "observations")
-    store = Store(f"sqlite:///{path}")
-    await store.start()
-    assert store.damage is None
-    with pytest.raises(StoreDamaged, match="malformed"):
-        await observe(store, "r1", entry("scan"))
-    assert store.damage is not None
     await store.close()
