@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from functools import partial
+from typing import Any
 
 import pytest
 from tests.waiting import eventually
@@ -175,3 +176,16 @@ async def test_who_listens_for_kinds_is_called_where_one_of_them_is(store: Store
     await emit(store, "c")
     await asyncio.sleep(0)
     assert heard == {"robots": [1, 2], "repairs": [], "all": [1, 2]}
+
+
+async def test_a_commit_is_not_under_way_any_more_when_it_is_told(store: Store) -> None:
+    """Else the sign of another one that comes right after it would be left to a commit that was told before."""
+    told, seen = store._writer._finished, list[bool]()
+
+    def finished(*given: Any) -> None:
+        seen.append(store._writer.committing)
+        told(*given)
+
+    store._writer._finished = finished
+    await emit(store, "a")
+    assert seen == [False]

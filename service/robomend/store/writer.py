@@ -203,8 +203,8 @@ class Writer:
         self.commits += 1
         self.writes += count
         self.last_commit_s = time.monotonic() - begun
+        self.committing = False  # first: of a sign that comes after our events nobody else would tell
         self._finished(jobs[:count], events)
-        self.committing = False
         return jobs[count:]
 
     def _run_job(self, group: Group, job: Job) -> None:
