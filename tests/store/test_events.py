@@ -179,7 +179,7 @@ async def test_who_listens_for_kinds_is_called_where_one_of_them_is(store: Store
 
 
 async def test_a_commit_is_not_under_way_any_more_when_it_is_told(store: Store) -> None:
-    """Else the sign of another one that comes right after it would be left to a commit that was told before."""
+    """Else the sign of another one right after it would be left to a commit that was told before."""
     told, seen = store._writer._finished, list[bool]()
 
     def finished(*given: Any) -> None:
