@@ -188,4 +188,5 @@ async def test_a_commit_is_not_under_way_any_more_when_it_is_told(store: Store) 
 
     store._writer._finished = finished
     await emit(store, "a")
-    assert seen == [False]
+    assert seen  # the instance may have written something of its own as well
+    assert not any(seen)
