@@ -25,7 +25,7 @@ class Kind(StrEnum):
     MODEL = "model"  # data: model name, version
     DRILL = "drill"  # data: drill id, state, fault, component, undo, reason
     BATCH = "batch"  # data: batch id, state
-    STOP = "stop"  # data: active, by, reason
+    STOP = "stop"  # data: active, by, reason, since_ns, revision
 
 
 @dataclass(frozen=True, slots=True)

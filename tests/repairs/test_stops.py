@@ -15,7 +15,8 @@ from robomend.api.runtime import Runtime
 from robomend.errors import Refused
 from robomend.repairs.reasons import ReasonsToRepair
 from robomend.robots.robot import Robot as RobotState
-from robomend.store import audit
+from robomend.store import audit, global_stop
+from robomend.store.records import Stop
 
 pytestmark = pytest.mark.anyio
 
@@ -75,6 +76,22 @@ async def test_the_stop_survives_a_restart(tmp_path: Path) -> None:
         await nothing_begins(runtime)
         assert (await runtime.repairs.stopped())["active"]
     assert robot.done == []
+
+
+async def test_what_was_said_of_the_stop_before_its_latest_change_does_not_count(tmp_path: Path) -> None:
+    """Events of one's own changes come back late on a busy computer."""
+    async with service(tmp_path) as runtime:
+        switch = runtime.repairs.switch
+        said = []
+        for change in (runtime.repairs.stop, runtime.repairs.resume, runtime.repairs.stop):
+            await change(by="ann", reason="")
+            said.append(await runtime.store.read(global_stop.get))
+        for earlier in said[:2]:
+            switch.heard(earlier)
+            assert switch.stop == said[2]
+        elsewhere = Stop(False, "bob", "all clear", 0, said[2].revision + 1)
+        switch.heard(elsewhere)
+        assert switch.stop == elsewhere
 
 
 async def audit_of(runtime: Runtime) -> list[str]:

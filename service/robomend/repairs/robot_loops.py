@@ -125,4 +125,5 @@ def _ours(state: Robot | None, event: Event) -> bool:
 
 
 def _stop_of(data: Json) -> Stop:
-    return Stop(bool(data.get("active")), data.get("by"), data.get("reason", ""), data.get("since_ns"))
+    active, reason = bool(data.get("active")), data.get("reason", "")
+    return Stop(active, data.get("by"), reason, data.get("since_ns"), data.get("revision", 0))

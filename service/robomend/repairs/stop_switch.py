@@ -120,7 +120,7 @@ class StopSwitch:
         with self._lock:
             self._changes += 1
             if active:
-                self._stop = Stop(True, by, reason, change.asked_ns)
+                self._stop = Stop(True, by, reason, change.asked_ns, self._stop.revision)
             if len(self._unwritten) >= MOST and self._unwritten[-1].active == active:
                 change = self._unwritten[-1]
             else:
@@ -132,7 +132,11 @@ class StopSwitch:
     # --- in the event loop
 
     def heard(self, stop: Stop) -> None:
-        """Take note of what another instance wrote, or this one."""
+        """Take note of what another instance wrote, or this one; of what came before what is known, not."""
+        if stop.revision > self._stop.revision or not stop.revision:  # 0: of a version that did not count
+            self._take(stop)
+
+    def _take(self, stop: Stop) -> None:
         with self._lock:
             if any(change.active for change in self._unwritten):
                 return  # ours is younger, and is going to be written
@@ -155,7 +159,7 @@ class StopSwitch:
         changes = self._changes
         stop = await self._store.read(global_stop.get)
         if stop.active != self._stop.active and changes == self._changes and not self._unwritten:
-            self.heard(stop)
+            self._take(stop)
 
     def _take_up(self) -> None:
         self._tell()
@@ -194,7 +198,7 @@ class StopSwitch:
 
 def _write(change: StopChange, tx: Transaction) -> Stop:
     stop = global_stop.put(tx, change.active, by=change.by, reason=change.reason)
-    tx.emit(Kind.STOP, None, stop_json(stop))
+    tx.emit(Kind.STOP, None, {**stop_json(stop), "revision": stop.revision})
     late = tx.now_ns - change.asked_ns > LATE_S * 1e9
     tx.note(
         AuditEntry(

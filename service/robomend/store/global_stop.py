@@ -6,6 +6,8 @@ read that there is none and still write an intent. On SQLite one writes at a tim
 
 from __future__ import annotations
 
+from dataclasses import asdict
+
 from sqlalchemy import select, text
 
 from robomend.store import schema
@@ -33,9 +35,8 @@ def hold(tx: Transaction) -> Stop:
 def put(tx: Transaction, active: bool, *, by: str, reason: str) -> Stop:
     """Set the stop, or lift it."""
     _lock(tx, "pg_advisory_xact_lock")
-    stop = Stop(active, by, reason, tx.now_ns)
-    value = {"active": active, "by": by, "reason": reason, "since_ns": tx.now_ns}
-    tx.replace(schema.settings, {"name": "stop", "value": to_json(value)})
+    stop = Stop(active, by, reason, tx.now_ns, get(tx).revision + 1)
+    tx.replace(schema.settings, {"name": "stop", "value": to_json(asdict(stop))})
     return stop
 
 

@@ -368,6 +368,7 @@ class Stop:
     by: str | None = None
     reason: str = ""
     since_ns: int | None = None
+    revision: int = 0  # one more at each change, whoever makes it
 
 
 @dataclass(frozen=True, slots=True)
