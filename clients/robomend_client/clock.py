@@ -19,7 +19,8 @@ class Clock:
 
     def now_ns(self) -> int:
         """Return nanoseconds since the epoch."""
-        at, now_ns = time.monotonic_ns(), time.time_ns()
+        # In this order: held up between the two, it would go ahead by that, and stay there.
+        now_ns, at = time.time_ns(), time.monotonic_ns()
         on_ns = self._latest_ns + at - self._read_at
         self._latest_ns = now_ns = now_ns if now_ns > on_ns else on_ns
         self._read_at = at

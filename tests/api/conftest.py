@@ -39,7 +39,7 @@ class Service:
         self.runtime = runtime
         self.repairs = cast(RepairsDouble, repairs)
         self.loop = loop
-        self.http = httpx.Client(base_url=url, timeout=20, verify=CERTIFICATES)
+        self.http = httpx.Client(base_url=url, timeout=60, verify=CERTIFICATES)
 
     def api(self, method: str, path: str, **options: Any) -> httpx.Response:
         """Make a request below /api/v1."""
@@ -47,7 +47,7 @@ class Service:
 
     def run(self, work: Any) -> Any:
         """Run a coroutine on the service's event loop."""
-        return asyncio.run_coroutine_threadsafe(work, self.loop).result(20)
+        return asyncio.run_coroutine_threadsafe(work, self.loop).result(60)
 
     def with_robot(self, robot: str = "r1", **config: Any) -> None:
         """Store the example model and a robot that follows it."""
@@ -79,7 +79,7 @@ class Service:
 
 def sign_in(service: Service, key: str, **headers: str) -> httpx.Response:
     """Sign in as a browser does, without keeping the cookie."""
-    with httpx.Client(base_url=service.url, timeout=20, verify=CERTIFICATES) as browser:
+    with httpx.Client(base_url=service.url, timeout=60, verify=CERTIFICATES) as browser:
         return browser.post("/api/v1/session", json={"key": key}, headers={"Origin": service.url, **headers})
 
 
@@ -111,14 +111,14 @@ def running(settings: Settings, *, repairs: bool = False) -> Iterator[Service]:
     thread = threading.Thread(target=asyncio.run, args=(serve(),))
     thread.start()
     try:
-        assert ready.wait(20), "the service did not start"
+        assert ready.wait(60), "the service did not start"
         service = Service(found["url"], found["runtime"], found.get("repairs"), found["loop"])
         with service.http:
             yield service
     finally:
         server: Server = found["server"]
         found["loop"].call_soon_threadsafe(server.handle_exit, 15, None)
-        thread.join(20)
+        thread.join(60)
         assert not thread.is_alive(), "the service did not end"
 
 

@@ -150,8 +150,9 @@ def test_what_is_refused_takes_no_whole_request_before_it_along(
     with connect(service) as connection:
         connection.sendall(whole + behind)
         found = rest(connection)
-    assert found.count(b"HTTP/1.1 200") == max(1, whole.count(b"GET "))
-    assert found.count(b"HTTP/1.1 ") == found.count(b"HTTP/1.1 200")
+    taken = found.count(b"HTTP/1.1 200") + found.count(b"HTTP/1.1 202")  # a stop may not be on disk yet
+    assert taken == max(1, whole.count(b"GET "))
+    assert found.count(b"HTTP/1.1 ") == taken
     if whole.startswith(STOP):
         assert service.api("GET", "/stop").json()["active"]
 

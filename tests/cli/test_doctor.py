@@ -32,7 +32,7 @@ async def test_the_database_is_named_with_the_services_that_use_it(
 ) -> None:
     store = Store(f"sqlite:///{tmp_path}/robomend.db")
     await store.start()
-    async with asyncio.timeout(5):
+    async with asyncio.timeout(60):
         while not await store.ownership.instances():
             await asyncio.sleep(0.01)
     assert f"(process {os.getpid()})" in await said_of_the_database(tmp_path, capsys)

@@ -74,7 +74,7 @@ def reporting(tmp_path: Path, test: Test, heartbeat_s: float = 0.2) -> list[dict
                 await asyncio.wait_for(test(seen, task, got), 20)
             finally:
                 task.cancel()
-                await asyncio.wait({task}, timeout=5)
+                await asyncio.wait({task}, timeout=30)
         buffer.close()
 
     asyncio.run(run())
@@ -171,7 +171,7 @@ def test_a_cancellation_that_comes_with_a_change_is_not_swallowed(tmp_path: Path
         for _ in range(turns):
             await asyncio.sleep(0)
         task.cancel()
-        await asyncio.wait({task}, timeout=5)
+        await asyncio.wait({task}, timeout=30)
         assert task.cancelled()
 
     reporting(tmp_path, test)
@@ -226,7 +226,7 @@ def heartbeats(
                     await test(outbox, stamped)
             finally:
                 task.cancel()
-                await asyncio.wait({task}, timeout=5)
+                await asyncio.wait({task}, timeout=30)
         buffer.close()
 
     asyncio.run(run())

@@ -39,6 +39,44 @@ def test_a_clock_that_is_set_ahead_is_told_also_while_the_agent_was_late(
     ]
 
 
+class Computer:
+    """Its clocks; it may be elsewhere for a while after each look at one of them."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.passed_ns = SECOND
+        self.held_ns = 0
+        monkeypatch.setattr(time, "time_ns", lambda: 1_800_000_000 * SECOND + self.look())
+        monkeypatch.setattr(time, "monotonic_ns", self.look)
+
+    def look(self) -> int:
+        passed_ns = self.passed_ns
+        self.passed_ns += self.held_ns
+        return passed_ns
+
+
+def test_a_clock_that_is_held_up_in_the_middle_of_a_look_does_not_go_ahead(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    computer = Computer(monkeypatch)
+    clock = Clock()
+    for held_ns in (SECOND // 2, 0):
+        computer.held_ns = held_ns
+        assert 0 <= clock.now_ns() - 1_800_000_000 * SECOND <= computer.passed_ns
+    assert clock.ahead_ns == 0
+
+
+def test_an_agent_that_is_held_up_in_the_middle_of_a_look_does_not_say_that_the_clock_was_set(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    computer = Computer(monkeypatch)
+    watch = Watch([GeneralObserver("scan")], Clock(), lambda changes: None)
+    with caplog.at_level(logging.DEBUG, "robomend_client.agent.watch"):
+        for held_ns in (0, SECOND // 2, 0, 0):
+            computer.held_ns = held_ns
+            watch.standing()
+    assert {record.levelname for record in caplog.records} == {"DEBUG"}  # it says that nobody looked
+
+
 def test_what_has_come_by_now_is_taken_in_before_anything_is_judged(monkeypatch: pytest.MonkeyPatch) -> None:
     wall_ns = [1_800_000_000 * SECOND]
     monkeypatch.setattr(time, "time_ns", lambda: wall_ns[0])

@@ -31,7 +31,7 @@ async def test_a_diagnosis_and_a_repair_wake_the_drill_of_their_robot(tmp_path: 
 
     try:
         await store.write(emit, robots=())
-        async with asyncio.timeout(10):
+        async with asyncio.timeout(60):
             await news["r1"].wait()
         assert not news["r2"].is_set()
     finally:

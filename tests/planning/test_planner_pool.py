@@ -98,7 +98,7 @@ def test_a_planner_that_fails_is_stood_in_for(pool: PlannerPool, planner: str) -
 
 
 def test_a_planner_that_hangs_is_killed_and_stood_in_for(pool: PlannerPool) -> None:
-    assert plan(pool, "hangs", timeout_s=4.0) == JAGUAR
+    assert plan(pool, "hangs", timeout_s=10.0) == JAGUAR
 
 
 def test_without_time_left_the_answer_is_that_it_gave_up(pool: PlannerPool) -> None:

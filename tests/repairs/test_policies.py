@@ -196,12 +196,13 @@ async def test_under_approve_nothing_is_asked_that_would_be_withdrawn_within_its
 
 
 async def test_what_flaps_faster_than_the_debounce_is_not_repaired(tmp_path: Path) -> None:
-    async with service(tmp_path) as runtime, robot_on(runtime, debounce_s=0.4) as robot:
-        await asyncio.sleep(0.6)  # longer than the debounce
+    async with service(tmp_path) as runtime, robot_on(runtime, debounce_s=2.0) as robot:
+        await robot.settled()
         robot.running["mapping"] = False
-        await asyncio.sleep(0.1)  # shorter than the debounce
+        await robot.report()
         robot.running["mapping"] = True
-        await nothing_begins(runtime, 0.8)
+        await robot.report()
+        await nothing_begins(runtime, 2.5)
     assert robot.done == []
 
 

@@ -59,7 +59,7 @@ class Playing:
 
     def nothing_is_left(self) -> None:
         """No process, and no temporary folder."""
-        eventually(lambda: not self.parts(), "no process is left", 10)
+        eventually(lambda: not self.parts(), "no process is left")
         assert self.scratch == []
 
 
@@ -89,7 +89,7 @@ def playing(
         if process.poll() is None:
             process.terminate()
             process.wait(END_S)
-        eventually(lambda: not demo.parts(), "no process is left", 10)
+        eventually(lambda: not demo.parts(), "no process is left")
 
 
 def play(folder: Path, *options: str, environment: Mapping[str, str] | None = None) -> dict[str, Any]:

@@ -228,11 +228,11 @@ def test_kill_9_of_the_demo_ends_its_parts_and_the_next_one_sweeps_its_folder(tm
         assert len(demo.parts()) > len(NODES)
         demo.process.kill()
         demo.process.wait(END_S)
-        eventually(lambda: not demo.parts(), "no process is left", 15)
+        eventually(lambda: not demo.parts(), "no process is left")
         (left,) = demo.scratch
     following = {"TMPDIR": str(left.parent)}
     with playing(tmp_path / "next", environment=following) as demo:
-        eventually(lambda: not left.exists(), "the old folder is gone", 20)
+        eventually(lambda: not left.exists(), "the old folder is gone", 60)
 
 
 # --- what goes wrong -------------------------------------------------------------------------------------
@@ -253,7 +253,7 @@ def test_kill_9_of_the_service_ends_its_workers_and_is_told(tmp_path: Path) -> N
         workers = children(service)
         assert workers
         os.kill(service, signal.SIGKILL)
-        eventually(lambda: not any(map(alive, workers)), "its workers are gone", 2)
+        eventually(lambda: not any(map(alive, workers)), "its workers are gone")
         assert "service was ended by signal 9" in failed(demo)
 
 

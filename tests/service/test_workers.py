@@ -84,7 +84,7 @@ def test_workers_do_not_outlive_their_parent(tmp_path: Path) -> None:
         os.kill(workers[0], signal.SIGSTOP)  # it cannot notice anything by itself
         os.kill(process.pid, signal.SIGKILL)
         process.wait(10)
-        until(lambda: not any(map(alive, family)), "a worker outlived its parent", 10.0)
+        until(lambda: not any(map(alive, family)), "a worker outlived its parent")
 
 
 def test_workers_that_cannot_start_end_the_parent_with_their_reason(tmp_path: Path) -> None:

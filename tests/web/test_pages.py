@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import asyncio
 import re
 from collections.abc import Iterator
+from typing import Any
 
 import httpx
 import pytest
 from tests.api.conftest import Service, running, sign_in
 
+from robomend.api.routers.control import ANSWER_S
 from robomend.api.routers.pages import ours
 from robomend.security import RULES
 from robomend.settings import Settings
@@ -89,6 +92,25 @@ def test_a_viewer_may_look_and_not_stop(keyed: Service) -> None:
     refused = keyed.http.post("/ui/stop", content="", headers=viewer)
     assert refused.status_code == 403
     assert "role viewer may not" in refused.text
+
+
+def test_the_page_after_the_form_that_lifts_the_stop_is_without_it(
+    service: Service, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is lifted when that is on disk, which may take longer than an answer about the stop waits."""
+    own = {**FORM, "Origin": service.url}
+    store = service.runtime.store
+    write = store.write
+
+    async def slow(*what: Any, **options: Any) -> Any:
+        await asyncio.sleep(5 * ANSWER_S)  # the disk is busy: that is what is tested
+        return await write(*what, **options)
+
+    service.http.post("/ui/stop", content="reason=smoke", headers=own)
+    assert "Lift the stop" in service.http.get("/").text
+    monkeypatch.setattr(store, "write", slow)
+    service.http.post("/ui/stop", content="active=no", headers=own)
+    assert "Lift the stop" not in service.http.get("/").text
 
 
 def test_a_form_that_is_none_is_a_clear_answer(service: Service) -> None:

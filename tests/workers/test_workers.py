@@ -11,9 +11,11 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from tests.clients.service_double import eventually
+from tests.waiting import until
 
 from robomend.errors import Overloaded, SolverError, WorkerDied, WorkerTimeout
 from robomend.workers.pool import WorkerPool
@@ -237,17 +239,45 @@ def test_cancelling_the_task_kills_the_worker(
     asyncio.run(_timed_out_and_cancelled(pool, jobs("spin")))
 
 
-async def _crowd(pool: WorkerPool) -> list[object]:
-    calls = [pool.run(time.sleep, 0.5, timeout_s=5) for _ in range(4)]
+async def _crowd(pool: WorkerPool, fifo: Path) -> list[object]:
+    """Ask for four things, each of which waits for something to read, and let them go then."""
+    calls = []
+    for _ in range(4):
+        calls.append(asyncio.create_task(pool.run(fifo.read_text, timeout_s=60)))
+        await asyncio.sleep(0)
+        await asyncio.to_thread(until, lambda: pool._busy, "a worker has taken up the first")
+    working = calls[:3]
+    while working:
+        await asyncio.to_thread(fifo.write_text, "read")
+        await asyncio.wait(working, return_when=asyncio.FIRST_COMPLETED)
+        working = [call for call in working if not call.done()]
     return await asyncio.gather(*calls, return_exceptions=True)
 
 
-def test_the_queue_is_bounded() -> None:
+def test_the_queue_is_bounded(tmp_path: Path) -> None:
+    os.mkfifo(fifo := tmp_path / "fifo")
     with WorkerPool("busy", size=1, spare=0, queue_limit=2) as pool:
         pool.call(os.getpid)
-        answers = asyncio.run(_crowd(pool))
-        assert sum(isinstance(answer, Overloaded) for answer in answers) == 1
-        assert sum(answer is None for answer in answers) == 3
+        *answers, refused = asyncio.run(_crowd(pool, fifo))
+        assert answers == ["read"] * 3
+        assert isinstance(refused, Overloaded)
+
+
+def test_a_call_that_a_worker_has_just_taken_does_not_count_among_those_that_wait(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    class Crowded(WorkerPool):
+        """The room that there is at the moment at which a call has its worker."""
+
+        def _take(self, ticket: Any) -> Any:
+            worker = super()._take(ticket)
+            rooms.append(self._waiting)
+            return worker
+
+    rooms: list[int] = []
+    with Crowded("busy", size=1, spare=0, queue_limit=2) as pool:
+        pool.call(os.getpid)
+    assert rooms == [0]
 
 
 PARENT = """

@@ -59,10 +59,10 @@ class Watch:
         self._on_changes = on_changes
         self._readers = tuple(readers)
         self._gathered: list[tuple[int, str, object]] | None = None  # while they are read
-        start_ns = clock.now_ns()
+        began, start_ns = time.monotonic_ns(), clock.now_ns()
         self._recording = Recording(recording[0], start_ns, recording[1]) if recording else None
         self.driver = Driver(observers, start_ns, lenient=lenient, listener=self._recording)
-        self._looked = (start_ns, time.monotonic_ns())
+        self._looked = (start_ns, began)
 
     def sample(self, source: str, value: object = None, time_ns: int | None = None) -> None:
         """A feeder has something; `time_ns` is its own stamp, if it has one."""
@@ -124,13 +124,14 @@ class Watch:
 
     def _look(self) -> int:
         """Return the time; tell the driver of time in which nobody looked."""
-        now_ns, at = self._clock.now_ns(), time.monotonic_ns()
+        began, now_ns = time.monotonic_ns(), self._clock.now_ns()
         before_ns, before = self._looked
-        self._looked = (now_ns, at)
+        self._looked = (now_ns, began)
         if now_ns < before_ns - SECOND:  # it follows the computer's clock again
             log.warning("the clock went back by %.1f s: all is observed anew", (before_ns - now_ns) / SECOND)
             self._tell(self.driver.restart(now_ns))
         elif now_ns - before_ns > LATE_NS:
+            at = time.monotonic_ns()  # it may have been held up between these
             ahead_ns = now_ns - before_ns - (at - before)
             if ahead_ns > LATE_NS:
                 log.warning("the clock was set ahead by %.1f s", ahead_ns / SECOND)

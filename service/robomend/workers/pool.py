@@ -168,8 +168,9 @@ class WorkerPool:
         try:
             request = pickle.dumps((function, args))
             worker = self._take(ticket)
-        finally:
+        except BaseException:
             self._admitted()
+            raise
         healthy = False
         try:
             kind, value = worker.ask(request, timeout_s)
@@ -204,6 +205,7 @@ class WorkerPool:
             self._waiting += 1
 
     def _admitted(self) -> None:
+        """It does not wait any more, without a worker."""
         with self._condition:
             self._waiting -= 1
 
@@ -221,6 +223,7 @@ class WorkerPool:
                         worker = self._idle.pop()
                         if worker.alive():
                             self._busy.add(worker)
+                            self._waiting -= 1  # at the same moment, or it would count twice
                             ticket.worker = worker
                             self._top_up()
                             return worker

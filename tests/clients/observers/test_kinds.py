@@ -228,7 +228,7 @@ def test_the_recipe_for_one_of_ours_lists_four_places_at_most_that_all_kinds_hav
             file = ROOT / "clients" / "robomend_client" / place.removeprefix("clients/")
             assert file.is_file(), place
         assert f'"{kind}":' in (ROOT / "clients/robomend_client/observers/kinds.py").read_text()
-        assert f"### {kind} " in MANUAL
+        assert re.search(rf"^### {kind}\b", MANUAL, re.MULTILINE)
     tests = ROOT / "tests" / "clients" / "observers"
     assert steps[3].startswith("tests/clients/observers/")
     assert {"test_general.py", "test_diagnostic.py"} <= {file.name for file in tests.iterdir()}

@@ -164,7 +164,7 @@ async def test_feedback_reaches_who_sent_the_action_and_the_latest_is_never_left
     await queue.take("r1", "nuc", 5.0)
     for percent in range(101):
         await queue.feedback("r-1:0", percent, f"{percent} %")
-    async with asyncio.timeout(10):
+    async with asyncio.timeout(60):
         while heard[-1:] != [(100, "100 %")]:
             news.clear()
             await news.wait()

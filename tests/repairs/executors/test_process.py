@@ -119,14 +119,14 @@ async def test_cancelling_ends_the_program() -> None:
     while not started:
         await asyncio.sleep(0.01)
     task.cancel()
-    async with asyncio.timeout(2.0):
+    async with asyncio.timeout(30):
         await asyncio.wait([task])
     await gone(started[0])
 
 
 async def gone(pid: int) -> None:
     """Wait until no such process lives (a zombie that init has yet to reap is as good as gone)."""
-    async with asyncio.timeout(3.0):
+    async with asyncio.timeout(30):
         while True:
             try:
                 os.kill(pid, 0)

@@ -26,6 +26,10 @@ KEPT = {"Cache-Control": "public, max-age=31536000, immutable", "Vary": "Accept-
 NOT_KEPT = {"Cache-Control": "no-store", "Vary": "Accept-Encoding"}
 """Of a page that was made by another version of the service."""
 
+LIFTED_S = 2.0
+"""A stop is lifted when that is on disk, and the page that comes next shows whether it is; so it waits for so
+long. A stop that is set is in force at once."""
+
 
 @router.get("/")
 async def fleet_page(
@@ -89,7 +93,7 @@ async def stop(request: Request, parts: PartsDep, principal: PrincipalDep) -> Re
     form = await read_form(request)
     active = form.get("active") != "no"
     change = parts.repairs.switch.ask(active, by=principal.name, reason=form.get("reason", "")[:1000])
-    await written(change, ANSWER_S)
+    await written(change, ANSWER_S if active else LIFTED_S)
     return back(ours(form.get("to", "/")))
 
 
