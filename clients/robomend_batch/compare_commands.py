@@ -25,7 +25,7 @@ FORMAT = click.option(
 def diff(before: Path, after: Path, format_: str, fail_on_difference: bool) -> int:
     """Say where two folders of results differ: did a new model or other observers change a verdict?"""
     from robomend_batch.compare import differences
-    from robomend_batch.results import Results, short_times, told
+    from robomend_batch.results import Results, moment, short_times, told
 
     def words(verdict: tuple[str, tuple[tuple[str, ...], ...]] | None) -> str:
         if verdict is None:
@@ -41,7 +41,8 @@ def diff(before: Path, after: Path, format_: str, fail_on_difference: bool) -> i
         if format_ == "ndjson":
             click.echo(json.dumps(found.json(), ensure_ascii=False, separators=(",", ":")))
         else:
-            span = f"{found.start_ns} to {found.end_ns} ({short_times(found.end_ns - found.start_ns)})"
+            begins = f"{moment(found.start_ns, 'milliseconds')} UTC"
+            span = f"{begins} for {short_times(found.end_ns - found.start_ns)}"
             click.echo(f"{found.log}  {span}: {words(found.before)} -> {words(found.after)}")
     said = (
         f"{counted(count, 'difference')} in {counted(len(logs), 'log')}, {short_times(span_ns)}"

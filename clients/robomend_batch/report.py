@@ -9,13 +9,12 @@ What a bound leaves out is counted, with the command that shows it.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from datetime import UTC, datetime
 from html import escape
 
 from robomend.web.timeline import BAD, GOOD, Mark, Span, Timeline, svg
 from robomend_batch.faults import FAULTY, Fault, explain, find_faults
 from robomend_batch.one_log import Record
-from robomend_batch.results import Interval, Results, record_span_ns, short_times, told
+from robomend_batch.results import Interval, Results, moment, record_span_ns, short_times, told
 from robomend_client.counts import counted
 
 FAULTS, OTHERS, ROWS = 20, 500, 24
@@ -226,7 +225,7 @@ def _table(results: Results, anchors: dict[str, str]) -> str:
             f"{_times(problem['count'])}</div>"
             for problem in record["problems"]
         )
-        began = "" if record["start_ns"] is None else escape(_date(record["start_ns"]))
+        began = "" if record["start_ns"] is None else escape(moment(record["start_ns"]))
         faulty = record_span_ns(record, *FAULTY)
         rows.append(
             f"<tr><td class='name'>{_link(record['log'], anchors)}{tag}{problems}</td><td>{began}</td>"
@@ -245,14 +244,6 @@ def _inside(place: str, file: str) -> str:
     """Return where in its file a problem is."""
     inside = place.removeprefix(file).strip(": ")
     return f"{inside}: " if inside else ""
-
-
-def _date(time_ns: int) -> str:
-    seconds = time_ns // 1_000_000_000
-    try:
-        return datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%d %H:%M:%S")
-    except (ValueError, OSError, OverflowError):
-        return f"{seconds} s"
 
 
 def _timelines(results: Results, faulty: Sequence[Record]) -> list[str]:
@@ -308,7 +299,7 @@ def draw(record: Record, intervals: Iterable[Interval], components: Sequence[str
     length_s = (last_ns + offset_ns - start_ns) / 1e9
     more = f"; {len(names) - ROWS} more were blamed" if len(names) > ROWS else ""
     others = len(components) - len(names)
-    subtitle = f"{_date(start_ns)} UTC; {others} other components were blamed by no diagnosis{more}"
+    subtitle = f"{moment(start_ns)} UTC; {others} other components were blamed by no diagnosis{more}"
     return svg(Timeline(title, subtitle, rows, (), marks, length_s))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,6 +16,7 @@ from robomend_batch.manifest import Manifest, read_manifest
 from robomend_batch.one_log import RESULTS, Record
 from robomend_batch.parts import schema
 from robomend_client.counts import counted
+from robomend_client.observers.base import SECOND
 
 if TYPE_CHECKING:
     import polars as pl
@@ -121,6 +123,16 @@ def short_times(span_ns: int) -> str:
     if minutes < 60:
         return f"{minutes} min {rest} s"
     return f"{minutes // 60} h {minutes % 60} min"
+
+
+def moment(time_ns: int, timespec: str = "seconds") -> str:
+    """Return a time for people, in UTC: `2026-11-23 12:30:01`; timespec as of `datetime.isoformat`."""
+    seconds, rest_ns = divmod(time_ns, SECOND)
+    try:
+        at = datetime.fromtimestamp(seconds, UTC).replace(microsecond=rest_ns // 1000, tzinfo=None)
+        return at.isoformat(" ", timespec)
+    except (ValueError, OSError, OverflowError):
+        return f"{seconds} s"
 
 
 def record_span_ns(record: Record, *states: str) -> int:

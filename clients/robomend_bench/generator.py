@@ -51,7 +51,7 @@ def make_robot(components: int, seed: int) -> Robot:
 
     for index in range(devices):
         name = f"device{index}"
-        hardware[name] = Hardware(name, channel=index + 1 if chance.random() < 0.5 else None)
+        hardware[name] = Hardware(name, channel=index if chance.random() < 0.5 else None)
         driver = f"driver{index}"
         if len(nodes) < components - devices:
             nodes[driver] = Node(driver, drives=(name,), publishes=publish(driver, ()))

@@ -59,7 +59,9 @@ def test_where_another_model_changes_the_verdict_is_told(
     assert {line["log"] for line in found[1:]} == {str(files[1])}
     assert all(line["after"] is None for line in found[1:])
     assert run(asked, batch) == 0
-    assert "jaguar, or jaguar_node -> jaguar_node" in capsys.readouterr().out
+    first = capsys.readouterr().out.splitlines()[0]
+    at, verdicts = "1970-01-01 00:00:02.000 UTC for 3.0 s", "jaguar, or jaguar_node -> jaguar_node"
+    assert first == f"{files[0]}  {at}: {verdicts}"
 
 
 def test_a_run_does_not_differ_from_itself(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -275,6 +275,36 @@ def test_a_topic_that_changes_its_type_is_heard_on_and_its_lost_field_is_told(
     assert intervals(tmp_path / "out")[-1]["state"] == "healthy"  # its rate goes on
 
 
+def test_a_number_that_becomes_text_is_told_in_words_and_unknown_from_then_on(tmp_path: Path) -> None:
+    model, observers = tmp_path / "m.yaml", tmp_path / "o.yaml"
+    model.write_text(
+        "robomend: 1\nname: r\nnodes: {tank: {publishes: {level: []}}}\nproperties: {level_value: {}}\n"
+        "rules: [not ab(tank) -> ok(level_value)]\n"
+    )
+    observers.write_text(
+        'observers:\n  "ok(level_value)": {kind: property, source: "level:data", high: 5, low: 1}\n'
+    )
+    store, types = recordings.ROS1, recordings.ROS1.types
+    with Writer(tmp_path / "a.bag") as writer:
+        for place in range(80):
+            name = "std_msgs/msg/Float64" if place < 40 else "std_msgs/msg/String"
+            if place in (0, 40):
+                of = writer.add_connection("/level", name, typestore=store)
+            data = store.serialize_ros1(types[name](data=2.0 if place < 40 else "two\nand a half"), name)
+            writer.write(of, EPOCH_NS + place * SECOND // 10, data)
+    assert batch_run(tmp_path / "out", tmp_path / "a.bag", "--observers", observers, model=model) == 2
+    (record,) = logs(tmp_path / "out")
+    assert record["state"] == "bad"
+    place = f"{tmp_path / 'a.bag'}: level:data"
+    (lost,) = [problem["reason"] for problem in record["problems"] if problem["place"] == place]
+    assert lost == "what level:data says cannot be read: a number is needed, not 'two\\nand a half'"
+    assert not [problem for problem in record["problems"] if ".py" in problem["place"] + problem["reason"]]
+    assert [(state, start) for start, state, _ in told(tmp_path / "out")][-2:] == [
+        ("healthy", 0.0),
+        ("unknown", 4.0),
+    ]
+
+
 def test_no_numbers_are_left_out_and_counted(rover: tuple[Path, Path], tmp_path: Path) -> None:
     model, observers = rover
     odom = [(time, "odom", math.nan if 1 < time < 2 else 0.0) for time, _, _ in steady("odom", 20, 3.0)]

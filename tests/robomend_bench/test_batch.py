@@ -10,11 +10,13 @@ import pytest
 from click.testing import CliRunner
 from rosbags.rosbag1 import Reader
 
+from robomend.cli.models import load
 from robomend_bench.batch import drives
 from robomend_bench.batch.command import command
 from robomend_bench.batch.drives import BEGIN_S, Planted
 from robomend_bench.batch.learning import Score, rate
 from robomend_bench.batch.workload import write_model, write_states
+from robomend_client.literals import parse_atom
 
 
 def test_each_part_gives_its_figures() -> None:
@@ -24,6 +26,13 @@ def test_each_part_gives_its_figures() -> None:
     assert found["literals"].keys() == {"0.1%", "1.0%"}
     assert all(figures["rows_s"] > 0 for figures in found["literals"].values())
     assert found["recording"]["share"] > 0
+
+
+@pytest.mark.parametrize("seed", range(1, 9))
+def test_the_model_to_measure_with_can_be_read_whatever_its_seed(seed: int, tmp_path: Path) -> None:
+    atoms = write_model(tmp_path / "model.yaml", seed)
+    system = load(str(tmp_path / "model.yaml"))
+    assert {parse_atom(atom) for atom in atoms} <= system.cnf.atom_variable.keys()
 
 
 def test_what_is_learned_is_scored() -> None:

@@ -142,7 +142,8 @@ class Reported:
 
     def __call__(self, problem: ObserverProblem) -> None:
         if problem.what != "number":  # each of those is counted where it is read
-            self.problems.add(f"{self.path}: {problem.where}", problem.message, bad=False)
+            lost = problem.what == "kind"  # like a field that a type does not have
+            self.problems.add(f"{self.path}: {problem.where}", problem.message, bad=lost)
 
 
 class Restarts(Listener):

@@ -33,6 +33,7 @@ The schemas in examples/ follow from these; `./dev format` writes them.
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Callable
 from math import isfinite
 from typing import Any, NamedTuple, Protocol, runtime_checkable
@@ -104,7 +105,7 @@ class Observer(Protocol):
 
         The times of one source do not go back, except by more than the observer looks back (a log that starts
         again, a simulation that was reset): then it starts anew. A value that it cannot read is an error
-        (ValueError, TypeError); a number that is none (NaN) is NoNumber: the driver leaves it out.
+        (ValueError, WrongKind); a number that is none (NaN) is NoNumber: the driver leaves it out.
         """
         ...
 
@@ -176,16 +177,26 @@ class NoNumber(ValueError):
     """A sample that should be a number, and is none (NaN, infinite): it is left out, and told once."""
 
 
+class WrongKind(TypeError):
+    """A sample that is something else than the observer reads, as when a topic changes its type.
+
+    What the observer watches is unknown until one comes that it can read.
+    """
+
+    def __init__(self, needed: str, value: object) -> None:
+        super().__init__(f"{needed} needed, not {reprlib.repr(value)}")
+
+
 def number(value: object) -> float:
     """Return a sample as a number, true as 1.
 
     Raises:
         NoNumber: it is NaN, or infinite; whoever feeds the observer leaves it out.
-        TypeError: it is something else altogether.
+        WrongKind: it is something else altogether.
     """
     if type(value) is not float:
         if not isinstance(value, (int, float)):
-            raise TypeError(f"a number is needed, not {value!r}")
+            raise WrongKind("a number is", value)
         try:
             value = float(value)
         except OverflowError as error:

@@ -26,7 +26,7 @@ from operator import eq, ge, gt, le, lt, ne
 from typing import Any, ClassVar
 
 from robomend_client.literals import Atom, Literal, parse_atom
-from robomend_client.observers.base import Evidence, finite
+from robomend_client.observers.base import Evidence, WrongKind, finite
 from robomend_client.observers.judgement import Judgement
 from robomend_client.observers.reading import Readings
 
@@ -140,7 +140,7 @@ class DiagnosticObserver:
     def feed(self, source: str, time_ns: int, value: object) -> None:
         statuses = [value] if isinstance(value, Mapping) else value
         if not isinstance(statuses, Sequence) or isinstance(statuses, str | bytes):
-            raise TypeError(f"a diagnostic status or a list of them is needed, not {value!r}")
+            raise WrongKind("a diagnostic status or a list of them is", value)
         ours = [s for s in statuses if self._matches(str(s["name"]))]
         for status in ours:
             level = status["level"]

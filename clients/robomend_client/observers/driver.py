@@ -39,7 +39,7 @@ import logging
 from collections.abc import Callable, Collection, Iterable, Sequence
 
 from robomend_client.literals import Atom
-from robomend_client.observers.base import SECOND, NoNumber, Observer, Verdict
+from robomend_client.observers.base import SECOND, NoNumber, Observer, Verdict, WrongKind
 from robomend_client.observers.combining import Change, Combined
 from robomend_client.observers.listener import Listener
 from robomend_client.observers.observer_state import GRID_NS, NEVER, ObserverState, after
@@ -256,7 +256,7 @@ class Driver:
                 self.problems.no_number(source)
                 continue
             except Exception as error:  # noqa: BLE001  # anybody's observer may raise anything
-                changes = [*changes, *self._failed(state, error)]
+                changes = [*changes, *self._failed(state, error, source=source)]
                 continue
             if not period_ns:
                 changes = [*changes, *self._ask_now(state)]
@@ -378,9 +378,13 @@ class Driver:
         error: Exception,
         touched: dict[Atom, None] | None = None,
         again: bool = True,
+        source: str = "",
     ) -> Sequence[Change]:
         """An observer raised: its atoms are unknown until it has judged anew."""
-        self.problems.failed(state.observer, error)
+        if isinstance(error, WrongKind):
+            self.problems.wrong_kind(source, error)
+        else:
+            self.problems.failed(state.observer, error)
         mine: dict[Atom, None] = {} if touched is None else touched
         state.verdicts.clear()
         if again:

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from robomend_client.literals import Atom, Literal
-from robomend_client.observers.base import NOTHING, Evidence, finite, ns, positive
+from robomend_client.observers.base import NOTHING, Evidence, WrongKind, finite, ns, positive
 from robomend_client.observers.judgement import Judgement
 
 BOARD = "board"
@@ -97,7 +97,7 @@ class HardwareObserver:
             self.reset(time_ns)
             return
         if not isinstance(value, Sequence) or isinstance(value, str | bytes):
-            raise TypeError(f"a list of channels is needed, not {value!r}")
+            raise WrongKind("a list of channels is", value)
         if self._measured_ns is not None and time_ns - self._measured_ns >= self._lifetime_ns:
             self.reset(time_ns)
         self._measured_ns = time_ns

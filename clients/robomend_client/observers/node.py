@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from robomend_client.literals import Atom, Literal, fails, holds
-from robomend_client.observers.base import NOTHING, Evidence, ns, positive
+from robomend_client.observers.base import NOTHING, Evidence, WrongKind, ns, positive
 
 PROCESSES = "processes"
 """The source whose values are collections of the names of running nodes."""
@@ -73,7 +73,7 @@ class NodeObserver:
         elif isinstance(value, Collection) and not isinstance(value, str | bytes):
             known = {node: node in value for node in self.nodes}
         else:
-            raise TypeError(f"the names of running nodes are a collection, not {value!r}")
+            raise WrongKind("a collection of the names of running nodes is", value)
         self._table_ns = time_ns
         for node, runs in known.items():
             if runs:

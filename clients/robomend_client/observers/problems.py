@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from robomend_client.observers.base import SECOND, Observer
+from robomend_client.observers.base import SECOND, Observer, WrongKind
 
 log = logging.getLogger(__name__)
 
@@ -19,7 +19,7 @@ MOST_TOLD = 1000
 class ObserverProblem:
     """Something that does not belong: told once for each source or place."""
 
-    what: str  # "observer", "ahead", "behind", "jump", "number"
+    what: str  # "observer", "kind", "ahead", "behind", "jump", "number"
     where: str
     message: str
 
@@ -43,6 +43,10 @@ class ObserverProblems:
     def no_number(self, source: str) -> None:
         """A sample that is to be a number is none."""
         self._tell("number", source, f"a sample of {source} is no number (NaN, or infinite): left out")
+
+    def wrong_kind(self, source: str, error: WrongKind) -> None:
+        """The samples of a source are something else than an observer reads."""
+        self._tell("kind", source, f"what {source} says cannot be read: {error}")
 
     def failed(self, observer: Observer, error: Exception) -> None:
         """An observer raised."""

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from robomend_client.literals import Atom, fails, holds
 from robomend_client.observers import Band, Evidence, Filter, NoNumber, PropertyObserver, Readings, ns
+from robomend_client.observers.base import WrongKind
 
 CPU = Atom("ok", ("CPU", "laser"))
 
@@ -74,7 +75,7 @@ def test_what_is_no_number_is_no_reading() -> None:
         with pytest.raises(NoNumber):
             o.feed("cpu", ns(1), value)
     assert o.check(ns(1)) == (holds("ok", "CPU", "laser"),)
-    with pytest.raises(TypeError, match="a number is needed, not 'hot'"):
+    with pytest.raises(WrongKind, match="a number is needed, not 'hot'"):
         o.feed("cpu", ns(9), "hot")
 
 
