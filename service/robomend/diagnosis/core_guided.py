@@ -73,6 +73,7 @@ class CoreGuided:
     ) -> None:
         self._clauses = clauses
         self.candidates = candidates
+        self.all_supposed: dict[int, None] = dict.fromkeys(range(1, candidates + 1))
         self.variables = variables
         self._clock = clock
         self._name = solver
@@ -182,9 +183,10 @@ class _CoreSearch:
         self._owner = owner
         self._assumptions = assumptions
         self._at_least, self._at_most = bounds
-        every = range(1, owner.candidates + 1)
-        self._candidates = [c for c in every if c not in fixed] if fixed else every
-        self._supposed = dict.fromkeys(self._candidates)  # in the order in which the solver is told
+        self._fixed = fixed
+        self._supposed = owner.all_supposed.copy()  # in the order in which the solver is told
+        for candidate in fixed:
+            del self._supposed[candidate]
         self._paid = 0
         self._guard = 0
 
@@ -244,7 +246,8 @@ class _CoreSearch:
 
     def _abnormal(self) -> list[int]:
         model = self._oracle.model() or []
-        return [candidate for candidate in self._candidates if model[candidate - 1] < 0]
+        abnormal = [-literal for literal in model[: self._owner.candidates] if literal < 0]
+        return [one for one in abnormal if one not in self._fixed] if self._fixed else abnormal
 
     def _pay(self) -> list[int]:
         """Take the core of the last answer out of the suppositions, and pay for one of its members."""
@@ -265,21 +268,21 @@ class _CoreSearch:
         """Suppose that no second member of the core is abnormal, one supposition less than it has members."""
         if len(core) < 2:
             return
-        add, off = self._oracle.add, -self._guarded()
+        add, off, supposed = self._oracle.add, -self._guarded(), self._supposed
         new = self._owner.new_variables(2 * len(core) - 3)  # two a node, but the root needs one
-        level = [-literal for literal in core]
-        while len(level) > 1:
+        level = core  # literals: a member is healthy, or all below a node are
+        while len(level) > 2:
             above = level[-1:] if len(level) % 2 else []
-            for one, other in zip(level[::2], level[1::2], strict=False):
-                both = next(new)
-                add([-one, -other, both, off])
-                self._supposed[-both] = None
-                if len(level) > 2:
-                    either = next(new)
-                    add([-one, either, off])
-                    add([-other, either, off])
-                    above.append(either)
+            for one, other, both, either in zip(level[::2], level[1::2], new, new, strict=False):
+                add([one, other, both, off])
+                add([one, either, off])
+                add([other, either, off])
+                supposed[-both] = None
+                above.append(-either)
             level = above
+        both = next(new)
+        add([*level, both, off])
+        supposed[-both] = None
 
     def retire(self) -> None:
         """Let the clauses of this search, and what was learnt from them, be dropped."""

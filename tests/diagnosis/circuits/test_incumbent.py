@@ -74,6 +74,17 @@ def test_gates_that_are_not_in_each_others_way_are_found_at_once() -> None:
     assert find_incumbent(flips, inputs, expected, wrong) == list(range(count))
 
 
+def test_what_can_be_left_out_is_told_one_gate_at_a_time() -> None:
+    count = 40  # buffers side by side, of which the outputs of the first three are wrong
+    gates = tuple(Gate(one, count + one, (2 * count + one,), "{0}") for one in range(1, count + 1))
+    netlist = Netlist(gates, frozenset(gate.inputs[0] for gate in gates))
+    flips = Flips(netlist, range(count), range(count), [gate.output for gate in gates])
+    inputs, expected = [False] * count, [True] * 3 + [False] * (count - 3)
+    assert flips.needed(inputs, expected, [0, 1, 2]) == {0, 1, 2}
+    assert flips.needed(inputs, expected, [0, 2]) is None
+    assert flips.needed(inputs, expected, [0, 1, 2, 39]) is None
+
+
 def test_what_nobody_looks_for_longer_is_not_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "PASSES", 0)
     made = circuit("c499")

@@ -81,6 +81,23 @@ class Flips:
         good = self.lanes & ~reduce(or_, self.one_by_one(inputs, expected), 0)
         return bool(good & 1), bits(good >> 1)
 
+    def needed(
+        self, inputs: Sequence[bool], expected: Sequence[bool], gates: Sequence[int]
+    ) -> set[int] | None:
+        """Return those of these gates (indices into flippable) that cannot be left out, one at a time.
+
+        None: together they do not explain all. A lane for each of them is a short integer, so that this takes
+        half of what a pass over all single gates takes.
+        """
+        ones = (2 << len(gates)) - 1
+        flips = [0] * len(self.flippable)
+        for lane, gate in enumerate(gates):
+            flips[gate] = ones ^ 2 << lane
+        wrong = reduce(or_, self._wrong(inputs, flips, expected, ones), 0)
+        if wrong & 1:
+            return None
+        return {gate for lane, gate in enumerate(gates, 1) if wrong >> lane & 1}
+
     def explaining_alone(
         self, inputs: Sequence[bool], expected: Sequence[bool], gates: Sequence[int]
     ) -> list[int]:

@@ -5,7 +5,7 @@
        │                                                     ▼
        └─── again, with these flipped already ◄── few gates that mend all and spoil nothing
                      │
-                     ▼ all outputs are right
+                     ▼ all outputs are right (a short pass tells: without each of them, or with all)
             gates that need not be flipped are dropped
 
 What mends one output may spoil what another gate mends, so that the next pass goes on from what is still
@@ -16,8 +16,6 @@ the model that it would search for, and most of what leads to it, is saved.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import reduce
-from operator import or_
 
 from robomend.diagnosis.circuits.flips import Flips
 
@@ -41,27 +39,30 @@ def find_incumbent(
     gates = flips.lanes & ~1
     chosen: frozenset[int] = frozenset()
     before = len(wrong) + 1
-    passes = 0
-    while True:
-        still = [lanes for lanes in wrong if lanes & 1]
-        if still:
-            spoiling = reduce(or_, (lanes for lanes in wrong if not lanes & 1), 0)
-            added = _cover([gates & ~(lanes | spoiling) for lanes in still])
-            if not added or len(still) >= before:  # they were in each other's way: the best one alone
-                added = {_lowest(_least(wrong, gates)) - 1}
-            chosen ^= added
-            before = len(still)
-        else:
-            needed = reduce(or_, wrong, 0)
-            spare = next((gate for gate in chosen if not needed >> (gate + 1) & 1), None)
-            if spare is None:
-                return sorted(chosen)
-            chosen -= {spare}
-        if passes == PASSES:
-            return None
+    for attempt in range(PASSES):
+        if attempt:
+            wrong = flips.one_by_one(inputs, expected, chosen)
+        still = []
+        spoiling = 0
+        for lanes in wrong:
+            if lanes & 1:
+                still.append(lanes)
+            else:
+                spoiling |= lanes
+        added = _cover([gates & ~(lanes | spoiling) for lanes in still])
+        if not added or len(still) >= before:  # they were in each other's way: the best one alone
+            added = {_lowest(_least(wrong, gates)) - 1}
+        chosen ^= added
+        before = len(still)
+        members = sorted(chosen)
         between()
-        wrong = flips.one_by_one(inputs, expected, chosen)
-        passes += 1
+        while (needed := flips.needed(inputs, expected, members)) is not None:
+            spare = next((gate for gate in members if gate not in needed), None)
+            if spare is None:
+                return members
+            members.remove(spare)
+            between()
+    return None
 
 
 def _cover(mending: list[int]) -> set[int]:
@@ -73,22 +74,17 @@ def _cover(mending: list[int]) -> set[int]:
     chosen = set()
     mending = sorted(filter(None, mending), key=int.bit_count)
     while mending:
-        rarest = mending[0]
-        lane = _lowest(_most([rarest & lanes for lanes in mending[1:]], rarest))
+        lanes = mending[0]
+        for others in mending:
+            lanes = lanes & others or lanes
+        lane = _lowest(lanes)
         chosen.add(lane - 1)
-        mending = [lanes for lanes in mending if not lanes >> lane & 1]
+        mending = [others for others in mending if not others >> lane & 1]
     return chosen
 
 
 def _lowest(lanes: int) -> int:
     return (lanes & -lanes).bit_length() - 1
-
-
-def _most(words: list[int], among: int) -> int:
-    """Return the lanes that are in most of the words."""
-    for digit in reversed(_counted(words)):
-        among = among & digit or among
-    return among
 
 
 def _least(words: list[int], among: int) -> int:
