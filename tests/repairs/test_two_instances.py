@@ -130,7 +130,9 @@ async def test_the_other_instance_takes_over_a_repair_and_finishes_it(
     sent = [subject for action, subject, _ in entries if action == "action.sent"]
     # what the killed one wrote last may not have reached the robot: the other took it back, and sent its own
     never = {"result": UNREACHABLE}, {"result": TIMED_OUT}
-    taken_back = [subject for action, subject, after in entries if action == "action.result" and after in never]
+    taken_back = [
+        subject for action, subject, after in entries if action == "action.result" and after in never
+    ]
     assert len(taken_back) <= 1
     assert sorted(sent) == sorted([*robot.done, *taken_back])
 

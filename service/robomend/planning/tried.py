@@ -101,8 +101,8 @@ def weights(
 ) -> list[float]:
     """Return P(diagnosis) for each, attempts taken into account; they sum to 1.
 
-    A minimal diagnosis blames nothing that what is observed now would not need, so that each of its components
-    which a repair made good must be bad all the same, whatever else it blames.
+    A minimal diagnosis blames nothing that what is observed now does not need. So each of its components that
+    a repair made good must be bad all the same, whatever else it blames.
 
     Args:
         fits: how well OBS fits each, as far as the probabilities do not have it in them.
@@ -117,7 +117,8 @@ def weights(
         raw = [odds * fit for odds, fit in zip(raw, fits, strict=True)]
     oldest = now_ns - int(patience.memory_s * S_TO_NS)
     failed = [one for one in tried if not one.helped and one.time_ns >= oldest]
-    doubts = [sum(_doubt(frozenset(diagnosis.bad), one, patience) for one in failed) for diagnosis in diagnoses]
+    blamed = [frozenset(diagnosis.bad) for diagnosis in diagnoses]
+    doubts = [sum(_doubt(bad, one, patience) for one in failed) for bad in blamed]
     least_doubt = max(doubts, default=0.0)  # so that a hundred components do not underflow
     raw = [odds * exp(doubt - least_doubt) for odds, doubt in zip(raw, doubts, strict=True)]
     total = sum(raw)
