@@ -124,6 +124,19 @@ def test_what_was_good_after_its_input_was_is_not_silent_because_that_started() 
     assert not silent((11 * S,), 12 * S, driver=10 * S, mapping=10 * S)
 
 
+def test_a_topic_that_was_good_before_it_fell_was_up_then_however_late_its_last_sample() -> None:
+    """In a circle a node may publish now and then without its input: its last sample tells no start."""
+    scan, map_ = bad(SCAN, time=13 * S, onset=12 * S), bad(MAP, time=13 * S, onset=11 * S)
+
+    def silent(*good: int) -> bool:
+        return MAP in begun([scan, map_], {"driver": 8 * S}, 12 * S, {SCAN: good})
+
+    assert not silent(9 * S)
+    assert silent()
+    assert silent(7 * S)  # that was its predecessor's
+    assert silent(11 * S)  # the map fell before it was back: it may have waited for it
+
+
 def test_what_was_good_since_its_cause_was_first_heard_of_need_not_wait_for_it_to_start() -> None:
     began = {"driver": 10 * S}
 

@@ -10,7 +10,7 @@ from tests.planning.candidates import SECOND, candidate, plan, tried
 from tests.planning.robots import TEDUSAR
 
 from robomend.diagnosis.result import Diagnosis
-from robomend.planning.choice import choose
+from robomend.planning.choice import Candidate, choose
 from robomend.planning.cures import CURES, Cure
 from robomend.planning.planning import plan_for
 from robomend.planning.tried import (
@@ -68,14 +68,35 @@ def test_the_memory_of_a_power_cycle_names_what_it_was_to_cure_as_far_as_it_was_
     assert switched_on.cycled == frozenset()
 
 
-def test_an_attempt_counts_against_all_that_it_repaired_and_only_if_it_did_not_help() -> None:
-    """A repair of a that restarted b made both good: {a, b} is refuted by it, {a, c} is not."""
+def test_an_attempt_counts_against_each_component_that_it_repaired_and_only_if_it_did_not_help() -> None:
+    """A repair of a that restarted b made both good: what blames both now takes two restarts in vain."""
+    diagnoses = [Diagnosis(("a", "b")), Diagnosis(("a", "c")), Diagnosis(("c", "d"))]
+    for seen, factor in ((True, Patience().seen_factor), (False, Patience().unseen_factor)):
+        both, one, none = weights(diagnoses, [tried("a", repaired="a b", seen=seen)])
+        assert (both / none, one / none) == pytest.approx((factor**2, factor))
+    assert weights(diagnoses, [tried("a", repaired="a b", helped=True)]) == [1 / 3, 1 / 3, 1 / 3]
+
+
+def test_what_could_not_be_carried_out_counts_against_its_own_diagnosis_alone() -> None:
     diagnoses = [Diagnosis(("a", "b")), Diagnosis(("a", "c"))]
-    found = weights(diagnoses, [tried("a", repaired="a b")])
-    assert found[0] / found[1] == Patience().seen_factor
-    found = weights(diagnoses, [tried("a", repaired="a b", seen=False)])
-    assert found[0] / found[1] == Patience().unseen_factor
-    assert weights(diagnoses, [tried("a", repaired="a b", helped=True)]) == [0.5, 0.5]
+    own, other = weights(diagnoses, [replace(tried("a b", seen=False), repaired=frozenset())])
+    assert own / other == pytest.approx(Patience().unseen_factor)
+
+
+def test_a_driver_that_was_restarted_in_vain_beside_another_is_not_restarted_with_the_others_device() -> None:
+    """Two devices hang. To cycle one, and to restart the driver of the other once more, would mend one."""
+    drivers, devices = ("hokuyo_node", "jaguar_node"), ("hokuyo", "jaguar")
+    mixed = [("hokuyo_node", "jaguar"), ("hokuyo", "jaguar_node")]
+    candidates = [Candidate(Diagnosis(bad), plan_for(TEDUSAR, [], bad)) for bad in (devices, *mixed, drivers)]
+    assert choose(candidates).diagnosis == Diagnosis(drivers)
+    assert choose(candidates, [tried(" ".join(drivers))]).diagnosis == Diagnosis(devices)
+
+
+def test_four_hundred_that_were_repaired_in_vain_do_not_underflow() -> None:
+    names = [f"c{index}" for index in range(400)]
+    in_vain = tried(" ".join(names), repaired=" ".join(names))
+    first, second = weights([Diagnosis(tuple(names)), Diagnosis((*names[1:], "x"))], [in_vain])
+    assert first / second == pytest.approx(Patience().seen_factor)
 
 
 def test_an_attempt_counts_as_long_as_it_is_remembered() -> None:

@@ -217,3 +217,21 @@ def test_a_rival_that_lost_on_a_tie_is_told_as_that() -> None:
     assert not_chosen({**rival, "cost": 29.0}, done) == f"{told}; as good"
     assert not_chosen({**rival, "cost": 30.0}, done) == f"{told}; dearer than 29"
     assert not_chosen({**rival, "cost": 28.0}, done) == told
+    # It may help more probably than what was chosen: a cycle restarts the driver, too.
+    likelier = {**rival, "cost": 30.0, "helps": 0.95, "weight": 0.1}
+    assert not_chosen(likelier, done).endswith("; a less probable cause, and dearer than 29")
+    assert not_chosen({**likelier, "cost": 29.0}, done).endswith("; a less probable cause")
+
+
+def test_a_step_that_was_sent_again_says_how_often_and_one_that_never_was_is_not_waiting_for_ever() -> None:
+    step = {"text": "start_node(driver)", "id": "r-1:0.2", "state": "failed", "sent_ns": 10**9, "cost": 3.0}
+    later = {"text": "start_node(map)", "id": None, "state": "waiting", "sent_ns": None, "cost": 3.0}
+    ended = {**ROUND, "plan": [step, later], "ending": "action-failed"}
+
+    def told(**changes: object) -> list[str]:
+        return [line.strip() for line in lines_of({**ended, **changes})]
+
+    assert "start_node(driver): sent 3 times, the last 00:00:01.000, failed" in told()
+    assert "start_node(driver): sent 00:00:01.000, failed" in told(plan=[{**step, "id": "r-1:0"}])
+    assert "start_node(map): not begun" in told()
+    assert "start_node(map): waiting" in told(ending=None)

@@ -137,8 +137,11 @@ def test_what_holds_is_known_to_since_it_was_news_and_since_its_present_evidence
     assert said(ok(11, 9)) == (9 * S, 9 * S)
     assert said(ok(20, 19)) == (9 * S, 19 * S, 19 * S)  # where the first is in doubt, this one is not
     assert said(ok(30, 29)) == (9 * S, 19 * S, 29 * S)
-    assert said(Entry(BAD, "general", 40 * S, None, 39 * S)) == (39 * S,)
+    # What fell was good from then until it did; that it is said to be silent anew, or later, changes nothing.
+    assert said(Entry(BAD, "general", 40 * S, None, 39 * S, 38 * S)) == (9 * S, 19 * S)
+    assert said(Entry(BAD, "general", 45 * S, None, 44 * S, 43 * S)) == (9 * S, 19 * S)
     assert said(ok(50, 49)) == (49 * S, 49 * S)
+    assert said(Entry(BAD, "general", 60 * S, None, 59 * S)) == (49 * S,)
 
 
 def test_only_what_was_heard_to_be_off_was_seen_to_begin() -> None:
@@ -159,8 +162,11 @@ def test_since_when_things_hold_is_not_kept_of_ever_more_of_them(monkeypatch: py
         entry = Entry(Literal(Atom("ok", (f"t{number}",))), "general", S, None, S)
         sight.hear([entry], [entry])
         assert sight.good_ns(entry) == (S, S)
+        fell = Entry(Literal(Atom("ok", (f"t{number}",)), False), "general", 2 * S, None, 2 * S)
+        if number % 2:
+            sight.hear([fell], [fell])
         stopped = Entry(Literal(Atom("running", (f"n{number}",)), False), "general", S, None, S)
         sight.hear([stopped], [stopped])
         assert sight.seen_off(stopped.atom)
-    assert len(sight._rose) <= 11
+    assert len(sight._rose) + len(sight._fell) <= 11
     assert len(sight._off) <= 11

@@ -86,7 +86,8 @@ def starting(
         start_up_ns: component -> how long it may take from then until what is said of it shows that.
         influences: component -> the names of what rests on it.
         publishes: component -> the topics that are its own, or its drivers'.
-        good_ns: what holds -> times since when it is known to have held all along.
+        good_ns: what is known -> times since when it is known to have held all along, until it fell if it
+            has.
         unseen: components that nobody saw begin: they were first heard of as they are, and may have been so
             for long. Whatever rests on them and was good since then is not silent because they start.
     """
@@ -144,16 +145,15 @@ def _up_ns(own: Collection[Entry], began_ns: int, good_ns: Callable[[Entry], Col
 
     It was up once all that is observed of its own topics had been good since it began. What rests on them
     and was good after that is not silent because it starts. What fell silent before, as it had lost its
-    input, may be; so a topic that is good again counts from when it was, and one that fell silent anew until
-    it did.
+    input, may be; so a topic that is good again counts from when it was. Of one that fell silent anew that is
+    when it was good before, or else its last sample.
     """
     up_ns: int | None = None
     for entry in own:
-        if entry.positive:
-            times = [time_ns + GUARD_NS for time_ns in good_ns(entry) if time_ns > began_ns + GUARD_NS]
-        else:
-            onset_ns = entry.onset_ns or 0
-            times = [onset_ns - SLACK_NS] if onset_ns > began_ns + GUARD_NS else []
+        times = [time_ns + GUARD_NS for time_ns in good_ns(entry) if time_ns > began_ns + GUARD_NS]
+        onset_ns = 0 if entry.positive else entry.onset_ns or 0
+        if onset_ns > began_ns + GUARD_NS:
+            times.append(onset_ns - SLACK_NS)
         if not times:
             return None
         up_ns = max(min(times), up_ns or 0)

@@ -1,10 +1,11 @@
 """What was tried, and how probable each diagnosis is after it: the memory that choosing rests on. Pure.
 
 weight of a diagnosis   its posterior, or without priors one factor a component (small sets first) and
-                        how well what works fits it (robomend.diagnosis.likelihood); lowered by each
-                        repair of it that did not help: much when its effect was seen (it runs again and
-                        still nothing: it was not that), little when it was not, and by a half where a
-                        power cycle was the cure: a device that is broken is not cured by one
+                        how well what works fits it (robomend.diagnosis.likelihood); lowered for each
+                        of its components that a repair made good without help: much when its effect was
+                        seen (it runs again and still nothing: it was not that), little when it was not,
+                        and by a half where a power cycle was the cure: a device that is broken is not
+                        cured by one
 surely broken           a node that an earlier round of the repair knew to be broken, and did not cure: to
                         blame something else instead takes one fault more, at its odds
 """
@@ -100,7 +101,11 @@ def weights(
 ) -> list[float]:
     """Return P(diagnosis) for each, attempts taken into account; they sum to 1.
 
-    `fits`: how well OBS fits each, as far as the probabilities do not have it in them.
+    A minimal diagnosis blames nothing that what is observed now does not need. So each of its components that
+    a repair made good must be bad all the same, whatever else it blames.
+
+    Args:
+        fits: how well OBS fits each, as far as the probabilities do not have it in them.
     """
     if diagnoses and all(diagnosis.probability is not None for diagnosis in diagnoses):
         raw = [diagnosis.probability or 0.0 for diagnosis in diagnoses]
@@ -112,15 +117,22 @@ def weights(
         raw = [odds * fit for odds, fit in zip(raw, fits, strict=True)]
     oldest = now_ns - int(patience.memory_s * S_TO_NS)
     failed = [one for one in tried if not one.helped and one.time_ns >= oldest]
-    for position, diagnosis in enumerate(diagnoses):
-        bad = frozenset(diagnosis.bad)
-        for one in failed:
-            if bad == one.bad or (bad and bad <= one.repaired):
-                factor = patience.seen_factor if one.effect_seen else patience.unseen_factor
-                cures = CURES[Cure.OTHER if bad.isdisjoint(one.cycled) else Cure.POWER_CYCLE]
-                raw[position] *= factor + (1 - cures) * (1 - factor)
+    blamed = [frozenset(diagnosis.bad) for diagnosis in diagnoses]
+    doubts = [sum(_doubt(bad, one, patience) for one in failed) for bad in blamed]
+    least_doubt = max(doubts, default=0.0)  # so that a hundred components do not underflow
+    raw = [odds * exp(doubt - least_doubt) for odds, doubt in zip(raw, doubts, strict=True)]
     total = sum(raw)
     return [value / total if total > 0 else 1 / len(raw) for value in raw]
+
+
+def _doubt(bad: Collection[str], failed: Attempt, patience: Patience) -> float:
+    """Return the logarithm of what a repair that did not help leaves of a diagnosis."""
+    factor = patience.seen_factor if failed.effect_seen else patience.unseen_factor
+    again = failed.repaired.intersection(bad)
+    if not again and bad == failed.bad:  # it could not be carried out
+        return log(factor)
+    cures = (CURES[Cure.POWER_CYCLE if name in failed.cycled else Cure.OTHER] for name in sorted(again))
+    return sum(log(factor + (1 - cure) * (1 - factor)) for cure in cures)
 
 
 def unbroken_fits(

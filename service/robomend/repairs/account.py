@@ -96,7 +96,7 @@ def _round(number: int, done: Json) -> list[str]:
     lines.append(f"  chosen: {done['why']}")
     lines += [f"  {not_chosen(rival, done)}" for rival in done.get("rivals", ())]
     for step in done["plan"]:
-        lines.append(f"  {_step(step)}")
+        lines.append(f"  {_step(step, ended=done['ending'] is not None)}")
     lines += [f"  seen after it: {_observed(one)}{_anew(one, done)}" for one in done.get("after", ())]
     if done["ending"] is not None:
         lines.append(f"  {how_it_ended(done)}")
@@ -141,24 +141,33 @@ def _lost(rival: Json, done: Json) -> str:
     """Say why a rival lost, where its own words do not."""
     if rival["cost"] is None or not rival["helps"]:
         return ""
-    weight = done.get("weight")
-    if weight is not None and rival["weight"] < weight:
-        return "; less probable"
-    cost = sum(step["cost"] for step in done["plan"])
-    if rival["cost"] > cost:
-        return f"; dearer than {cost:g}"
+    weight, cost = done.get("weight"), sum(step["cost"] for step in done["plan"])
+    lost = ["a less probable cause"] if weight is not None and rival["weight"] < weight else []
+    lost += [f"dearer than {cost:g}"] if rival["cost"] > cost else []
+    if lost:  # it may help more probably all the same: it mends more than its own cause
+        return f"; {', and '.join(lost)}"
     return "; as good" if rival["cost"] == cost and rival["weight"] == weight else ""
 
 
-def _step(step: Json) -> str:
+def _step(step: Json, *, ended: bool) -> str:
     if step.get("sent_ns") is None:
-        return f"{step['text']}: {step.get('state', StepState.WAITING)}{_said(step)}"
-    ended = f", ended {_clock(step['ended_ns'])}" if step.get("ended_ns") else ""
+        state = step.get("state", StepState.WAITING)
+        return (
+            f"{step['text']}: {'not begun' if ended and state == StepState.WAITING else state}{_said(step)}"
+        )
+    until = f", ended {_clock(step['ended_ns'])}" if step.get("ended_ns") else ""
     seen = f"; seen: {', '.join(step['seen'])}" if step.get("seen") else ""
     missing = f"; not seen: {', '.join(step['missing'])}" if step.get("missing") else ""
     # A step whose action answered and whose effect was not seen has failed; it is not its action that did.
     state = "effect missing" if missing else step["state"]
-    return f"{step['text']}: sent {_clock(step['sent_ns'])}{ended}, {state}{_said(step)}{seen}{missing}"
+    sent = f"{_times(step)}{_clock(step['sent_ns'])}"
+    return f"{step['text']}: sent {sent}{until}, {state}{_said(step)}{seen}{missing}"
+
+
+def _times(step: Json) -> str:
+    """Say how often a step was sent, if more than once: each retry has an id of its own, `repair:step.1`."""
+    _, _, retry = str(step.get("id") or "").rpartition(":")[2].partition(".")
+    return f"{int(retry) + 1} times, the last " if retry else ""
 
 
 def _said(step: Json) -> str:

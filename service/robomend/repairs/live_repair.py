@@ -181,7 +181,8 @@ class LiveRepair:
             await self._hear_the_missing(execution)
         done = execution.ending is Ending.DONE
         await self._confirming.seen()
-        waits = {Ending.DONE: Timing().effect_timeout_s, Ending.EFFECT_MISSING: 0.0}  # it had its time
+        had_their_time = dict.fromkeys((Ending.EFFECT_MISSING, Ending.MISMATCH, Ending.ACTION_FAILED), 0.0)
+        waits = {Ending.DONE: Timing().effect_timeout_s, **had_their_time}
         deadline = time.monotonic() + waits.get(execution.ending, Timing().hold_s)
         while True:
             revision = self._state.revision

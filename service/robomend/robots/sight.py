@@ -46,6 +46,7 @@ class Sight:
 
     __slots__ = (
         "_clocks",
+        "_fell",
         "_listed",
         "_off",
         "_risen",
@@ -64,6 +65,7 @@ class Sight:
         self._rose: dict[
             Atom, tuple[int, ...]
         ] = {}  # what holds -> since when, as it began to, and a bit later
+        self._fell: dict[Atom, tuple[int, ...]] = {}  # what holds no more -> the same, of when it did
         self._risen: set[Atom] = set()  # those of them of which the latter is not known yet
         self._off: set[Atom] = set()  # what was heard to be off, or not to run, since we hear of the robot
         self._listed: tuple[tuple[str, ...], Vocabulary, frozenset[Atom]] | None = None
@@ -193,7 +195,11 @@ class Sight:
         return None if times is None else times[0]
 
     def good_ns(self, entry: Entry) -> tuple[int, ...]:
-        """Return times since when something that holds is known to: from when it was news, and from now."""
+        """Return times since when something that holds is known to: from when it was news, and from now; of
+        what does not hold any more, since when it did the last time.
+        """
+        if not entry.positive:
+            return self._fell.get(entry.atom, ())
         now_ns = () if entry.since_ns is None else (entry.since_ns,)
         return self._rose.get(entry.atom, ()) + now_ns
 
@@ -201,13 +207,14 @@ class Sight:
         """Take note of what was reported, as far as OBS has taken it in; `changed` is what was news."""
         if self._risen:
             for entry in reported:
-                if entry.atom in self._risen and entry.since_ns is not None:
+                if entry.atom in self._risen and entry.positive and entry.since_ns is not None:
                     (first_ns,) = self._rose[entry.atom]
                     if entry.since_ns > first_ns + LATER_NS:
                         self._rose[entry.atom] = (first_ns, entry.since_ns)
                         self._risen.discard(entry.atom)
-        if len(self._rose) > MAX_ATOMS:  # of those that nobody speaks of any more
+        if len(self._rose) + len(self._fell) > MAX_ATOMS:  # of those that nobody speaks of any more
             self._rose.clear()
+            self._fell.clear()
             self._risen.clear()
         if len(self._off) > MAX_ATOMS:
             self._off.clear()
@@ -215,11 +222,15 @@ class Sight:
             atom, positive = entry.literal
             if not positive and atom.predicate in OBSERVED_FACTS:
                 self._off.add(atom)
+            held = self._rose.pop(atom, None)
+            if positive:
+                self._fell.pop(atom, None)
+            elif held is not None:
+                self._fell[atom] = held
             if positive and entry.since_ns is not None:
                 self._rose[atom] = (entry.since_ns,)
                 self._risen.add(atom)
             else:
-                self._rose.pop(atom, None)
                 self._risen.discard(atom)
         if self.unconfirmed:
             said = (entry for given in reported for entry in consequences(given))
