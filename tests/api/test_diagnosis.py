@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import pickle
 import threading
 import time
 from pathlib import Path
@@ -17,7 +19,9 @@ from robomend.model.cnf import HealthCnf
 from robomend.model.loading import load_text
 from robomend.oneshots.solvers import SolverWorkers
 from robomend.robots.diagnoser import Diagnoser
+from robomend.robots.readers import SHORT_MODEL
 from robomend.settings import Settings
+from robomend.workers import process
 from robomend_client.literals import Literal, fails
 
 
@@ -125,6 +129,61 @@ def test_what_if_is_asked_without_a_robot(service: Service) -> None:
         ({"model": "tedusar", "options": {"engine": "none"}}, 422),
     ):
         assert service.api("POST", "/diagnoses", json=wrong).status_code == status
+
+
+LONG = f"{TEDUSAR}\n{'# read by a worker' * SHORT_MODEL}\n"
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [
+        {"observations": ["not ok(map)"]},
+        {"observations": ["not ok(scan) or not ok(odom)", "ok(odom)"], "abnormal": ["imu"]},
+        {"observations": ["not ok(map)"], "healthy": ["/hector_mapping"], "options": {"limit": 1}},
+        {"observations": ["forall n in nodes: running(n)", "not ok(scan)"]},
+        {"healthy": ["nobody"]},
+        {"healthy": ["imu"], "abnormal": ["imu"]},
+        {"observations": ["ok(scan)", "not ok(scan)"]},
+        {"observations": ["ok(scan"]},
+        {"observations": ["ok(nothing)"]},
+        {"observations": [" ".join(f"forall v{i} in nodes:" for i in range(8)) + " running(v0)"]},
+        {"options": {"engine": "none"}},
+    ],
+)
+def test_a_long_text_is_answered_like_a_short_one(service: Service, asked: dict[str, Any]) -> None:
+    short, long = (
+        service.api("POST", "/diagnoses", json={"source": source, **asked}) for source in (TEDUSAR, LONG)
+    )
+    told = [{**one.json(), "elapsed_s": None, "request_id": None} for one in (short, long)]
+    assert long.status_code == short.status_code
+    assert told[1] == told[0]
+
+
+def test_what_a_long_text_says_never_comes_into_the_service(
+    service: Service, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: set[str] = set()
+
+    class Watched(pickle.Unpickler):
+        def find_class(self, module: str, name: str) -> Any:
+            seen.add(name)
+            return super().find_class(module, name)
+
+    class Pickles:
+        """The module, as the service's end of a worker uses it."""
+
+        UnpicklingError = pickle.UnpicklingError
+
+        @staticmethod
+        def loads(data: bytes) -> Any:
+            return Watched(io.BytesIO(data)).load()
+
+    monkeypatch.setattr(process, "pickle", Pickles)
+    asked = service.api("POST", "/diagnoses", json={"source": LONG, "observations": ["not ok(map)"]})
+    assert asked.json()["diagnoses"]
+    assert {"PackedQuestion", "Options"} <= seen <= {"PackedQuestion", "Options", "frozenset"}
+    service.api("PUT", "/models/long", json={"source": LONG})  # who keeps it has it
+    assert "Vocabulary" in seen
 
 
 def test_a_plan_is_made_without_a_robot(service: Service) -> None:

@@ -27,6 +27,7 @@ QUESTIONS = {
     "several": (TEDUSAR, ["not ok(scan)", "not ok(odom)", "not running(rviz)", "ok(joy)"]),
     "premises": (TEDUSAR, ["not ok(cmd_vel)", "ok(joy)", "not running(imu_node)", "not ok(imu_data)"]),
     "richer": (TEDUSAR, ["not ok(scan) or not ok(odom)", "ok(odom)"]),
+    "long": (f"{TEDUSAR}# {'long ' * 1000}\n", ["not ok(scan) or not ok(odom)", "ok(odom)"]),
     "priors": (MANIPULATOR, ["not ok(scan_front)", "not running(move_group)"]),
     "no rule mentions it": (f"{TEDUSAR}properties: {{lamp: {{}}}}\n", ["not ok(scan)", "ok(lamp)"]),
 }

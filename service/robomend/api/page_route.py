@@ -10,6 +10,7 @@ Without keys there is no cookie to steal, but the same holds: whoever reaches th
 
 from __future__ import annotations
 
+import asyncio
 import gzip
 import time
 from collections.abc import Callable, Coroutine, Mapping
@@ -27,7 +28,7 @@ from robomend.api.page_turns import PageTurns
 from robomend.api.problems import Problem, of_error, of_validation
 from robomend.errors import RobomendError
 from robomend.web.page_pace import PagePace
-from robomend.web.rendering import pieces
+from robomend.web.rendering import known, pieces, read
 
 PARTS_HEADER = "robomend-parts"
 """Of a request for some parts of a page only."""
@@ -107,6 +108,8 @@ async def page(request: Request, template: str, status: int = 200, **values: Any
     if PARTS_HEADER in request.headers:
         pace: PagePace = request.app.state.pace
         headers = {**HEADERS, "Robomend-Again-Ms": f"{pace.again_s(time.monotonic()) * 1000:.0f}"}
+    if not known(template):
+        await asyncio.to_thread(read, template)
     turns: PageTurns = request.app.state.turns
     async with turns.turn() as turn:
         text = await turn.joined(pieces(template, **values))

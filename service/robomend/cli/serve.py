@@ -179,7 +179,6 @@ async def _run(
     from robomend.api.runtime import Runtime, any_key
     from robomend.api.server import check_exposure, make_server
     from robomend.repairs.repairs import make_repairs
-    from robomend.web import rendering
 
     check_exposure(settings, await any_key(settings))
     runtime = Runtime(settings, make_repairs)
@@ -188,7 +187,6 @@ async def _run(
     def ready(url: str) -> None:
         runtime.planners.start()  # it warms up now instead of at the first repair
         settle_memory()
-        rendering.prepare()
         told(url)
 
     server = make_server(runtime, ready)

@@ -13,7 +13,7 @@ from robomend.diagnosis.probes import ProbeResult
 from robomend.diagnosis.result import DiagnosisResult, Options
 from robomend.errors import InputError, Overloaded
 from robomend.model.system import System, variant
-from robomend.oneshots.question import Question, given_diagnosis, supposing
+from robomend.oneshots.question import PackedQuestion, Question, given_diagnosis, supposing
 from robomend.oneshots.solvers import SolverWorkers
 from robomend.planning.advice import Situation, parts_of
 from robomend.planning.choice import Choice
@@ -71,6 +71,11 @@ class OneShots:
         """
         options = supposing(options, subject.system)
         return await self._ask(subject.extended(asked), asked.literals, engine, options)
+
+    async def answer(self, asked: PackedQuestion, engine: str) -> bytes:
+        """Return the diagnoses as JSON text; raises as `diagnose` does."""
+        with self._place():
+            return await self._solver.answer(engine, asked, self._deadline_s(asked.options))
 
     async def plan(
         self,
@@ -137,11 +142,14 @@ class OneShots:
     async def _ask(
         self, subject: Subject, literals: frozenset[Literal], engine: str, options: Options
     ) -> DiagnosisResult:
-        deadline_s = (options.timeout_s or self._settings.max_solver_timeout_s) + GRACE_S
+        deadline_s = self._deadline_s(options)
         with self._place():
             return await self._solver.diagnose(
                 subject.version, engine, subject.system.cnf, literals, options, deadline_s
             )
+
+    def _deadline_s(self, options: Options) -> float:
+        return (options.timeout_s or self._settings.max_solver_timeout_s) + GRACE_S
 
     @contextmanager
     def _place(self) -> Iterator[None]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -13,7 +14,7 @@ from robomend.entry import Entry
 from robomend.errors import InputError, ObservationError
 from robomend.model.clauses import Assertion
 from robomend.model.sentences import MAX_LENGTH, tokens
-from robomend.model.system import System
+from robomend.model.system import System, variant
 from robomend.model.vocabulary import TRENDS, Vocabulary
 from robomend.observations.language import Unknown, parse, read
 from robomend.observations.obs import consequences
@@ -31,6 +32,26 @@ class Question:
 
     literals: frozenset[Literal]
     assertions: tuple[Assertion, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class PackedQuestion:
+    """A model's text and a question about it, read by a worker: for another worker, which answers it.
+
+    Of a large model the service holds bytes, not ten thousands of names that it would have to make, look
+    through for garbage and free again.
+    """
+
+    version: str  # by which a worker knows the model's engine again
+    model: bytes
+    literals: bytes
+    options: Options
+
+    @classmethod
+    def of(cls, version: str, system: System, asked: Question, options: Options) -> PackedQuestion:
+        """Pack a question; its assertions become rules of the model."""
+        version, cnf = variant(version, asked.assertions), system.extended(asked.assertions).cnf
+        return cls(version, pickle.dumps(cnf), pickle.dumps(asked.literals), options)
 
 
 def question(

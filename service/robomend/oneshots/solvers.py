@@ -7,6 +7,7 @@ killed and its engines with it; the next call sends the model again.
 from __future__ import annotations
 
 import json
+import pickle
 from collections import OrderedDict
 from collections.abc import Collection
 
@@ -19,6 +20,8 @@ from robomend.model.cnf import HealthCnf
 from robomend.model.packed import opened
 from robomend.model.system import System
 from robomend.oneshots.isolability_json import isolability_json
+from robomend.oneshots.question import PackedQuestion
+from robomend.oneshots.result_json import quoted_names, result_text
 from robomend.oneshots.warm_model import ask_engine
 from robomend.workers.pool import WorkerPool
 from robomend_client.literals import Atom, Literal
@@ -67,6 +70,10 @@ class SolverWorkers:
             return await self.pool.run(
                 diagnose, (key, engine), cnf, literals, options, timeout_s=deadline_s + SEND_S
             )
+
+    async def answer(self, engine: str, asked: PackedQuestion, deadline_s: float) -> bytes:
+        """Diagnose in a worker what a reader has packed; return the result as JSON text."""
+        return await self.pool.run(answer, engine, asked, timeout_s=deadline_s + SEND_S)
 
     async def probes(
         self,
@@ -127,6 +134,14 @@ def diagnose(
         _warm[key] = make_engine(key[1], whole), whole
     _warm.move_to_end(key)
     return ask_engine(*_warm[key], literals, options)
+
+
+def answer(engine: str, asked: PackedQuestion) -> bytes:
+    """Answer one question as JSON text; runs in a worker process."""
+    key = asked.version, engine
+    cnf = None if key in _warm else pickle.loads(asked.model)
+    result = diagnose(key, cnf, pickle.loads(asked.literals), asked.options)
+    return result_text(result, quoted_names(result.components)).encode()
 
 
 def find_isolability(

@@ -5,8 +5,8 @@
                    └──► refused, with what it takes    └──► WorkerTimeout, WorkerDied
 
 Reading is Python, and a second of it would keep the event loop from a stop for a second; in a thread it would
-take the interpreter from the loop again and again. What is known to be done in a few milliseconds is done at
-once: a short model without quantifiers, a short sentence.
+take the interpreter from the loop again and again. What is known to be done in a few milliseconds needs no
+process: a short model without quantifiers is read in a thread, a short sentence at once.
 
 Those who only ask (one-shots) never have all the processes: one is left for what robots and operators send.
 """
@@ -14,31 +14,36 @@ Those who only ask (one-shots) never have all the processes: one is left for wha
 from __future__ import annotations
 
 import asyncio
+import hashlib
 import re
 import resource
 from collections import OrderedDict
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, replace
 from typing import TypeVar, TypeVarTuple
 
+from robomend.diagnosis.result import Options
 from robomend.errors import Overloaded, RobomendError, TooLarge
+from robomend.model.budget import check_steps
 from robomend.model.checking import contradictory
 from robomend.model.clauses import Assertion
 from robomend.model.loading import load_text
 from robomend.model.packed import packed, packed_assertion
 from robomend.model.system import System
 from robomend.model.vocabulary import Vocabulary
-from robomend.observations.language import Unknown, read_assertion
+from robomend.observations.language import Unknown, read, read_assertion
+from robomend.oneshots.question import PackedQuestion, supposing, together
 from robomend.planning.domain.loading import load_domain
 from robomend.settings import Settings
 from robomend.workers.pool import WorkerPool
+from robomend_client.literals import Literal
 
 T = TypeVar("T")
 Ts = TypeVarTuple("Ts")
 
 SHORT_MODEL = 2_500
-"""Characters of a model without quantifiers that is read at once: some 3 ms."""
+"""Characters of a model without quantifiers that is read in a thread: some 3 ms, 12 the first time."""
 
 SHORT_SENTENCE = 400
 """Characters of a richer sentence without quantifiers that is read at once: under a millisecond."""
@@ -108,17 +113,40 @@ class Readers:
             TooLarge: more bytes, components or clauses than the settings allow.
             WorkerTimeout, WorkerDied, Overloaded: see robomend.workers.pool.
         """
-        size, most = len(source.encode()), self._settings.max_model_bytes
-        if size > most:
-            raise TooLarge(f"the model has {size} bytes; max_model_bytes is {most}")
-        if self._at_once and len(source) <= SHORT_MODEL and not QUANTIFIER.search(source):
-            return read_model(source, name, format, self._limits)
+        self._check_size(source)
+        if self.at_once(source):
+            return await asyncio.to_thread(read_model, source, name, format, self._limits)
         async with self._turn(guest):
             system = await self.pool.run(
                 read_model, source, name, format, self._limits, timeout_s=self._settings.reading_timeout_s
             )
         await asyncio.to_thread(system.vocabulary.prepare)
         return system
+
+    async def question(self, source: str, sentences: Sequence[str], options: Options) -> PackedQuestion:
+        """Return a question about a model's text, of somebody who only asks; for OneShots.answer.
+
+        Raises:
+            ObservationError: a sentence cannot be read, or all together take too many steps.
+            UnknownComponent: what-if of something that the model does not have.
+            InputError: two sentences, or what is supposed, contradict one another.
+            ModelError, TooLarge, WorkerTimeout, WorkerDied, Overloaded: as `model` does.
+        """
+        self._check_size(source)
+        timeout_s, most = self._settings.reading_timeout_s, self._settings.max_assertion_steps
+        async with self._turn(guest=True):
+            return await self.pool.run(
+                read_question, source, sentences, options, self._limits, most, timeout_s=timeout_s
+            )
+
+    def at_once(self, source: str) -> bool:
+        """Return whether a model is read without a worker: a short text without quantifiers."""
+        return self._at_once and len(source) <= SHORT_MODEL and not QUANTIFIER.search(source)
+
+    def _check_size(self, source: str) -> None:
+        size, most = len(source.encode()), self._settings.max_model_bytes
+        if size > most:
+            raise TooLarge(f"the model has {size} bytes; max_model_bytes is {most}")
 
     async def assertion(
         self,
@@ -227,6 +255,27 @@ def read_model(
     if len(system.cnf.clauses) <= LOOKED_AT:
         clash = tuple(contradictory(system, CONFLICTS))
     return replace(system, cnf=packed(system.cnf), warnings=(*system.warnings, *clash))
+
+
+def read_question(
+    source: str, sentences: Sequence[str], options: Options, limits: ModelLimits, most: int
+) -> PackedQuestion:
+    """Return a question about a model's text: read, and packed for whoever answers it."""
+    system = read_model(source, None, None, limits)
+    spoken: list[Literal] = []
+    assertions: list[Assertion] = []
+    steps = 0
+    for sentence in sentences:
+        said = read(sentence, system.vocabulary, name=sentence, most=most)
+        if isinstance(said, Assertion):
+            steps += said.steps
+            check_steps(steps, most, sentence)
+            assertions.append(said)
+        else:
+            spoken += said
+    asked = together(spoken, assertions, opposites="refuse")
+    version = f"text:{hashlib.sha256(source.encode()).hexdigest()}"
+    return PackedQuestion.of(version, system, asked, supposing(options, system))
 
 
 def read_sentence(

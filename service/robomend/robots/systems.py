@@ -6,6 +6,7 @@ through `on_change`: they are diagnosed anew over the same OBS.
 
 from __future__ import annotations
 
+import asyncio
 import hashlib
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
@@ -37,6 +38,7 @@ class Systems:
         self._settings = settings
         self.readers = readers
         self._compiled: OrderedDict[tuple[str, str], System] = OrderedDict()
+        self._reading: dict[tuple[str, str], asyncio.Lock] = {}  # one reads a version, others wait for it
         self._on_change: list[Callable[[str], None]] = []
 
     def on_change(self, callback: Callable[[str], None]) -> None:
@@ -51,12 +53,16 @@ class Systems:
     async def compiled(self, model: StoredModel) -> System:
         """Return the system of a stored version."""
         key = (model.name, model.version)
-        system = self._compiled.get(key)
-        if system is None:
-            system = await self.readers.model(model.source, name=model.name, format=model.format)
-            self._keep(key, system)
-        else:
+        if (system := self._compiled.get(key)) is not None:
             self._compiled.move_to_end(key)
+            return system
+        async with self._reading.setdefault(key, asyncio.Lock()):
+            try:
+                if (system := self._compiled.get(key)) is None:
+                    system = await self.readers.model(model.source, name=model.name, format=model.format)
+                    self._keep(key, system)
+            finally:
+                self._reading.pop(key, None)
         return system
 
     async def subject(self, model: str | None, source: str | None) -> Subject:

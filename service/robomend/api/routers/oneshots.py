@@ -7,7 +7,7 @@ from fastapi import APIRouter, Response
 from robomend.api.deps import PartsDep
 from robomend.api.documented import problems
 from robomend.api.gate import GuardedRoute
-from robomend.api.long_json import result_response, value_response
+from robomend.api.long_json import response_of, result_response, value_response
 from robomend.api.schemas.diagnosis import AskBody, ResultOut
 from robomend.api.schemas.plans import ChoiceOut
 from robomend.api.schemas.repair import OneShotPlanBody
@@ -21,9 +21,13 @@ router = APIRouter(prefix=API, tags=["one-shots"], route_class=GuardedRoute)
 @router.post("/diagnoses", response_model=ResultOut, responses=problems(404, body=True))
 async def diagnose(body: AskBody, parts: PartsDep) -> Response:
     """Diagnose observations over a model, with components assumed healthy or abnormal if asked: what if?"""
+    options = engine_options(body.options, parts.settings, healthy=body.healthy, abnormal=body.abnormal)
+    readers = parts.robots.readers
+    if body.model is None and body.source is not None and not readers.at_once(body.source):
+        packed = await readers.question(body.source, body.observations, options)
+        return response_of(await parts.one_shots.answer(packed, body.options.engine))
     subject = await parts.robots.models.subject(body.model, body.source)
     asked = await parts.robots.models.question(subject, body.observations)
-    options = engine_options(body.options, parts.settings, healthy=body.healthy, abnormal=body.abnormal)
     return await result_response(await parts.one_shots.diagnose(subject, asked, body.options.engine, options))
 
 
