@@ -286,12 +286,13 @@ def test_a_number_that_becomes_text_is_told_in_words_and_unknown_from_then_on(tm
     )
     store, types = recordings.ROS1, recordings.ROS1.types
     with Writer(tmp_path / "a.bag") as writer:
-        for place in range(80):
-            name = "std_msgs/msg/Float64" if place < 40 else "std_msgs/msg/String"
-            if place in (0, 40):
+        for number in range(80):
+            name = "std_msgs/msg/Float64" if number < 40 else "std_msgs/msg/String"
+            if number in (0, 40):
                 of = writer.add_connection("/level", name, typestore=store)
-            data = store.serialize_ros1(types[name](data=2.0 if place < 40 else "two\nand a half"), name)
-            writer.write(of, EPOCH_NS + place * SECOND // 10, data)
+            said: float | str = 2.0 if number < 40 else "two\nand a half"
+            data = store.serialize_ros1(types[name](data=said), name)
+            writer.write(of, EPOCH_NS + number * SECOND // 10, data)
     assert batch_run(tmp_path / "out", tmp_path / "a.bag", "--observers", observers, model=model) == 2
     (record,) = logs(tmp_path / "out")
     assert record["state"] == "bad"
