@@ -138,7 +138,7 @@ def test_what_another_instance_heard_meanwhile_makes_it_news(start: StartService
 def test_a_lifetime_that_another_instance_renewed_does_not_end(start: StartService) -> None:
     one, two = start(), start()
     one.with_robot()
-    one.observe("not ok(scan)", lifetime_s=1.5)
+    one.observe("not ok(scan)", lifetime_s=60)
     assert bad_sets(two.diagnosis(after=0, wait_s=20)) == [{"hokuyo"}, {"hokuyo_node"}]
     one.observe("not ok(scan)", lifetime_s=3600)
 
