@@ -10,18 +10,24 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from tests.once import made_once
 from tests.release import looked_into
 
 ROOT = Path(__file__).resolve().parents[1]
+
+pytestmark = pytest.mark.timeout(600)  # of which most may be waiting for what is made once
 
 
 @pytest.fixture(scope="module")
 def wheels(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """Build both distributions as sdist, and the wheels from the sdists."""
-    folder = tmp_path_factory.mktemp("dist")
-    for source in (ROOT, ROOT / "clients"):
-        command = [sys.executable, "-m", "build", "--no-isolation", "--outdir", str(folder), str(source)]
-        subprocess.run(command, check=True, capture_output=True, timeout=300)
+
+    def build(folder: Path) -> None:
+        for source in (ROOT, ROOT / "clients"):
+            command = [sys.executable, "-m", "build", "--no-isolation", "--outdir", str(folder), str(source)]
+            subprocess.run(command, check=True, capture_output=True, timeout=300)
+
+    folder = made_once(tmp_path_factory, "wheels", build)
     found = {path.name.split("-")[0]: path for path in folder.glob("*.whl")}
     assert set(found) == {"robomend", "robomend_client"}
     return found
@@ -33,8 +39,11 @@ def pip(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     options = ["--disable-pip-version-check", "--python"]
     if importlib.util.find_spec("pip") is not None:
         return [sys.executable, "-m", "pip", *options]
-    folder = tmp_path_factory.mktemp("pip")
-    subprocess.run([sys.executable, "-m", "venv", str(folder)], check=True, timeout=120)
+
+    def install(folder: Path) -> None:
+        subprocess.run([sys.executable, "-m", "venv", str(folder)], check=True, timeout=120)
+
+    folder = made_once(tmp_path_factory, "pip", install)
     return [str(folder / "bin" / "pip"), *options]
 
 

@@ -13,6 +13,7 @@ from typing import Any
 from urllib.parse import unquote, urlsplit
 
 import pytest
+from tests.once import made_once
 
 from robomend import errors
 from robomend.cli.commands import COMMANDS
@@ -23,6 +24,8 @@ from robomend_client.observers.kinds import KINDS
 ROOT = Path(__file__).resolve().parents[1]
 HOOKS = ROOT / "docs" / "mkdocs_hooks.py"
 
+pytestmark = pytest.mark.timeout(600)  # a busy computer takes minutes to build it
+
 FETCHED = {("script", "src"), ("link", "href"), ("img", "src"), ("iframe", "src")}
 NOT_FETCHED = {"canonical", "next", "prev"}
 
@@ -30,13 +33,15 @@ NOT_FETCHED = {"canonical", "next", "prev"}
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Build it; whoever tries to reach another computer meanwhile finds a door that is shut."""
-    folder = tmp_path_factory.mktemp("site")
-    shut = "http://127.0.0.1:9"
-    environment = {**os.environ, "http_proxy": shut, "https_proxy": shut, "NO_MKDOCS_2_WARNING": "1"}
-    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(folder)]
-    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=110)
-    assert done.returncode == 0, done.stdout + done.stderr
-    return folder
+
+    def build(folder: Path) -> None:
+        shut = "http://127.0.0.1:9"
+        environment = {**os.environ, "http_proxy": shut, "https_proxy": shut, "NO_MKDOCS_2_WARNING": "1"}
+        command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(folder)]
+        done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)
+        assert done.returncode == 0, done.stdout + done.stderr
+
+    return made_once(tmp_path_factory, "site", build)
 
 
 class Looked(HTMLParser):

@@ -39,7 +39,7 @@ class Service:
         self.runtime = runtime
         self.repairs = cast(RepairsDouble, repairs)
         self.loop = loop
-        self.http = httpx.Client(base_url=url, timeout=60, verify=CERTIFICATES)
+        self.http = httpx.Client(base_url=url, timeout=120, verify=CERTIFICATES)
 
     def api(self, method: str, path: str, **options: Any) -> httpx.Response:
         """Make a request below /api/v1."""
@@ -79,7 +79,7 @@ class Service:
 
 def sign_in(service: Service, key: str, **headers: str) -> httpx.Response:
     """Sign in as a browser does, without keeping the cookie."""
-    with httpx.Client(base_url=service.url, timeout=60, verify=CERTIFICATES) as browser:
+    with httpx.Client(base_url=service.url, timeout=120, verify=CERTIFICATES) as browser:
         return browser.post("/api/v1/session", json={"key": key}, headers={"Origin": service.url, **headers})
 
 

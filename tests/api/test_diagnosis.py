@@ -19,6 +19,7 @@ from robomend.model.cnf import HealthCnf
 from robomend.model.loading import load_text
 from robomend.oneshots.solvers import SolverWorkers
 from robomend.robots.diagnoser import Diagnoser
+from robomend.robots.diagnosing import PATIENCE
 from robomend.robots.readers import SHORT_MODEL
 from robomend.settings import Settings
 from robomend.workers import process
@@ -39,7 +40,7 @@ def published(service: Service, robot: str) -> list[dict[str, Any]]:
 def test_a_diagnosis_explains_the_observations(service: Service) -> None:
     service.with_robot("plain")
     service.observe("not ok(map)", "ok(scan)", robot="plain")
-    found = service.diagnosis("plain", wait_s=10, after=0)
+    found = service.diagnosis("plain", wait_s=60, after=0)
     assert bad_sets(found) == [{"hector_mapping"}]
     result = found["result"]
     assert result["complete"]
@@ -52,7 +53,7 @@ def test_a_diagnosis_explains_the_observations(service: Service) -> None:
 def test_a_long_poll_ends_with_the_news_or_with_what_there_is(service: Service) -> None:
     service.with_robot("poll")
     service.observe("ok(scan)", robot="poll")
-    service.diagnosis("poll", wait_s=10, after=0)
+    service.diagnosis("poll", wait_s=60, after=0)
     began = time.monotonic()
     assert service.diagnosis("poll", wait_s=0.2, after=1)["revision"] == 1
     assert time.monotonic() - began >= 0.2
@@ -68,7 +69,7 @@ def test_what_says_the_same_is_no_event(service: Service) -> None:
     service.with_robot("same")
     for sentence in ("not ok(scan)", "not ok(map)", "not ok(scan)", "running(rviz)"):
         service.observe(sentence, robot="same")
-    service.diagnosis("same", wait_s=10, after=3)
+    service.diagnosis("same", wait_s=60, after=3)
     found = published(service, "same")
     assert [one["result"]["diagnoses"][0]["bad"] for one in found] in ([[], ["hokuyo"]], [["hokuyo"]])
 
@@ -78,7 +79,7 @@ def test_contradictory_observations_are_an_answer_of_their_own(service: Service)
     assert service.api("PUT", "/models/contradicted", json={"source": source}).status_code == 201
     service.api("PUT", "/robots/contra", json={"model": "contradicted"})
     service.observe("not on(a)", robot="contra")
-    found = service.diagnosis("contra", wait_s=10, after=0)
+    found = service.diagnosis("contra", wait_s=60, after=0)
     assert found["result"] is None
     assert found["fault"]["code"] == "contradictory-model"
     assert "on(a)" in found["fault"]["detail"]
@@ -87,13 +88,16 @@ def test_contradictory_observations_are_an_answer_of_their_own(service: Service)
 def test_what_flaps_is_debounced_but_not_for_ever(service: Service) -> None:
     service.with_robot("flapping", debounce_s=0.1)
     service.observe("ok(scan)", robot="flapping")
-    service.diagnosis("flapping", wait_s=10, after=0)
-    began = time.monotonic()
-    count = 0
-    while time.monotonic() - began < 2.5:
-        service.observe("ok(scan)" if count % 2 else "not ok(scan)", robot="flapping")
-        count += 1
-    assert 1 <= len(published(service, "flapping")) < count / 3
+    service.diagnosis("flapping", wait_s=60, after=0)
+    asked, answered = [time.monotonic()], [time.monotonic()]
+    while asked[-1] - asked[0] < 2.5:
+        asked.append(time.monotonic())
+        service.observe("ok(scan)" if len(asked) % 2 else "not ok(scan)", robot="flapping")
+        answered.append(time.monotonic())
+    spans = zip(asked, answered[1:], strict=False)
+    quiet = sum(after - before >= 0.1 for before, after in spans)  # where the computer was elsewhere
+    for_ever = (answered[-1] - asked[0]) / (PATIENCE * 0.1)
+    assert 1 <= len(published(service, "flapping")) <= 2 + for_ever + quiet
 
 
 def test_a_period_diagnoses_without_a_change(service: Service) -> None:
@@ -278,7 +282,7 @@ def test_a_slow_model_is_slow_alone(start: StartService) -> None:
     service.observe("not ok(p)", robot="slow")
     for number in range(10):
         service.observe("ok(scan)" if number % 2 else "not ok(scan)", robot="quick")
-        assert service.diagnosis("quick", wait_s=10, after=number)["revision"] == number + 1
+        assert service.diagnosis("quick", wait_s=60, after=number)["revision"] == number + 1
     found = service.diagnosis("slow", wait_s=30, after=0)
     assert found["revision"] == 1
     assert found["result"]["diagnoses"] or found["result"]["stopped_by"] == "time"
@@ -288,7 +292,7 @@ def test_a_node_that_is_meant_to_be_stopped_is_no_fault_and_the_answer_says_so(s
     service = start()
     service.with_robot(expected={"stopped": ["rviz"]})
     service.observe("not running(rviz)", "not running(hector_mapping)")
-    found = service.diagnosis(after=0, wait_s=10)
+    found = service.diagnosis(after=0, wait_s=60)
     assert bad_sets(found) == [{"hector_mapping"}]
     assert found["expected_stopped"] == ["rviz"]
     robot = service.api("GET", "/robots/r1")
@@ -306,7 +310,7 @@ def test_assertions_join_a_new_version_of_the_model_too(start: StartService) -> 
     service.with_robot()
     body = {"assertions": {"none": "not on(jaguar) and not on(hokuyo)"}}
     assert service.api("POST", "/robots/r1/observations", json=body).status_code == 200
-    assert bad_sets(service.diagnosis(after=0, wait_s=10)) == [{"jaguar", "hokuyo"}]
+    assert bad_sets(service.diagnosis(after=0, wait_s=60)) == [{"jaguar", "hokuyo"}]
     changed = TEDUSAR.replace("  rviz: {}\n", "")
     service.api("PUT", "/models/tedusar", json={"source": changed}, headers={"If-Match": "*"})
     for _ in range(100):

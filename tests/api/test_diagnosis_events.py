@@ -13,7 +13,7 @@ from robomend.robots.current import Current
 def test_text_and_object_of_a_diagnosis_agree(service: Service) -> None:
     service.with_robot("told")
     service.observe("not running(rviz)", robot="told")
-    found = service.diagnosis("told", after=0, wait_s=10)
+    found = service.diagnosis("told", after=0, wait_s=60)
     assert bad_sets(found) == [{"rviz"}]
     current = service.runtime.robots.memory.states["told"].current  # what the event was made from
     assert current is not None

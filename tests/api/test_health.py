@@ -17,10 +17,11 @@ def test_what_should_be_observed_and_is_not_is_unknown(start: StartService) -> N
         return value["state"], value["unknown"]
 
     assert robot() == ("unknown", ["ok(joy)", "ok(odom)"])
-    service.api("POST", "/robots/r1/observations", json={"observations": ["ok(odom)"], "lifetime_s": 0.4})
+    service.api("POST", "/robots/r1/observations", json={"observations": ["ok(odom)"]})
     assert robot() == ("partly-unknown", ["ok(joy)"])
     service.api("POST", "/robots/r1/observations", json={"observations": ["ok(joy)"]})
     assert robot() == ("healthy", [])
+    service.api("POST", "/robots/r1/observations", json={"observations": ["ok(odom)"], "lifetime_s": 0.4})
     until(lambda: robot() == ("partly-unknown", ["ok(odom)"]), "odom is unknown")  # it outlived its lifetime
     service.api("POST", "/robots/r1/observations", json={"observations": ["not ok(odom)"]})
     assert robot() == ("unhealthy", [])

@@ -10,6 +10,7 @@ from urllib.parse import urljoin
 import httpx
 import pytest
 from tests.api.conftest import Service
+from tests.waiting import until
 
 from robomend.api.app import routes
 from robomend.api.lists import is_list
@@ -26,6 +27,7 @@ def _robots(service: Service) -> None:
     for sentence in ("ok(scan)", "not ok(scan)", "not ok(map)", "ok(map)"):
         service.observe(sentence, robot="r0")
     service.api("POST", "/stop", json={"reason": REASON})
+    until(lambda: service.api("GET", "/stop").json()["written"], "the stop is in the audit log", 60)
 
 
 def lines(answer: httpx.Response) -> list[Any]:

@@ -140,7 +140,7 @@ def test_a_new_version_diagnoses_anew_without_losing_obs(start: StartService) ->
     service = start()
     service.with_robot()
     service.observe("not on(jaguar)", "ok(odom)")
-    before = service.diagnosis(wait_s=5, after=0)
+    before = service.diagnosis(wait_s=60, after=0)
     assert before["result"]["diagnoses"][0]["bad"] == ["jaguar"]
     more = TEDUSAR.rstrip() + '\nrules:\n  - "not ab(imu) -> on(jaguar)"\n'
     service.api("PUT", "/models/tedusar", json={"source": more}, headers={"If-Match": "*"})

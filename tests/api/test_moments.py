@@ -87,7 +87,7 @@ def told(service: Service) -> Service:
     service.with_robot("m1", board={"host": "127.0.0.1", "port": 1})
     body = {"observations": ["ok(scan)"], "assertions": {"a": "ok(map) or ok(odom)"}, "lifetime_s": 60}
     service.api("POST", "/robots/m1/observations", json=body)
-    service.diagnosis("m1", after=0, wait_s=10)
+    service.diagnosis("m1", after=0, wait_s=60)
     service.api("POST", "/stop", json={"reason": "a moment"})
     return service
 

@@ -76,7 +76,7 @@ def test_a_result_reads_the_same_by_every_door(
     assert timeless(posted.json()) == told
     robot = name.replace(" ", "-")
     from_robot(service, robot, source, sentences)
-    current = service.diagnosis(robot, after=0, wait_s=10)["result"]
+    current = service.diagnosis(robot, after=0, wait_s=60)["result"]
     assert timeless(current) == told
     said = 0 if name == "healthy" else 1  # a diagnosis that says the same as the one before is no event
     with following(service, f"/robots/{robot}/events", last="0") as events:

@@ -108,7 +108,7 @@ def test_a_kill_ends_its_workers_too_and_loses_nothing(tmp_path: Path) -> None:
     with started(tmp_path) as (process, url):
         found = httpx.get(f"{url}/api/v1/robots/r1", timeout=20).json()
         assert found["revision"] == 20
-        current = httpx.get(f"{url}/api/v1/robots/r1/diagnosis?after=19&wait_s=10", timeout=20).json()
+        current = httpx.get(f"{url}/api/v1/robots/r1/diagnosis?after=19&wait_s=60", timeout=90).json()
         assert current["result"]["diagnoses"][0]["bad"] == []
 
 

@@ -88,7 +88,7 @@ def find(service: Service, repair: str) -> dict[str, Any]:
 def test_the_history_is_as_described(service: Service, kind: str) -> None:
     body = {"observations": ["ok(odom)"], "assertions": {"a": "ok(map) or ok(odom)"}}
     service.api("POST", "/robots/r1/observations", json=body)
-    service.diagnosis("r1", after=0, wait_s=10)
+    service.diagnosis("r1", after=0, wait_s=60)
     until(lambda: ids(service, "/robots/r1/history", kind=kind), f"there is no {kind} yet", 60)
     for item in service.api("GET", "/robots/r1/history", params={"kind": kind}).json()["items"]:
         described(HistoryLine, item)

@@ -137,15 +137,18 @@ def test_what_another_instance_heard_meanwhile_makes_it_news(start: StartService
 
 def test_a_lifetime_that_another_instance_renewed_does_not_end(start: StartService) -> None:
     one, two = start(), start()
-    one.with_robot()
-    one.observe("not ok(scan)", lifetime_s=1.5)
-    assert bad_sets(two.diagnosis(after=0, wait_s=20)) == [{"hokuyo"}, {"hokuyo_node"}]
-    one.observe("not ok(scan)", lifetime_s=3600)
+    for number in range(10):
+        robot = f"r{number}"
+        one.with_robot(robot)
+        one.observe("not ok(scan)", robot=robot, lifetime_s=2.0)
+        assert bad_sets(two.diagnosis(robot, after=0, wait_s=20)) == [{"hokuyo"}, {"hokuyo_node"}]
+        if one.observe("not ok(scan)", robot=robot, lifetime_s=3600).json()["revision"] == 1:
+            break  # else it had ended before it was renewed, on a busy computer
 
     def left_s() -> float:
-        entry = two.runtime.robots.memory.states["r1"].obs.get(SCAN)
+        entry = two.runtime.robots.memory.states[robot].obs.get(SCAN)
         return 0.0 if entry is None or entry.expires_ns is None else entry.expires_ns / 1e9 - time.time()
 
-    until(lambda: left_s() > 1000, "the other instance does not hear of it", 30)
-    assert bad_sets(two.diagnosis()) == [{"hokuyo"}, {"hokuyo_node"}]
-    assert one.api("GET", "/robots/r1").json()["revision"] == 1
+    until(lambda: left_s() > 1000, "the other instance does not hear of it", 60)
+    assert bad_sets(two.diagnosis(robot)) == [{"hokuyo"}, {"hokuyo_node"}]
+    assert one.api("GET", f"/robots/{robot}").json()["revision"] == 1

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import json
 import os
 import random
@@ -20,6 +19,7 @@ import pytest
 from tests.clients.running_agent import alive
 from tests.clients.service_double import eventually
 from tests.forked import popen
+from tests.once import made_once
 from tests.robomend_demo.playing import END_S, Playing, children, play, playing
 
 DEVICES = {"jaguar", "hokuyo", "laser_alignment"}
@@ -44,7 +44,7 @@ RESTART = ["power_up(jaguar)", "stop_node(jaguar_node)", "start_node(jaguar_node
 RESTART_LIDAR = ["stop_node(hokuyo_node)", "start_node(hokuyo_node)"]
 CYCLE_LIDAR = ["shutdown(hokuyo)", "power_up(hokuyo)"]
 
-pytestmark = pytest.mark.timeout(240)
+pytestmark = pytest.mark.timeout(600)
 
 
 @pytest.fixture(scope="session")
@@ -64,13 +64,7 @@ def played(
     tmp_path_factory: pytest.TempPathFactory, name: str, play_it: Callable[[Path], object]
 ) -> tuple[dict[str, Any], Path]:
     """Return what a demo printed, and its report folder; the first who asks plays it."""
-    own = tmp_path_factory.getbasetemp()
-    shared = own.parent if "PYTEST_XDIST_WORKER" in os.environ else own
-    folder = shared / name
-    with (shared / f"{name}.lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        if not folder.exists():
-            play_it(folder)
+    folder = made_once(tmp_path_factory, name, play_it)
     return json.loads((folder / "out").read_text()), folder / "report"
 
 

@@ -17,7 +17,7 @@ def test_who_waits_for_observations_hears_of_those_of_another_instance(start: St
     one, two = start(), start()
     one.with_robot()
     one.observe("ok(scan)")
-    assert two.diagnosis(after=0, wait_s=10)["revision"] == 1
+    assert two.diagnosis(after=0, wait_s=60)["revision"] == 1
     robots = two.runtime.robots
 
     async def wait() -> int:
@@ -38,7 +38,7 @@ def test_either_instance_serves_what_the_other_was_told(start: StartService) -> 
     for number in range(10):
         told, asked = (one, two) if number % 2 else (two, one)
         told.observe("not ok(scan)" if number % 2 else "ok(scan)")
-        found = asked.diagnosis(after=number, wait_s=10)
+        found = asked.diagnosis(after=number, wait_s=60)
         assert found["revision"] == number + 1
         assert bad_sets(found) == ([{"hokuyo"}, {"hokuyo_node"}] if number % 2 else [set()])
 
