@@ -115,6 +115,9 @@ class Database:
         with translated():
             connection = self._engine.connect().execution_options(robomend_writes=True)
             if self.path is None:
+                itself: Any = connection.connection.driver_connection
+                itself.prepare_threshold = None  # pipeline.py prepares, and a rollback would forget that, too
+                connection.exec_driver_sql("DEALLOCATE ALL")  # what was prepared before
                 connection.exec_driver_sql(f"SET idle_in_transaction_session_timeout = {HANGS_MS}")
                 connection.commit()
             return connection

@@ -15,10 +15,10 @@ writer until the COMMIT: that is what makes event ids gapless and committed in t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
-from typing import TypeVar
+from collections.abc import Callable, Collection, Iterable, Sequence
+from typing import Any, TypeVar
 
-from sqlalchemy import Executable, Table, bindparam, select, text
+from sqlalchemy import Connection, Executable, Table, bindparam, select, text
 
 from robomend.errors import StateConflict
 from robomend.store import results, schema
@@ -71,9 +71,10 @@ _LOOK_AT_ROBOTS = """
 """
 _STATES = {
     "sqlite": f"{_LOOK_AT_ROBOTS} WHERE robot_state.robot IN ({{keys}}) ORDER BY robot_state.robot",
-    "postgresql": f"{_LOOK_AT_ROBOTS} WHERE robot_state.robot = ANY(%s) ORDER BY robot_state.robot"
+    "postgresql": f"{_LOOK_AT_ROBOTS} WHERE robot_state.robot = ANY($1) ORDER BY robot_state.robot"
     " FOR UPDATE OF robot_state",
 }
+_REMOVALS = f"SELECT value FROM counters WHERE name = '{results.REMOVALS}'"
 _ANSWERS = select(schema.idempotency).where(
     schema.idempotency.c.key.in_(bindparam("keys", expanding=True)),
     schema.idempotency.c.expires_ns > bindparam("now_ns"),
@@ -92,6 +93,14 @@ _TELL = """
 _NEXT_TOLD = Prepared(
     lambda _: text(_TELL), ("counter", "by", "channel")
 )  # the others hear of it at the COMMIT
+_KEEP_NEXT_EVENT = Prepared(
+    lambda _: text(
+        "INSERT INTO events (id, time_ns, kind, robot, data, common)"
+        " SELECT value - :id, :time_ns, :kind, :robot, :data, :common FROM counters WHERE name = 'event'"
+    ),
+    EVENTS,
+)
+"""In place of its id stands how far it is below the counter, which only the server knows yet."""
 
 
 class Group:
@@ -107,15 +116,19 @@ class Group:
     ) -> None:
         """`known`: what need not be looked up; whoever fails to commit the group has it forgotten."""
         self.driver = driver
-        self.connection = driver.connection
         self.kind = driver.kind
         self.now_ns = now_ns
         self.rows = Rows()
         self._numbers: dict[str, int] = {}  # of results that this group found or wrote, by digest
+        self._last: Callable[[], int] = lambda: 0  # the id of the newest event, once that is known
         self._known = known
-        known.look(driver, now_ns // results.DAY_NS)
-        self.rows.states = self.lock(robots)
+        self.rows.states = self._begin(robots, now_ns // results.DAY_NS)
         self.answers = self._answers(onces) if onces else {}
+
+    @property
+    def connection(self) -> Connection:
+        """SQLAlchemy's, in the transaction."""
+        return self.driver.connection
 
     def run(self, change: Callable[[Transaction], T], once: IdempotencyKey | None) -> T:
         """Run one change; if it raises, nothing of it is left."""
@@ -141,18 +154,32 @@ class Group:
         tx.done()
         return result
 
+    def _begin(self, robots: Collection[str], day: int) -> dict[str, LockedRobot]:
+        """Lock the robots, once it is clear whether what is known still stands; PostgreSQL is told to begin,
+        and asked for both, at once.
+        """
+        if self.kind == "sqlite":
+            self._known.look(self.driver, day)
+            return self.lock(robots)
+        with self.driver.together():
+            removals = self.driver.execute(_REMOVALS)
+            looks = self._look_at(robots)
+        self._known.is_at(removals.fetchall(), day)
+        return _locked(looks)
+
     def lock(self, robots: Collection[str]) -> dict[str, LockedRobot]:
         """Lock robots, in the order of their names, and return what is known of them."""
         known = self._known.robots
         found = {robot: known[robot] for robot in robots if robot in known}
-        if len(found) == len(robots):
-            return found
-        names = sorted({checked(robot) for robot in robots if robot not in found})
-        for start in range(0, len(names), 500):
-            some = names[start : start + 500]
-            for robot, revision, fence, owner, there in self.driver.select_in(_STATES, some):
-                found[robot] = LockedRobot(revision, fence, owner, bool(there))
+        if len(found) < len(robots):
+            found |= _locked(self._look_at(robot for robot in robots if robot not in found))
         return found
+
+    def _look_at(self, robots: Iterable[str]) -> list[Any]:
+        names = sorted({checked(robot) for robot in robots})
+        return [
+            self.driver.select_in(_STATES, names[start : start + 500]) for start in range(0, len(names), 500)
+        ]
 
     def _answers(self, onces: Sequence[IdempotencyKey]) -> dict[tuple[str, str], tuple[str, str]]:
         keys = sorted({checked(once.key) for once in onces})
@@ -165,7 +192,7 @@ class Group:
 
     def flush(self, rows: Rows) -> None:
         """Write the rows that have no id yet to get: all but audit and events."""
-        execute, driver = self.connection.execute, self.driver
+        driver = self.driver
         if rows.history:
             _KEEP_BATCH.run(driver, rows.history)
             rows.history = []
@@ -175,7 +202,9 @@ class Group:
                 _KEEP_OBS.run(driver, kept)
             if len(kept) < len(rows.obs):
                 gone = [key for key, values in rows.obs.items() if values is None]
-                execute(_FORGET, [{"of_robot": robot, "of_atom": atom} for robot, atom in gone])
+                self.connection.execute(
+                    _FORGET, [{"of_robot": robot, "of_atom": atom} for robot, atom in gone]
+                )
             rows.obs = {}
         if rows.revised:
             states = rows.states
@@ -187,11 +216,11 @@ class Group:
             _KEEP_DIAGNOSIS.run(driver, [self._numbered(row) for row in rows.diagnoses])
             rows.diagnoses = []
         if rows.once:
-            execute(upsert(self.kind, schema.idempotency), list(rows.once.values()))
+            self.connection.execute(upsert(self.kind, schema.idempotency), list(rows.once.values()))
             rows.once = {}
 
-    def finish(self) -> tuple[Event, ...]:
-        """Write what is left, give the ids, and return the events. The COMMIT comes next."""
+    def finish(self) -> None:
+        """Write what is left, and give the ids. The COMMIT comes next, and then `events`."""
         self.flush(self.rows)
         audit, pending = self.rows.audit, self.rows.events
         if audit:
@@ -202,17 +231,31 @@ class Group:
         if not pending:
             if self.rows.turn and self.kind == "postgresql":  # on SQLite it is the transaction's own
                 self._count("event", 0)
-            return ()
+            return
+        count, now_ns = len(pending), self.now_ns
         if self.kind == "postgresql":
-            last = int(_NEXT_TOLD.value(self.driver, ("event", len(pending), CHANNEL)))
+            self._last = _NEXT_TOLD.later(self.driver, ("event", count, CHANNEL))
+            places, keep = range(count - 1, -1, -1), _KEEP_NEXT_EVENT
         else:
-            last = self._count("event", len(pending))
-        now_ns, events, rows = self.now_ns, [], []
-        for id_, (kind, robot, data, own, digest) in enumerate(pending, last - len(pending) + 1):
-            events.append(Event(id_, now_ns, kind, robot, data))
-            rows.append(self._numbered((id_, now_ns, str(kind), robot, own, digest)))
-        _KEEP_EVENT.run(self.driver, rows)
-        return tuple(events)
+            last = self._count("event", count)
+            self._last = lambda: last
+            places, keep = range(last - count + 1, last + 1), _KEEP_EVENT
+        rows = [
+            self._numbered((place, now_ns, str(kind), robot, own, digest))
+            for place, (kind, robot, _, own, digest) in zip(places, pending, strict=True)
+        ]
+        keep.run(self.driver, rows)
+
+    def events(self) -> tuple[Event, ...]:
+        """Return the events of the group, which is finished and committed."""
+        pending = self.rows.events
+        first = self._last() - len(pending) + 1
+        return tuple(
+            [
+                Event(id_, self.now_ns, kind, robot, data)
+                for id_, (kind, robot, data, _, _) in enumerate(pending, first)
+            ]
+        )
 
     def _give_numbers(self, common: dict[str, str]) -> None:
         """Keep the results that are not yet, and learn their numbers."""
@@ -235,7 +278,8 @@ class Group:
 
     def learned(self) -> None:
         """The transaction was committed."""
-        self._known.learn(self.rows.states, self._numbers)
+        states = self.rows.states if self.kind == "sqlite" else {}  # no longer locked
+        self._known.learn(states, self._numbers)
 
     def forget_numbers(self) -> None:
         """Some of the results were taken back."""
@@ -243,3 +287,11 @@ class Group:
 
     def _count(self, counter: str, by: int) -> int:
         return int(_NEXT.value(self.driver, (counter, by)))
+
+
+def _locked(looks: Iterable[Any]) -> dict[str, LockedRobot]:
+    return {
+        robot: LockedRobot(revision, fence, owner, bool(there))
+        for look in looks
+        for robot, revision, fence, owner, there in look.fetchall()
+    }

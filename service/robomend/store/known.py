@@ -1,11 +1,12 @@
-"""What a writer of SQLite knows without asking, for as long as nobody else has written to the database.
+"""What a writer knows without asking, for as long as nobody else has changed it.
 
 Every group would have to look up its robots' rows and the numbers of its results. SQLite tells in one word
 and without the disk whether another connection has committed anything (`data_version`): if none has, what
 our own last groups found and wrote is what is there. When we change anything else ourselves, a robot's owner
 say, all is forgotten, and so it is when a group fails.
 
-PostgreSQL has no such word, and locks the rows by reading them.
+PostgreSQL has no such word, and locks the robots' rows by reading them. With them comes how often results
+were removed (results.py); while that is the same, their numbers are.
 """
 
 from __future__ import annotations
@@ -30,10 +31,11 @@ class KnownRows:
         self._day = -1
 
     def look(self, driver: DriverConnection, day: int) -> None:
-        """A transaction has begun, on this day: forget what may have changed since the last one."""
-        if driver.kind != "sqlite":
-            return
-        version = driver.execute("PRAGMA data_version").fetchone()
+        """A transaction of SQLite's has begun, on this day: forget what may have changed since the last."""
+        self.is_at(driver.execute("PRAGMA data_version").fetchone(), day)
+
+    def is_at(self, version: object, day: int) -> None:
+        """The database is at this version, on this day: forget what is known of another."""
         if version != self._version or day != self._day:
             self.forget()
             self._version, self._day = version, day

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from contextlib import closing
 from dataclasses import dataclass
 from itertools import chain
 from operator import itemgetter
@@ -29,6 +28,7 @@ Row = Sequence[Any]
 AT_ONCE = 64
 """Rows in one statement of SQLite: of so few different lengths that each stays prepared."""
 
+_BY_NAME = re.compile(r"%\((\w+)\)s")
 _ROW = re.compile(r"VALUES (\([?, ]+\))")
 
 
@@ -59,6 +59,9 @@ class Prepared:
     def run(self, driver: DriverConnection, rows: Sequence[Row]) -> None:
         """Execute it for each row."""
         made = self._made.get(driver.kind) or self._in_words(driver)
+        if driver.kind == "postgresql":
+            driver.execute_many(made.text, rows)
+            return
         given: Sequence[Any] = rows if made.given is None else [made.given(row) for row in rows]
         try:
             if len(given) == 1:
@@ -70,13 +73,17 @@ class Prepared:
 
     def value(self, driver: DriverConnection, row: Row) -> Any:
         """Execute it and return the first value of the first row that it returns."""
+        return self.later(driver, row)()
+
+    def later(self, driver: DriverConnection, row: Row) -> Callable[[], Any]:
+        """Execute it, and return what returns that value; that waits for it, after `together`."""
         made = self._made.get(driver.kind) or self._in_words(driver)
-        return driver.execute(made.text, row if made.given is None else made.given(row)).fetchone()[0]
+        cursor = driver.execute(made.text, row if made.given is None else made.given(row))
+        return lambda: cursor.fetchone()[0]
 
     def _run(self, itself: Any, made: _Made, given: Sequence[Any]) -> None:
         if made.one is None:
-            with closing(itself.cursor()) as cursor:
-                cursor.executemany(made.text, given)
+            itself.executemany(made.text, given)
             return
         done = 0
         while left := len(given) - done:
@@ -101,15 +108,17 @@ class Prepared:
         dialect = driver.connection.dialect
         compiled = statement.compile(dialect=dialect, column_keys=list(self._columns))  # type: ignore[attr-defined]  # every statement has it
         assert isinstance(compiled, SQLCompiler)
-        one = _ROW.search(str(compiled)) if driver.kind == "sqlite" else None
-        order = compiled.positiontup if compiled.positional else None
-        made = self._made[driver.kind] = _Made(str(compiled), self._given(order), one)
+        if driver.kind == "postgresql":
+            words = _BY_NAME.sub(lambda found: f"${self._columns.index(found[1]) + 1}", str(compiled))
+            made = _Made(words.replace("%%", "%"), None, None)
+        else:
+            assert compiled.positiontup is not None
+            made = _Made(str(compiled), self._given(compiled.positiontup), _ROW.search(str(compiled)))
+        self._made[driver.kind] = made
         return made
 
-    def _given(self, order: Sequence[str] | None) -> Callable[[Row], Any] | None:
-        """Return what makes of a row what the driver takes: values by name, or in this order."""
-        if order is None:
-            return lambda row: dict(zip(self._columns, row, strict=True))
+    def _given(self, order: Sequence[str]) -> Callable[[Row], Any] | None:
+        """Return what puts the values of a row in this order."""
         if tuple(order) == self._columns:
             return None
         places = [self._columns.index(name) for name in order]

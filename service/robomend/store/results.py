@@ -22,12 +22,14 @@ from robomend.store.encoding import filled
 from robomend.store.view import AnyRow, View
 
 DAY_NS = 86_400_000_000_000
+REMOVALS = "results-removed"
+"""The counter of removals: while it stands, the numbers that somebody knows are right (known.py)."""
 _SOME = 500
 
 _RESULTS = schema.results
 _NEWEST = select(func.coalesce(func.max(_RESULTS.c.used_day), 0)).scalar_subquery()
 _LOOK = "SELECT digest, number, used_day, (SELECT max(used_day) FROM results) FROM results WHERE digest"
-_FIND = {"sqlite": f"{_LOOK} IN ({{keys}})", "postgresql": f"{_LOOK} = ANY(%s)"}
+_FIND = {"sqlite": f"{_LOOK} IN ({{keys}})", "postgresql": f"{_LOOK} = ANY($1)"}
 _TEXTS = select(_RESULTS.c.number, _RESULTS.c.data).where(
     _RESULTS.c.number.in_(bindparam("numbers", expanding=True))
 )
@@ -59,7 +61,8 @@ def number(driver: DriverConnection, texts: Mapping[str, str], now_ns: int) -> d
     digests = sorted(texts)  # one order, so that instances do not wait for each other in a circle
     for start in range(0, len(digests), _SOME):
         some = digests[start : start + _SOME]
-        for digest, found, used_day, newest in driver.select_in(_FIND, [*map(bytes.fromhex, some)]):
+        look = driver.select_in(_FIND, [*map(bytes.fromhex, some)])
+        for digest, found, used_day, newest in look.fetchall():
             if used_day >= max(today, newest):
                 numbers[digest.hex()] = found
         if missing := [digest for digest in some if digest not in numbers]:
@@ -67,7 +70,8 @@ def number(driver: DriverConnection, texts: Mapping[str, str], now_ns: int) -> d
                 _KEEP[driver.kind],
                 [{"of_digest": digest, "text": texts[digest], "today": today} for digest in missing],
             )
-            for digest, found, _, _ in driver.select_in(_FIND, [*map(bytes.fromhex, missing)]):
+            look = driver.select_in(_FIND, [*map(bytes.fromhex, missing)])
+            for digest, found, _, _ in look.fetchall():
                 numbers[digest.hex()] = found
     return numbers
 

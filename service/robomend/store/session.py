@@ -26,6 +26,7 @@ import contextlib
 import fcntl
 import os
 import secrets
+import select
 import socket
 import sqlite3
 import struct
@@ -47,6 +48,9 @@ POLL_S = 0.05
 """SQLite: how late an event of another process may come."""
 PING_S = 0.3
 """PostgreSQL: how often the connection is looked at, when nothing comes."""
+TOLD_S = 0.002
+"""PostgreSQL: from a sign to looking at it. What we committed ourselves has come to the event loop by then,
+and need not wake it; and of many signs the newest counts."""
 BEAT_S = 0.4
 """Between two words of ours that we live."""
 SURE_S = 2.0
@@ -231,17 +235,35 @@ class PostgresSession(InstanceSession):
                 connection.execute(_SAY, (*us, round((boot_s() - turned_s) * 1e9)))
 
             self._beat(say)
+            # What comes while something else is said or asked goes here, too.
+            connection.add_notify_handler(lambda notification: self._on_sign(int(notification.payload)))
             row = connection.execute("SELECT value FROM counters WHERE name = 'event'").fetchone()
             self._taken(instance)
             self._on_sign(row[0] if row else 0)
+            hearing = select.poll()
+            hearing.register(connection.fileno(), select.POLLIN)
             while not self._closing.is_set():
-                # All of it is heard before anything is said: the generator locks the connection meanwhile.
-                heard = [*connection.notifies(timeout=PING_S, stop_after=1)]
-                for notification in heard:
-                    self._on_sign(int(notification.payload))
-                self._beat(say)
-                if not heard:
+                if hearing.poll(PING_S * 1000):
+                    time.sleep(TOLD_S)
+                    newest = _newest(connection.pgconn)
+                    if newest is not None:
+                        self._on_sign(newest)
+                else:
                     connection.execute("SELECT 1")
+                self._beat(say)
+
+
+def _newest(link: Any) -> int | None:
+    """Return the newest event that a connection was told of, of all that has come; None: of none.
+
+    Raises:
+        psycopg.OperationalError: the connection is lost.
+    """
+    link.consume_input()
+    newest: int | None = None
+    while (told := link.notifies()) is not None:
+        newest = int(told.extra)
+    return newest
 
 
 class SqliteSession(InstanceSession):

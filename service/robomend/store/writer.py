@@ -184,7 +184,7 @@ class Writer:
                 if time.monotonic() - begun > GROUP_TIME_S:
                     break
             with driver.together():
-                events = group.finish()
+                group.finish()
                 self.committing = committing = True
                 driver.commit()
         except BaseException as error:
@@ -200,6 +200,7 @@ class Writer:
                 raise _Repeat(translate(error)) from error
             raise
         group.learned()
+        events = group.events()
         self.commits += 1
         self.writes += count
         self.last_commit_s = time.monotonic() - begun
