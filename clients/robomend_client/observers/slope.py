@@ -12,8 +12,8 @@ from __future__ import annotations
 from collections import deque
 
 REBUILD = 4096
-LARGEST = 1e100
-"""A value beyond it is no measurement, and its square no number."""
+SMALLEST, LARGEST = -1e100, 1e100
+"""A value beyond them is no measurement, and its square no number."""
 
 
 class Slope:
@@ -52,11 +52,12 @@ class Slope:
 
         None where there is no line: of fewer than three samples, or of samples all at one time.
         """
-        samples = self._samples
-        if not -LARGEST < value < LARGEST:
+        if not SMALLEST < value < LARGEST:
             return None
+        samples = self._samples
         if not samples:
             self._origin_ns, self._v0 = time_ns, value
+            self.oldest_ns = time_ns
         t = (time_ns - self._origin_ns) * 1e-9
         v = value - self._v0
         samples.append((time_ns, t, v))
@@ -66,14 +67,17 @@ class Slope:
         stt = self._stt + t * t
         stv = self._stv + t * v
         last_ns = time_ns - self.window_ns
-        while samples[0][0] <= last_ns:
-            _, t, v = samples.popleft()
-            n -= 1
-            st -= t
-            sv -= v
-            stt -= t * t
-            stv -= t * v
-        self.oldest_ns = samples[0][0]
+        if self.oldest_ns <= last_ns:
+            oldest_ns = last_ns
+            while oldest_ns <= last_ns:
+                _, t, v = samples.popleft()
+                n -= 1
+                st -= t
+                sv -= v
+                stt -= t * t
+                stv -= t * v
+                oldest_ns = samples[0][0]
+            self.oldest_ns = oldest_ns
         self._n = n
         self._st = st
         self._sv = sv
@@ -85,8 +89,9 @@ class Slope:
             return self._line()
         if n < 3:
             return None
-        square = n * stt - st * st
-        if square <= 1e-9 * n * stt:  # what is left of the sums may be rounding only
+        stt *= n
+        square = stt - st * st
+        if square <= 1e-9 * stt:  # what is left of the sums may be rounding only
             self._rebuild()
             return self._line()
         return (n * stv - st * sv) / square
