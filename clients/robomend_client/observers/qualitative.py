@@ -62,10 +62,9 @@ class TrendOf:
     """The trend of one value, sample by sample."""
 
     def __init__(self, expected: Trend) -> None:
-        self._line = Slope(ns(expected.window_s))
+        self._window_ns = ns(expected.window_s)
+        self._line = Slope(self._window_ns, self._window_ns // 2)
         self._add = self._line.add
-        self._window_ns = self._line.window_ns
-        self._half_ns = self._window_ns // 2
         outer, inner = expected.slope, expected.slope * (1 - expected.hysteresis)
         # The trend that was told -> above which slope it is inc, below which dec.
         self._limits = {
@@ -106,7 +105,7 @@ class TrendOf:
         if self._turn is not None:
             reading = self._unwrap(reading, self._turn)
         slope = self._add(time_ns, reading)
-        if slope is None or time_ns - self._line.oldest_ns < self._half_ns:
+        if slope is None:
             return
         trend = INC if slope > self._upper else DEC if slope < self._lower else CONST
         if trend == self.now:
