@@ -298,31 +298,34 @@ class Driver:
 
     def _run(self, until_ns: int) -> Sequence[Change]:
         """Ask whoever is due up to `until_ns`, tick by tick."""
-        changes: list[Change] = []
+        changes: Sequence[Change] = ()
         touched: dict[Atom, None] = {}
         ticks = self._ticks
-        while (tick_ns := ticks.next_ns) <= until_ns:
+        tick_ns = ticks.next_ns
+        while tick_ns <= until_ns:
             if tick_ns > self.now_ns:
                 self.now_ns = tick_ns
-            # All of one tick before anything is combined: or an atom would flicker between its observers.
-            while ticks.next_ns == tick_ns:
-                state = ticks.pop()
-                if state is None:
-                    continue
+            state = ticks.pop()
+            if state is not None:
                 try:
                     if not state.waiting and (not state.fed or tick_ns % state.period_ns):
                         due_ns = state.due_ns()
-                        if due_ns is None or due_ns > tick_ns:  # samples have put it off since it was planned
-                            ticks.plan(state, due_ns, tick_ns)
-                            continue
+                        asked = due_ns is not None and due_ns <= tick_ns
+                    else:
+                        asked = True  # samples came, and this is a tick of its own grid
                 except Exception as error:  # noqa: BLE001  # anybody's observer may raise anything
                     self._failed(state, error, touched)
-                    continue
-                # It is due, or samples came and this is a tick of its own grid.
-                self._ask(state, tick_ns, touched)
-            if touched:
-                changes += self._combined.changes(touched, tick_ns)
+                else:
+                    if asked:
+                        self._ask(state, tick_ns, touched)
+                    else:
+                        ticks.plan(state, due_ns, tick_ns)  # samples have put it off since it was planned
+            next_ns = ticks.next_ns
+            # All of one tick before anything is combined: or an atom would flicker between its observers.
+            if touched and next_ns != tick_ns:
+                changes = [*changes, *self._combined.changes(touched, tick_ns)]
                 touched.clear()
+            tick_ns = next_ns
         return changes
 
     def _ask_now(self, state: ObserverState) -> Sequence[Change]:
