@@ -193,7 +193,7 @@ class _Side:
                 if before is None:
                     return None
                 mean = (mean - before) / (tick_ns - before_ns) * 1e9
-            self._trend.add(tick_ns, mean)
+            self._trend.feed("", tick_ns, mean)
             self._sign = INC if mean > self._slope else DEC if mean < -self._slope else CONST
         elif tick_ns - self._mean_ns >= self._window_ns:
             self.reset()

@@ -49,8 +49,8 @@ from robomend_client.observers.ticks import Ticks
 
 log = logging.getLogger(__name__)
 
-JUMP_NS = SECOND
-"""How far a sample's stamp may be from the time before without being a jump."""
+JUMP_NS, BACK_NS = SECOND, -SECOND
+"""How far a sample's stamp may be from the time before without being a jump, ahead and back."""
 
 OLDEST_NS = 10 * SECOND
 """Live, a sample that was made longer ago than this comes from another clock, or too late to be of use."""
@@ -121,13 +121,14 @@ class Driver:
             value: what the observers of this source understand. now_ns: when it was taken in, live; None in
             a log, whose samples come in the order of their stamps.
         """
-        route = self._routes.get(source)
-        if route is None:
+        try:
+            route = self._routes[source]
+        except KeyError:
             return ()
         if now_ns is None:
             now_ns = self.now_ns
             ahead_ns = time_ns - now_ns
-            if self._held is not None or not -JUMP_NS <= ahead_ns <= JUMP_NS:
+            if ahead_ns > JUMP_NS or ahead_ns < BACK_NS or self._held is not None:
                 return self._far(source, time_ns, value)
             if ahead_ns > 0:
                 now_ns = time_ns
@@ -142,7 +143,42 @@ class Driver:
             elif time_ns < now_ns - OLDEST_NS:
                 self.problems.left_out("behind", source, time_ns - now_ns)
                 return ()
-        return self._take(route, source, time_ns, value, now_ns)
+        changes: Sequence[Change] = self._run(now_ns) if now_ns >= self._ticks.next_ns else ()
+        self.now_ns = now_ns
+        if time_ns >= route.newest_ns:
+            route.newest_ns = time_ns
+        else:
+            time_ns = route.newest_ns  # overtaken within its source
+        if self._listener is not None:
+            self._listener.sample(source, time_ns, value, now_ns)
+        for state in route.states:
+            if time_ns < state.floor_ns:
+                continue  # from before the reset: what it tells is not young enough
+            try:
+                state.feed(source, time_ns, value)
+                if state.fed:
+                    continue  # it has its turn
+                period_ns = state.period_ns
+                if not period_ns:
+                    said, due_ns = state.check(now_ns), state.due_ns()
+                    if said is state.said and not state.waiting:
+                        if due_ns is not None and due_ns < state.tick_ns:
+                            self._ticks.plan(state, due_ns, now_ns)
+                        continue
+            except NoNumber:
+                self.problems.no_number(source)
+                continue
+            except Exception as error:  # noqa: BLE001  # anybody's observer may raise anything
+                changes = [*changes, *self._failed(state, error, source=source)]
+                continue
+            if not period_ns:
+                changes = [*changes, *self._ask_now(state)]
+            else:
+                state.fed = True
+                tick_ns = (now_ns // period_ns + 1) * period_ns
+                if tick_ns < state.tick_ns:
+                    self._ticks.schedule(state, tick_ns)
+        return changes
 
     def quiet(self, samples: Samples, gap_ns: int, until_ns: int) -> bool:
         """Take in a stretch of a log at once if no verdict changes in it; else nothing is taken in: False.
@@ -167,7 +203,7 @@ class Driver:
                 route.newest_ns = int(samples[source][0][-1])
         for state, take in taking:
             take()
-            self._ticks.schedule(state, state.planned_ns(state.due_ns(), until_ns))
+            self._ticks.plan(state, state.due_ns(), until_ns)
         return True
 
     def advance(self, now_ns: int) -> Sequence[Change]:
@@ -231,42 +267,6 @@ class Driver:
 
     # --- samples --------------------------------------------------------------------------------------
 
-    def _take(self, route: _Route, source: str, time_ns: int, value: object, now_ns: int) -> Sequence[Change]:
-        changes: Sequence[Change] = self._run(now_ns) if now_ns >= self._ticks.next_ns else ()
-        self.now_ns = now_ns
-        if time_ns >= route.newest_ns:
-            route.newest_ns = time_ns
-        else:
-            time_ns = route.newest_ns  # overtaken within its source
-        if self._listener is not None:
-            self._listener.sample(source, time_ns, value, now_ns)
-        for state in route.states:
-            if time_ns < state.floor_ns:
-                continue  # from before the reset: what it tells is not young enough
-            period_ns = state.period_ns
-            try:
-                state.feed(source, time_ns, value)
-                if not period_ns:
-                    said, due_ns = state.check(now_ns), state.due_ns()
-                    if said is state.said and not state.waiting:
-                        if due_ns is not None and not now_ns < state.tick_ns <= due_ns:
-                            self._plan(state, due_ns, now_ns)
-                        continue
-            except NoNumber:
-                self.problems.no_number(source)
-                continue
-            except Exception as error:  # noqa: BLE001  # anybody's observer may raise anything
-                changes = [*changes, *self._failed(state, error, source=source)]
-                continue
-            if not period_ns:
-                changes = [*changes, *self._ask_now(state)]
-            elif not state.fed:
-                state.fed = True
-                tick_ns = (now_ns // period_ns + 1) * period_ns
-                if tick_ns < state.tick_ns:
-                    self._ticks.schedule(state, tick_ns)
-        return changes
-
     def _far(self, source: str, time_ns: int, value: object) -> Sequence[Change]:
         """A sample of a log that is far from the time before, or the one that follows such a sample."""
         held, self._held = self._held, None
@@ -281,8 +281,7 @@ class Driver:
             else:
                 self.problems.left_out("jump", held[0], held[1] - self.now_ns)
         if self.now_ns - JUMP_NS <= time_ns <= self.now_ns + JUMP_NS:
-            now_ns = max(time_ns, self.now_ns)
-            return [*changes, *self._take(self._routes[source], source, time_ns, value, now_ns)]
+            return [*changes, *self.sample(source, time_ns, value, max(time_ns, self.now_ns))]
         self._held = (source, time_ns, value)
         return changes
 
@@ -293,38 +292,41 @@ class Driver:
         changes: list[Change] = []
         if time_ns < self.now_ns - JUMP_NS:
             changes += self.restart(time_ns)
-        now_ns = max(time_ns, self.now_ns)
-        return [*changes, *self._take(self._routes[source], source, time_ns, value, now_ns)]
+        return [*changes, *self.sample(source, time_ns, value, max(time_ns, self.now_ns))]
 
     # --- ticks ----------------------------------------------------------------------------------------
 
     def _run(self, until_ns: int) -> Sequence[Change]:
         """Ask whoever is due up to `until_ns`, tick by tick."""
-        changes: list[Change] = []
+        changes: Sequence[Change] = ()
+        touched: dict[Atom, None] = {}
         ticks = self._ticks
-        while (tick_ns := ticks.next_ns) <= until_ns:
+        tick_ns = ticks.next_ns
+        while tick_ns <= until_ns:
             if tick_ns > self.now_ns:
                 self.now_ns = tick_ns
-            touched: dict[Atom, None] = {}
+            state = ticks.pop()
+            if state is not None:
+                try:
+                    if not state.waiting and (not state.fed or tick_ns % state.period_ns):
+                        due_ns = state.due_ns()
+                        asked = due_ns is not None and due_ns <= tick_ns
+                    else:
+                        asked = True  # samples came, and this is a tick of its own grid
+                except Exception as error:  # noqa: BLE001  # anybody's observer may raise anything
+                    self._failed(state, error, touched)
+                else:
+                    if asked:
+                        self._ask(state, tick_ns, touched)
+                    else:
+                        ticks.plan(state, due_ns, tick_ns)  # samples have put it off since it was planned
+            next_ns = ticks.next_ns
             # All of one tick before anything is combined: or an atom would flicker between its observers.
-            for state in ticks.of(tick_ns):
-                self._tick(state, tick_ns, touched)
-            if touched:
-                changes += self._combined.changes(touched, tick_ns)
+            if touched and next_ns != tick_ns:
+                changes = [*changes, *self._combined.changes(touched, tick_ns)]
+                touched.clear()
+            tick_ns = next_ns
         return changes
-
-    def _tick(self, state: ObserverState, tick_ns: int, touched: dict[Atom, None]) -> None:
-        """Ask an observer if it is due, or if samples came and this is a tick of its own grid."""
-        if not state.waiting and (not state.fed or tick_ns % state.period_ns):
-            try:
-                due_ns = state.due_ns()
-            except Exception as error:  # noqa: BLE001  # anybody's observer may raise anything
-                self._failed(state, error, touched)
-                return
-            if due_ns is None or due_ns > tick_ns:
-                self._plan(state, due_ns, tick_ns)  # samples have put it off since this tick was planned
-                return
-        self._ask(state, tick_ns, touched)
 
     def _ask_now(self, state: ObserverState) -> Sequence[Change]:
         touched: dict[Atom, None] = {}
@@ -342,13 +344,7 @@ class Driver:
         except Exception as error:  # noqa: BLE001  # anybody's observer may raise anything
             self._failed(state, error, touched)
             return
-        self._plan(state, due_ns, now_ns)
-
-    def _plan(self, state: ObserverState, due_ns: int | None, now_ns: int) -> None:
-        """Note when to look at an observer again."""
-        tick_ns = state.planned_ns(due_ns, now_ns)
-        if not now_ns < state.tick_ns <= tick_ns:  # one that is planned, and earlier, will do: it looks again
-            self._ticks.schedule(state, tick_ns)
+        self._ticks.plan(state, due_ns, now_ns)
 
     def _reset(
         self,

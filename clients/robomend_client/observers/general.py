@@ -155,6 +155,7 @@ class GeneralObserver:
         self._not_ok = (fails("ok", topic),)
         self._silence_ns = ns(expected.silence)
         self._size = expected.messages
+        self._full = float((self._size - 1) * SECOND)  # a whole window's intervals, by its span: its rate
         self._intervals = expected.intervals
         self._lowest_hz, self._highest_hz = expected.lowest_hz, expected.highest_hz
         # Two windows of them: when the rate turns wrong, the message at which it was right is in there.
@@ -217,6 +218,11 @@ class GeneralObserver:
     def check(self, now_ns: int) -> tuple[Literal, ...]:
         if now_ns - self._newest_ns >= self._silence_ns:
             return self._not_ok
+        counted, size = self._counted, self._size
+        if len(counted) >= size:  # most of the time, and asked for most often
+            span_ns = counted[-1] - counted[-size]
+            if span_ns and self._lowest_hz < self._full / span_ns < self._highest_hz:
+                return self._ok
         right = self._right()
         if right is None:
             return NOTHING if self._silence_end_ns is None else self._not_ok

@@ -104,17 +104,6 @@ class ObserverState:
         touched.update((atom, None) for atom in old if atom not in new)
         self.verdicts = new
 
-    def planned_ns(self, due_ns: int | None, now_ns: int) -> int:
-        """Return when to look at it again; a time that it was due at, and is past, has had its answer."""
-        if due_ns is not None and due_ns <= now_ns:
-            due_ns = None if self.due_after is None else self.due_after(now_ns)
-        tick_ns = NEVER if due_ns is None else after(due_ns - 1, GRID_NS)
-        if self.waiting:
-            tick_ns = min(tick_ns, after(max(self.patient_until_ns - 1, now_ns), GRID_NS))
-        if self.fed:
-            tick_ns = min(tick_ns, after(now_ns, self.period_ns))
-        return tick_ns
-
     def refresh(self, now_ns: int) -> None:
         """Bring the evidence of its verdicts up to date; the verdicts themselves wait for their tick."""
         if not self.verdicts:

@@ -25,7 +25,7 @@ from robomend_client.observers.base import NOTHING, Evidence, ns, number, positi
 from robomend_client.observers.slope import Slope
 
 DEC, CONST, INC = -1, 0, 1
-FAR = 1 << 62
+PAST_NS = -(1 << 62)
 PATIENCE = 0.1
 """How much of a trend's window may come all at once: its slope is wrong by as much, at most."""
 
@@ -62,9 +62,9 @@ class TrendOf:
     """The trend of one value, sample by sample."""
 
     def __init__(self, expected: Trend) -> None:
-        self._line = Slope(ns(expected.window_s))
-        self._window_ns = self._line.window_ns
-        self._half_ns = self._window_ns // 2
+        self._window_ns = ns(expected.window_s)
+        self._line = Slope(self._window_ns, self._window_ns // 2)
+        self._add = self._line.add
         outer, inner = expected.slope, expected.slope * (1 - expected.hysteresis)
         # The trend that was told -> above which slope it is inc, below which dec.
         self._limits = {
@@ -77,11 +77,11 @@ class TrendOf:
         self._turn = expected.wraps_at
         self.reset()
 
-    def reset(self) -> None:
+    def reset(self, time_ns: int = 0) -> None:
         self._line.reset()
         self.now: int | None = None  # the trend
-        self.ends_ns: int | None = None  # when it is unknown by itself
-        self._newest_ns = -FAR
+        self._upper, self._lower = self._limits[None]
+        self._newest_ns = self._ends_ns = PAST_NS  # of the newest sample, and when it says nothing any more
         self._raw: float | None = None
         self._unwrapped = 0.0
         self._next: int | None = None  # the trend that must last, and since when it does
@@ -92,30 +92,33 @@ class TrendOf:
         """The time of the oldest sample that the trend rests on."""
         return min(self._line.oldest_ns, self._newest_ns - self._debounce_ns)
 
-    def add(self, time_ns: int, value: float) -> None:
-        gap_ns = time_ns - self._newest_ns
-        if not 0 <= gap_ns < self._window_ns:
-            if gap_ns >= 0 or -gap_ns > self._window_ns:
+    def feed(self, source: str, time_ns: int, value: object) -> None:
+        # Nearly all are floats, and finite: number() has nothing to say of them.
+        reading = value if type(value) is float and value - value == 0.0 else number(value)
+        if not self._newest_ns <= time_ns < self._ends_ns:
+            if time_ns >= self._ends_ns or self._newest_ns - time_ns > self._window_ns:
                 self.reset()  # a gap, or time went back: what was before is no part of this line
             else:
                 time_ns = self._newest_ns
         self._newest_ns = time_ns
-        self.ends_ns = time_ns + self._window_ns
+        self._ends_ns = time_ns + self._window_ns
         if self._turn is not None:
-            value = self._unwrap(value, self._turn)
-        slope = self._line.add(time_ns, value)
-        if slope is None or time_ns - self._line.oldest_ns < self._half_ns:
+            reading = self._unwrap(reading, self._turn)
+        slope = self._add(time_ns, reading)
+        if slope is None:
             return
-        now = self.now
-        upper, lower = self._limits[now]
-        trend = INC if slope > upper else DEC if slope < lower else CONST
-        if trend != now and self._debounce_ns:
-            if trend != self._next:
-                self._next, self._next_ns = trend, time_ns
-            if time_ns - self._next_ns < self._debounce_ns:
-                return
-        self._next = None
-        self.now = trend
+        trend = INC if slope > self._upper else DEC if slope < self._lower else CONST
+        if trend == self.now:
+            self._next = None
+        elif not self._debounce_ns or self._lasts(trend, time_ns):
+            self._next, self.now = None, trend
+            self._upper, self._lower = self._limits[trend]
+
+    def _lasts(self, trend: int, time_ns: int) -> bool:
+        """Return whether a new trend has lasted for long enough."""
+        if trend != self._next:
+            self._next, self._next_ns = trend, time_ns
+        return time_ns - self._next_ns >= self._debounce_ns
 
     def _unwrap(self, value: float, turn: float) -> float:
         """Return the value without the jumps of full turns."""
@@ -128,7 +131,7 @@ class TrendOf:
         return self._unwrapped
 
 
-class QualitativeObserver:
+class QualitativeObserver(TrendOf):
     """Watches the trend of one value."""
 
     def __init__(self, value: str, source: str, expected: Trend | None = None) -> None:
@@ -138,6 +141,7 @@ class QualitativeObserver:
             source: topic and field, e.g. `odom:twist.twist.linear.x`.
         """
         expected = expected or Trend()
+        super().__init__(expected)
         self.sources = frozenset((source,))
         atoms = {trend: Atom(word, (value,)) for trend, word in WORDS.items()}
         self.atoms = tuple(atoms.values())
@@ -148,20 +152,13 @@ class QualitativeObserver:
             trend: tuple(Literal(atom, trend == other) for other, atom in atoms.items()) for trend in atoms
         }
         self._said[None] = NOTHING
-        self._trend = TrendOf(expected)
-
-    def reset(self, time_ns: int) -> None:
-        self._trend.reset()
-
-    def feed(self, source: str, time_ns: int, value: object) -> None:
-        self._trend.add(time_ns, number(value))
 
     def due_ns(self) -> int | None:
-        return self._trend.ends_ns
+        ends_ns = self._ends_ns
+        return None if ends_ns == PAST_NS else ends_ns
 
     def check(self, now_ns: int) -> tuple[Literal, ...]:
-        trend = self._trend
-        return NOTHING if trend.ends_ns is None or now_ns >= trend.ends_ns else self._said[trend.now]
+        return NOTHING if now_ns >= self._ends_ns else self._said[self.now]
 
     def evidence(self, atom: Atom, now_ns: int) -> Evidence:
-        return Evidence(self._trend.oldest_ns)
+        return Evidence(self.oldest_ns)

@@ -137,9 +137,31 @@ def test_a_slope_is_that_of_the_least_squares_line(
 
 def test_a_slope_does_not_drift_with_the_age_of_the_robot() -> None:
     slope = Slope(SECOND)
-    for k in range(3 * REBUILD + 100):
+    for k in range(3 * REBUILD * 100 + 100):
         found = slope.add(10**18 + k * 10_000_000, 1e6 + 0.5 * k / 100)
     assert found == pytest.approx(0.5, rel=1e-6)
+
+
+@pytest.mark.parametrize("odd", [1e9, -1e15, 1e50])
+@pytest.mark.parametrize("hz", [5, 1000])
+def test_what_was_far_off_is_forgotten_with_its_window(odd: float, hz: int) -> None:
+    slope, first = Slope(SECOND), Slope(SECOND)
+    for k in range(5 * hz):
+        found = slope.add(10**18 + k * SECOND // hz, odd if k == 2 * hz else 0.5 * k / hz)
+        if k > 3 * hz:
+            assert found == pytest.approx(0.5, rel=1e-6)
+    for k in range(5 * hz):  # and where it came first, so that all the others are far from it
+        found = first.add(10**18 + k * SECOND // hz, 0.5 * k / hz if k else odd)
+        if k > hz:
+            assert found == pytest.approx(0.5, rel=1e-6)
+
+
+def test_a_line_of_too_short_a_time_is_none() -> None:
+    slope = Slope(SECOND, SECOND // 2)
+    found = [slope.add(10**18 + k * SECOND // 10, k / 10) for k in range(40)]
+    assert found[:5] == [None] * 5
+    assert found[5:] == pytest.approx([1.0] * 35)
+    assert slope.oldest_ns == 10**18 + 3 * SECOND
 
 
 def test_what_is_too_large_to_be_squared_is_left_out() -> None:
