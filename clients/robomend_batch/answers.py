@@ -153,8 +153,8 @@ def told_of(answer: LibraryAnswer, conflicts: tuple[Names, ...] | None) -> Told:
     """Return what the results say of an answer."""
     if isinstance(answer, ContradictoryModel):
         return Told("contradictory", (), None, conflicts, True, None)
-    bad = tuple(diagnosis.bad for diagnosis in answer.diagnoses)
-    odds = tuple(diagnosis.probability for diagnosis in answer.diagnoses if diagnosis.probability is not None)
+    bad = tuple([diagnosis.bad for diagnosis in answer.diagnoses])
+    odds = tuple([d.probability for d in answer.diagnoses if d.probability is not None])
     return Told(
         "healthy" if answer.healthy else "faulty",
         bad,

@@ -25,6 +25,7 @@ from typing import Any
 
 from robomend.workers.parent import die_with_parent
 from robomend_batch.errors import FULL, DiskFull
+from robomend_batch.garbage import collect_less
 from robomend_batch.one_log import Diagnoser, Record, Setup, refused
 from robomend_batch.problems import Problems
 
@@ -181,6 +182,7 @@ def _end_of(process: SpawnProcess) -> str:
 def _work(setup: Setup, pipe: Connection, threads: int) -> None:
     """Run in the worker."""
     die_with_parent()
+    collect_less()
     os.environ["POLARS_MAX_THREADS"] = str(threads)  # before it is imported
     diagnoser = Diagnoser(setup, lambda share: pipe.send(("share", share)))
     try:

@@ -9,16 +9,15 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from hashlib import sha256
 from importlib.metadata import version
-from io import BytesIO
 from pathlib import Path
-from shutil import copyfileobj
 from typing import Any
 
 from robomend_batch.errors import FULL, DiskFull
-from robomend_batch.manifest import Manifest, alone_in, keep_parts, open_manifest, write_beside
+from robomend_batch.joined import Joined
+from robomend_batch.manifest import alone_in, keep_parts, open_manifest, write_beside
 from robomend_batch.observing import digest
 from robomend_batch.one_log import RESULTS, Record, Setup
-from robomend_batch.parts import PIECE, WRITTEN, schema
+from robomend_batch.parts import WRITTEN, schema
 from robomend_batch.pool import Share, in_this_process, in_workers
 from robomend_batch.progress import Progress
 from robomend_batch.unfinished import stamp
@@ -118,6 +117,9 @@ def _run(
     stamps = {name: stamp(name) for name in left}  # before they are read
     shown = progress(len(left), sum(size for size, _ in stamps.values()))
     lost: list[Record] = []
+    joined = Joined(setup.out, left) if ndjson else None
+    if joined is not None:
+        joined.add(manifest.records)
     try:
         done = _diagnosed(
             replace(setup, ndjson=ndjson),
@@ -131,6 +133,8 @@ def _run(
                 manifest.finish(name, stamps[name], records)
             else:
                 lost += records
+            if joined is not None:
+                joined.finished(name, records)
             shown.finished(name, stamps[name][0])
             for record in records:
                 for problem in record["problems"]:
@@ -141,7 +145,12 @@ def _run(
         manifest.write()
     records = sorted([*manifest.records, *lost], key=lambda record: str(record["log"]))
     keep_parts(setup.out, frozenset(part for record in records for part in record["parts"]))
-    _write_lists(manifest, records, ndjson)
+    lines = [json.dumps(record, ensure_ascii=False, separators=(",", ":")) + "\n" for record in records]
+    write_beside(setup.out / "logs.ndjson", "".join(lines).encode("utf-8", "surrogateescape"))
+    if joined is not None:
+        joined.close()
+    else:
+        (setup.out / "results.ndjson").unlink(missing_ok=True)
     return Summary(records)
 
 
@@ -153,33 +162,6 @@ def _diagnosed(
 
         return in_cluster(setup, names, scheduler)
     return in_workers(setup, names, workers, on_share) if workers else in_this_process(setup, names, on_share)
-
-
-def _write_lists(manifest: Manifest, records: list[Record], ndjson: bool) -> None:
-    """Write logs.ndjson, and all intervals as results.ndjson, in the order of the logs."""
-    lines = [json.dumps(record, ensure_ascii=False, separators=(",", ":")) + "\n" for record in records]
-    write_beside(manifest.out / "logs.ndjson", "".join(lines).encode("utf-8", "surrogateescape"))
-    results = manifest.out / "results.ndjson"
-    if not ndjson:
-        results.unlink(missing_ok=True)
-        return
-    import polars as pl
-
-    beside = results.with_name("results.ndjson.tmp")
-    with beside.open("wb") as file:
-        for record in records:
-            for part in record["parts"]:
-                table = manifest.out / RESULTS / part
-                piece = table.with_suffix(PIECE)
-                if piece.exists():
-                    with piece.open("rb") as lines:
-                        copyfileobj(lines, file, 1 << 20)
-                    piece.unlink()
-                    continue
-                text = BytesIO()  # so that a full disk is an OSError with its number
-                pl.read_parquet(table).write_ndjson(text)
-                file.write(text.getbuffer())
-    os.replace(beside, results)
 
 
 def _write_parquet(out: Path, records: list[Record], wanted: bool) -> None:

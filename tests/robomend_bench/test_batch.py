@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 
 import polars as pl
@@ -12,7 +13,7 @@ from rosbags.rosbag1 import Reader
 
 from robomend.cli.models import load
 from robomend_bench.batch import drives
-from robomend_bench.batch.command import command
+from robomend_bench.batch.command import command, on_cores
 from robomend_bench.batch.drives import BEGIN_S, Planted
 from robomend_bench.batch.learning import Score, rate
 from robomend_bench.batch.workload import write_model, write_states
@@ -33,6 +34,15 @@ def test_the_model_to_measure_with_can_be_read_whatever_its_seed(seed: int, tmp_
     atoms = write_model(tmp_path / "model.yaml", seed)
     system = load(str(tmp_path / "model.yaml"))
     assert {parse_atom(atom) for atom in atoms} <= system.cnf.atom_variable.keys()
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="there is no such call here")
+def test_a_single_worker_is_measured_on_a_single_core() -> None:
+    before = os.sched_getaffinity(0)
+    with on_cores(1):
+        assert len(os.sched_getaffinity(0)) == 1
+        assert os.sched_getaffinity(0) <= before
+    assert os.sched_getaffinity(0) == before
 
 
 def test_what_is_learned_is_scored() -> None:

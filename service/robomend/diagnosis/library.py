@@ -4,7 +4,7 @@ A set is a row of codes: two bits a sensor, so that true, false and unknown diff
 of a row is which conflicts apply to it, and many rows share that:
 
     rows ──► distinct rows ──► which conflicts apply (numpy) ──► distinct sets of conflicts ──► diagnoses
-                                                                  each searched once, part by part
+                                                                  each put together of its parts
 
 This needs all minimal conflicts of the sensors beforehand (sensor_conflicts.py): their minimal hitting sets
 are the diagnoses (Reiter 1987), and no solver is asked. Where they cannot be listed (circuits, fault modes,
@@ -17,7 +17,7 @@ Sources:
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from time import perf_counter
 
@@ -30,10 +30,11 @@ from robomend.diagnosis.engines import DEFAULT, make_engine
 from robomend.diagnosis.masks import bits
 from robomend.diagnosis.observed import check_options
 from robomend.diagnosis.oracle import Deadline, OutOfTime
-from robomend.diagnosis.parts import IndependentPart, independent, list_diagnoses, minimal
+from robomend.diagnosis.parts import FEW, IndependentPart, independent, list_diagnoses, minimal
+from robomend.diagnosis.products import Products
 from robomend.diagnosis.ranking import rank, size_then_odds
 from robomend.diagnosis.reasons import Reasons
-from robomend.diagnosis.result import Diagnosis, DiagnosisResult, Engine, Options, StoppedBy
+from robomend.diagnosis.result import Diagnosis, DiagnosisResult, Engine, Factor, Options, StoppedBy
 from robomend.diagnosis.search import (
     MAX_DIAGNOSES,
     LimitReached,
@@ -46,6 +47,7 @@ from robomend.diagnosis.sensor_conflicts import (
     SensorConflict,
     TooManyConflicts,
     all_conflicts,
+    containment,
     minimal_sets,
 )
 from robomend.errors import ContradictoryModel, OptionRefused
@@ -135,15 +137,17 @@ class Library:
         except TooManyConflicts:
             self._engine = make_engine(DEFAULT, cnf)
         # Conflicts of the same components are one column; each contradiction is one of its own.
-        columns: dict[tuple[int, int], int] = {}
-        self._column = [
-            columns.setdefault((one.components, 0 if one.components else one.states), len(columns))
-            for one in self.conflicts
-        ]
-        self._columns = [*columns]
+        of = [(one.components, 0 if one.components else one.states) for one in self.conflicts]
+        self._columns = sorted(set(of))  # so that the masks of a set are in order
+        columns = {column: place for place, column in enumerate(self._columns)}
+        self._column = [columns[column] for column in of]
+        self._names = {mask: tuple([cnf.components[bit] for bit in bits(mask)]) for mask, _ in columns}
         self._contained: NDArray[np.float32] | None = None
         if len(columns) <= COMPARED:
-            self._contained = _containment([components for components, _ in columns])
+            self._contained = containment([components for components, _ in self._columns])
+        few = FEW if options.limit is None else min(FEW, options.limit)
+        short = not options.factored and options.max_size is None
+        self._products = Products(cnf.components, few if short else 0)
 
     @property
     def whole(self) -> bool:
@@ -200,7 +204,7 @@ class Library:
         ]
         packed = np.concatenate(applying) if applying else np.packbits(self._applying(rows), axis=1)
         sets, set_of = np.unique(packed, axis=0, return_inverse=True)
-        both = [self._of_set(bits) for bits in sets]
+        both = [self._of_set(key, places) for key, places in self._places(sets)]
         answers, told = tuple([answer for answer, _ in both]), tuple([names for _, names in both])
         if self.cnf.priors and self.cnf.puts_out:  # what works counts, too, so each row is weighed by itself
             of_rows = set_of.reshape(-1).tolist()
@@ -253,10 +257,13 @@ class Library:
     def _words(self, states: int) -> list[np.uint64]:
         return [np.uint64(states >> (64 * word) & (1 << 64) - 1) for word in range(self.words)]
 
-    def _names(self, masks: Iterable[int]) -> Names:
-        """Return the components of the minimal ones of conflicts."""
-        names = self.cnf.components
-        return tuple([tuple([names[bit] for bit in bits(mask)]) for mask in sorted(minimal_sets(masks))])
+    def _places(self, sets: NDArray[np.uint8]) -> Iterator[tuple[bytes, list[int]]]:
+        """Yield sets of columns, packed as bits, as they are and as the places of the columns."""
+        there = np.unpackbits(sets, axis=1, count=len(self._columns))
+        places, ends = np.nonzero(there)[1].tolist(), np.cumsum(there.sum(axis=1, dtype=np.intp)).tolist()
+        data, width = sets.tobytes(), sets.shape[1]
+        for number, (start, end) in enumerate(zip([0, *ends], ends, strict=False)):
+            yield data[number * width : (number + 1) * width], places[start:end]
 
     def _asked(self, engine: Engine, row: tuple[int, ...]) -> Answer:
         answer = self._of_rows.get(row)
@@ -269,18 +276,20 @@ class Library:
             self._of_rows[row] = answer
         return answer
 
-    def _of_set(self, packed: NDArray[np.uint8]) -> tuple[Answer, Names]:
-        """Return what a set of conflicts, packed as bits, comes to; and the minimal ones, in names."""
-        key = packed.tobytes()
+    def _of_set(self, key: bytes, places: list[int]) -> tuple[Answer, Names]:
+        """Return what a set of columns comes to; and the minimal conflicts, in names."""
         known = self._of_sets.get(key)
         if known is None:
-            places = np.flatnonzero(np.unpackbits(packed, count=len(self._columns))).tolist()
-            columns = [self._columns[place] for place in places]
-            masks = [components for components, _ in columns]
-            clash = next((states for components, states in columns if not components), None)
-            answer = self._searched(masks) if clash is None else self._contradiction(clash)
+            masks = [self._columns[place][0] for place in places]
+            if self._contained is None:
+                masks = sorted(minimal_sets(masks))
+            answer: Answer | None
+            if masks and not masks[0]:
+                answer = self._contradiction(self._columns[places[0]][1])
+            else:
+                answer = self._product(masks) or self._searched(masks)
             self._make_room(answer)
-            known = self._of_sets[key] = answer, self._names(masks)
+            known = self._of_sets[key] = answer, tuple([self._names[mask] for mask in masks])
         return known
 
     def _make_room(self, answer: Answer) -> None:
@@ -292,6 +301,15 @@ class Library:
             self._of_sets.clear()
             self._of_rows.clear()
             self._diagnoses = count
+
+    def _product(self, masks: list[int]) -> Answer | None:
+        """Return what `_searched` finds, if it is few diagnoses of parts that were all searched before."""
+        started = perf_counter()
+        found = self._products.of(independent(masks), self._parts)
+        if found is None:
+            return None
+        diagnoses = tuple([Diagnosis(names) for names in found])
+        return self._told(diagnoses, perf_counter() - started, count=len(found))
 
     def _searched(self, masks: list[int]) -> Answer:
         started = perf_counter()
@@ -305,11 +323,23 @@ class Library:
         except OutOfTime:
             stopped = "time"
             self._parts.clear()  # their searches were left half way
+            self._products.forget()
         except LimitReached:
             stopped = "limit"
         except MinimumTooLarge:
             stopped = "size"
-        return self._told(answer, stopped, perf_counter() - started)
+        found = answer.found
+        if len(found) > 1 and not answer.rows:
+            found.sort(key=by_size)
+        rows = listed_as_rows(found) if options.factored and not answer.rows else answer.rows
+        names = self.cnf.components
+        return self._told(
+            tuple([Diagnosis(tuple([names[v - 1] for v in bad])) for bad in found]),
+            perf_counter() - started,
+            stopped,
+            tuple([factors(row, names) for row in rows]),
+            answer.count if answer.count is not None else len(found) if stopped is None else None,
+        )
 
     def _part(self, conflicts: tuple[int, ...]) -> IndependentPart:
         """Return the hitting sets of conflicts that share components, as far as they were found before."""
@@ -319,26 +349,27 @@ class Library:
         if part is None:
             if len(self._parts) >= REMEMBERED:
                 self._parts.clear()
+                self._products.forget()
             part = self._parts[conflicts] = IndependentPart.of(conflicts, self._clock)
         return part
 
-    def _told(self, answer: SearchState, stopped: StoppedBy | None, elapsed_s: float) -> DiagnosisResult:
-        names = self.cnf.components
-        found = answer.found
-        if len(found) > 1 and not answer.rows:
-            found.sort(key=by_size)
-        rows = answer.rows
-        if self._options.factored and not rows:
-            rows = listed_as_rows(found)
+    def _told(
+        self,
+        diagnoses: tuple[Diagnosis, ...],
+        elapsed_s: float,
+        stopped: StoppedBy | None = None,
+        factored: tuple[tuple[Factor, ...], ...] = (),
+        count: int | None = None,
+    ) -> DiagnosisResult:
         result = DiagnosisResult(
-            components=names,
-            diagnoses=tuple([Diagnosis(tuple([names[v - 1] for v in bad])) for bad in found]),
+            components=self.cnf.components,
+            diagnoses=diagnoses,
             complete=stopped is None,
             stopped_by=stopped,
             conflicts=(),
             elapsed_s=elapsed_s,
-            factored=tuple([factors(row, names) for row in rows]),
-            count=answer.count if answer.count is not None else len(found) if stopped is None else None,
+            factored=factored,
+            count=count,
         )
         return rank(result, self.cnf, self._options) if self.cnf.priors else result
 
@@ -367,15 +398,3 @@ def _distinct(rows: Codes) -> tuple[Codes, NDArray[np.intp]]:
         return found.reshape(-1, 1), of.reshape(-1)
     found, of = np.unique(rows, axis=0, return_inverse=True)
     return found, of.reshape(-1)
-
-
-def _containment(masks: Sequence[int]) -> NDArray[np.float32]:
-    """Return, shape (masks, masks), 1 where the one of the row is inside that of the column.
-
-    Of equal ones the first is inside the others.
-    """
-    table = [
-        [one & other == one and (one != other or row < column) for column, other in enumerate(masks)]
-        for row, one in enumerate(masks)
-    ]
-    return np.array(table, dtype=np.float32).reshape(len(masks), len(masks))

@@ -22,6 +22,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from robomend.diagnosis.derivations import Derivations
 from robomend.diagnosis.masks import mask_of
 from robomend.model.cnf import HealthCnf
@@ -75,6 +78,18 @@ def minimal_sets(masks: Iterable[int]) -> list[int]:
         if not any(smaller & mask == smaller for smaller in kept):
             kept.append(mask)
     return kept
+
+
+def containment(masks: Sequence[int]) -> NDArray[np.float32]:
+    """Return, shape (masks, masks), 1 where the one of the row is inside that of the column.
+
+    Of equal ones the first is inside the others.
+    """
+    table = [
+        [one & other == one and (one != other or row < column) for column, other in enumerate(masks)]
+        for row, one in enumerate(masks)
+    ]
+    return np.array(table, dtype=np.float32).reshape(len(masks), len(masks))
 
 
 class _Labels:
