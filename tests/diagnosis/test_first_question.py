@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import random
+from dataclasses import replace
 from time import perf_counter
 
 import pytest
 
-from robomend.diagnosis import sat
+from robomend.diagnosis import reasons, sat
 from robomend.diagnosis.oracle import Deadline, OutOfTime
 from robomend.diagnosis.result import Options
 from robomend.diagnosis.sat import SatEngine
@@ -46,6 +47,25 @@ def test_all_diagnoses_are_searched_by_structure_at_once() -> None:
     for options in (Options(), Options(minimal="cardinality"), Options(minimal="cardinality", factored=True)):
         engine = SatEngine(CNF)
         engine.diagnose(SEEN[0], options)
+        assert with_structure(engine)
+
+
+def test_the_structure_is_not_looked_for_where_that_would_take_most_of_the_time(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    wanted = [Options(max_size=3), Options(minimal="cardinality"), Options(minimal="cardinality", limit=1)]
+    for options in wanted:
+        patient = SatEngine(CNF).diagnose(SEEN[0], replace(options, timeout_s=None))
+        with monkeypatch.context() as patch:
+            patch.setattr(sat, "STRUCTURE_S", 10.0)  # 160 gates
+            engine = SatEngine(CNF)
+            for _ in range(2):
+                hurried = engine.diagnose(SEEN[0], replace(options, timeout_s=1_000.0))
+                assert hurried.complete == patient.complete
+                if options.limit != 1:
+                    assert {d.bad for d in hurried.diagnoses} == {d.bad for d in patient.diagnoses}
+            assert not with_structure(engine)
+        assert engine.diagnose(SEEN[0], replace(options, timeout_s=None)).complete == patient.complete
         assert with_structure(engine)
 
 
@@ -92,3 +112,25 @@ def test_a_part_of_the_time_ends_before_the_deadline_or_with_it() -> None:
         assert clock.deadline is not None
         assert clock.deadline > perf_counter()
     assert clock.deadline is None
+
+
+def test_time_is_kept_for_what_comes_after_besides_what_was_kept_before() -> None:
+    clock = Deadline()
+    clock.reserve_more(1e6)  # no deadline: there is always enough
+    clock.start(1_000.0)
+    clock.reserve(400.0)
+    clock.reserve_more(300.0)
+    assert 200.0 < clock.left_s <= 300.0
+    with pytest.raises(OutOfTime):
+        clock.reserve_more(300.0)
+
+
+def test_conflicts_for_which_no_time_is_left_are_said_to_be_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(reasons, "WATCHED_S", 1e6)
+    engine = SatEngine(CNF)
+    hurried = engine.diagnose(SEEN[0], Options(minimal="cardinality", timeout_s=1_000.0))
+    assert hurried.complete
+    assert not hurried.conflicts_complete
+    patient = engine.diagnose(SEEN[0], Options(minimal="cardinality", timeout_s=None))
+    assert patient.conflicts
+    assert {d.bad for d in patient.diagnoses} == {d.bad for d in hurried.diagnoses}

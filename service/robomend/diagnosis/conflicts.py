@@ -257,6 +257,10 @@ class Conflicts:
                 found[0].append(clause)
         return found
 
+    def reserve_telling(self) -> None:
+        """Keep the time that it takes to be ready to tell conflicts; raise OutOfTime if it is not left."""
+        self._clock.reserve_more(self._reasons.prepared_in_s)
+
     def in_words(self, known: Known) -> Conflict:
         """Return the conflict with its observations, rules and sentence."""
         if known.words is not None:

@@ -64,6 +64,7 @@ class Justification:
         kept: dict[int, Known] = {}
         met = list(answer.known)
         try:
+            self._conflicts.reserve_telling()
             while met:
                 one = met.pop(0)
                 within = any(one.mask & smaller == smaller for smaller in kept)

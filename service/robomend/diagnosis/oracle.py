@@ -106,6 +106,16 @@ class Deadline:
             self.deadline = self._whole - seconds
         self.check()
 
+    def reserve_more(self, seconds: float) -> None:
+        """Keep so much besides what was kept before.
+
+        Raises:
+            OutOfTime: no more than that is left.
+        """
+        if self.deadline is not None:
+            self.deadline -= seconds
+        self.check()
+
     @contextmanager
     def at_most(self, seconds: float) -> Iterator[None]:
         """End what is inside after so many seconds, if the deadline does not come first: by OutOfTime."""

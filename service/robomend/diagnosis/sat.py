@@ -11,7 +11,8 @@ modes, AB in a premise, rules that are no gates, components supposed healthy or 
 itself.
 
 What a circuit's structure takes to be found pays off at the second question. The first one, if it asks for
-one diagnosis of minimum cardinality, goes to the solver as long as that takes no longer.
+one diagnosis of minimum cardinality, goes to the solver as long as that takes no longer. Where it would take
+much of the time that is left, any question does: the solver has the smallest diagnoses sooner.
 
 `limit` diagnoses are always the smallest ones: order of size is part of the answer, so that no faster,
 unordered enumeration takes its place. Where there is no bound on the size, the time-out is what ends it.
@@ -37,6 +38,8 @@ MAX_GATES = 200_000
 STRUCTURE_S = 100e-6
 """A gate, for the first question without the structure; to find it and compile what searches it takes half of
 that."""
+
+HURRIED = 2.0
 
 
 class SatEngine(BaseEngine):
@@ -69,7 +72,7 @@ class SatEngine(BaseEngine):
             self._by_conflicts.list_all(observed, what_if, options, answer)
         elif self._at_once(observed, what_if, options, answer):
             return
-        elif self._by_structure is None or what_if is not NOTHING_SUPPOSED:
+        elif what_if is not NOTHING_SUPPOSED or self._hurried() or self._by_structure is None:
             self._by_solver.go_on(observed, what_if, options, answer, [], 0)
         elif options.minimal == "cardinality":
             self._by_structure.minimum(observed, options, answer)
@@ -88,6 +91,11 @@ class SatEngine(BaseEngine):
             self._clock.check()
             return False
         return True
+
+    def _hurried(self) -> bool:
+        """Whether finding the structure would take a quarter of the time that is left, or more."""
+        found = "_by_structure" in self.__dict__
+        return not found and self._clock.left_s < HURRIED * STRUCTURE_S * len(self.cnf.components)
 
     def close(self) -> None:
         """Free the solvers."""

@@ -40,6 +40,9 @@ Top = tuple[int, ...]
 SIMPLIFIED_CLAUSES = 200_000
 """Larger formulas are searched as they are: the simplifier cannot be interrupted."""
 
+SIMPLIFIED_S = 10e-6
+"""A clause, to simplify: half of the time left must be enough, or the formula is searched as it is."""
+
 SIMULATED_GATES = 20_000
 """Larger circuits are left to the solver: Python takes long to compile their passes."""
 
@@ -240,7 +243,8 @@ class TopLevel:
             elif health in seen:
                 clauses.append([literal for literal in clause if abs(literal) > n])
         frozen = [*candidate, *self._checks, *self._observed_sources]
-        if len(clauses) <= SIMPLIFIED_CLAUSES:
+        self._clock.check()
+        if len(clauses) <= min(SIMPLIFIED_CLAUSES, self._clock.left_s / (2 * SIMPLIFIED_S)):
             # As pysat's Processor does, without its deep copy of what comes back. Nothing that replaces one
             # variable by another: the frozen ones must stay themselves.
             with Cadical153(bootstrap_with=clauses) as simplifier:
