@@ -73,7 +73,8 @@ async def test_a_connection_that_was_cut_while_idle_is_replaced_without_an_error
         await with_robots(store, "r1")
         with psycopg.connect(postgres_url, autocommit=True) as admin:
             admin.execute(
-                "SELECT pg_terminate_backend(pid) FROM pg_stat_activity"
+                # a minute for each to be gone: one that is cut in the middle of a COMMIT cannot be repeated
+                "SELECT pg_terminate_backend(pid, 60000) FROM pg_stat_activity"
                 " WHERE datname = current_database() AND pid <> pg_backend_pid()"
             )
         assert await observe(store, "r1", entry("scan")) == 1

@@ -75,6 +75,8 @@ def test_the_first_error_counts_and_nothing_behind_it_is_done(
     pipeline.send("COMMIT")
     pipeline.wait()
     assert names(connection) == ["two"]
+    prepared = connection.execute("SELECT statement FROM pg_prepared_statements").fetchall()
+    assert len(prepared) == len(set(prepared)), "what failed leaves nothing behind that is prepared again"
 
 
 def test_the_drivers_own_statements_go_between(connection: psycopg.Connection, pipeline: Pipeline) -> None:

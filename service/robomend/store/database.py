@@ -116,8 +116,11 @@ class Database:
             connection = self._engine.connect().execution_options(robomend_writes=True)
             if self.path is None:
                 itself: Any = connection.connection.driver_connection
-                itself.prepare_threshold = None  # pipeline.py prepares, and a rollback would forget that, too
-                connection.exec_driver_sql("DEALLOCATE ALL")  # what was prepared before
+                # pipeline.py prepares. The driver forgets what it had prepared at its next rollback, and has the
+                # server forget everything then: now, while there is nothing of ours.
+                itself.prepare_threshold = None
+                connection.exec_driver_sql("SELECT 1")
+                connection.rollback()
                 connection.exec_driver_sql(f"SET idle_in_transaction_session_timeout = {HANGS_MS}")
                 connection.commit()
             return connection

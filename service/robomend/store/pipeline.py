@@ -76,7 +76,7 @@ class Pipeline:
         self._connection = connection
         self._link = connection.pgconn
         self._names: dict[str, bytes] = {}
-        self._sent: list[Answer | None] = []  # None: its rows are nobody's
+        self._sent: list[Answer | str | None] = []  # a text: it is prepared; None: its rows are nobody's
         self._poll = select.poll()
 
     @property
@@ -102,7 +102,7 @@ class Pipeline:
         if name is None:
             name = self._names[text] = b"robomend_%d" % next(_NUMBERS)
             self._link.send_prepare(name, text.encode())
-            self._sent.append(None)
+            self._sent.append(text)
         self._link.send_query_prepared(name, given)
         self._sent.append(answer)
 
@@ -120,10 +120,13 @@ class Pipeline:
             for answer in [*sent, None]:
                 result = self._next()
                 if result.status in OK:
-                    if answer is not None:
+                    if isinstance(answer, Answer):
                         answer.take(result)
-                elif error is None and result.status not in (SYNC, ABORTED):
-                    error = error_from_result(result)
+                else:
+                    if isinstance(answer, str):
+                        del self._names[answer]  # what was prepared before is there, whatever is rolled back
+                    if error is None and result.status not in (SYNC, ABORTED):
+                        error = error_from_result(result)
                 if result.status != SYNC:
                     self._next(end=True)
             self._link.exit_pipeline_mode()
@@ -133,7 +136,6 @@ class Pipeline:
                 self._connection.close()  # nobody knows what is under way on it
             raise
         if error is not None:
-            self._names.clear()  # what was to be prepared behind it is not
             raise error
 
     def _next(self, *, end: bool = False) -> Any:
