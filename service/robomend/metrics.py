@@ -4,10 +4,11 @@ so that two live in one process.
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
 
 from prometheus_client import CollectorRegistry, Counter, Gauge, generate_latest
-from prometheus_client.core import GaugeMetricFamily
+from prometheus_client.core import GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
 from robomend.figures import SharedFigures, added
@@ -20,6 +21,16 @@ FINE_S = (0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0
 
 Reading = tuple[tuple[str, ...], float]
 """Label values, and the value."""
+
+
+class _FiguresRead(Collector):
+    """Figures as they were read, on the event loop; their text, which takes longer, is made in a thread."""
+
+    def __init__(self, registry: CollectorRegistry) -> None:
+        self._families = [*registry.collect()]
+
+    def collect(self) -> list[Metric]:
+        return self._families
 
 
 class _OnDemand(Collector):
@@ -132,11 +143,18 @@ class Metrics:
 
     def text(self) -> bytes:
         """Return everything in Prometheus' text format; with workers, of all of them."""
-        own = generate_latest(self.registry)
-        others = self.shared.others() if self.shared is not None else []
-        return added([own, *others]) if others else own
+        return self._text(_FiguresRead(self.registry))
 
-    def leave(self) -> None:
+    async def written(self) -> bytes:
+        """Return `text` as it is now, made in a thread."""
+        return await asyncio.to_thread(self._text, _FiguresRead(self.registry))
+
+    def _text(self, own: _FiguresRead) -> bytes:
+        text = generate_latest(own)
+        others = self.shared.others() if self.shared is not None else []
+        return added([text, *others]) if others else text
+
+    async def leave(self) -> None:
         """Leave this worker's figures for the others, if there are any."""
         if self.shared is not None:
-            self.shared.leave(generate_latest(self.registry))
+            self.shared.leave(await asyncio.to_thread(generate_latest, _FiguresRead(self.registry)))

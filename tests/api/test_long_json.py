@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from typing import Any
+from typing import Any, ClassVar
 
 import pytest
 from tests.api.conftest import TEDUSAR, Service
@@ -70,9 +70,28 @@ def test_a_long_result_says_the_same_as_a_short_one(
 
 @pytest.mark.anyio
 async def test_a_value_of_many_names_is_written_in_a_thread(writers: set[threading.Thread]) -> None:
-    short = await long_json.value_response({"gerät": [1]}, long_json.SHORT)
+    short = await long_json.value_response(dict, [{"gerät": [1]}], long_json.SHORT)
     assert writers == {threading.current_thread()}
     writers.clear()
-    long = await long_json.value_response({"gerät": [1]}, long_json.SHORT + 1)
+    long = await long_json.value_response(dict, [{"gerät": [1]}], long_json.SHORT + 1)
     assert long.body == short.body == '{"gerät":[1]}'.encode()
     assert threading.current_thread() not in writers
+
+
+class Large:
+    """Says which thread frees it."""
+
+    freed_by: ClassVar[list[threading.Thread]] = []
+
+    def __del__(self) -> None:
+        self.freed_by.append(threading.current_thread())
+
+
+@pytest.mark.anyio
+async def test_what_a_long_value_was_made_of_is_freed_in_the_thread_that_wrote_it() -> None:
+    Large.freed_by.clear()
+    given: list[Any] = [Large()]
+    await long_json.value_response(lambda large: [type(large).__name__], given, long_json.SHORT + 1)
+    assert given == []
+    [freed_by] = Large.freed_by
+    assert freed_by is not threading.current_thread()

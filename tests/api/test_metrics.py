@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import re
+import threading
 from pathlib import Path
 from typing import Any
 
+import pytest
 import yaml
+from prometheus_client import generate_latest
 from prometheus_client.parser import text_string_to_metric_families
 from tests.api.conftest import StartService
 
@@ -60,6 +64,28 @@ def test_the_table_of_metrics_is_what_the_service_says(start: StartService) -> N
     assert exposed(service.http.get("/metrics").text) == {
         name: kind for name, (kind, _) in documented().items()
     }
+
+
+def test_figures_are_read_on_the_event_loop_and_written_in_a_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    read_by: list[threading.Thread] = []
+    written_by: list[threading.Thread] = []
+
+    def reading() -> list[tuple[tuple[str, ...], float]]:
+        read_by.append(threading.current_thread())
+        return [((), 7.0)]
+
+    def written(figures: Any) -> bytes:
+        written_by.append(threading.current_thread())
+        return generate_latest(figures)
+
+    monkeypatch.setattr("robomend.metrics.generate_latest", written)
+    metrics = Metrics()
+    metrics.on_demand("robomend_read", "what", (), reading)
+    read_by.clear()  # it is read when it is registered, too
+    assert b"robomend_read 7.0" in asyncio.run(metrics.written())
+    assert read_by == [threading.current_thread()]
+    [thread] = written_by
+    assert thread is not threading.current_thread()
 
 
 def test_the_table_has_the_labels_of_the_instruments() -> None:

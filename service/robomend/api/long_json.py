@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from starlette.responses import Response
@@ -44,8 +44,17 @@ def _long_result(result: DiagnosisResult) -> bytes:
     return result_text(result, quoted_names(result.components)).encode()
 
 
-async def value_response(value: Any, size: int) -> Response:
-    """Return a value of about so many names."""
+async def value_response(make: Callable[..., Any], given: list[Any], size: int) -> Response:
+    """Return the value that `make` makes of what is given, of about so many names.
+
+    `given` is empty afterwards: what is large and nobody else has is freed in the thread that wrote it.
+    """
     if size > SHORT:
-        return response_of((await asyncio.to_thread(_text, value)).encode())
-    return response_of(_text(value).encode())
+        return response_of(await asyncio.to_thread(_written, make, given))
+    return response_of(_written(make, given))
+
+
+def _written(make: Callable[..., Any], given: list[Any]) -> bytes:
+    text = _text(make(*given)).encode()
+    given.clear()
+    return text

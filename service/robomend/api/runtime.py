@@ -155,7 +155,7 @@ class Runtime:
     async def _tell_figures(self) -> None:
         """Keep the other workers' /metrics up to date about this one."""
         while self.metrics.shared is not None:
-            self.metrics.leave()
+            await self.metrics.leave()
             await asyncio.sleep(EVERY_S)
 
     async def _prune(self) -> None:

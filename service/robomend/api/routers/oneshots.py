@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from fastapi import APIRouter, Response
 
 from robomend.api.deps import PartsDep
@@ -13,6 +15,7 @@ from robomend.api.schemas.plans import ChoiceOut
 from robomend.api.schemas.repair import OneShotPlanBody
 from robomend.api.views import engine_options
 from robomend.oneshots.plan_json import choice_json
+from robomend.planning.choice import Choice
 from robomend.security import API
 
 router = APIRouter(prefix=API, tags=["one-shots"], route_class=GuardedRoute)
@@ -46,4 +49,10 @@ async def plan(body: OneShotPlanBody, parts: PartsDep) -> Response:
         pddl=body.pddl,
     )
     components = subject.system.cnf.components
-    return await value_response(choice_json(choice, components), len(components))
+    given = [choice, components, subject, asked]
+    del choice, subject, asked  # a large model goes with its answer
+    return await value_response(_choice_json, given, len(components))
+
+
+def _choice_json(choice: Choice, components: tuple[str, ...], *_: object) -> dict[str, Any]:
+    return choice_json(choice, components)
