@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import permutations
+from itertools import chain, permutations
 from pathlib import Path
 
 import pytest
@@ -34,7 +34,7 @@ def test_they_are_in_the_order_of_the_logs_in_whatever_order_these_are_done(
     for name in order:
         joined.finished(name, records(tmp_path, name))
     joined.close()
-    expected = [f"{log}-{number}.parquet" for log in sorted(sum(LOGS.values(), [])) for number in range(2)]
+    expected = [f"{log}-{number}.parquet" for log in sorted(chain(*LOGS.values())) for number in range(2)]
     assert (tmp_path / "results.ndjson").read_text().splitlines() == expected
     assert list((tmp_path / RESULTS).iterdir()) == []
 
