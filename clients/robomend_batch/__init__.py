@@ -13,7 +13,7 @@ windows.py             or: one explanation for a window, or for all of a log
 parts.py               equal neighbours are one interval; files written beside and renamed
 one_log.py             all of it for one log
 manifest.py            what a folder of results was made of, and which logs are done
-pool.py, garbage.py    worker processes, which may die
+starting.py, pool.py   worker processes, which may die
 run.py, joined.py      all logs, in order
 learn/                 from logs of a healthy robot to a first model and its observers
 priors.py              from confirmed faults to a model's priors

@@ -51,7 +51,12 @@ class Manifest:
     @property
     def records(self) -> list[Record]:
         """Of all logs that are done, in the order of their names."""
-        found = [record for done in self.files.values() for record in done["logs"]]
+        return self.records_without(())
+
+    def records_without(self, names: Iterable[str]) -> list[Record]:
+        """Return those of all files but these, such as ones that have changed since."""
+        left = frozenset(names)
+        found = [record for name, done in self.files.items() if name not in left for record in done["logs"]]
         return sorted(found, key=lambda record: str(record["log"]))
 
     def done(self, name: str) -> bool:

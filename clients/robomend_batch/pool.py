@@ -3,42 +3,31 @@
     run ──► file ──► worker ──► records ──► run
              └── the worker died: a new one, and the file again, MOST_DEATHS times; then the file is left out
 
-They are spawned, so that they begin with nothing of ours in a strange state; engines do not pickle, the
-system description does. A worker whose run is gone ends.
+Engines do not pickle, the system description does. A worker whose run is gone ends.
 """
 
 from __future__ import annotations
 
 import math
-import os
 import signal
 import traceback
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
-from multiprocessing import get_context, resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 from typing import Any
 
-from robomend.workers.parent import die_with_parent
 from robomend_batch.errors import FULL, DiskFull
 from robomend_batch.garbage import collect_less
 from robomend_batch.one_log import Diagnoser, Record, Setup, refused
 from robomend_batch.problems import Problems
+from robomend_batch.starting import END_S, Started, start
 
 MOST_DEATHS = 3
 """Workers that a file may cost."""
-
-END_S = 5.0
-
-
-def usable_cores() -> int:
-    """Return how many cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
 
 Share = Callable[[str, float], None]
 """Told how much of a file that is in hand is read."""
@@ -68,20 +57,18 @@ class _Worker:
 class _Pool:
     setup: Setup
     waiting: deque[str]
-    threads: int
+    begun: list[Started]  # that have no Setup yet
+    count: int
     workers: list[_Worker] = field(default_factory=list)
     deaths: dict[str, int] = field(default_factory=dict)
 
     def start(self) -> None:
-        """Start a worker and give it a file."""
-        context = get_context("spawn")
-        ours, theirs = context.Pipe()
-        process = context.Process(target=_work, args=(self.setup, theirs, self.threads), daemon=True)
-        with _without_ctrl_c():
-            process.start()
-        theirs.close()
-        worker = _Worker(process, ours)
+        """Start a worker, if none is begun, and give it a file."""
+        begun = self.begun.pop() if self.begun else start(self.count)
+        worker = _Worker(begun.process, begun.pipe)
         self.workers.append(worker)
+        with suppress(OSError):  # it has died: that is seen where its answer is waited for
+            worker.pipe.send(self.setup)
         self.give(worker)
 
     def give(self, worker: _Worker) -> None:
@@ -122,14 +109,25 @@ class _Pool:
 
 
 def in_workers(
-    setup: Setup, names: Sequence[str], workers: int, on_share: Share = lambda name, share: None
+    setup: Setup,
+    names: Sequence[str],
+    workers: int,
+    on_share: Share = lambda name, share: None,
+    begun: list[Started] | None = None,
 ) -> Iterator[tuple[str, list[Record]]]:
     """Diagnose files in so many worker processes; yield each as it is done.
+
+    Args:
+        setup: of each.
+        names: of the files.
+        workers: processes.
+        on_share: told how much of a file is read.
+        begun: workers that are there already; those that are needed are taken from it.
 
     Raises:
         DiskFull: a worker could not write its results.
     """
-    pool = _Pool(setup, deque(names), max(1, usable_cores() // workers))
+    pool = _Pool(setup, deque(names), [] if begun is None else begun, workers)
     try:
         for _ in range(min(workers, len(names))):
             pool.start()
@@ -154,17 +152,6 @@ def in_workers(
         pool.end()
 
 
-@contextmanager
-def _without_ctrl_c() -> Iterator[None]:
-    """What is started meanwhile hears nothing of Ctrl-C: that is the run's business."""
-    resource_tracker.ensure_running()  # the first process that is started lets signals through again
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
 def lost(name: str, reason: str) -> Record:
     """Return the record of a file that no worker survived."""
     problems = Problems()
@@ -179,11 +166,13 @@ def _end_of(process: SpawnProcess) -> str:
     return f"ended with {code}"
 
 
-def _work(setup: Setup, pipe: Connection, threads: int) -> None:
+def work(pipe: Connection) -> None:
     """Run in the worker."""
-    die_with_parent()
     collect_less()
-    os.environ["POLARS_MAX_THREADS"] = str(threads)  # before it is imported
+    try:
+        setup: Setup = pipe.recv()
+    except EOFError:
+        return
     diagnoser = Diagnoser(setup, lambda share: pipe.send(("share", share)))
     try:
         while (name := pipe.recv()) is not None:

@@ -20,6 +20,7 @@ from robomend_batch.one_log import RESULTS, Record, Setup
 from robomend_batch.parts import WRITTEN, schema
 from robomend_batch.pool import Share, in_this_process, in_workers
 from robomend_batch.progress import Progress
+from robomend_batch.starting import Started
 from robomend_batch.unfinished import stamp
 
 
@@ -73,6 +74,7 @@ def run(
     parquet: bool = False,
     workers: int = 0,
     scheduler: str | None = None,
+    begun: list[Started] | None = None,
     progress: Callable[[int, int], Progress] = Progress,
 ) -> Summary:
     """Diagnose logs into a folder.
@@ -85,6 +87,7 @@ def run(
         parquet: write results.parquet as well.
         workers: processes; 0: none but this one.
         scheduler: the address of a Dask cluster, in place of them.
+        begun: workers that are there already.
         progress: made with the number of files and their bytes.
 
     Raises:
@@ -94,7 +97,7 @@ def run(
     """
     with alone_in(setup.out):
         try:
-            summary = _run(setup, names, overwrite, ndjson, workers, scheduler, progress)
+            summary = _run(setup, names, overwrite, ndjson, workers, scheduler, begun, progress)
             _write_parquet(setup.out, summary.records, parquet)
             return summary
         except OSError as error:
@@ -110,6 +113,7 @@ def _run(
     ndjson: bool,
     workers: int,
     scheduler: str | None,
+    begun: list[Started] | None,
     progress: Callable[[int, int], Progress],
 ) -> Summary:
     manifest = open_manifest(setup.out, settings_of(setup), setup.system.source, names, overwrite=overwrite)
@@ -119,7 +123,7 @@ def _run(
     lost: list[Record] = []
     joined = Joined(setup.out, left) if ndjson else None
     if joined is not None:
-        joined.add(manifest.records)
+        joined.add(manifest.records_without(left))
     try:
         done = _diagnosed(
             replace(setup, ndjson=ndjson),
@@ -127,6 +131,7 @@ def _run(
             workers,
             scheduler,
             lambda name, share: shown.reading(name, share, stamps[name][0]),
+            begun,
         )
         for name, records in done:
             if not any(record["state"] == "lost" for record in records):  # the same command tries those again
@@ -155,13 +160,20 @@ def _run(
 
 
 def _diagnosed(
-    setup: Setup, names: list[str], workers: int, scheduler: str | None, on_share: Share
+    setup: Setup,
+    names: list[str],
+    workers: int,
+    scheduler: str | None,
+    on_share: Share,
+    begun: list[Started] | None,
 ) -> Iterator[tuple[str, list[Record]]]:
     if scheduler is not None and names:
         from robomend_batch.cluster import in_cluster  # of the extra `dask`
 
         return in_cluster(setup, names, scheduler)
-    return in_workers(setup, names, workers, on_share) if workers else in_this_process(setup, names, on_share)
+    if not workers:
+        return in_this_process(setup, names, on_share)
+    return in_workers(setup, names, workers, on_share, begun)
 
 
 def _write_parquet(out: Path, records: list[Record], wanted: bool) -> None:

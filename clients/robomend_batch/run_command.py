@@ -17,6 +17,7 @@ from robomend_client.counts import counted
 
 if TYPE_CHECKING:
     from robomend_batch.run import Summary
+    from robomend_batch.starting import Started
 
 BAD_INPUT, BACKEND_FAILED, FAULT = 2, 3, 1
 
@@ -110,24 +111,38 @@ def command(logs: tuple[str, ...], model: str, out: Path, **given: Any) -> int:
     became of each log in logs.ndjson. The same command goes on where it was killed. Exit code 2 says that a
     log was bad; the others are diagnosed nevertheless.
     """
-    from robomend_batch.observing import check_declared, load_observers
-    from robomend_batch.one_log import Setup
-    from robomend_batch.pool import usable_cores
-    from robomend_batch.progress import Progress
-    from robomend_batch.run import run
+    from robomend_batch.starting import started, usable_cores
 
     if given["scheduler"] is not None and given["workers"] is not None:
         raise click.UsageError("--scheduler and --workers: one or the other")
-    system = load(model)
     names, problems = find_logs(logs)
     for name, reason in problems:
         click.echo(f"bad: {name}: {reason}", err=True)
+    asked = usable_cores() if given["workers"] is None else given["workers"]
+    workers = 0 if given["scheduler"] is not None else min(asked, len(names))
+    with started(workers) as begun:
+        summary = _diagnosed(names, model, out, begun, **{**given, "workers": workers})
+    tell(summary, out)
+    if summary.lost:
+        return BACKEND_FAILED
+    if problems or summary.bad:
+        return BAD_INPUT
+    return FAULT if given["fail_on_fault"] and summary.faulty else 0
+
+
+def _diagnosed(names: list[str], model: str, out: Path, begun: list[Started], **given: Any) -> Summary:
+    from robomend_batch.observing import check_declared, load_observers
+    from robomend_batch.one_log import Setup
+    from robomend_batch.progress import Progress
+    from robomend_batch.run import run
+
+    system = load(model)
     observers = given["observers"]
     if observers is not None:
         check_declared(
             load_observers(observers, code=given["code"]), system.vocabulary, given["unknown"], observers
         )
-    summary = run(
+    return run(
         Setup(
             system,
             search_options(given, conflicts=False),
@@ -142,16 +157,11 @@ def command(logs: tuple[str, ...], model: str, out: Path, **given: Any) -> int:
         overwrite=given["overwrite"],
         ndjson=given["ndjson"],
         parquet=given["parquet"],
-        workers=min(usable_cores(), len(names)) if given["workers"] is None else given["workers"],
+        workers=given["workers"],
         scheduler=given["scheduler"],
+        begun=begun,
         progress=lambda count, size: Progress(count, size, quiet=given["quiet"]),
     )
-    tell(summary, out)
-    if summary.lost:
-        return BACKEND_FAILED
-    if problems or summary.bad:
-        return BAD_INPUT
-    return FAULT if given["fail_on_fault"] and summary.faulty else 0
 
 
 def tell(summary: Summary, out: Path) -> None:

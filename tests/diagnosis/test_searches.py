@@ -24,7 +24,7 @@ ENGINES = {"sat", "asp", "maxsat", "hs_dag", "cda_star", "snapshots"}
 """Named in the table of engines, or in that of questions."""
 
 NO_SEARCH = {
-    "asked and answered": {"result", "search", "base", "engines", "observed", "wcnf"},
+    "asked and answered": {"result", "search", "base", "engines", "observed", "products", "wcnf"},
     "a solver and what it is asked": {"oracle", "consistency", "masks"},
     "conflicts": {"conflicts", "sensor_conflicts", "shrinking", "witnesses", "justification", "reasons"},
     "words, weights and what to look at next": {"explanations", "likelihood", "onsets", "probes"},

@@ -296,8 +296,8 @@ def test_a_number_that_becomes_text_is_told_in_words_and_unknown_from_then_on(tm
     assert batch_run(tmp_path / "out", tmp_path / "a.bag", "--observers", observers, model=model) == 2
     (record,) = logs(tmp_path / "out")
     assert record["state"] == "bad"
-    place = f"{tmp_path / 'a.bag'}: level:data"
-    (lost,) = [problem["reason"] for problem in record["problems"] if problem["place"] == place]
+    where = f"{tmp_path / 'a.bag'}: level:data"
+    (lost,) = [problem["reason"] for problem in record["problems"] if problem["place"] == where]
     assert lost == "what level:data says cannot be read: a number is needed, not 'two\\nand a half'"
     assert not [problem for problem in record["problems"] if ".py" in problem["place"] + problem["reason"]]
     assert [(state, start) for start, state, _ in told(tmp_path / "out")][-2:] == [
