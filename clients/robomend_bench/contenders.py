@@ -26,6 +26,7 @@ MODES = {
     "first": "first minimum-cardinality diagnosis, from literals to answer",
     "once": "the same from a model: each question is asked of a new engine, whose set-up counts",
     "cold": "the same from a model's text",
+    "structure": "as once, but asked twice: a circuit's structure is found and compiled at the second time",
     "all": "all minimum-cardinality diagnoses, each as a row",
     "factored": "all minimum-cardinality diagnoses, factored, with their exact count",
     "subset": "all subset-minimal diagnoses up to --max-size, in order of size",
@@ -103,6 +104,8 @@ def prepare_cold(contender: str, made: Callable[[], HealthCnf], wish: Wish) -> A
             return _count(BASELINES[contender](cnf), question, wish)
         engine = _engine(contender, cnf)
         try:
+            if wish.mode == "structure":
+                engine.diagnose(question.payload, options)
             return _counted(engine.diagnose(question.payload, options), wish.mode)
         finally:
             engine.close()

@@ -121,7 +121,7 @@ def _names(context: click.Context, parameter: click.Parameter, value: str) -> tu
     callback=_sizes,
     metavar="K, K-L or any",
     help="Circuits: only questions of these minimum cardinalities, equally many of each; any: of all, as "
-    "they come.  [default: 1-20 in modes first, once and cold, 1-10 for itc99]",
+    "they come.  [default: 1-20 in modes for one diagnosis, 1-10 for itc99]",
 )
 @click.option("--max-size", type=click.IntRange(0, 100), default=2, show_default=True, help="In mode subset.")
 @click.option(

@@ -37,8 +37,9 @@ DATA = Path(__file__).resolve().parent / "data"
 """The circuits and instances that come with the package."""
 
 
-ONE = ("first", "once", "cold")
-"""Modes that ask for one minimum-cardinality diagnosis: from a warm engine, from a model, from its text."""
+ONE = ("first", "once", "cold", "structure")
+"""Modes that ask for one minimum-cardinality diagnosis: from a warm engine, from a model, from its text, and
+twice from a model."""
 
 
 @dataclass(frozen=True, slots=True)

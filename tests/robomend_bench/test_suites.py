@@ -6,13 +6,15 @@ import multiprocessing
 import os
 import random
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from shutil import copyfile
 
 import pytest
 
+from robomend.diagnosis import sat
+from robomend.diagnosis.circuits.netlist import Netlist, recover
 from robomend.errors import InputError, OptionRefused
 from robomend.model.cnf import HealthCnf
 from robomend_bench.contenders import CHECKS, healthy_sets
@@ -109,6 +111,37 @@ def test_a_cold_start_reads_the_text_and_a_new_engine_only_the_model() -> None:
         assert [answer.result for answer in answers] == [(int(q.name[:2]),) for q in group.questions]
         with pytest.raises(OptionRefused, match="ignores assumptions"):
             suite.prepare("sat:kissat404", group, wish)(group.questions[0])
+
+
+def test_an_engine_that_is_asked_twice_finds_the_structure(monkeypatch: pytest.MonkeyPatch) -> None:
+    found: list[HealthCnf] = []
+
+    def counted(cnf: HealthCnf, check: Callable[[], None]) -> Netlist | None:
+        found.append(cnf)
+        return recover(cnf, check)
+
+    monkeypatch.setattr(sat, "recover", counted)
+    suite = find_suite("iscas85")
+    for mode, times in (("once", 0), ("structure", 1)):
+        wish = Wish(mode=mode, only=("c17",), instances=1)
+        (group,) = suite.groups(wish)
+        found.clear()
+        assert suite.prepare("sat", group, wish)(group.questions[0]).complete
+        assert len(found) == times
+
+
+def test_a_made_circuit_has_as_many_gates_as_it_says_and_questions_on_which_engines_agree() -> None:
+    wish = Wish(mode="structure", only=("1000",), instances=2, faults=(1, 2), timeout_s=20.0)
+    (group,) = find_suite("made-circuits").groups(wish)
+    assert group.size == 1_000
+    assert find_suite("made-circuits").contenders("structure") == ("sat",)
+    run = run_suite(find_suite("made-circuits"), wish, ("sat", "rc2"), repeats=1)
+    assert run.disagreements == ()
+    assert {sample.status for sample in run.samples} == {"ok"}
+    (other,) = find_suite("made-circuits").groups(replace(wish, seed=2))
+    assert other.model.clauses != group.model.clauses
+    with pytest.raises(InputError, match="choose from 1000"):
+        list(find_suite("made-circuits").groups(replace(wish, only=("77",))))
 
 
 def test_engines_take_part_with_the_solver_that_is_named() -> None:

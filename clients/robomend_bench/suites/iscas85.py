@@ -24,7 +24,7 @@ other, so that most observations of random faults need one or two gates only."""
 
 
 class Circuits:
-    """Circuits in .bench form, from a folder of `--data` that has the suite's name."""
+    """Circuits in .bench form, from a folder of `--data` that has the suite's name, or otherwise (`text`)."""
 
     version = "1"
     modes: Mapping[str, str] = contenders.CIRCUIT_MODES
@@ -35,14 +35,14 @@ class Circuits:
         summary: str,
         circuits: tuple[str, ...],
         by_default: tuple[str, ...],
-        sizes: tuple[int, int],
+        sizes: tuple[int, int] | None,
         source: str = "",
     ) -> None:
         """Make a suite.
 
         Args:
             by_default: the circuits that run when none is named.
-            sizes: minimum cardinalities of questions for one diagnosis, equally many of each.
+            sizes: minimum cardinalities of questions for one diagnosis, equally many of each; None: any.
             source: where circuits that do not come with the package can be had.
         """
         self.name, self.summary = name, summary
@@ -51,6 +51,8 @@ class Circuits:
 
     def contenders(self, mode: str) -> tuple[str, ...]:
         """Return the engine and what it is held against in this mode."""
+        if mode == "structure":
+            return ("sat",)
         if mode in ONE:
             return ("sat", *RC2_OPTIONS)
         return ("sat", "clingo-domain" if mode == "subset" else "layered-full")
@@ -58,22 +60,30 @@ class Circuits:
     def groups(self, wish: Wish) -> Iterator[Group]:
         """Yield a group a circuit. The questions of a circuit depend on the seed and its name only."""
         for name in wish.only or self._by_default:
-            path = wish.data / self.name / f"{name}.bench"
-            if not path.is_file():
-                known = f"choose from {', '.join(self._circuits)}, or give --data DIR"
-                raise InputError(f"no circuit {path}: {known}{self._source}")
-            text = path.read_text()
+            text = self.text(name, wish)
             cnf = _compiled(text, name)
             sizes = wish.sizes or (self._sizes if wish.mode in ONE else None)
             wanted = None if sizes == "any" else sizes
             questions = questions_about(text, cnf, f"{wish.seed} {name}", wanted, wish)
             yield Group(name, len(cnf.components), text if wish.mode == "cold" else cnf, questions)
 
+    def text(self, name: str, wish: Wish) -> str:
+        """Return a circuit in .bench form.
+
+        Raises:
+            InputError: there is none of this name.
+        """
+        path = wish.data / self.name / f"{name}.bench"
+        if not path.is_file():
+            known = f"choose from {', '.join(self._circuits)}, or give --data DIR"
+            raise InputError(f"no circuit {path}: {known}{self._source}")
+        return path.read_text()
+
     def prepare(self, contender: str, group: Group, wish: Wish) -> Ask:
         """Return what answers the questions of one circuit."""
         if wish.mode == "cold":
             return contenders.prepare_cold(contender, lambda: _compiled(group.model, group.name), wish)
-        if wish.mode == "once":
+        if wish.mode in ("once", "structure"):
             return contenders.prepare_cold(contender, lambda: _uncached(group.model), wish)
         return contenders.prepare(contender, group.model, group, wish)
 

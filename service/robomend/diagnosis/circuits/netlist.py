@@ -11,8 +11,8 @@ back on methods that need none.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
 from itertools import product
 
 from robomend.model.cnf import Clause, HealthCnf
@@ -49,6 +49,19 @@ class Netlist:
         return {gate.output: index for index, gate in enumerate(self.gates)}
 
 
+Shape = tuple[int, ...]
+"""The clauses of a gate, whatever its nets are: gates of one kind have the same."""
+
+
+@dataclass(frozen=True, slots=True)
+class Shapes:
+    """What is known of gates by their shape: of thousands of gates some dozen are looked at in earnest."""
+
+    common: dict[Shape, tuple[int, ...]] = field(default_factory=dict)  # places of nets in all clauses
+    # Of an output at that place: the operator that joins the inputs, and whether it is the complement.
+    joined: dict[tuple[Shape, int], tuple[str, bool]] = field(default_factory=dict)
+
+
 def recover(cnf: HealthCnf, check: Callable[[], None] = lambda: None) -> Netlist | None:
     """Return the netlist behind the clauses of a circuit, or None when they are not those of one.
 
@@ -63,23 +76,28 @@ def recover(cnf: HealthCnf, check: Callable[[], None] = lambda: None) -> Netlist
     owner: dict[int, int] = {}  # auxiliary variable -> the one component that speaks of it
     after = n + len(cnf.atoms)
     for clause, origin in zip(cnf.clauses, cnf.origins, strict=True):
-        health = [literal for literal in clause if abs(literal) <= n]
-        if len(health) != 1 or health[0] > 0:
+        health, body = (clause[0], clause[1:]) if clause else (0, ())
+        if not -n <= health < 0:  # mostly it comes first
+            health = next((literal for literal in clause if -n <= literal < 0), 0)
+            body = tuple([literal for literal in clause if literal != health])
+        for literal in body:
+            if -n <= literal <= n:
+                return None
+            if abs(literal) > after and owner.setdefault(abs(literal), health) != health:
+                return None
+        if not health:
             return None
-        if cnf.variables > after:
-            for literal in clause:
-                if abs(literal) > after and owner.setdefault(abs(literal), health[0]) != health[0]:
-                    return None
-        component = -health[0]
-        own[component].append(tuple([literal for literal in clause if literal != health[0]]))
+        component = -health
+        own[component].append(body)
         if component not in title:
             title[component] = cnf.rules[origin].source.partition(" ")[2]
     gates: dict[int, Gate] = {}
+    shapes = Shapes()
     for component in range(1, n + 1):
         if component % CHECK_EVERY == 0:
             check()
         names = {cnf.components[component - 1], title.get(component, "")}
-        gate = _gate(own.get(component, []), names, cnf, gates, component)
+        gate = _gate(own.get(component, []), names, cnf, gates, component, shapes)
         if gate is None:
             return None
         gates[gate.output] = gate
@@ -87,33 +105,63 @@ def recover(cnf: HealthCnf, check: Callable[[], None] = lambda: None) -> Netlist
 
 
 def _gate(
-    clauses: list[Clause], names: set[str], cnf: HealthCnf, taken: dict[int, Gate], component: int
+    clauses: list[Clause],
+    names: set[str],
+    cnf: HealthCnf,
+    taken: dict[int, Gate],
+    component: int,
+    shapes: Shapes,
 ) -> Gate | None:
     """Return the gate. Where several nets could be its output (a buffer, a parity), its name decides."""
     if not clauses:
         return None
     first = len(cnf.components) + 1
     after = first + len(cnf.atoms)  # auxiliary variables come after the atoms
-    sets = [{abs(literal) for literal in clause} for clause in clauses]
-    chained = cnf.variables >= after and any(max(one) >= after for one in sets if one)
-    parity = _parity(clauses, after) if chained else None
-    common = set.intersection(*sets) if parity is None else parity[0]
-    shared = {net for net in common if net not in taken}
-    named = {
+    place, shape = _shape(clauses)
+    parity = _parity(clauses, after) if cnf.variables >= after and max(place, default=0) >= after else None
+    if parity is not None:
+        common: Iterable[int] = parity[0]
+    elif shape in shapes.common:
+        nets = list(place)
+        common = [nets[one] for one in shapes.common[shape]]
+    else:
+        common = set.intersection(*({abs(literal) for literal in clause} for clause in clauses))
+        shapes.common[shape] = tuple(place[net] for net in common)
+    shared = [net for net in common if net not in taken]
+    named = [
         net
         for net in shared
         if net - first < len(cnf.atoms)
         and cnf.atoms[net - first].args
         and cnf.atoms[net - first].args[0] in names
-    }
+    ]
     for output in sorted(named or shared):
         if parity is not None:
             inputs = tuple(sorted(parity[0] - {output}))
             return _joined(component, output, inputs, "^", inverted=parity[1])
+        joined = shapes.joined.get((shape, place[output]))
+        if joined is not None:
+            return _joined(component, output, tuple(sorted(place.keys() - {output})), *joined)
         gate = _function(component, output, clauses)
         if gate is not None:
+            if gate.operator:
+                shapes.joined[shape, place[output]] = gate.operator, gate.inverted
             return gate
     return None
+
+
+def _shape(clauses: list[Clause]) -> tuple[dict[int, int], Shape]:
+    """Return the place at which each variable comes first, and the clauses with these for the variables."""
+    place: dict[int, int] = {}
+    shape = []
+    for clause in clauses:
+        for literal in clause:
+            if literal > 0:
+                shape.append(place.setdefault(literal, len(place)) + 1)
+            else:
+                shape.append(-1 - place.setdefault(-literal, len(place)))
+        shape.append(0)
+    return place, tuple(shape)
 
 
 def _joined(component: int, output: int, inputs: tuple[int, ...], operator: str, inverted: bool) -> Gate:
