@@ -69,7 +69,7 @@ def test_what_says_the_same_is_no_event(service: Service) -> None:
     service.with_robot("same")
     for sentence in ("not ok(scan)", "not ok(map)", "not ok(scan)", "running(rviz)"):
         service.observe(sentence, robot="same")
-    service.diagnosis("same", wait_s=60, after=3)
+    service.diagnosis("same", wait_s=60, after=2)
     found = published(service, "same")
     assert [one["result"]["diagnoses"][0]["bad"] for one in found] in ([[], ["hokuyo"]], [["hokuyo"]])
 

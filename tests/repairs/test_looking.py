@@ -10,7 +10,7 @@ import pytest
 from tests.repairs.lidar_robot import CNF, ON, RUNNING, SCAN, Robot, setting
 
 from robomend.planning.prediction import Prediction, Theory
-from robomend.repairs.looking import LONGER, LOOK_S, Looking
+from robomend.repairs.looking import LONGER, LOOK_S, SOON_S, Looking
 from robomend_client.literals import Atom, Literal
 
 pytestmark = pytest.mark.anyio
@@ -60,6 +60,12 @@ async def test_obs_is_looked_at_unasked_too_but_no_longer_than_the_time_out() ->
     here.prediction.expected = lambda: frozenset({WANTED})  # type: ignore[method-assign]  # of no plan
     await Looking(here).effect([WANTED], LOOK_S / 5)
     assert max(waits) <= LOOK_S / 5
+    waits.clear()
+    here = replace(setting(Deaf(obs={SCAN: False}, known_s=10.0)), observed=frozenset({SCAN}))
+    here.prediction.expected = lambda: frozenset({WANTED})  # type: ignore[method-assign]  # of no plan
+    await Looking(here).effect([WANTED], 30.0)
+    assert waits == [SOON_S, SOON_S]  # how long it takes is known, and news that repeat wake nobody
+    assert SOON_S < LOOK_S
 
 
 async def test_an_effect_that_nobody_observes_is_neither_seen_nor_missing() -> None:
