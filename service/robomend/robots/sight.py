@@ -34,7 +34,7 @@ SLACK_S = 0.3
 
 SLACK_NS = round(SLACK_S * 1e9)
 
-LEAST_SLACK_NS = 100_000_000
+LEAST_SLACK_NS = 50_000_000
 """For what is on its way where all that came lately came equally fast."""
 
 LATER_NS = 2 * GUARD_NS
