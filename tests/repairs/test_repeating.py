@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import time
 from pathlib import Path
 from typing import Any
 
@@ -190,3 +192,23 @@ async def test_a_driver_that_comes_up_mute_after_its_device_was_cycled_is_restar
         *("shutdown(base)", "power_up(base)", "stop_node(base_node)", "start_node(base_node)"),
         *("stop_node(base_node)", "start_node(base_node)"),
     ]
+
+
+@pytest.mark.anyio
+async def test_what_a_repair_gave_up_on_is_told_a_person_once_though_its_acts_changed_what_is_blamed(
+    tmp_path: Path,
+) -> None:
+    """A base that had lost its power comes back dead: it is blamed alone first, then its driver, too."""
+    limits = {"attempts_per_hour": 100, "rounds": 2}
+    async with service(tmp_path) as runtime, robot_on(runtime, limits=limits) as robot:
+        await robot.settled()
+        robot.broken_topics.add("odom")
+        robot.cut("base")
+        first = await the_repair(runtime, timeout_s=120)
+        assert first["state"] == "escalated"
+        assert "power_up(base)" in robot.done
+        end = time.monotonic() + 0.5
+        while time.monotonic() < end:
+            told = await runtime.repairs.repairs("r1", before=None, limit=2)
+            assert [one["id"] for one in told] == [first["id"]]
+            await asyncio.sleep(0.05)  # that nothing begins; it would within milliseconds
