@@ -69,7 +69,7 @@ def test_two_plain_answers_end_it_whatever_else_is_observed(result: ActionResult
     assert done(repeats, 1, result) is None
     why = done(repeats, 1, result, (holds("ok", "path"),))
     assert why is not None
-    assert why.startswith(f"it was answered 2 times in this repair, and plainly: {said}")
+    assert why.startswith(f"it was sent 2 times in this repair, and each answer was plain: {said}")
 
 
 def test_what_was_not_sent_after_all_does_not_count() -> None:
@@ -109,7 +109,10 @@ async def test_a_program_that_there_is_not_is_started_twice_and_a_person_hears_w
         repair = await the_repair(runtime)
     assert repair["state"] == "escalated"
     assert robot.done == ["start_node(mapping)"] * 2
-    assert "it was answered 2 times in this repair, and plainly: there is no such program" in repair["reason"]
+    assert (
+        "it was sent 2 times in this repair, and each answer was plain: there is no such program"
+        in repair["reason"]
+    )
 
 
 @pytest.mark.anyio
