@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import time
 from pathlib import Path
 from typing import Any
 
@@ -67,7 +69,7 @@ def test_two_plain_answers_end_it_whatever_else_is_observed(result: ActionResult
     assert done(repeats, 1, result) is None
     why = done(repeats, 1, result, (holds("ok", "path"),))
     assert why is not None
-    assert why.startswith(f"it was answered 2 times in this repair, and plainly: {said}")
+    assert why.startswith(f"it was sent 2 times in this repair, and each answer was plain: {said}")
 
 
 def test_what_was_not_sent_after_all_does_not_count() -> None:
@@ -107,7 +109,10 @@ async def test_a_program_that_there_is_not_is_started_twice_and_a_person_hears_w
         repair = await the_repair(runtime)
     assert repair["state"] == "escalated"
     assert robot.done == ["start_node(mapping)"] * 2
-    assert "it was answered 2 times in this repair, and plainly: there is no such program" in repair["reason"]
+    assert (
+        "it was sent 2 times in this repair, and each answer was plain: there is no such program"
+        in repair["reason"]
+    )
 
 
 @pytest.mark.anyio
@@ -190,3 +195,23 @@ async def test_a_driver_that_comes_up_mute_after_its_device_was_cycled_is_restar
         *("shutdown(base)", "power_up(base)", "stop_node(base_node)", "start_node(base_node)"),
         *("stop_node(base_node)", "start_node(base_node)"),
     ]
+
+
+@pytest.mark.anyio
+async def test_what_a_repair_gave_up_on_is_told_a_person_once_though_its_acts_changed_what_is_blamed(
+    tmp_path: Path,
+) -> None:
+    """A base that had lost its power comes back dead: it is blamed alone first, then its driver, too."""
+    limits = {"attempts_per_hour": 100, "rounds": 2}
+    async with service(tmp_path) as runtime, robot_on(runtime, limits=limits) as robot:
+        await robot.settled()
+        robot.broken_topics.add("odom")
+        robot.cut("base")
+        first = await the_repair(runtime, timeout_s=120)
+        assert first["state"] == "escalated"
+        assert "power_up(base)" in robot.done
+        end = time.monotonic() + 0.5
+        while time.monotonic() < end:
+            told = await runtime.repairs.repairs("r1", before=None, limit=2)
+            assert [one["id"] for one in told] == [first["id"]]
+            await asyncio.sleep(0.05)  # that nothing begins; it would within milliseconds

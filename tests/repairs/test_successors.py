@@ -12,6 +12,8 @@ from tests.repairs.robot import CONFIG, Robot, robot_on, running, service, the_r
 
 from robomend.repairs.looking import LONGER
 from robomend.repairs.remembering import surely_broken
+from robomend.robots.batches import Batch
+from robomend.robots.clock import CLOCK
 from robomend.store import attempts, start_ups
 from robomend.store.records import StoredAttempt, StoredRepair
 
@@ -111,3 +113,47 @@ async def test_a_start_that_takes_longer_than_earlier_ones_is_known_to_be_in_vai
     first = repair["rounds"][0]["reason"]
     assert first.startswith("start_node(lidar_node) answered 'done', but ")
     assert first.endswith(LONGER)
+
+
+@pytest.mark.anyio
+async def test_what_is_told_late_and_changes_nothing_keeps_no_second_round_waiting(tmp_path: Path) -> None:
+    """That the driver is mute is told at once; who watches the map that rests on it may need ten minutes."""
+
+    class WithLateMap(Robot):
+        """Of its map nothing is seen anew before the driver was started twice."""
+
+        began_ns = 0
+
+        async def report(self) -> None:
+            observes = {"ok(scan)": (0.1, 0.1), "ok(map)": (0.1, 600.0)}
+            await self.repairs.orders(
+                "r1", host=None, wait_s=0.0, agent="onboard", can=[], observes=observes, settled=None
+            )
+            now_ns = CLOCK.now_ns()
+            self.began_ns = self.began_ns or now_ns
+            late = self.done.count("start_node(lidar_node)") < 2
+            said = [
+                ("ok(map)", self.began_ns) if late and "(map)" in one else (one, now_ns)
+                for one in self.sentences()
+            ]
+            sentences, since = zip(*said, strict=True)
+            await self.robots.observe(
+                "r1", Batch(sentences, source="agent", time_ns=now_ns, since=since, lifetime_s=2.0)
+            )
+
+    patient = {**CONFIG["actions"]["start_node"], "effect_timeout_s": 600.0}
+    async with service(tmp_path) as runtime:
+        async with robot_on(runtime, policy="observe", actions={**CONFIG["actions"], "start_node": patient}):
+            pass  # it is configured
+        robot = WithLateMap(runtime.repairs, runtime.robots)
+        async with running(robot):
+            for runs in (True, False, True):  # how long a start takes is seen
+                robot.do("start_node" if runs else "stop_node", "lidar_node")
+                await robot.settled()
+            robot.spoil = first_one_mute()
+            robot.running["lidar_node"] = robot.connected["lidar_node"] = False
+            actions = {**CONFIG["actions"], "start_node": patient}
+            await runtime.robots.put_robot("r1", {**CONFIG, "actions": actions}, expected="*", by="test")
+            repair = await the_repair(runtime)
+    assert repair["state"] == "repaired", repair["reason"]
+    assert robot.done == ["start_node(lidar_node)", "stop_node(lidar_node)", "start_node(lidar_node)"]

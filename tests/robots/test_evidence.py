@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from robomend.entry import Entry
 from robomend.errors import InputError
 from robomend.observations.obs import Obs
+from robomend.robots.declared import Delays
 from robomend.robots.evidence import Dating, RestsOn
 from robomend.robots.sight import Sight
 from robomend.robots.source_clocks import ENOUGH, SourceClocks
@@ -142,6 +143,25 @@ def test_what_holds_is_known_to_since_it_was_news_and_since_its_present_evidence
     assert said(Entry(BAD, "general", 45 * S, None, 44 * S, 43 * S)) == (9 * S, 19 * S)
     assert said(ok(50, 49)) == (49 * S, 49 * S)
     assert said(Entry(BAD, "general", 60 * S, None, 59 * S)) == (49 * S,)
+
+
+def test_a_topic_that_is_heard_again_is_not_looked_at_to_the_end_before_its_observer_has_settled() -> None:
+    """Silence of 0.5 s, checked each 0.1 s: 0.6 s to detect it, and 1.3 s to judge anew."""
+    held = Obs()
+    sight = Sight(cast(Any, SimpleNamespace(id="r1", obs=held)))
+    sight.declared = cast(Any, SimpleNamespace(delays=lambda atom, usual: Delays(6 * S // 10, 13 * S // 10)))
+
+    def looked(told_ms: int, since_ms: int) -> int:
+        ms = S // 1000
+        held.update([Entry(BAD, "general", told_ms * ms, None, since_ms * ms)])
+        return sight.looked_ns(OK.atom) // ms
+
+    assert sight.looked_ns(OK.atom) == 0
+    assert looked(10_000, 9_500) == 10_100  # silent until now, and noticed with the next check
+    # The first sample came at 10.2 s: it is still called bad, on the silence before it.
+    assert looked(10_400, 9_700) < 10_200
+    assert looked(11_500, 9_700) < 10_200
+    assert looked(11_700, 9_700) == 11_700  # it had its time, and is at a wrong rate
 
 
 def test_only_what_was_heard_to_be_off_was_seen_to_begin() -> None:

@@ -241,6 +241,30 @@ def test_a_node_that_was_not_started_itself_has_the_time_that_it_took_after_its_
     assert left_s(found, seen, MAP) == pytest.approx(5 + 0.5 + SLACK_NS / S)
 
 
+def test_an_input_that_nobody_watches_is_taken_to_be_there_if_its_node_has_run_for_long() -> None:
+    found, seen = StartUps(), Seen()
+    started(found, MAPPING, MAP, 100, 0.8)
+    assert left_s(found, seen, MAP) == inf  # its input is watched, and is not there
+    del seen.values[SCAN]
+    assert left_s(found, seen, MAP) == pytest.approx(1.6 + 0.5 + SLACK_NS / S)
+    seen.rose[DRIVER] = 998 * S
+    assert left_s(found, seen, MAP) == pytest.approx(1.6 + 0.5 + SLACK_NS / S)
+    seen.rose[DRIVER] = 999 * S  # it may be starting, too: nobody knows how long that takes
+    assert left_s(found, seen, MAP) == inf
+    seen.rose[DRIVER], seen.values[DRIVER] = 998 * S, False
+    assert left_s(found, seen, MAP) == inf
+
+
+def test_a_start_in_vain_whose_input_nobody_watches_doubles_the_time_of_the_next_one() -> None:
+    found = StartUps()
+    started(found, MAPPING, MAP, 100, 0.8)
+    silent = Seen(rose={MAPPING: 200 * S})
+    del silent.values[SCAN]
+    heard(found, news(Literal(MAPPING, False), 190), news(Literal(MAPPING), 200), seen=silent)
+    heard(found, news(Literal(MAPPING, False), 203), news(Literal(MAPPING), 204), seen=silent)
+    assert left_s(found, silent, MAP) == pytest.approx(3.2 + 0.5 + SLACK_NS / S)
+
+
 def test_what_an_observer_has_looked_at_is_not_waited_for_again() -> None:
     found, seen = StartUps(), Seen()
     started(found, DRIVER, SCAN, 100, 0.8)

@@ -124,6 +124,7 @@ class Calm:
             now_ns,
             state.sight.on_its_way_ns(),
         )
+        found |= self._unseen(unconfirmed, now_ns)
         if parts is not None:
             began = {
                 entry.atom: entry.onset_ns
@@ -153,6 +154,13 @@ class Calm:
             )
             found |= {atom: max(end, found.get(atom, 0)) for atom, end in back.items()}
         return found
+
+    def _unseen(self, unconfirmed: Collection[Atom], now_ns: int) -> dict[Atom, int]:
+        """Return what nobody has seen since an act that may have changed it, while observers have time."""
+        sight = self._state.sight
+        slack_ns = sight.on_its_way_ns()
+        ends = {a: sight.unconfirmed.acts[a].from_ns + sight.delays(a).settling_ns for a in unconfirmed}
+        return {atom: end + slack_ns for atom, end in ends.items() if end + slack_ns > now_ns}
 
     def _may_take_ns(self, name: str, began_ns: int) -> int:
         """Return how long what began then may need until it shows."""

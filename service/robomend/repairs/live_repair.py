@@ -177,10 +177,12 @@ class LiveRepair:
     async def look(self, choice: Choice, execution: Execution) -> DiagnosisResult:
         """Return the diagnosis of what came after: at once when it is clear, else when OBS had its time."""
         assert choice.diagnosis is not None
-        if execution.ending is Ending.EFFECT_MISSING:
+        done, missing = execution.ending is Ending.DONE, execution.ending is Ending.EFFECT_MISSING
+        if missing:
             await self._hear_the_missing(execution)
-        done = execution.ending is Ending.DONE
-        await self._confirming.seen()
+        # That it was in vain may be told before all is: of the rest the next round waits for what matters.
+        if not missing or stands_no_more(choice.diagnosis.bad, await self._newest()):
+            await self._confirming.seen()
         had_their_time = dict.fromkeys((Ending.EFFECT_MISSING, Ending.MISMATCH, Ending.ACTION_FAILED), 0.0)
         waits = {Ending.DONE: Timing().effect_timeout_s, **had_their_time}
         deadline = time.monotonic() + waits.get(execution.ending, Timing().hold_s)

@@ -97,7 +97,7 @@ class Repeats:
         if act is None:
             return None
         if act.plain >= MOST_PLAIN:
-            return f"it was answered {act.plain} times in this repair, and plainly: {act.said}"
+            return f"it was sent {act.plain} times in this repair, and each answer was plain: {act.said}"
         if not (act.in_vain or act.sent >= MOST) or _new(act, _relevant(known, parameters)):
             return None
         if act.in_vain:

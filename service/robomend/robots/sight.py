@@ -253,13 +253,17 @@ class Sight:
         entry = self._robot.obs.get(atom)
         if entry is None or entry.since_ns is None:
             return 0
-        detection_ns = self.declared.delays(atom, Delays(0, 0)).detection_ns
-        if not detection_ns:
+        delays = self.declared.delays(atom, Delays(0, 0))
+        if not delays.detection_ns:
             return entry.since_ns  # which is already as much less than its report as such an observer needs
-        # Of silence `since` is the present less what was waited for, which is as much as detection takes. Of
-        # a wrong rate it is the oldest sample of many, which were looked at until the report.
+        # Of silence `since` is the present less what was waited for, as much as detection takes. Once there
+        # are samples again it stands still, until the observer has settled: what is heard again is not known
+        # to be bad. What is bad for longer is so by its samples, at a wrong rate, and as of the report.
+        silent_until_ns = entry.since_ns + delays.detection_ns
         told_ns = entry.time_ns + self._clocks.lives_on_ns(entry.source)
-        return max(entry.since_ns + detection_ns, told_ns)
+        if told_ns <= silent_until_ns:
+            return silent_until_ns
+        return told_ns if told_ns - silent_until_ns >= delays.settling_ns else entry.since_ns
 
     def delays(self, atom: Atom) -> Delays:
         """Return how fast the atom's observers are."""

@@ -175,7 +175,7 @@ class StartUps:
         for topic in node.publishes:
             began_ns = self._awaited.get(topic, {}).pop(node.name, None)
             self._undated.pop(topic, None)
-            there = [seen.rose_ns(each) for each in _inputs(node, topic)]
+            there = [seen.rose_ns(each) for each in _inputs(node, topic) if seen.reported(each)]
             if began_ns is None or entry.positive or None in there or topic not in self._took:
                 continue
             if now_ns - max(began_ns, *filter(None, there), 0) >= self._took[topic].after_inputs_ns():
@@ -302,8 +302,12 @@ class StartUps:
         (topic,) = atom.args
         starts, nodes = self._took.get(topic), self.publishers(parts).get(topic, ())
         running = [Atom(Node.state, (node.name,)) for node in nodes]
-        inputs = [each for node in nodes for each in _inputs(node, topic)]
+        needed = [each for node in nodes for each in _inputs(node, topic)]
+        inputs = [each for each in needed if seen.reported(each)]
         if starts is None or not all(seen.value(each) for each in (*running, *inputs)):
+            return None
+        hidden = [each for each in needed if each not in inputs]
+        if not self._up_before(since_ns - starts.after_node_ns(), hidden, parts, seen):
             return None
         if self._powered_after(since_ns - LONGEST_NS, nodes, parts, seen):
             return None  # a device may take longer to boot than its driver
@@ -316,6 +320,12 @@ class StartUps:
         if seen.looked_ns(atom) >= end_ns:
             return end_ns
         return end_ns + seen.delays(atom).settling_ns + SLACK_NS
+
+    def _up_before(self, time_ns: int, topics: Iterable[Atom], parts: ComponentModel, seen: Seen) -> bool:
+        """Whether who publishes these, which nobody reports, ran before that: then nobody waits for them."""
+        nodes = (node for atom in topics for node in self.publishers(parts).get(atom.args[0], ()))
+        running = [Atom(Node.state, (node.name,)) for node in nodes]
+        return all(seen.value(each) and (seen.rose_ns(each) or 0) < time_ns for each in running)
 
     def _powered_after(self, time_ns: int, nodes: Iterable[Node], parts: ComponentModel, seen: Seen) -> bool:
         """Return whether a device that one of the nodes drives, or its supply, got its power after that."""
