@@ -116,8 +116,8 @@ class Database:
             connection = self._engine.connect().execution_options(robomend_writes=True)
             if self.path is None:
                 itself: Any = connection.connection.driver_connection
-                # pipeline.py prepares. The driver forgets what it had prepared at its next rollback, and has the
-                # server forget everything then: now, while there is nothing of ours.
+                # pipeline.py prepares. The driver forgets what it had prepared at its next rollback, and
+                # has the server forget everything then: now, while there is nothing of ours.
                 itself.prepare_threshold = None
                 connection.exec_driver_sql("SELECT 1")
                 connection.rollback()
