@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
+from itertools import product
 
 import pytest
 from hypothesis import given, settings
@@ -115,11 +117,27 @@ def test_diagnoses_with_modes_are_those_of_the_definition(
         for diagnosis in result.diagnoses:
             assert set(diagnosis.modes) == set(diagnosis.bad) & set(cnf.modes)
             health = [-v if name in diagnosis.bad else v for name, v in cnf.health.items()]
-            assert solver.solve([*health, *(cnf.modes[name][mode] for name, mode in diagnosis.modes.items())])
-            unknown = {
-                name: -cnf.modes[name]["unknown"] for name in diagnosis.modes if "unknown" in cnf.modes[name]
-            }
-            names_fit = [unknown[name] for name in unknown if diagnosis.modes[name] != "unknown"]
-            for name in unknown:
-                if diagnosis.modes[name] == "unknown":
-                    assert not solver.solve([*health, *names_fit, unknown[name]]), "a named mode fits"
+            fit = [
+                modes
+                for modes in product(*(cnf.modes[name] for name in diagnosis.modes))
+                if solver.solve([*health, *literals_of(cnf, dict(zip(diagnosis.modes, modes, strict=True)))])
+            ]
+            order = [list(cnf.modes[name]) for name in diagnosis.modes]
+            first = min(
+                fit,
+                key=lambda modes: (
+                    [mode == "unknown" for mode in modes],
+                    [known.index(mode) for known, mode in zip(order, modes, strict=True)],
+                ),
+            )
+            assert tuple(diagnosis.modes.values()) == first, (
+                "the first that fit, named ones before the others"
+            )
+
+
+def literals_of(cnf: HealthCnf, modes: dict[str, str]) -> Iterator[int]:
+    """Yield that components are in these modes, and not in one that has no name beside another."""
+    for name, mode in modes.items():
+        yield cnf.modes[name][mode]
+        if mode != "unknown" and "unknown" in cnf.modes[name]:
+            yield -cnf.modes[name]["unknown"]

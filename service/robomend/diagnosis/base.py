@@ -42,7 +42,6 @@ from robomend.diagnosis.search import (
     listed_as_rows,
 )
 from robomend.errors import ContradictoryModel, OptionRefused, SolverError
-from robomend.model.clauses import UNKNOWN_MODE
 from robomend.model.cnf import HealthCnf
 from robomend_client.literals import Literal
 
@@ -218,14 +217,13 @@ class BaseEngine(ABC):
         )
 
     def _name_modes(self, answer: SearchState, assumptions: Sequence[int]) -> None:
-        """Let named fault modes take the place of "unknown" where they fit, as far as there is time.
+        """Tell the first fault modes that fit, whatever the search, as far as there is time.
 
         A search takes the modes of the model that it comes upon, and any mode will do for that.
         """
         with suppress(OutOfTime):
             for bad in answer.found:
-                told = answer.modes.get(bad)
-                if told and UNKNOWN_MODE in told.values():
+                if told := answer.modes.get(bad):
                     answer.modes[bad] = self._consistency.named(bad, told, assumptions)
 
     def _explain_contradiction(self, observed: SignedObs, what_if: Supposed) -> StoppedBy | None:

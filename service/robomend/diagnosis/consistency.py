@@ -72,23 +72,34 @@ class Consistency:
         return self.modes_of(bad, self.oracle.model())
 
     def named(self, bad: Bad, modes: Mapping[str, str], assumptions: Sequence[int]) -> Mapping[str, str]:
-        """Return fault modes that fit together; "unknown" is told only where no name fits beside the others.
+        """Return the fault modes that are told, of all that fit together: the same ones, whoever searched.
+
+        From the first component to the last: "unknown" only where no name fits beside those before; then of
+        the names the first in the model that does.
 
         Args:
             modes: some that fit together, as a model has them.
         """
-        unknown = {
-            component: variables[UNKNOWN_MODE]
-            for component, variables in self.cnf.modes.items()
-            if component in modes and UNKNOWN_MODE in variables
-        }
-        settled = [*assumptions, *(-unknown[one] for one in unknown if modes[one] != UNKNOWN_MODE)]
-        for component in [one for one in unknown if modes[one] == UNKNOWN_MODE]:
+        settled = list(assumptions)
+        unnamed = []
+        for component in modes:
+            unknown = self.cnf.modes[component].get(UNKNOWN_MODE)
+            if unknown is None:
+                continue
             if modes[component] == UNKNOWN_MODE:
-                if not self.explains(bad, [*settled, -unknown[component]]):
+                if not self.explains(bad, [*settled, -unknown]):
+                    unnamed.append(component)
                     continue
                 modes = self.modes_of(bad, self.oracle.model() or ())
-            settled.append(-unknown[component])
+            settled.append(-unknown)
+        for component in [one for one in modes if one not in unnamed]:
+            for mode, variable in self.cnf.modes[component].items():
+                if mode != modes[component]:
+                    if mode == UNKNOWN_MODE or not self.explains(bad, [*settled, variable]):
+                        continue
+                    modes = self.modes_of(bad, self.oracle.model() or ())
+                settled.append(variable)
+                break
         return modes
 
     def close(self) -> None:
