@@ -94,6 +94,7 @@ class Commands:
         self.ids = iter(range(1, 10**6))
         self.tokens: dict[str, Any] = {"": self.token(f"NN/%/%/{name}", 0)[0]}
         self.stops: dict[str, threading.Event] = {}
+        self.threads: dict[str, threading.Thread] = {}
         self.kept: dict[str, Any] = {}
         self.robots_s = 0  # the robot's time, by /clock
 
@@ -173,12 +174,15 @@ class Commands:
                 once(number)
 
         if "rate" in line:
-            threading.Thread(target=again, daemon=True).start()
+            thread = self.threads[topic] = threading.Thread(target=again, daemon=True)
+            thread.start()
         else:
             once(1)
 
     def hush(self, line: dict[str, Any]) -> None:
         self.stops.pop(line["topic"]).set()
+        if (thread := self.threads.pop(line["topic"], None)) is not None:
+            thread.join()  # a publisher in the middle of a message cannot be undeclared
 
     def unpublish(self, line: dict[str, Any]) -> None:
         self.hush(line)
