@@ -58,7 +58,9 @@ def killed_in_the_middle(
     """Start a run and end it when it has written so many files; return whether it was not done yet."""
     said = out.with_suffix(".said")
     with said.open("w") as stderr:
-        running = subprocess.Popen(line, start_new_session=True, stderr=stderr)
+        # tests may run where Ctrl-C is ignored, as behind `&`, and who is started there ignores it as well
+        heeding = ["env", "--default-signal=INT", *line]
+        running = subprocess.Popen(heeding, start_new_session=True, stderr=stderr)
     try:
         until(
             lambda: running.poll() is not None or len(list((out / "results").glob(files))) >= count,
