@@ -64,6 +64,7 @@ def test_who_has_found_the_database_damaged_is_not_ready_whatever_else_can_be_re
         found = http.get("/audit")
         assert (found.status_code, found.json()["code"]) == (503, "store-damaged"), found.text
         assert http.get("/robots").status_code == 200
+        until(lambda: httpx.get(f"{service.url}/readyz", timeout=30).status_code == 503, "it is ready")
         unready = httpx.get(f"{service.url}/readyz", timeout=30)
         assert unready.status_code == 503
         assert "put a copy in its place" in unready.json()["checks"]["store"]["detail"]
