@@ -34,11 +34,11 @@ def many_logs(folder: Path, lines: int = 8000) -> Path:
     return folder
 
 
-def long_log(file: Path) -> Path:
-    """Write one log that takes some seconds."""
+def long_log(file: Path, lines: int = LONG) -> Path:
+    """Write one log; of the usual length it takes some seconds."""
     said = ["ok(odom)", "not ok(odom)", "ok(scan)", "not on(jaguar)", "on(jaguar)", "not ok(map)", "ok(map)"]
     with file.open("w") as written:
-        for time in range(LONG):
+        for time in range(lines):
             literal = said[(time * 3 + time // 7) % len(said)]
             written.write(f'{{"time": {time * 1000}, "literal": "{literal}"}}\n')
     return file
