@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from robomend.entry import Entry
 from robomend.observations.pending import SLACK_NS, first_fallen, newest_onset, pending, returning, starting
+from robomend.observations.unconfirmed import GUARD_NS
 from robomend_client.literals import Atom, Literal
 
 S = 10**9
@@ -97,6 +98,10 @@ def test_what_was_heard_since_it_began_is_not_silent_because_it_starts() -> None
     fell = {at: (bad(SCAN, time=13 * S, onset=at * S), bad(MAP, time=13 * S, onset=at * S)) for at in (9, 12)}
     assert silent(*fell[12]) == set()
     assert silent(*fell[9]) == {SCAN, MAP}
+    # So near to its beginning, the last sample may be that of its predecessor.
+    near = 10 * S + GUARD_NS
+    assert silent(bad(SCAN, time=13 * S, onset=near), fell[12][1]) == {SCAN, MAP}
+    assert silent(bad(SCAN, time=13 * S, onset=near + 1), fell[12][1]) == set()
     # What lived for a moment longer than its input, which is not back yet, waits for it.
     assert silent(fell[9][0], fell[12][1]) == {SCAN, MAP}
     # What fell silent before its input did, may have waited for it all the while.
@@ -119,6 +124,9 @@ def test_what_was_good_after_its_input_was_is_not_silent_because_that_started() 
     assert silent((9 * S,), 12 * S)
     assert not silent((9 * S, 11 * S), 12 * S)
     assert silent((), 12 * S)
+    # So near to its beginning it may be its predecessor's, as clocks go.
+    assert silent((10 * S + GUARD_NS,), 12 * S)
+    assert not silent((10 * S + GUARD_NS + 1,), 12 * S)
     # The input is up, and what makes the map of it has only begun.
     assert silent((11 * S,), 12 * S, driver=10 * S, mapping=12 * S)
     assert not silent((11 * S,), 12 * S, driver=10 * S, mapping=10 * S)
