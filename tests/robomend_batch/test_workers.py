@@ -145,13 +145,16 @@ def test_a_full_disk_ends_a_run_that_can_be_gone_on_with(workers: str, tmp_path:
     assert tree(tmp_path / "out") == tree(tmp_path / "whole")
 
 
+def stays_on(pid: int | None, core: int) -> None:
+    assert pid is not None
+    until(lambda: os.sched_getaffinity(pid) == {core}, f"core {core}")
+
+
 @pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="processes cannot be kept on a core here")
 def test_as_many_workers_as_cores_stay_on_one_each() -> None:
     cores = os.sched_getaffinity(0)
     with started_workers(usable_cores()) as workers:
         for worker in workers:
-            pid, own = worker.process.pid, {sorted(cores)[worker.place]}
-            assert pid is not None
-            until(lambda pid=pid, own=own: os.sched_getaffinity(pid) == own, "its core")  # type: ignore[misc]
+            stays_on(worker.process.pid, sorted(cores)[worker.place])
         assert len({worker.place for worker in workers}) == len(cores)
     assert os.sched_getaffinity(0) == cores
