@@ -63,8 +63,8 @@ class Joined:
                 continue
             with self._beside.open("ab") as file:
                 if piece.exists():
-                    with piece.open("rb") as lines:
-                        copyfileobj(lines, file, 1 << 20)
+                    with piece.open("rb") as lines:  # a buffer of 1 MB would be new memory for each of them
+                        copyfileobj(lines, file)
                     piece.unlink()
                 else:  # of an earlier run
                     file.write(_lines_of(self._parts / part))

@@ -50,6 +50,7 @@ def in_this_process(
 class _Worker:
     process: SpawnProcess
     pipe: Connection
+    place: int
     name: str | None = None  # the file that it has in hand
 
 
@@ -62,10 +63,14 @@ class _Pool:
     workers: list[_Worker] = field(default_factory=list)
     deaths: dict[str, int] = field(default_factory=dict)
 
-    def start(self) -> None:
+    def start(self, place: int) -> None:
         """Start a worker, if none is begun, and give it a file."""
-        begun = self.begun.pop() if self.begun else start(self.count)
-        worker = _Worker(begun.process, begun.pipe)
+        begun = next((one for one in self.begun if one.place == place), None)
+        if begun is None:
+            begun = start(self.count, place)
+        else:
+            self.begun.remove(begun)
+        worker = _Worker(begun.process, begun.pipe, place)
         self.workers.append(worker)
         with suppress(OSError):  # it has died: that is seen where its answer is waited for
             worker.pipe.send(self.setup)
@@ -96,7 +101,7 @@ class _Pool:
         else:
             records = [lost(name, f"it cost {MOST_DEATHS} workers: {_end_of(worker.process)}")]
         if self.waiting:
-            self.start()
+            self.start(worker.place)
         return records
 
     def end(self) -> None:
@@ -129,8 +134,8 @@ def in_workers(
     """
     pool = _Pool(setup, deque(names), [] if begun is None else begun, workers)
     try:
-        for _ in range(min(workers, len(names))):
-            pool.start()
+        for place in range(min(workers, len(names))):
+            pool.start(place)
         while pool.workers:
             for pipe in wait([worker.pipe for worker in pool.workers]):
                 worker = next(worker for worker in pool.workers if worker.pipe is pipe)

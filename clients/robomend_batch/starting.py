@@ -12,7 +12,7 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing import get_context, resource_tracker
 from multiprocessing.connection import Connection
@@ -29,6 +29,7 @@ class Started:
 
     process: SpawnProcess
     pipe: Connection
+    place: int  # among the workers; who takes its place has its core
 
 
 def usable_cores() -> int:
@@ -36,22 +37,28 @@ def usable_cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def start(workers: int) -> Started:
-    """Start a worker, one of so many."""
+def start(workers: int, place: int) -> Started:
+    """Start a worker, one of so many.
+
+    If each has a core, it stays on it: one that is moved to and fro finds nothing in the caches.
+    """
     context = get_context("spawn")
     ours, theirs = context.Pipe()
-    threads = max(1, usable_cores() // workers)
-    process = context.Process(target=_work, args=(theirs, threads), daemon=True)
+    cores = usable_cores()
+    threads = max(1, cores // workers)
+    alone = threads == 1 and workers <= cores and hasattr(os, "sched_setaffinity")
+    core = sorted(os.sched_getaffinity(0))[place] if alone else None
+    process = context.Process(target=_work, args=(theirs, threads, core), daemon=True)
     with _without_ctrl_c():
         process.start()
     theirs.close()
-    return Started(process, ours)
+    return Started(process, ours, place)
 
 
 @contextmanager
 def started(workers: int) -> Iterator[list[Started]]:
     """Start so many workers; those that nobody has taken by the end are ended."""
-    waiting = [start(workers) for _ in range(workers)]
+    waiting = [start(workers, place) for place in range(workers)]
     try:
         yield waiting
     finally:
@@ -73,8 +80,11 @@ def _without_ctrl_c() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _work(pipe: Connection, threads: int) -> None:
+def _work(pipe: Connection, threads: int, core: int | None) -> None:
     die_with_parent()
+    if core is not None:
+        with suppress(OSError):  # it was taken from us since
+            os.sched_setaffinity(0, {core})
     os.environ["POLARS_MAX_THREADS"] = str(threads)  # before it is imported
     from robomend_batch.pool import work
 

@@ -16,6 +16,9 @@ from tests.robomend_batch.running import PROGRAM, TEDUSAR, batch_run, logs, ndjs
 from tests.robomend_batch.test_kill import many_logs
 from tests.waiting import until
 
+from robomend_batch.starting import started as started_workers
+from robomend_batch.starting import usable_cores
+
 
 def line(out: Path, *given: str | Path) -> list[str]:
     return [*PROGRAM, "run", *map(str, given), "--model", TEDUSAR, "-o", str(out), "--quiet"]
@@ -140,3 +143,18 @@ def test_a_full_disk_ends_a_run_that_can_be_gone_on_with(workers: str, tmp_path:
     assert "make room" in done.stderr
     assert batch_run(tmp_path / "out", folder) == 0
     assert tree(tmp_path / "out") == tree(tmp_path / "whole")
+
+
+def stays_on(pid: int | None, core: int) -> None:
+    assert pid is not None
+    until(lambda: os.sched_getaffinity(pid) == {core}, f"core {core}")
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="processes cannot be kept on a core here")
+def test_as_many_workers_as_cores_stay_on_one_each() -> None:
+    cores = os.sched_getaffinity(0)
+    with started_workers(usable_cores()) as workers:
+        for worker in workers:
+            stays_on(worker.process.pid, sorted(cores)[worker.place])
+        assert len({worker.place for worker in workers}) == len(cores)
+    assert os.sched_getaffinity(0) == cores

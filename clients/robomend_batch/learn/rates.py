@@ -50,9 +50,11 @@ SLOWEST = 0.6
 PAUSES = (64, 32, 16, 8, 4)
 """Usual intervals that a pause is longer than."""
 
-LEAST_SUM = 40
+SUMS = (40, 48, 56, 64, 80, 96, 112, 128, 160, 192, 224, 256, 320, 384, 448, 512, 640)
 LEAST_SUM_S = 0.7
-"""Of a window whose length is taken to be normal: messages, and seconds, for bursts in it are few."""
+"""Of a window whose length is taken to be normal: messages, and seconds, for bursts in it are few. A log of a
+quarter of a minute may hold enough of one, and too few of its double.
+"""
 
 PARTS = 4
 """That a window is cut into."""
@@ -137,10 +139,10 @@ def _beside_pauses(
 ) -> RateFound | None:
     """Return what tells that half of the messages are missing beside pauses; None: nothing."""
     usual_s = 1 / found.rate_hz
-    for window in WINDOWS:
-        if window < LEAST_SUM or window * usual_s < LEAST_SUM_S:
+    for window in SUMS:
+        if window * usual_s < LEAST_SUM_S:
             continue
-        if window > LEAST_SUM and window * usual_s > LONGEST_WINDOW_S:
+        if window > SUMS[0] and window * usual_s > LONGEST_WINDOW_S:
             break
         tried = []
         for intervals in PAUSES:

@@ -15,10 +15,10 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import BinaryIO
 
-from lz4.frame import LZ4FrameDecompressor
 from rosbags.rosbag1 import Reader, ReaderError
 from rosbags.typesys.msg import normalize_msgtype
 
+from robomend_batch.logs import lz4_cut
 from robomend_batch.logs.recorded import DAMAGED, Channel, Message, Recording, Unreadable
 from robomend_client.observers.base import SECOND
 
@@ -217,6 +217,5 @@ def _unpacked(compression: bytes, data: bytes) -> bytes:
     if compression == b"bz2":
         return BZ2Decompressor().decompress(data)
     if compression == b"lz4":
-        unpacked: bytes = LZ4FrameDecompressor().decompress(data)
-        return unpacked
+        return lz4_cut.unpacked(data)
     raise ValueError(f"packed by {compression.decode(errors='replace')}, which is not known")

@@ -15,9 +15,10 @@ from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO
 
-from lz4.frame import LZ4FrameDecompressor
 from mcap.data_stream import ReadDataStream
 from mcap.records import Channel, Message, Schema
+
+from robomend_batch.logs import lz4_cut
 
 if sys.version_info >= (3, 14):
     from compression import zstd
@@ -84,6 +85,5 @@ def _unpacked(compression: str, data: bytes) -> bytes:
     if compression == "zstd":
         return zstd.ZstdDecompressor().decompress(data, max_length=LARGEST)
     if compression == "lz4":
-        unpacked: bytes = LZ4FrameDecompressor().decompress(data, max_length=LARGEST)
-        return unpacked
+        return lz4_cut.unpacked(data, LARGEST)
     raise ValueError(f"packed by {compression}, which is not known")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from robomend_batch.learn.rates import HEAVIEST_PAUSES, RateFound, learn_rate
+from robomend_batch.learn.rates import HEAVIEST_PAUSES, WINDOWS, RateFound, learn_rate
 from robomend_client.literals import fails
 from robomend_client.observers import SECOND, Driver, GeneralObserver, Rate
 
@@ -104,6 +104,17 @@ def test_a_quarter_of_a_minute_tells_that_half_of_the_messages_are_missing_at_on
     found = learn_rate("scan", [uneven(seed, 15)], 15 / 3600, 0.1)
     assert isinstance(found, RateFound)
     assert not found.only_silence
+    whole = uneven(100 + seed, 120)
+    assert alarms(found, whole) == 0
+    assert alarms(found, np.concatenate([whole[:2000], whole[2000::2]])) >= 1
+
+
+@pytest.mark.parametrize("seed", [1, 5, 6])
+def test_a_log_that_holds_too_few_of_twice_the_window_is_learned_from_with_one_between(seed: int) -> None:
+    found = learn_rate("scan", [uneven(seed, 7)], 7 / 3600, 0.1)
+    assert isinstance(found, RateFound)
+    assert not found.only_silence
+    assert found.window not in WINDOWS
     whole = uneven(100 + seed, 120)
     assert alarms(found, whole) == 0
     assert alarms(found, np.concatenate([whole[:2000], whole[2000::2]])) >= 1
