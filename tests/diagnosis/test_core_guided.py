@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from robomend.diagnosis import core_guided
 from robomend.diagnosis.core_guided import CoreGuided, MinimumTooLarge
-from robomend.diagnosis.oracle import Deadline
+from robomend.diagnosis.oracle import Deadline, Oracle
 
 CANDIDATES = 8
 conflicts = st.lists(
@@ -132,3 +132,27 @@ def test_an_incumbent_that_is_too_large_for_what_is_asked_is_not_told() -> None:
     family = [frozenset({1}), frozenset({2}), frozenset({3})]
     with pytest.raises(MinimumTooLarge):
         next(searched(family).minimum([], at_most=2, incumbent=[1, 2, 3]))
+
+
+@given(conflicts, st.data())
+def test_cores_that_are_known_change_nothing_but_what_is_asked(
+    family: list[frozenset[int]], data: st.DataObject
+) -> None:
+    least = smallest(family)
+    known = data.draw(st.lists(st.sampled_from(family)))
+    told = [sorted(core) for core in known]
+    assert set(map(frozenset, searched(family).minimum([], cores=told))) == least
+    incumbent = sorted(set().union(*known) | data.draw(st.sampled_from(sorted(least, key=sorted))))
+    assert frozenset(next(searched(family).minimum([], incumbent=incumbent, cores=told))) in least
+    with pytest.raises(MinimumTooLarge):
+        list(searched(family).minimum([], at_most=len(next(iter(least))) - 1, cores=told))
+
+
+def test_where_known_cores_pay_for_the_incumbent_nothing_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    family = [frozenset({1, 2}), frozenset({2, 3}), frozenset({4, 5}), frozenset({6})]
+    search = searched(family)
+    asked: list[None] = []
+    monkeypatch.setattr(Oracle, "quickly", lambda *_: asked.append(None))
+    cores = [[6], [1, 2], [2, 3], [4, 5]]  # the third shares a member with the second
+    assert list(search.minimum([], incumbent=[2, 4, 6], cores=cores)) == [[2, 4, 6]]
+    assert not asked

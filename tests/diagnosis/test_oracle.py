@@ -6,6 +6,10 @@ import signal
 import subprocess
 import sys
 
+import pytest
+
+from robomend.diagnosis.oracle import INTERRUPTIBLE, Deadline, Oracle, solver_name
+
 PIGEONS = """
 from itertools import combinations
 from robomend.diagnosis.oracle import Deadline, Oracle
@@ -39,3 +43,15 @@ def test_ctrl_c_in_the_middle_of_a_short_question_is_a_keyboard_interrupt() -> N
                 process.send_signal(signal.SIGINT)
         assert process.stdout.read() == "interrupted\n"
         assert process.returncode == 0
+
+
+@pytest.mark.parametrize("solver", INTERRUPTIBLE)
+def test_clauses_added_together_count_and_a_closed_solver_takes_none(solver: str) -> None:
+    oracle = Oracle([[1, 2]], Deadline(), solver_name(solver))
+    oracle.add_all([(-1,), [-2, 3]])
+    assert oracle.sat([])
+    assert not oracle.sat([-3])
+    oracle.close()
+    for _ in range(1_000):  # memory that was freed would be written to
+        oracle.add([4, 5])
+        oracle.add_all([(4, 5), (-4, 6)])

@@ -10,12 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.diagnosis.test_guided import families, minimal_hitting_sets
 
+from robomend.diagnosis import masks
 from robomend.diagnosis.core_guided import MinimumTooLarge
-from robomend.diagnosis.masks import mask_of
+from robomend.diagnosis.masks import CHECK_EVERY, bits, classes_of, mask_of
 from robomend.diagnosis.oracle import Deadline, OutOfTime
 from robomend.diagnosis.parts import (
     IndependentPart,
-    classes_of,
     independent,
     list_diagnoses,
     minimal,
@@ -87,6 +87,32 @@ def test_components_of_one_class_are_in_the_same_conflicts(family: list[int]) ->
         inside = {signature[bit] for bit in signature if one >> bit & 1}
         assert len(inside) == 1
     assert len(classes) == len(set(signature.values()))
+
+
+def test_thousands_of_classes_are_told_apart_conflict_by_conflict(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A hub that many read, each with two of its own: a conflict meets three classes of all these."""
+    count = 1_000
+    conflicts = [0b11 | 0b11 << 2 * number for number in range(1, count + 1)]
+    met: list[int] = []
+
+    def told(part: int) -> list[int]:
+        met.append(part)
+        return bits(part)
+
+    monkeypatch.setattr(masks, "bits", told)
+    looks: list[None] = []
+    assert sorted(classes_of(conflicts, lambda: looks.append(None))) == [
+        0b11 << 2 * n for n in range(count + 1)
+    ]
+    assert len(met) <= 2 * count  # each split is one of these
+    assert len(looks) >= count // CHECK_EVERY
+
+
+def test_the_clock_ends_telling_classes_apart() -> None:
+    stopped = Deadline()
+    stopped.stop()
+    with pytest.raises(OutOfTime):
+        IndependentPart.of([A | B, B | C], stopped)
 
 
 @given(families, st.integers(2, 12))

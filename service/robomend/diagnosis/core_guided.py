@@ -14,10 +14,11 @@ not, so pay for one and *relax* the core: suppose that no second one is (PMRES):
 A core is relaxed by a tree over it: a node knows whether a member below it is abnormal, and it is supposed
 that not both of its branches have one. So many nodes break this as there are abnormal members, less one.
 
-As long as cores come by propagation alone, they cost some 20 µs each and are not relaxed: where a diagnosis
-is known (`incumbent`), half of the questions need no more. The first answer that is not such a core ends
-this. Then each core is relaxed, so that what the suppositions allow costs what was paid, and the first
-model is a minimum. Models on the way would be dear: most of a model is deciding what does not matter.
+Cores that are known beforehand (`cores`) cost nothing, and as long as others come by propagation alone, they
+cost some 20 µs each; neither are relaxed yet: where a diagnosis is known (`incumbent`), half of the questions
+need no more. The first answer that is not such a core ends this. Then each core is relaxed, so that what
+the suppositions allow costs what was paid, and the first model is a minimum. Models on the way would be
+dear: most of a model is deciding what does not matter.
 
 Cores are taken as they come: making them smaller costs more calls than it saves (measured: 5-20 × on
 ISCAS-85). The solver outlives the search. What a search adds is guarded by a literal that is off from its end
@@ -33,7 +34,7 @@ Sources:
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Iterable, Iterator, Sequence
 
 from robomend.diagnosis.oracle import Deadline, Oracle
 from robomend.model.cnf import Clause
@@ -92,6 +93,7 @@ class CoreGuided:
         at_most: int | None = None,
         fixed: frozenset[int] = frozenset(),
         incumbent: list[int] | None = None,
+        cores: Iterable[Sequence[int]] = (),
     ) -> Generator[list[int], None, None]:
         """Yield the minimum-cardinality diagnoses as lists of abnormal candidates, one after the other.
 
@@ -104,6 +106,8 @@ class CoreGuided:
             fixed: candidates whose health the assumptions fix already; they are neither supposed nor counted.
             incumbent: a diagnosis that is known already. It is yielded, alone, as soon as so much is paid
                 that there can be nothing smaller.
+            cores: candidates of which one at least is abnormal, as is known already. Those that share a
+                member with an earlier one are left to the search.
 
         Raises:
             MinimumTooLarge: the minimum is larger than `at_most`.
@@ -114,7 +118,7 @@ class CoreGuided:
         )
         self._running += 1
         try:
-            yield from search.run(incumbent)
+            yield from search.run(incumbent, cores)
         finally:
             search.retire()
             self._running -= 1
@@ -145,8 +149,7 @@ class CoreGuided:
             return
         self._over.append(-guard)
         if len(self._over) == DROPPED_TOGETHER:
-            for literal in self._over:
-                oracle.add([literal])
+            oracle.add_all([(literal,) for literal in self._over])
             self._over.clear()
 
     def _fresh_or_warm(self) -> Oracle:
@@ -190,14 +193,18 @@ class _CoreSearch:
         self._paid = 0
         self._guard = 0
 
-    def run(self, incumbent: list[int] | None) -> Iterator[list[int]]:
+    def run(self, incumbent: list[int] | None, cores: Iterable[Sequence[int]]) -> Iterator[list[int]]:
         """Yield the minimum, then, if it is not the incumbent, the others of its size."""
-        pending: list[list[int]] = []  # cores that are not relaxed
+        pending: list[Sequence[int]] = []  # cores that are not relaxed
+        known = iter(cores)
         easy = True
         while True:
-            sat = self._easily_sat() if easy else self._oracle.sat([*self._assumptions, *self._supposed])
+            core = next(filter(self._all_supposed, known), None)
+            sat: bool | None = False
+            if core is None:
+                sat = self._easily_sat() if easy else self._oracle.sat([*self._assumptions, *self._supposed])
             if sat is False:
-                core = self._pay()
+                core = self._pay(core or self._failed())
                 if not core:
                     return
                 if self._at_most is not None and self._paid > self._at_most:
@@ -233,7 +240,7 @@ class _CoreSearch:
         while True:
             self._oracle.add([-guard, *found])  # one of them is healthy
             while not self._oracle.sat([*self._assumptions, *self._supposed]):
-                core = self._pay()
+                core = self._pay(self._failed())
                 if not core or self._paid > size:
                     return
                 self._relax(core)
@@ -249,9 +256,15 @@ class _CoreSearch:
         abnormal = [-literal for literal in model[: self._owner.candidates] if literal < 0]
         return [one for one in abnormal if one not in self._fixed] if self._fixed else abnormal
 
-    def _pay(self) -> list[int]:
-        """Take the core of the last answer out of the suppositions, and pay for one of its members."""
-        core = [literal for literal in self._oracle.core() or () if literal in self._supposed]
+    def _all_supposed(self, core: Iterable[int]) -> bool:
+        return all(map(self._supposed.__contains__, core))
+
+    def _failed(self) -> list[int]:
+        """Return the suppositions of which the last answer says that not all can hold."""
+        return [literal for literal in self._oracle.core() or () if literal in self._supposed]
+
+    def _pay(self, core: Sequence[int]) -> Sequence[int]:
+        """Take the core out of the suppositions, and pay for one of its members."""
         for literal in core:
             del self._supposed[literal]
         self._paid += 1
@@ -264,25 +277,25 @@ class _CoreSearch:
             self._assumptions = [self._guard, *self._assumptions]
         return self._guard
 
-    def _relax(self, core: list[int]) -> None:
+    def _relax(self, core: Sequence[int]) -> None:
         """Suppose that no second member of the core is abnormal, one supposition less than it has members."""
         if len(core) < 2:
             return
-        add, off, supposed = self._oracle.add, -self._guarded(), self._supposed
+        off, supposed = -self._guarded(), self._supposed
         new = self._owner.new_variables(2 * len(core) - 3)  # two a node, but the root needs one
-        level = core  # literals: a member is healthy, or all below a node are
+        level: Sequence[int] = core  # literals: a member is healthy, or all below a node are
+        clauses: list[tuple[int, ...]] = []
         while len(level) > 2:
-            above = level[-1:] if len(level) % 2 else []
+            above = [level[-1]] if len(level) % 2 else []
             for one, other, both, either in zip(level[::2], level[1::2], new, new, strict=False):
-                add([one, other, both, off])
-                add([one, either, off])
-                add([other, either, off])
+                clauses += (one, other, both, off), (one, either, off), (other, either, off)
                 supposed[-both] = None
                 above.append(-either)
             level = above
         both = next(new)
-        add([*level, both, off])
+        clauses.append((*level, both, off))
         supposed[-both] = None
+        self._oracle.add_all(clauses)
 
     def retire(self) -> None:
         """Let the clauses of this search, and what was learnt from them, be dropped."""

@@ -5,10 +5,13 @@ Subset, intersection and difference are then one operation, whatever the size of
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 
 FEW = 16
 """Ones of a long integer that are found one by one faster than by going through its bytes."""
+
+CHECK_EVERY = 64
+"""Conflicts between two looks at the clock."""
 
 
 def mask_of(health: Iterable[int]) -> int:
@@ -56,3 +59,38 @@ def bits(number: int) -> list[int]:
             found.append(base * 8 + low.bit_length() - 1)
             byte ^= low
     return found
+
+
+def classes_of(conflicts: Sequence[int], check: Callable[[], None] = lambda: None) -> list[int]:
+    """Return the components of the conflicts in classes, as masks: those of one are in the same conflicts.
+
+    A conflict is held against the classes that it meets, not against all: there may be thousands.
+
+    Args:
+        check: called now and then; may raise to end the work.
+    """
+    divisible = 0  # the components of classes that have more than one
+    for conflict in conflicts:
+        divisible |= conflict
+    classes = [divisible]
+    class_of = [0] * divisible.bit_length()  # of a component, by its position
+    for number, conflict in enumerate(conflicts):
+        if number % CHECK_EVERY == 0:
+            check()
+        left = conflict & divisible
+        while left:
+            one = class_of[(left & -left).bit_length() - 1]
+            inside = classes[one] & conflict
+            left ^= inside
+            outside = classes[one] ^ inside
+            if not outside:
+                continue
+            smaller, larger = sorted((inside, outside), key=int.bit_count)
+            classes[one] = larger
+            for bit in bits(smaller):
+                class_of[bit] = len(classes)
+            classes.append(smaller)
+            for part in (smaller, larger):
+                if not part & (part - 1):
+                    divisible ^= part
+    return classes

@@ -88,11 +88,12 @@ class ObservationReader:
         seen = frozenset(numbers)
         unused: tuple[Literal, ...] = ()
         if 0 in seen:
-            unused = tuple(dict.fromkeys(compress(literals, map(not_, numbers))))
+            unused = tuple(compress(literals, map(not_, numbers)))
             if len({literal.atom for literal in unused}) < len(unused):
                 _refuse_clash(unused)
+                unused = tuple(dict.fromkeys(unused))
             numbers = tuple(filter(None, numbers))
-            seen = frozenset(numbers)
+            seen = seen.difference((0,))
         failed = tuple([number for number in numbers if number < 0])
         if len(seen) < len(numbers) or not seen.isdisjoint(map(neg, failed)):
             _refuse_clash(literals)

@@ -18,6 +18,7 @@ budgets.
 from __future__ import annotations
 
 import threading
+from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
@@ -72,7 +73,7 @@ def solver_name(name: str | None, default: str = "minisat22") -> str:
         return default
     for canonical in dir(SolverNames):
         names = getattr(SolverNames, canonical)
-        if isinstance(names, tuple) and name in names:
+        if isinstance(names, tuple) and (name in names or name == canonical):
             if canonical in INTERRUPTIBLE:
                 return canonical if canonical in names else str(names[-1])
             why = WHY_NOT.get(canonical, "it has no budgets or cannot be interrupted")
@@ -175,14 +176,21 @@ class Oracle:
         inner = self._solver.solver  # the facade costs a call on each question
         self._inner = inner
         self.add = inner.add_clause
-        if solver == "minisat22":  # without the facade, which takes a third of adding a short clause
-            self.add = partial(pysolvers.minisat22_add_cl, inner.minisat)
+        # Without the facade, which takes a third of adding a short clause. It must not outlive the solver,
+        # so that nobody else is given it.
+        self._add = inner.add_clause
+        if solver == "minisat22":
+            self._add = partial(pysolvers.minisat22_add_cl, inner.minisat)
         self.at_most = inner.add_atmost  # MiniCard-type solvers only
         self.core = inner.get_core
         self.model = inner.get_model
         self.set_phases = inner.set_phases
         self.propagate = inner.propagate
         self.variables = inner.nof_vars  # the highest that it has met
+
+    def add_all(self, clauses: Iterable[Sequence[int]]) -> None:
+        """Add clauses; nothing, like `add`, once the solver is closed."""
+        deque(map(self._add, clauses), maxlen=0)
 
     def sat(self, assumptions: list[int]) -> bool:
         """Return whether the clauses have a model under the assumptions.
@@ -239,5 +247,5 @@ class Oracle:
 
     def close(self) -> None:
         """Free the solver's memory."""
-        self.add = self._inner.add_clause  # which knows that there is no solver any more
+        self._add = self.add  # which knows that there is no solver any more
         self._solver.delete()

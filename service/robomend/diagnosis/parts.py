@@ -27,7 +27,7 @@ from math import prod
 from robomend.diagnosis.core_guided import MinimumTooLarge
 from robomend.diagnosis.guided import CheapestHittingSets
 from robomend.diagnosis.hitting import HittingSets, TooManyNodes, no_more_conflicts
-from robomend.diagnosis.masks import bits, members
+from robomend.diagnosis.masks import bits, classes_of, members
 from robomend.diagnosis.oracle import Deadline, OutOfTime
 from robomend.diagnosis.result import Options
 from robomend.diagnosis.search import Row, SearchState
@@ -89,25 +89,6 @@ def minimal(conflicts: Sequence[int]) -> list[int]:
     return kept
 
 
-def classes_of(conflicts: Sequence[int]) -> list[int]:
-    """Return the components of the conflicts in classes, as masks: those of one are in the same conflicts."""
-    done: list[int] = []
-    divisible = [0]
-    for conflict in conflicts:
-        divisible[0] |= conflict
-    for conflict in conflicts:
-        left = []
-        for together in divisible:
-            inside = together & conflict
-            if not inside or inside == together:
-                left.append(together)
-                continue
-            for part in (inside, together ^ inside):
-                (left if part & (part - 1) else done).append(part)
-        divisible = left
-    return done + divisible
-
-
 class IndependentPart:
     """The alternatives of one part, smallest first, found as they are needed."""
 
@@ -131,7 +112,7 @@ class IndependentPart:
         """Return the part of these conflicts, which are all there are."""
         if len(conflicts) == 1:
             return cls._of_one(conflicts[0])
-        classes = {one & -one: one for one in classes_of(conflicts)}
+        classes = {one & -one: one for one in classes_of(conflicts, clock.check)}
         firsts = sum(classes)
         known = dict.fromkeys(conflict & firsts for conflict in conflicts)
         part = cls.of_search(HittingSets(no_more_conflicts, NODE_BUDGET, known, clock.check))

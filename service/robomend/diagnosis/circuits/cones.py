@@ -108,6 +108,22 @@ def by_output(netlist: Netlist, cones: Cones, observed: Iterable[int]) -> list[i
     return [index for index in listed if index in cones.members]
 
 
+def few_behind(netlist: Netlist, cones: Cones, observed: Iterable[int], at_most: int) -> list[list[int]]:
+    """Return of each of these nets the top-level gates behind it, none where they are more than that.
+
+    Args:
+        observed: nets that gates drive.
+    """
+    driver = netlist.driver()
+    behind: dict[int, set[int] | None] = {}  # of a gate; None: too many
+    for index in cones.seen:
+        before = [behind[driver[net]] for net in netlist.gates[index].inputs if net in driver]
+        here = {index} if index in cones.members else set()
+        reached = None if None in before else here.union(*filter(None, before))
+        behind[index] = None if reached is None or len(reached) > at_most else reached
+    return [sorted(behind[driver[net]] or ()) for net in observed]
+
+
 def _common(above: list[int], depth: list[int], one: int, other: int) -> int:
     """Return the lowest common dominator; both have a path to an observed net."""
     while one != other:

@@ -20,11 +20,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator, Sequence
 from functools import reduce
+from itertools import compress
 from operator import or_
 
 from pysat.solvers import Cadical153
 
-from robomend.diagnosis.circuits.cones import by_output, find_cones
+from robomend.diagnosis.circuits.cones import by_output, few_behind, find_cones
 from robomend.diagnosis.circuits.flips import Flips, Values, compiled, values_of
 from robomend.diagnosis.circuits.incumbent import find_incumbent
 from robomend.diagnosis.circuits.netlist import Netlist
@@ -55,6 +56,10 @@ COMPILED_S = 100e-6
 
 SUPPORTS_TRIED = 3
 
+NARROW = 5
+"""Where no more top-level gates are behind a wrong output, one of them is abnormal: that is as good as the
+solver's core, and costs nothing. Wider ones are much wider than what the solver would find."""
+
 BATCH = 1_024
 """Top-level diagnoses whose cones are expanded in one go."""
 
@@ -81,6 +86,7 @@ class TopLevel:
         self._values: Values | None = None
         self._functions: dict[str, Callable[..., int]] = {}
         self._guided: CoreGuided | None = None
+        self._narrow: list[tuple[int, ...]] = []  # of each check the candidates behind it, where they are few
         self._number: dict[int, int] = {}  # of a signed net, in the top-level CNF
         self._candidate: dict[int, int] = {}  # top-level gate -> its number in the top-level CNF
 
@@ -101,6 +107,7 @@ class TopLevel:
         self.uses += 1
         at_least = 0
         incumbent = None
+        wrong: list[int] = []
         if self._simulates():
             top = self.cones.top
             flips = self._passes(flat=False)
@@ -137,8 +144,10 @@ class TopLevel:
         known = None
         if incumbent is not None:
             known = [self._candidate[self.cones.top[position]] for position in incumbent]
+        narrow = compress(self._narrow, [lanes & 1 for lanes in wrong])
+        cores = sorted(filter(None, narrow), key=len)
         in_order = tuple(self._candidate)
-        for found in guided.minimum(assumptions, at_least, at_most, incumbent=known):
+        for found in guided.minimum(assumptions, at_least, at_most, incumbent=known, cores=cores):
             yield tuple(sorted([in_order[candidate - 1] for candidate in found]))
 
     def small_subset_minimal(self, observed: SignedObs, size: int, smaller: set[int]) -> Iterator[Top]:
@@ -237,6 +246,10 @@ class TopLevel:
         n = len(cnf.components)
         in_order = by_output(self.netlist, self.cones, self._checks)
         self._candidate = {gate: number for number, gate in enumerate(in_order, 1)}
+        self._narrow = [
+            tuple([self._candidate[gate] for gate in behind])
+            for behind in few_behind(self.netlist, self.cones, self._checks, NARROW)
+        ]
         candidate = {gates[gate].component: number for gate, number in self._candidate.items()}
         seen = {gates[index].component for index in self.cones.seen}
         clauses: list[list[int]] = []
