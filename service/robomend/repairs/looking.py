@@ -79,12 +79,15 @@ class Looking:
         return await self._until_none(wrong, timing.effect_timeout_s if unknown else timing.hold_s)
 
     async def effect(
-        self, wanted: Iterable[Literal], timeout_s: float
+        self, wanted: Iterable[Literal], timeout_s: float, sent_ns: int
     ) -> tuple[Sequence[Literal], Sequence[Literal], str]:
         """Await what a step makes expected; return what of it OBS showed, what it did not, and within what.
 
         Awaited is what somebody observes: the robot's `observed` list names it, or OBS knows it already. It
         is given up before the time-out where earlier starts say that it would be there by now.
+
+        Args:
+            sent_ns: when the step was sent: what it starts begins after that, be it before it has answered.
         """
         awaited = frozenset(
             literal
@@ -100,10 +103,10 @@ class Looking:
         def settling_s() -> float:
             return max((self._sight.settling_s(w.atom) for w in awaited), default=0.0)
 
-        began, began_ns = time.monotonic(), CLOCK.now_ns()
+        began, answered_ns = time.monotonic(), CLOCK.now_ns()
 
         def known_s(left: frozenset[Literal]) -> float:
-            return self._sight.may_take_s(left, began_ns)
+            return self._sight.may_take_s(left, sent_ns, answered_ns)
 
         left = await self._until_none(missing, timeout_s, settling_s, known_s) or frozenset()
         took_s = time.monotonic() - began
