@@ -121,3 +121,17 @@ async def test_what_rests_on_what_broke_is_awaited_no_longer() -> None:
         broken, awaited = await asyncio.gather(breaks(), looking.effect([Literal(map_)], 600.0, 0))
     assert broken == WANTED
     assert awaited[:2] == ((), ())
+
+
+async def test_what_the_plan_was_made_on_and_is_so_no_longer_is_told_and_not_built_upon() -> None:
+    well = {
+        Atom(p, (c,))
+        for p, c in [("on", "lidar"), ("good", "lidar"), ("running", "driver"), ("good", "driver")]
+    }
+    robot = Robot(obs={ON: True, RUNNING: False, SCAN: False})  # it ended while it was planned
+    here = replace(setting(robot), prediction=Prediction(Theory(CNF), CNF.components, well))
+    looking = Looking(here)
+    async with asyncio.timeout(60):
+        broken, awaited = await asyncio.gather(looking.contradiction(), looking.effect([WANTED], 600.0, 0))
+    assert broken == Literal(RUNNING)
+    assert awaited[:2] == ((), ())

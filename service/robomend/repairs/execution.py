@@ -70,7 +70,7 @@ class _Run:
         self._setting = setting
         self._reporting = Reporting(plan, setting)
         self._done: set[int] = set()
-        self._looking = Looking(setting)
+        self._looking = Looking(setting, plan.steps)
         self._tasks: dict[asyncio.Task[None], int] = {}
 
     async def run(self) -> Execution:

@@ -34,12 +34,19 @@ NAMED = 4
 class Looking:
     """OBS, as the execution of one plan sees it."""
 
-    def __init__(self, setting: Setting) -> None:
+    def __init__(self, setting: Setting, steps: Iterable[Step] = ()) -> None:
+        """`steps`: those of the plan, whose own effects are theirs to bring about."""
         self._sight = setting.sight
         self._observed = setting.observed
         self._prediction = setting.prediction
         self._hold_s = setting.default_timing.hold_s
-        self._agreed: set[Literal] = set()  # expected literals that OBS has shown
+        # Expected literals that OBS has shown. What the plan was made on and leaves as it is, it showed then.
+        theirs = {observable(effect).atom for step in steps for effect in step.effects}
+        self._agreed = {
+            literal
+            for literal in self._prediction.expected()
+            if literal.atom.predicate in OBSERVED_FACTS and literal.atom not in theirs
+        }
 
     def visible(self, step: Step) -> bool:
         """Return whether OBS shows each on/off and running/stopped that the step brings about."""
@@ -121,7 +128,7 @@ class Looking:
         """Return a literal that the plan predicts and that OBS contradicts for longer than a flutter.
 
         Only what OBS once agreed with can break: what a step still has to bring about is that step's
-        business.
+        business. So may what the plan was made on, and what has changed since.
         """
         agreed = self._agreed
         since: dict[Literal, float] = {}
