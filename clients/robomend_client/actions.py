@@ -7,7 +7,7 @@ robomend/repairs/executors/, or on the robot a handler in robomend_client/agent/
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -40,6 +40,17 @@ BY_COMPONENT = frozenset({"plant_fault", "undo_fault"})
 
 LEASES_S = (30, 60, 120, 300, 600, 1800, 3600)
 """For how long a drill's fault may be planted at most, in seconds: the third parameter of `plant_fault`."""
+
+
+def offered(can: Collection[str] | None, name: str, parameters: Sequence[str]) -> bool:
+    """Return whether who says this of itself is handed an action.
+
+    `can`: `name`, or `name:parameter` of actions with one parameter and of a drill's; None: anything.
+    """
+    if can is None or name in can:
+        return True
+    by_first = len(parameters) == 1 or name in BY_COMPONENT
+    return by_first and f"{name}:{parameters[0]}" in can
 
 
 def not_started(error: BaseException | None) -> int:

@@ -24,7 +24,9 @@ def test_the_cheaper_of_two_equally_probable_repairs_comes_first() -> None:
 
 
 def test_the_reason_names_what_is_repaired_how_probably_it_helps_and_its_cost() -> None:
-    assert choose([candidate("a b", 4)]).reason == "a, b: helps with probability 1 at cost 4"
+    assert choose([candidate("a", 4), candidate("b", 29)]).reason == "a: helps with probability 0.5 at cost 4"
+    only = "a, b: the only cause that the model knows for this; to be repaired at cost 4"
+    assert choose([candidate("a b", 4)]).reason == only
     empty = Candidate(Diagnosis(("a",)), plan(0))
     assert choose([empty]).alternatives[0].reason == "a: nothing to do"
 
@@ -88,7 +90,8 @@ def test_what_was_done_in_vain_is_not_repeated_when_it_hardly_helps_any_more() -
     assert choose([device, driver], once * 2).plan is None
     assert choose([device, driver], once * 2).reason == (
         "no known repair: driver was repaired before, and it did not help; "
-        "imu left alone for a while, as its repairs keep failing or do not last"
+        "imu left alone for a while, as its repairs keep failing or do not last; "
+        "suspected most: imu (weight 0.99), driver (weight 0.0099)"
     )
 
 

@@ -94,7 +94,7 @@ def test_another_way_that_is_not_found_in_time_or_repairs_less_is_none() -> None
 def test_the_driver_s_restart_comes_before_either_and_the_reason_says_how_probably_each_helps() -> None:
     restart = Candidate(Diagnosis(("hokuyo_node",)), plan_for(TEDUSAR, [], ["hokuyo_node"]))
     for cost, words in (
-        (30, "hokuyo: helps with probability 1 at cost 34"),
+        (30, "hokuyo: helps whichever of the suspected causes it is, at cost 34"),
         (70, "hokuyo: helps with probability 0.75 at cost 29"),  # 0.5 as the driver may be it
     ):
         choice = choose([restart, Candidate(Diagnosis(("hokuyo",)), planned(cost))])

@@ -122,7 +122,7 @@ class Robot:
     def settling_s(self, atom: Atom) -> float:
         return 0.0
 
-    def may_take_s(self, missing: Collection[Literal], since_ns: int) -> float:
+    def may_take_s(self, missing: Collection[Literal], sent_ns: int, answered_ns: int) -> float:
         return self.known_s
 
     async def changed(self, revision: int, timeout_s: float) -> int:

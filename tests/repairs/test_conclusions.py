@@ -5,7 +5,9 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any, cast
 
-from robomend.repairs.conclusions import ALL_WELL, well
+from robomend.repairs.conclusions import ALL_WELL, Silent, end_of, well
+from robomend.repairs.execution_values import Ending
+from robomend.repairs.states import RepairTrigger
 from robomend_client.literals import Atom, Literal
 
 GOAL = Literal(Atom("ok", ("goal",)), False)
@@ -28,3 +30,32 @@ def test_of_what_came_after_the_diagnosis_it_is_not_said_that_nobody_is_blamed_f
     """A topic that flaps falls silent while its repair ends: the next one is about it."""
     assert ended(revision=8, diagnosed=7) == ALL_WELL
     assert ended(revision=8, diagnosed=8, healthy=False) == ALL_WELL
+
+
+def vain(reason: str, ending: Ending = Ending.EFFECT_MISSING) -> dict[str, Any]:
+    return {"ending": str(ending), "helped": False, "reason": reason, "plan": []}
+
+
+def silent(*rounds: dict[str, Any], why: str = "nobody reported ok(scan)") -> str:
+    trigger, reason = end_of(Silent(why), cast(Any, SimpleNamespace(reason="")), {"rounds": rounds})
+    assert trigger is RepairTrigger.NEEDS_PERSON
+    return reason
+
+
+def test_ends_that_differ_only_in_how_long_was_waited_are_told_once() -> None:
+    missing = "start_node(driver) answered 'done', but ok(scan) was not seen within"
+    longer = "which is longer than earlier starts took"
+    one = silent(vain(f"{missing} 0.8 s, {longer}"), vain(f"{missing} 5 s"))
+    said = "start_node(driver) answered 'done', but ok(scan) was not seen (2 times, the last within 5 s)"
+    assert one == f"{said}; nobody reported ok(scan)"
+    same = silent(vain(f"{missing} 5 s"), vain(f"{missing} 5 s"))
+    assert same == f"{missing} 5 s (2 times); nobody reported ok(scan)"
+
+
+def test_who_is_silent_is_told_after_what_was_tried_and_not_twice() -> None:
+    assert silent() == "nobody reported ok(scan)"
+    assert silent(vain("a failed")) == "a failed; nobody reported ok(scan)"
+    stale = vain("b was not seen, and nobody spoke", Ending.STALE)
+    assert silent(vain("a failed"), stale, why=stale["reason"]) == (
+        "tried, the last first: b was not seen, and nobody spoke; a failed"
+    )

@@ -72,6 +72,20 @@ async def test_an_effect_that_is_already_there_is_not_brought_about_again() -> N
     assert robot.sent == ["stop_node(driver)", "start_node(driver)"]
 
 
+async def test_what_a_step_is_about_to_change_may_have_changed_since_it_was_planned() -> None:
+    robot = Robot()
+    robot.see(RUNNING, False)  # what was to be stopped has ended
+
+    async def slow(robot: Robot, action: Action) -> ActionResult | None:
+        if action.name == "power_up":
+            await asyncio.sleep(0.3)  # longer than hold_s
+        return None
+
+    robot.behave = slow
+    assert (await run(robot)).ending is Ending.DONE
+    assert robot.sent == ["power_up(lidar)", "start_node(driver)"]
+
+
 async def test_a_stuck_relay_is_told_by_the_missing_effect() -> None:
     robot = Robot()
 

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import asyncio
 from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.repairs.robot import CONFIG, MODEL, ONCE, Robot, robot_on, running, service
+from tests.repairs.robot import CONFIG, MODEL, ONCE, Robot, robot_on, running, service, the_repair
 
 from robomend.api.runtime import Runtime
 from robomend.errors import DomainError, InputError, NotFound, RobomendError
+from robomend.repairs.offers import offers_if_all
+from robomend.robots.reporters import Reporter
 
 pytestmark = pytest.mark.anyio
 
@@ -167,3 +170,108 @@ async def test_what_a_new_model_or_new_settings_have_lost_is_named(tmp_path: Pat
         found = list(await runtime.repairs.findings("r1"))
     assert [one for one in found if one.startswith("'ok(map)', position 0: no topic or property")], found
     assert [one for one in found if "the service's settings name no program 'start'" in one]
+
+
+async def test_nodes_that_no_agent_restarts_are_named_once_all_agents_were_heard(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def said(runtime: Runtime) -> list[str]:
+        await runtime.repairs.orders(
+            "r1", host=None, wait_s=0.0, agent="onboard", can=["start_node:mapping", "stop_node"], observes={}
+        )
+        return [one for one in await runtime.repairs.findings("r1") if "offers it" in one]
+
+    async with service(tmp_path) as runtime:
+        await put(runtime, domain=ONCE, actions={**CONFIG["actions"], "recalibrate": {"timeout_s": 3.0}})
+        assert await said(runtime) == []  # another may be about to come
+        monkeypatch.setattr("robomend.robots.declared.NEW_S", 0.0)
+        nobody = "no agent of this robot offers it, and no plan will have it"
+        assert await said(runtime) == [
+            f"power_up of base, lidar: {nobody}",
+            f"shutdown of base, lidar: {nobody}",
+            f"start_node of base_node, lidar_node: {nobody}",
+            f"recalibrate: {nobody}",
+        ]
+
+
+async def test_what_no_agent_does_is_not_sent_and_waited_for_but_told_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("robomend.robots.declared.NEW_S", 0.0)
+    async with service(tmp_path) as runtime:
+        await put(runtime)
+        robot = OfOneNode(runtime.repairs, runtime.robots)
+        async with running(robot):
+            await robot.settled()
+            robot.running["lidar_node"] = False
+            repair = await the_repair(runtime)
+        assert repair["state"] == "escalated"
+        assert "start_node(lidar_node) is refused: no agent offers it (onboard does" in repair["reason"]
+        assert robot.done == []
+        assert repair["rounds"] == []
+
+        robot.running["lidar_node"] = True
+        async with running(robot):
+            await robot.settled()
+            robot.running["mapping"] = False
+            async with asyncio.timeout(60):
+                while (again := await the_repair(runtime))["id"] == repair["id"]:
+                    await asyncio.sleep(0.05)
+        assert again["state"] == "repaired"
+        assert robot.done == ["start_node(mapping)"]
+
+
+async def test_with_other_instances_an_agent_may_ask_one_of_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("robomend.robots.declared.NEW_S", 0.0)
+    async with service(tmp_path) as runtime, service(tmp_path):
+        await put(runtime)
+        await runtime.repairs.orders("r1", host=None, wait_s=0.0, agent="onboard", can=[], observes={})
+        state = await runtime.robots.memory.robot("r1")
+        assert state.system.parts is not None
+        actions = ("start_node", "stop_node")
+        async with asyncio.timeout(30):  # the other one says that it is there
+            while await offers_if_all(state, state.system.parts, actions, runtime.store) is not None:
+                await asyncio.sleep(0.05)
+
+
+async def test_what_is_done_to_a_device_goes_to_the_agent_on_its_host(tmp_path: Path) -> None:
+    model = MODEL.replace("lidar: {", "lidar: {host: arm_pc, ")
+    async with service(tmp_path) as runtime:
+        await runtime.robots.models.put("small", model, format=None, expected=None, by="test")
+        await runtime.robots.put_robot("r1", CONFIG, expected=None, by="test")
+        robot = WithTwoComputers(runtime.repairs, runtime.robots)
+        async with running(robot):
+            await robot.settled()
+            robot.cut("lidar")
+            assert (await the_repair(runtime))["state"] == "repaired"
+    assert "arm_pc: power_up(lidar)" in robot.done
+    assert "nav_pc: power_up(lidar)" not in robot.done
+
+
+class OfOneNode(Robot):
+    """Its agent restarts `mapping`, and nothing else."""
+
+    async def act_for_ever(self) -> None:
+        await act(self, agent="onboard", can=["start_node:mapping", "stop_node:mapping"], observes={})
+
+
+class WithTwoComputers(Robot):
+    """The agent on each of them does whatever it is given, as those of old do."""
+
+    async def act_for_ever(self) -> None:
+        hosts = ("nav_pc", "arm_pc")
+        await asyncio.gather(*(act(self, host=host, note=f"{host}: ") for host in hosts))
+
+
+async def act(robot: Robot, note: str = "", host: str | None = None, **says: Any) -> None:
+    """Be one of the robot's agents."""
+    while True:
+        orders = await robot.repairs.orders(robot.id, host=host, wait_s=5.0, **says)
+        if orders is not None and "id" in orders:
+            [parameter] = orders["parameters"]
+            robot.do(orders["name"], parameter)
+            robot.done.append(f"{note}{orders['name']}({parameter})")
+            await robot.report()
+            await robot.repairs.result(orders["id"], code=0, message="", by=Reporter("robot"))

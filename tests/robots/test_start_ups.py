@@ -86,8 +86,12 @@ def started(found: StartUps, node: Atom, topic: Atom, at_s: float, took_s: float
     heard(found, news(Literal(topic), at_s + took_s))
 
 
-def left_s(found: StartUps, seen: Seen, *missing: Atom, since_s: float = 1000.0) -> float:
-    return found.may_take_s([Literal(atom) for atom in missing], round(since_s * S), PARTS, seen)
+def left_s(
+    found: StartUps, seen: Seen, *missing: Atom, since_s: float = 1000.0, sent_s: float = inf
+) -> float:
+    answered_ns = round(since_s * S)
+    sent_ns = answered_ns if sent_s == inf else round(sent_s * S)
+    return found.may_take_s([Literal(atom) for atom in missing], sent_ns, answered_ns, PARTS, seen)
 
 
 def test_a_start_may_take_twice_the_longest_of_the_latest_and_half_a_second_more_in_any_case() -> None:
@@ -166,6 +170,20 @@ def test_a_start_is_in_vain_after_twice_the_longest_and_its_observers_time() -> 
     assert left_s(found, Seen(), SCAN) == pytest.approx(1.6 + 0.5 + SLACK_NS / S)
     assert left_s(found, Seen(), SCAN, ECHOES, since_s=997) == pytest.approx(1.6 + 0.5 + SLACK_NS / S - 3)
     assert left_s(found, Seen(), ECHOES, DRIVER) == inf
+
+
+def test_what_the_act_has_started_has_its_time_from_when_it_began() -> None:
+    found = StartUps()
+    started(found, DRIVER, SCAN, 100, 0.8)
+    seen = Seen(rose={DRIVER: round(998.5 * S)})
+    waits_s = 1.6 + 0.5 + SLACK_NS / S
+    assert left_s(found, seen, SCAN, sent_s=998) == pytest.approx(waits_s - 1.5)
+    assert left_s(found, seen, SCAN, sent_s=999) == pytest.approx(waits_s)  # it ran before
+    started(found, MAPPING, MAP, 200, 2)
+    both = Seen({**seen.values, SCAN: True}, {MAPPING: 995 * S, SCAN: 990 * S})
+    assert left_s(found, both, MAP, sent_s=994) == pytest.approx(4 + 0.5 + SLACK_NS / S - 5)
+    both.rose[SCAN] = round(999.5 * S)
+    assert left_s(found, both, MAP, sent_s=994) == pytest.approx(4 + 0.5 + SLACK_NS / S - 0.5)
 
 
 def test_before_its_observer_has_said_how_it_is_after_the_act_nothing_is_in_vain() -> None:

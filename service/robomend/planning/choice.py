@@ -191,7 +191,7 @@ def _weigh(
     elif not plan.steps:
         reason = "; ".join(plan.unreachable) or f"{names}: nothing to do"
     else:
-        reason = f"{names}: helps with probability {helps:.2g} at cost {plan.cost:g}"
+        reason = f"{names}: {_how_probably(helps, candidates)} at cost {plan.cost:g}"
         if plan.unreachable:
             reason += f"; not all of it: {'; '.join(plan.unreachable)}"
     if failures:
@@ -201,6 +201,18 @@ def _weigh(
         reason += f"; repaired {times} before without help; its acts worked {seen} of {of}"
     return Alternative(one.diagnosis, plan, chance, helps, score, len(failures), reason)
 
+
+def _how_probably(helps: float, candidates: Sequence[Candidate]) -> str:
+    """Say how probably a plan helps. What nobody doubts rests on the model: that is said instead of "1"."""
+    if helps < CERTAIN:
+        return f"helps with probability {helps:.2g}"
+    if len(candidates) == 1:
+        return "the only cause that the model knows for this; to be repaired"
+    return "helps whichever of the suspected causes it is,"
+
+
+CERTAIN = 0.995
+"""From here on two digits would say 1."""
 
 SURE = 0.5
 """What helps as probably as this is done, whatever it costs: a person would try it, too."""
@@ -276,7 +288,16 @@ def _nothing(candidates: Sequence[Candidate], weighed: Sequence[Alternative]) ->
     told = list(sentences)[:TOLD]
     if len(sentences) > TOLD:
         told.append(counted(len(sentences) - TOLD, "more reason"))
-    return "no known repair: " + "; ".join(told)
+    return f"no known repair: {'; '.join(told)}{_suspects(weighed)}"
+
+
+def _suspects(weighed: Sequence[Alternative]) -> str:
+    """Name what is most suspected, where what was done has told the suspects apart: there a person begins."""
+    if len(weighed) < 2 or not any(one.failures for one in weighed):
+        return ""
+    by_weight = sorted(weighed, key=lambda one: -one.weight)[:TOLD]
+    named = (f"{' and '.join(one.diagnosis.bad)} (weight {one.weight:.2g})" for one in by_weight)
+    return f"; suspected most: {', '.join(named)}"
 
 
 def _unplanned(one: Candidate) -> tuple[str, ...]:

@@ -307,12 +307,16 @@ class Grounder:
 
     def refusal(self, action: GroundAction) -> str | None:
         """Return why an action may not be taken, or None: it takes power or process from a protected
-        component, or breaks one that would have to restart after it, changes one that is set aside, or is to
-        be avoided.
+        component, or breaks one that would have to restart after it, changes one that is set aside, is to be
+        avoided, or nobody offers to do it.
         """
         problem = self.problem
         if problem.avoided and (why := problem.avoided.get(str(action))) is not None:
             return why
+        if problem.offers is not None:
+            nobody = problem.offers.why_nobody(action.name, action.parameters)
+            if nobody is not None:
+                return nobody
         for number in sorted(action.effects):
             fact = self.fact(number)
             if len(fact) != 2:

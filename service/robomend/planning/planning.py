@@ -20,6 +20,7 @@ from robomend.planning.decomposition import NamedPart, Part, split
 from robomend.planning.domain.loading import load_domain
 from robomend.planning.domain.values import Domain
 from robomend.planning.grounding import GroundAction, Grounder
+from robomend.planning.offers import Offers
 from robomend.planning.ordering import layered, partial_order
 from robomend.planning.pddl_text import problem_text
 from robomend.planning.plan import Outcome, Plan, Step
@@ -44,6 +45,7 @@ class PlanOptions:
     quarantined: tuple[str, ...] = ()
     protected: tuple[str, ...] = ()
     avoided: tuple[tuple[str, str], ...] = ()  # ground actions as text that must not be used, and why
+    offers: Offers | None = None  # what the robot's agents say they can do; None: nobody knows
     pddl: bool = False  # add the PDDL to the plan
 
 
@@ -72,6 +74,7 @@ def plan_for(
         quarantined=options.quarantined,
         protected=options.protected,
         avoided=options.avoided,
+        offers=options.offers,
     )
     plan = plan_problem(domain, problem, options)
     return replace(plan, elapsed_s=time.perf_counter() - started)

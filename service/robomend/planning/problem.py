@@ -31,6 +31,7 @@ from robomend.errors import DomainError, UnknownComponent
 from robomend.model.components import KINDS, ComponentModel, Hardware, Node
 from robomend.model.loops import strong_components
 from robomend.planning.domain.values import PAIRS, Declared, Domain
+from robomend.planning.offers import Offers
 from robomend.planning.protection import protection
 from robomend_client.literals import Atom, Literal
 from robomend_client.near import did_you_mean
@@ -53,6 +54,7 @@ class RepairProblem:
     idle: frozenset[str] = frozenset()  # of these, those meant to be off: the user's actions may use them
     protected: Mapping[str, str] = field(default_factory=dict)  # never shut down -> why
     avoided: Mapping[str, str] = field(default_factory=dict)  # ground action as text -> why it is not used
+    offers: Offers | None = None  # what agents say they can do; None: nobody knows
     costs: Mapping[str, float] = field(default_factory=dict)  # factor for actions on this component
 
 
@@ -66,6 +68,7 @@ def repair_problem(
     quarantined: Collection[str] = (),
     protected: Collection[str] = (),
     avoided: Iterable[tuple[str, str]] = (),
+    offers: Offers | None = None,
 ) -> RepairProblem:
     """Return the problem of making every component good, starting from OBS and one diagnosis.
 
@@ -79,6 +82,7 @@ def repair_problem(
             diagnosis.
         protected: components that nothing may shut down or stop, besides those that the model marks.
         avoided: ground actions, as `power_up(lidar)`, that must not be used, each with the reason.
+        offers: what the robot's agents say they can do; None: nobody knows.
 
     Raises:
         UnknownComponent: a name above is no component of the model.
@@ -159,6 +163,7 @@ def repair_problem(
         idle=aside,
         protected=shielded,
         avoided=dict(avoided),
+        offers=offers,
         costs={name: part.cost for name, part in parts.items() if part.cost is not None},
     )
 

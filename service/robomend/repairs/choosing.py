@@ -30,6 +30,7 @@ from robomend.planning.planning import PlanOptions
 from robomend.planning.policy import HOUR_NS, NODE_ACTIONS, POWER_ACTIONS, Policy
 from robomend.planning.tried import Patience
 from robomend.repairs.left_off import NOTHING, LeftOff, unknown
+from robomend.repairs.offers import offers_if_all
 from robomend.repairs.remembering import Remembered, remembered
 from robomend.robots.configuration import RobotConfig, policy_of, protected_of
 from robomend.robots.readers import Readers
@@ -184,6 +185,7 @@ class Chooser:
             ),
             protected=protected_of(state.config, parts),
             avoided=avoided,
+            offers=await offers_if_all(state, parts, await self.actions(state), self._store),
             pddl=pddl,
         )
         plans = await self._plans(situation, options, memory.useless)

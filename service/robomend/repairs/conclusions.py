@@ -5,7 +5,6 @@ Who reads them is a person who was not there: what was tried, how it ended, what
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 
 from robomend.cycle import Turn, TurnOutcome
@@ -95,7 +94,7 @@ def in_doubt(last: Turn) -> str | None:
 
 def conclusion(last: Turn, signals: Signals, written: Json) -> tuple[RepairTrigger, str]:
     """Return what ends a repair and the reason, from its last turn and what is written of it."""
-    rounds = [one for one in written.get("rounds", ()) if one.get("ending") and not one.get("helped")]
+    rounds = _vain_rounds(written)
     why = last.execution.reason if last.execution is not None else ""
     match last.outcome:
         case TurnOutcome.HEALTHY:
@@ -114,7 +113,7 @@ def conclusion(last: Turn, signals: Signals, written: Json) -> tuple[RepairTrigg
             )
 
 
-def end_of(error: Exception, signals: Signals) -> tuple[RepairTrigger, str]:
+def end_of(error: Exception, signals: Signals, written: Json) -> tuple[RepairTrigger, str]:
     """Return what ends a repair, and the reason, where an exception ended it."""
     match error:
         case Halted():
@@ -122,19 +121,48 @@ def end_of(error: Exception, signals: Signals) -> tuple[RepairTrigger, str]:
         case Overtaken():
             return RepairTrigger.OVERTAKEN, str(error)
         case Silent() | NotPermitted():
-            return RepairTrigger.NEEDS_PERSON, str(error)
+            return RepairTrigger.NEEDS_PERSON, _without_repeating(_tried(_vain_rounds(written)), str(error))
         case RobomendError():
             return RepairTrigger.BROKE, f"{error.code}: {error}"
         case _:
             return RepairTrigger.BROKE, f"an error in robomend: {type(error).__name__}: {error}"
 
 
+def _vain_rounds(written: Json) -> list[Json]:
+    return [one for one in written.get("rounds", ()) if one.get("ending") and not one.get("helped")]
+
+
+def _without_repeating(tried: str, why: str) -> str:
+    """Return what was tried and why it ended; where the last round says why it ended, that once."""
+    return tried.removesuffix("; ") if why in tried else f"{tried}{why}"
+
+
 def _tried(rounds: Sequence[Json]) -> str:
-    """Return what the rounds that did not help came to: each end once, with how often, the last one first."""
-    counts = Counter(map(_in_vain, reversed(rounds)))
-    told = [f"{reason} ({count} times)" if count > 1 else reason for reason, count in counts.items()]
+    """Return what the rounds that did not help came to: each end once, with how often, the last one first.
+
+    Ends that differ only in how long was waited are one.
+    """
+    ends: dict[str, list[str]] = {}
+    for one in map(_in_vain, reversed(rounds)):
+        what, _, waited = one.partition(WITHIN)
+        ends.setdefault(what, []).append(waited)
+    told = [_times(what, waited) for what, waited in ends.items()]
     first = "tried, the last first: " if len(told) > 1 else ""
     return first + "".join(f"{one}; " for one in told)
+
+
+WITHIN = " seen within "
+"""Before how long a missing effect was waited for, in the reason of its round."""
+
+
+def _times(what: str, waited: Sequence[str]) -> str:
+    """Return an end as it is told, with how often; `waited`: how long each time, the last first."""
+    last = f"{WITHIN}{waited[0]}" if waited[0] else ""
+    if len(waited) == 1:
+        return f"{what}{last}"
+    if len(set(waited)) == 1:
+        return f"{what}{last} ({len(waited)} times)"
+    return f"{what} seen ({len(waited)} times, the last within {waited[0]})"
 
 
 def _in_vain(one: Json) -> str:

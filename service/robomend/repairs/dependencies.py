@@ -12,6 +12,7 @@ from robomend.repairs.agent_queue import AgentQueue
 from robomend.repairs.choosing import Chooser
 from robomend.repairs.execution_values import nobodys
 from robomend.repairs.executors.registry import Surroundings, executors
+from robomend.repairs.offers import hosts_of
 from robomend.repairs.stop_switch import StopSwitch
 from robomend.robots.boards import WiredBoard
 from robomend.robots.robot import Robot
@@ -43,8 +44,7 @@ class Dependencies:
         if parts is None:
             raise Refused(f"a {state.system.format} model says nothing of what can be repaired")
         board = None if state.config.board is None else await self.robots.board(state.id)
-        hosts = {name: part.host for name, part in parts.parts.items() if name not in parts.hardware}
-        around = self.around(state.id, board, hosts, halt, fence)
+        around = self.around(state.id, board, hosts_of(parts), halt, fence)
         return executors(await self.chooser.actions(state), state.config.actions, around)
 
     def around(

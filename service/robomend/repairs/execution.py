@@ -31,6 +31,7 @@ from robomend.repairs.execution_values import (
 from robomend.repairs.looking import Looking, first_of
 from robomend.repairs.reporting import Reporting
 from robomend.repairs.states import StepTrigger
+from robomend.robots.clock import CLOCK
 from robomend_client.actions import (
     CANCELLED,
     FAILED,
@@ -69,7 +70,7 @@ class _Run:
         self._setting = setting
         self._reporting = Reporting(plan, setting)
         self._done: set[int] = set()
-        self._looking = Looking(setting)
+        self._looking = Looking(setting, plan.steps)
         self._tasks: dict[asyncio.Task[None], int] = {}
 
     async def run(self) -> Execution:
@@ -145,8 +146,9 @@ class _Run:
                     step, StepTrigger.EFFECT_THERE, reason="its effect was already there"
                 )
                 return
+            sent_ns = CLOCK.now_ns()
             wanted = await self._act(step, timing)
-            await self._await_effect(step, wanted, timing.effect_timeout_s)
+            await self._await_effect(step, wanted, timing.effect_timeout_s, sent_ns)
         except _Stop as stop:
             await self._reporting.tell(step, StepTrigger.WENT_WRONG, reason=stop.reason)
             raise
@@ -268,8 +270,10 @@ class _Run:
         """Whether only a person can say if a step acted that must not be done twice."""
         return result.code in MAY_HAVE_ACTED and step.name in self._setting.not_idempotent
 
-    async def _await_effect(self, step: Step, wanted: frozenset[Literal], timeout_s: float) -> None:
-        seen, missing, within = await self._looking.effect(wanted, timeout_s)
+    async def _await_effect(
+        self, step: Step, wanted: frozenset[Literal], timeout_s: float, sent_ns: int
+    ) -> None:
+        seen, missing, within = await self._looking.effect(wanted, timeout_s, sent_ns)
         if missing:
             names, was = first_of(missing), "was" if len(missing) == 1 else "were"
             self._reporting.note(step, None, seen=seen, missing=missing)  # written with the reason

@@ -52,8 +52,8 @@ class FreshObs(Protocol):
         """Return how long its observers may need to say anew what they say of the atom; 0: they did."""
         ...
 
-    def may_take_s(self, missing: Collection[Literal], since_ns: int) -> float:
-        """Return in how many seconds one of these, awaited since then, will have had more than its time, by
+    def may_take_s(self, missing: Collection[Literal], sent_ns: int, answered_ns: int) -> float:
+        """Return in how many seconds one of these, awaited of that act, will have had more than its time, by
         what is known of earlier starts; inf: nothing is.
         """
         ...

@@ -11,8 +11,10 @@ from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 
 from robomend.errors import RobomendError
+from robomend.model.components import ComponentModel
 from robomend.model.schemes import publishers_of
 from robomend.observations.language import parse
+from robomend.planning.offers import Offers
 from robomend.planning.policy import NODE_ACTIONS, POWER_ACTIONS
 from robomend.repairs.executors.registry import EXECUTORS, Surroundings, kind_of
 from robomend.robots.configuration import RobotConfig
@@ -29,6 +31,7 @@ class Asked:
 
     hosts: Collection[str | None]  # None: an agent that said no host
     within_s: float
+    offers: Offers | None = None  # what they say they can do; None: one may be there that was not heard
 
 
 def findings(
@@ -85,6 +88,21 @@ def _carried_out(
                 f"{what}: no agent on host {host!r}, where the model has nodes, has asked for work within "
                 f"{asked.within_s:.0f} s"
             )
+    if asked.offers is not None:
+        yield from _nobody_does(parts, by_agent, asked.offers)
+
+
+def _nobody_does(parts: ComponentModel, by_agent: Iterable[str], offers: Offers) -> Iterator[str]:
+    """Name what no plan will have: what a plan may need, and none of the agents that are there does."""
+    nodes = [name for name, node in parts.nodes.items() if node.restartable]
+    devices = [name for name in parts.hardware if parts.switchable(name)]
+    for action in by_agent:
+        if action in NODE_ACTIONS | POWER_ACTIONS:
+            of = nodes if action in NODE_ACTIONS else devices
+            if left := [name for name in of if offers.why_nobody(action, (name,))]:
+                yield f"{action} of {_some(left)}: no agent of this robot offers it, and no plan will have it"
+        elif not offers.any_does(action):
+            yield f"{action}: no agent of this robot offers it, and no plan will have it"
 
 
 def _needed(state: Robot, actions: Iterable[str]) -> list[str]:

@@ -34,12 +34,19 @@ NAMED = 4
 class Looking:
     """OBS, as the execution of one plan sees it."""
 
-    def __init__(self, setting: Setting) -> None:
+    def __init__(self, setting: Setting, steps: Iterable[Step] = ()) -> None:
+        """`steps`: those of the plan, whose own effects are theirs to bring about."""
         self._sight = setting.sight
         self._observed = setting.observed
         self._prediction = setting.prediction
         self._hold_s = setting.default_timing.hold_s
-        self._agreed: set[Literal] = set()  # expected literals that OBS has shown
+        # Expected literals that OBS has shown. What the plan was made on and leaves as it is, it showed then.
+        theirs = {observable(effect).atom for step in steps for effect in step.effects}
+        self._agreed = {
+            literal
+            for literal in self._prediction.expected()
+            if literal.atom.predicate in OBSERVED_FACTS and literal.atom not in theirs
+        }
 
     def visible(self, step: Step) -> bool:
         """Return whether OBS shows each on/off and running/stopped that the step brings about."""
@@ -79,12 +86,15 @@ class Looking:
         return await self._until_none(wrong, timing.effect_timeout_s if unknown else timing.hold_s)
 
     async def effect(
-        self, wanted: Iterable[Literal], timeout_s: float
+        self, wanted: Iterable[Literal], timeout_s: float, sent_ns: int
     ) -> tuple[Sequence[Literal], Sequence[Literal], str]:
         """Await what a step makes expected; return what of it OBS showed, what it did not, and within what.
 
         Awaited is what somebody observes: the robot's `observed` list names it, or OBS knows it already. It
         is given up before the time-out where earlier starts say that it would be there by now.
+
+        Args:
+            sent_ns: when the step was sent: what it starts begins after that, be it before it has answered.
         """
         awaited = frozenset(
             literal
@@ -100,10 +110,10 @@ class Looking:
         def settling_s() -> float:
             return max((self._sight.settling_s(w.atom) for w in awaited), default=0.0)
 
-        began, began_ns = time.monotonic(), CLOCK.now_ns()
+        began, answered_ns = time.monotonic(), CLOCK.now_ns()
 
         def known_s(left: frozenset[Literal]) -> float:
-            return self._sight.may_take_s(left, began_ns)
+            return self._sight.may_take_s(left, sent_ns, answered_ns)
 
         left = await self._until_none(missing, timeout_s, settling_s, known_s) or frozenset()
         took_s = time.monotonic() - began
@@ -118,7 +128,7 @@ class Looking:
         """Return a literal that the plan predicts and that OBS contradicts for longer than a flutter.
 
         Only what OBS once agreed with can break: what a step still has to bring about is that step's
-        business.
+        business. So may what the plan was made on, and what has changed since.
         """
         agreed = self._agreed
         since: dict[Literal, float] = {}

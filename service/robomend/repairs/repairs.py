@@ -33,6 +33,7 @@ from robomend.repairs.choosing import Chooser
 from robomend.repairs.dependencies import Dependencies
 from robomend.repairs.executors.registry import Surroundings, check
 from robomend.repairs.foresight import Asked, findings
+from robomend.repairs.offers import offers_if_all
 from robomend.repairs.record import new_repair
 from robomend.repairs.repair_json import repair_json
 from robomend.repairs.robot_loops import RobotLoops
@@ -128,7 +129,10 @@ class Repairs:
         with contextlib.suppress(RobomendError):  # its domain is at fault: named already
             actions = await needs.chooser.actions(state)
         hosts = [agent.host for agent in state.sight.declared.agents()]
-        return findings(state, faults, actions, self._around(robot, board), Asked(hosts, HEARD_S))
+        parts = state.system.parts
+        offers = None if parts is None else await offers_if_all(state, parts, actions, self._store)
+        asked = Asked(hosts, HEARD_S, offers)
+        return findings(state, faults, actions, self._around(robot, board), asked)
 
     async def create(self, robot: str, *, bad: Sequence[str] | None, by: str, reason: str) -> Json:
         """Begin a repair on request. StateConflict if one is open.

@@ -44,7 +44,7 @@ class _Act:
     seen: frozenset[Literal] = frozenset()  # what was known when it was last sent
     plain: int = 0
     in_vain: bool = False  # carried out wholly and awaited, and the same again cures no better
-    said: str = ""  # the last answer, if it was not OK
+    said: str = ""  # what the last plain one said; its own words are told with the round that it ended
 
 
 class Repeats:
@@ -62,7 +62,7 @@ class Repeats:
             act.sent += times
             if step.get("result") in PLAIN:
                 act.plain += times
-                act.said = f"{PLAIN[step['result']]}: {step.get('message', '')}"
+                act.said = PLAIN[step["result"]]
 
     def sent(self, action: Action, known: Iterable[Literal]) -> None:
         """An action is sent; `known` is OBS."""
@@ -80,10 +80,9 @@ class Repeats:
     def answered(self, action: Action, result: ActionResult) -> None:
         """Its answer has come."""
         act = self._acts[str(action)]
-        act.said = "" if result.ok else result.message
         if result.code in PLAIN:
             act.plain += 1
-            act.said = f"{PLAIN[result.code]}: {result.message}" if result.message else PLAIN[result.code]
+            act.said = PLAIN[result.code]
 
     def in_vain(self, texts: Iterable[str]) -> None:
         """These were carried out, their effects were awaited in vain, and the same again cures no better."""
@@ -102,8 +101,7 @@ class Repeats:
             return None
         if act.in_vain:
             return "it was done in this repair without help, and nothing else was observed since"
-        last = f"; the last answer: {act.said}" if act.said else ""
-        return f"it was done {act.sent} times in this repair, and nothing else was observed since{last}"
+        return f"it was done {act.sent} times in this repair, and nothing else was observed since"
 
     def exhausted(self, known: Iterable[Literal]) -> tuple[tuple[str, str], ...]:
         """Return the acts that are not to be planned, each with the reason."""

@@ -192,7 +192,7 @@ class RobotRepairs:
             if await self._is_lost(error):
                 raise
             self.stopped()  # where the stop is younger than what the loop has heard of it
-            end, reason = end_of(error, signals)
+            end, reason = end_of(error, signals, record.data)
             declined = isinstance(error, Declined)
             if end is RepairTrigger.OVERTAKEN:
                 blamed = None  # the new one may begin a repair of its own

@@ -21,6 +21,10 @@ HEARD_S = 60.0
 """A declaration counts for so long after the poll that made it; polls are held for 20 s at most."""
 
 
+NEW_S = 10.0
+"""After so long every agent that is there was heard: one that lost the service asks again within 5 s."""
+
+
 @dataclass(frozen=True, slots=True)
 class Delays:
     """How fast an atom's observer is."""
@@ -42,9 +46,10 @@ class Declaration:
 class DeclaredAgents:
     """The agents of one robot."""
 
-    __slots__ = ("_agents",)
+    __slots__ = ("_agents", "_began_s")
 
     def __init__(self) -> None:
+        self._began_s = time.monotonic()
         self._agents: OrderedDict[str, tuple[Declaration, float]] = OrderedDict()
 
     def hear(self, declaration: Declaration) -> None:
@@ -58,6 +63,10 @@ class DeclaredAgents:
         """Return what the agents that are heard say."""
         now = time.monotonic()
         return tuple(said for said, heard in self._agents.values() if now - heard < HEARD_S)
+
+    def all_heard(self) -> bool:
+        """Return whether we have listened for so long that no agent which is there is missing."""
+        return time.monotonic() - self._began_s >= NEW_S
 
     def delays(self, atom: Atom, usual: Delays) -> Delays:
         """Return how fast an atom is observed: by the slowest of its observers; `usual` where none says."""

@@ -151,10 +151,12 @@ class Sight:
             return 0.0
         return self.delays(atom).settling_ns / 1e9 + SLACK_S
 
-    def may_take_s(self, missing: Collection[Literal], since_ns: int) -> float:
-        """Return in how many seconds one of these, awaited since then, will have had more than its time."""
+    def may_take_s(self, missing: Collection[Literal], sent_ns: int, answered_ns: int) -> float:
+        """Return in how many seconds one of these, awaited of that act, will have had more than its time."""
         parts = self._robot.system.parts
-        return inf if parts is None else self.start_ups.may_take_s(missing, since_ns, parts, self)
+        if parts is None:
+            return inf
+        return self.start_ups.may_take_s(missing, sent_ns, answered_ns, parts, self)
 
     def _those(self, how: Confirmed) -> tuple[Atom, ...]:
         if not self.unconfirmed:

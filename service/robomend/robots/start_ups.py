@@ -284,18 +284,25 @@ class StartUps:
         return longest_ns or None
 
     def may_take_s(
-        self, missing: Iterable[Literal], since_ns: int, parts: ComponentModel, seen: Seen
+        self,
+        missing: Iterable[Literal],
+        sent_ns: int,
+        answered_ns: int,
+        parts: ComponentModel,
+        seen: Seen,
     ) -> float:
-        """Return in how many seconds one of the missing literals, awaited since then, will have had more than
-        its time; inf: nobody knows.
+        """Return in how many seconds one of the missing literals, awaited of an act that was sent then and
+        has answered, will have had more than its time; inf: nobody knows.
         """
         now_ns = CLOCK.now_ns()
         if now_ns < self._others_until_ns:
             return inf
-        ends = [self._end_ns(literal, since_ns, parts, seen) for literal in missing]
+        ends = [self._end_ns(literal, sent_ns, answered_ns, parts, seen) for literal in missing]
         return min((end - now_ns for end in ends if end is not None), default=inf) / 1e9
 
-    def _end_ns(self, literal: Literal, since_ns: int, parts: ComponentModel, seen: Seen) -> int | None:
+    def _end_ns(
+        self, literal: Literal, sent_ns: int, since_ns: int, parts: ComponentModel, seen: Seen
+    ) -> int | None:
         atom = literal.atom
         if not (literal.positive and atom.predicate == "ok" and seen.value(atom) is False):
             return None  # no topic, or its observer has not said yet how it is after the act
@@ -313,7 +320,9 @@ class StartUps:
             return None  # a device may take longer to boot than its driver
         began = (seen.rose_ns(each) for each in running)
         began_ns = max((since_ns if at_ns is None else at_ns for at_ns in began), default=since_ns)
-        there_ns = max([since_ns, *(seen.rose_ns(each) or 0 for each in inputs)])
+        # What the act has started has its time from when it began, be that before the act answered.
+        from_ns = began_ns if sent_ns <= began_ns < since_ns else since_ns
+        there_ns = max([from_ns, *(seen.rose_ns(each) or 0 for each in inputs)])
         node_ns = self._patience(topic) * starts.after_node_ns()
         last_ns = self._patience(topic) * starts.after_inputs_ns() if inputs else node_ns
         end_ns = max(began_ns + node_ns, there_ns + last_ns)

@@ -13,7 +13,7 @@ from robomend.store.encoding import checked, checked_or_none, from_json, to_json
 from robomend.store.records import AgentAction
 from robomend.store.transaction import Transaction
 from robomend.store.view import AnyRow, View
-from robomend_client.actions import BY_COMPONENT
+from robomend_client.actions import offered
 
 _ACTIONS = schema.agent_actions
 
@@ -70,14 +70,11 @@ def meant_for(action: AgentAction, host: str | None, can: Collection[str] | None
 
     Args:
         host: the agent's; an action for a host goes to that host only.
-        can: what the agent can do, `name`, or `name:parameter` with one parameter or of a drill; None: all.
+        can: what the agent can do (robomend_client.actions.offered); None: all.
     """
     if action.host is not None and action.host != host:
         return False
-    if can is None or action.name in can:
-        return True
-    by_first = len(action.parameters) == 1 or action.name in BY_COMPONENT
-    return by_first and f"{action.name}:{action.parameters[0]}" in can
+    return offered(can, action.name, action.parameters)
 
 
 def take(
