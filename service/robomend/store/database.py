@@ -14,7 +14,7 @@ import os
 import sqlite3
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, TypeGuard
@@ -39,6 +39,9 @@ BUSY_TIMEOUT_S = 10.0
 
 HANGS_MS = 4000
 """PostgreSQL: a writer that hangs in the middle of a transaction keeps its locks for so long."""
+
+MIGRATION_S = 3600.0
+"""PostgreSQL: a statement of a migration may take so long."""
 
 TURN_S = 0.001
 """How often it looks whether it is its turn."""
@@ -148,7 +151,7 @@ class Database:
         """
         if self.path is not None:
             _make_private(self.path)
-        with translated(), self._engine.connect() as connection:
+        with translated(), self._engine.connect() as connection, _patiently(connection):
             if self.path is not None:
                 _check_whole(connection, self.path)
             if _version(connection) == schema.HEAD:
@@ -158,7 +161,7 @@ class Database:
             with connection.begin():
                 if self.path is None:  # on SQLite the transaction itself locks others out
                     # A migration may take its time, and so may the instance that is before us.
-                    connection.execute(text("SET LOCAL statement_timeout = '1h'"))
+                    connection.execute(text(f"SET LOCAL statement_timeout = '{MIGRATION_S:.0f}s'"))
                     connection.execute(text("SET LOCAL lock_timeout = '10min'"))
                     connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": _SCHEMA_LOCK})
                 found = _version(connection)
@@ -178,6 +181,12 @@ class Database:
     def dispose(self) -> None:
         """Close the connections that nobody uses."""
         self._engine.dispose()
+
+
+def _patiently(connection: Connection) -> AbstractContextManager[Any]:
+    """Return a context in which an answer of PostgreSQL's may take as long as a migration."""
+    itself: Any = connection.connection.driver_connection
+    return nullcontext() if connection.dialect.name == "sqlite" else itself.patient(MIGRATION_S)
 
 
 def _version(connection: Connection) -> str | None:
@@ -297,7 +306,13 @@ def _postgres_url(url: URL) -> URL:
 
 
 def _postgres_engine(url: URL) -> Engine:
+    from robomend.store.bounded import BoundedConnection
+
     engine = create_engine(url, pool_size=6, max_overflow=10, pool_pre_ping=True, use_native_hstore=False)
+
+    @event.listens_for(engine, "do_connect")
+    def _connect(_dialect: Any, _record: Any, arguments: Any, options: Any) -> Any:
+        return BoundedConnection.connect(*arguments, **options)
 
     @event.listens_for(engine, "connect")
     def _configure(connection: Any, _entry: ConnectionPoolEntry) -> None:
