@@ -19,6 +19,7 @@ from tests.freezing import frozen
 from tests.postgres import PostgresServer
 from tests.store.examples import entry, observe, with_robots
 
+from robomend.api.store_probe import StoreProbe
 from robomend.errors import OptionRefused, RobomendError, StoreError, StoreFull, StoreOverloaded
 from robomend.store import Store, Transaction, database, events, global_stop, observations, robots, writer
 from robomend.store import store as store_module
@@ -179,17 +180,25 @@ async def make_room(store: Store, url: str) -> None:
             admin.execute("DROP TRIGGER t ON observations")
 
 
-async def test_a_full_disk_refuses_writes_and_reading_goes_on(store: Store, url: str) -> None:
+async def test_a_full_disk_refuses_writes_and_reading_goes_on(
+    store: Store, url: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     await with_robots(store, "r1")
     await observe(store, "r1", entry("scan"))
     await fill(store, url)
     large = [entry(f"t{number}", source="x" * 500) for number in range(200)]
     with pytest.raises(StoreFull):
         await observe(store, "r1", *large)
+    await store.ownership.beat()  # a small write may still fit
+    known = StoreProbe(store).known
+    assert not known.ok
+    assert "store-full" in known.detail
     obs = await store.read(observations.obs, "r1")
     assert (obs.revision, len(obs.entries)) == (1, 1)
     await make_room(store, url)
     assert await observe(store, "r1", *large) == 2
+    monkeypatch.setattr(database, "FULL_S", 0.0)
+    assert StoreProbe(store).known.ok
 
 
 async def test_too_many_writes_are_refused_at_once(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:

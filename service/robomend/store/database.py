@@ -43,6 +43,9 @@ HANGS_MS = 4000
 MIGRATION_S = 3600.0
 """PostgreSQL: a statement of a migration may take so long."""
 
+FULL_S = 10.0
+"""A write that was refused for want of room tells of the disk for so long: a smaller one may still fit."""
+
 TURN_S = 0.001
 """How often it looks whether it is its turn."""
 
@@ -97,6 +100,7 @@ class Database:
         self._engine = _sqlite_engine(self.url) if self.path else _postgres_engine(self.url)
         self.damage: str | None = None
         """What is wrong with the file, once something was found: it is not tried again."""
+        self._refused = ("", -FULL_S)
         self._reading = self._engine
         if self.path is None:
             self._reading = self._engine.execution_options(
@@ -174,9 +178,17 @@ class Database:
                     _migrate(connection, found)
 
     def note(self, error: BaseException) -> None:
-        """Remember it, if the error says that the file is damaged."""
+        """Remember it, if the error says that the file is damaged, or the disk full."""
         if isinstance(error, StoreDamaged):
             self.damage = str(error)
+        elif isinstance(error, StoreFull):
+            self._refused = (str(error), time.monotonic())
+
+    @property
+    def full(self) -> str | None:
+        """Why a write was refused for want of room, not long ago."""
+        why, at_s = self._refused
+        return why if time.monotonic() - at_s < FULL_S else None
 
     def dispose(self) -> None:
         """Close the connections that nobody uses."""
