@@ -99,13 +99,36 @@ def test_what_the_service_does_not_know_is_reported_as_lost(
     async def run() -> tuple[str, ...]:
         robots = [SimulatedRobot(f"b{number}", 1, faults=3) for number in range(2)]
         await prepare(service.url, robots)
-        robots[0].revision += 1  # a change that the service never got
-        robots[1].holds["running(rviz)"] = False
+        robots[0].kept += 1  # a change that the service has not kept
+        robots[1].known["ok(map)"] = True
         result = await run_fleet(service.url, robots, rate_hz=1, seconds=1, seed=1)
         return result.lost
 
     lost = asyncio.run(run())
     assert [line.split(":")[0] for line in lost] == ["b0", "b1"]
+
+
+class SometimesRefused(SimulatedRobot):
+    """Each fourth change goes where there is no robot."""
+
+    def change(self) -> list[str]:
+        said = super().change()
+        name = self.name if self.revision % 4 else "nobody"
+        self.path = f"/api/v1/robots/{name}/observations"
+        return said
+
+
+def test_what_was_refused_is_counted_and_not_called_lost(service: Served) -> None:
+    async def run() -> None:
+        robots: list[SimulatedRobot] = [SometimesRefused(f"d{number}", 1, faults=3) for number in range(3)]
+        await prepare(service.url, robots)
+        result = await run_fleet(service.url, robots, rate_hz=20, seconds=1, seed=1)
+        assert result.errors == {"404": 15}
+        assert (result.lost, result.undiagnosed) == ((), 0)
+        assert result.acknowledged.count == 45
+        assert 0 < result.diagnosed.count <= 45  # after a refusal its opposite is no news
+
+    asyncio.run(run())
 
 
 def test_what_ends_the_measurement_with_1_is_said(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from tests.api.test_process import workers_of
 from tests.clients.running_agent import SLEEPER, pid_file
 from tests.clients.talker import watching
+from tests.freezing import frozen
 from tests.service.board_robot import robot_with_board
 from tests.waiting import until
 
@@ -24,17 +23,6 @@ MODEL = {
 }
 AGENTS = {"ok(motor)", "running(laser)"}
 BOARDS = {"on(lamp)", "ok(lamp_draws)"}
-
-
-@contextmanager
-def frozen(*pids: int) -> Iterator[None]:
-    for pid in pids:
-        os.kill(pid, signal.SIGSTOP)
-    try:
-        yield
-    finally:
-        for pid in reversed(pids):
-            os.kill(pid, signal.SIGCONT)
 
 
 def test_whoever_is_frozen_the_others_go_on_and_all_is_well_once_it_goes_on(tmp_path: Path) -> None:

@@ -7,20 +7,20 @@ import json
 import os
 import resource
 import shlex
-import signal
 import sqlite3
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 import httpx
 import psycopg
 import pytest
 from tests.api.conftest import TEDUSAR
+from tests.freezing import frozen
 from tests.postgres import PostgresServer
 from tests.postgres import postgres_server as postgres_server  # fixtures
 from tests.postgres import postgres_url as postgres_url
@@ -144,21 +144,11 @@ def locked(path: Path) -> Iterator[None]:
         other.close()
 
 
-@contextmanager
-def frozen(server: PostgresServer) -> Iterator[None]:
-    """No process of the server runs."""
+def processes_of(server: PostgresServer) -> list[int]:
     assert server.process is not None
     main = server.process.pid
     served_by = Path(f"/proc/{main}/task/{main}/children").read_text().split()
-    pids = [main, *map(int, served_by)]  # the first one cannot start another from here on
-    try:
-        for pid in pids:
-            os.kill(pid, signal.SIGSTOP)
-        yield
-    finally:
-        for pid in pids:
-            with suppress(ProcessLookupError):
-                os.kill(pid, signal.SIGCONT)
+    return [main, *map(int, served_by)]
 
 
 @contextmanager
@@ -212,7 +202,11 @@ def test_a_database_that_is_frozen_loses_nothing_and_stops_nobody_from_stopping(
 
         assert report("ok(map)").json()["revision"] == 1
         thaws = time.monotonic() + (FROZEN_S if long or kind == "sqlite" else 0.0)
-        with frozen(postgres_server) if kind == "postgresql" else locked(tmp_path / "robomend.db"):
+        with (
+            frozen(*processes_of(postgres_server))
+            if kind == "postgresql"
+            else locked(tmp_path / "robomend.db")
+        ):
             under_way = clients.submit(report, "not ok(map)")
             until(lambda: httpx.get(f"{service.url}/readyz", timeout=60).status_code == 503, "ready", 60)
             assert httpx.get(f"{service.url}/healthz", timeout=60).status_code == 200

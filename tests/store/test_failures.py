@@ -10,16 +10,20 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import psycopg
 import pytest
+from tests.freezing import frozen
 from tests.postgres import PostgresServer
 from tests.store.examples import entry, observe, with_robots
 
+from robomend.api.store_probe import StoreProbe
 from robomend.errors import OptionRefused, RobomendError, StoreError, StoreFull, StoreOverloaded
 from robomend.store import Store, Transaction, database, events, global_stop, observations, robots, writer
 from robomend.store import store as store_module
+from robomend.store.bounded import BoundedConnection
 
 pytestmark = pytest.mark.anyio
 
@@ -62,6 +66,39 @@ async def test_a_server_that_went_away_is_an_error_until_it_is_back(
         assert heard == list(range(2, revision + 1))
     finally:
         await store.close()
+
+
+async def test_connections_that_are_frozen_are_given_up_and_others_are_opened(
+    postgres_url: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As if another server had taken the place of one that hangs."""
+    monkeypatch.setattr(BoundedConnection, "answer_s", 0.5)
+    store = Store(postgres_url)
+    await store.start()
+    try:
+        await with_robots(store, "r1")
+        await observe(store, "r1", entry("scan"))
+        await store.read(observations.obs, "r1")  # a reader has a connection beside the writer's
+        with psycopg.connect(postgres_url, autocommit=True) as admin:
+            pids = admin.execute(
+                "SELECT pid FROM pg_stat_activity"
+                " WHERE datname = current_database() AND pid <> pg_backend_pid()"
+            ).fetchall()
+        with frozen(*(pid for (pid,) in pids)):
+            revision = await eventually(store, "r1")
+            assert await read_at_last(store, "r1") == revision
+        assert await store.read(observations.obs, "r1")
+    finally:
+        await store.close()
+
+
+async def read_at_last(store: Store, robot: str) -> int:
+    """Return the revision when it can be read, for at most 20 s."""
+    async with asyncio.timeout(20):
+        while True:
+            with suppress(StoreError):
+                return (await store.read(observations.obs, robot)).revision
+            await asyncio.sleep(0.05)
 
 
 async def test_a_connection_that_was_cut_while_idle_is_replaced_without_an_error(
@@ -143,17 +180,25 @@ async def make_room(store: Store, url: str) -> None:
             admin.execute("DROP TRIGGER t ON observations")
 
 
-async def test_a_full_disk_refuses_writes_and_reading_goes_on(store: Store, url: str) -> None:
+async def test_a_full_disk_refuses_writes_and_reading_goes_on(
+    store: Store, url: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     await with_robots(store, "r1")
     await observe(store, "r1", entry("scan"))
     await fill(store, url)
     large = [entry(f"t{number}", source="x" * 500) for number in range(200)]
     with pytest.raises(StoreFull):
         await observe(store, "r1", *large)
+    await store.ownership.beat()  # a small write may still fit
+    known = StoreProbe(store).known
+    assert not known.ok
+    assert "store-full" in known.detail
     obs = await store.read(observations.obs, "r1")
     assert (obs.revision, len(obs.entries)) == (1, 1)
     await make_room(store, url)
     assert await observe(store, "r1", *large) == 2
+    monkeypatch.setattr(database, "FULL_S", 0.0)
+    assert StoreProbe(store).known.ok
 
 
 async def test_too_many_writes_are_refused_at_once(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:

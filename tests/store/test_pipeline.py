@@ -7,15 +7,17 @@ from collections.abc import Iterator
 import psycopg
 import pytest
 from psycopg.errors import UniqueViolation
+from tests.freezing import frozen
 
+from robomend.store.bounded import BoundedConnection
 from robomend.store.pipeline import Pipeline
 
 NAMES = ["plain", 'a "quoted" one', "back\\slash", "{brace},comma", "ünïcödé", "", "NULL", " "]
 
 
 @pytest.fixture
-def connection(postgres_url: str) -> Iterator[psycopg.Connection]:
-    with psycopg.connect(postgres_url) as found:
+def connection(postgres_url: str) -> Iterator[BoundedConnection]:
+    with BoundedConnection.connect(postgres_url) as found:
         found.execute("CREATE TABLE kept (name text PRIMARY KEY, number bigint, sure boolean, raw bytea)")
         found.commit()
         found.prepare_threshold = None
@@ -112,6 +114,17 @@ def test_a_connection_that_ends_meanwhile_is_lost(
             pipeline.wait()
         assert connection.closed
         assert names(other) == []
+
+
+def test_a_server_that_says_nothing_is_not_waited_for_without_end(
+    connection: BoundedConnection, pipeline: Pipeline
+) -> None:
+    connection.answer_s = 0.3
+    with frozen(connection.info.backend_pid):
+        pipeline.send("INSERT INTO kept (name) VALUES ($1)", ["unheard"])
+        with pytest.raises(psycopg.OperationalError, match=r"nothing for 0\.3 s"):
+            pipeline.wait()
+        assert connection.closed
 
 
 def test_what_is_no_value_of_a_statement_is_refused_before_it_is_sent(

@@ -6,7 +6,8 @@
 A service that stalls for a second thus shows a thousand latencies of up to a second, not one
 ("coordinated omission"). A change counts as diagnosed with the first published diagnosis of its revision or
 a later one of the same robot: changes that come while a robot's diagnosis is under way are diagnosed
-together. Nothing may be lost: in the end each robot's OBS and revision are compared with what was sent.
+together. Nothing may be lost: in the end each robot's OBS and revision are compared with what was accepted;
+what was not is counted as errors, by status.
 """
 
 from __future__ import annotations
@@ -41,8 +42,8 @@ class FleetResult:
     asked_per_s: float
     achieved_per_s: float  # acknowledged changes over the time that it took
     errors: dict[str, int]
-    lost: tuple[str, ...]  # robots whose state is not what was sent, with the difference
-    undiagnosed: int  # changes without a diagnosis
+    lost: tuple[str, ...]  # robots whose state is not what was accepted, with the difference
+    undiagnosed: int  # accepted changes without a diagnosis
     coalesced: int  # diagnosed together with a later change
     acknowledged: Latency
     diagnosed: Latency
@@ -52,6 +53,15 @@ class FleetResult:
     generator_cpu: float
     load: float  # of the machine, at the end
     cached: float | None  # share of the diagnoses that were answered from memory
+
+
+@dataclass(slots=True)
+class _Told:
+    """A published diagnosis."""
+
+    revision: int
+    at_s: float
+    needed: bool = False  # by a change already
 
 
 @dataclass
@@ -65,6 +75,9 @@ class _Run:
     coalesced: int = 0
     open: int = 0  # requests without an answer
     waiting: dict[bytes, deque[tuple[int, float]]] = field(default_factory=dict)
+    """Of each robot the accepted changes without a diagnosis: revision, when it was due."""
+    told: dict[bytes, deque[_Told]] = field(default_factory=dict)
+    """Its diagnoses from the latest that was needed on: an event may come before the answer."""
     last_answer: float = 0.0
     news: asyncio.Event = field(default_factory=asyncio.Event)
 
@@ -76,15 +89,24 @@ class _Run:
         found = EVENT.search(frame)
         if found is None:
             return
-        waiting = self.waiting.get(found[1])
-        if waiting is None:
+        if found[1] not in self.waiting:
             return
-        revision, count = int(found[2]), 0
-        while waiting and waiting[0][0] <= revision:
-            self.diagnosed.append(now - waiting.popleft()[1])
-            count += 1
-        self.coalesced += max(0, count - 1)
+        self.told.setdefault(found[1], deque()).append(_Told(int(found[2]), now))
+        self.match(found[1])
         self.news.set()
+
+    def match(self, robot: bytes) -> None:
+        """Find the diagnosis of each accepted change of a robot: the first of its revision or a later one."""
+        waiting, told = self.waiting[robot], self.told.get(robot)
+        while waiting and told:
+            revision, due = waiting[0]
+            if told[0].revision < revision:
+                told.popleft()
+                continue
+            waiting.popleft()
+            self.diagnosed.append(told[0].at_s - due)
+            self.coalesced += told[0].needed
+            told[0].needed = True
 
 
 async def prepare(url: str, robots: list[SimulatedRobot], *, policy: str = "observe") -> None:
@@ -172,8 +194,7 @@ async def run_fleet(
 
 
 def _send(run: _Run, robot: SimulatedRobot, connection: Connection, due: float) -> None:
-    wire = request("POST", robot.path, body(robot.change()))
-    run.waiting[robot.name.encode()].append((robot.revision, due))
+    said, name = robot.change(), robot.name.encode()
     run.open += 1
     run.late.append(time.perf_counter() - due)
 
@@ -181,13 +202,16 @@ def _send(run: _Run, robot: SimulatedRobot, connection: Connection, due: float) 
         run.open -= 1
         run.last_answer = time.perf_counter()
         run.news.set()
-        if status == 200:
-            run.acknowledged.append(run.last_answer - due)
-        else:
-            name = str(status) if status else "connection lost"
-            run.errors[name] = run.errors.get(name, 0) + 1
+        if status != 200:
+            error = str(status) if status else "connection lost"
+            run.errors[error] = run.errors.get(error, 0) + 1
+            return
+        run.acknowledged.append(run.last_answer - due)
+        if robot.accepted(said):
+            run.waiting[name].append((robot.kept, due))
+            run.match(name)
 
-    connection.send(wire, answered)
+    connection.send(request("POST", robot.path, body(said)), answered)
 
 
 async def _diagnoses(connection: Connection) -> dict[str, float]:
@@ -202,16 +226,16 @@ async def _diagnoses(connection: Connection) -> dict[str, float]:
 
 
 async def differences(connection: Connection, robots: list[SimulatedRobot]) -> list[str]:
-    """Return what the service does not know as it was sent, robot by robot."""
+    """Return what the service does not know as it has accepted it, robot by robot."""
     lost = []
     for robot in robots:
         obs = await connection.api("GET", f"/robots/{robot.name}/observations")
-        if obs["revision"] != robot.revision:
-            lost.append(f"{robot.name}: revision {obs['revision']}, sent {robot.revision}")
+        if obs["revision"] != robot.kept:
+            lost.append(f"{robot.name}: revision {obs['revision']}, accepted {robot.kept}")
             continue
         known = frozenset(entry["literal"] for entry in obs["observations"])
-        if known != robot.expected():
-            lost.append(f"{robot.name}: {json.dumps(sorted(known ^ robot.expected()))}")
+        if known != robot.acknowledged():
+            lost.append(f"{robot.name}: {json.dumps(sorted(known ^ robot.acknowledged()))}")
     return lost
 
 

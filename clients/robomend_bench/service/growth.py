@@ -30,6 +30,7 @@ class Growth:
     bytes_a_change: float
     bytes_an_hour: float  # of one robot that reports the same every second
     tables: dict[str, float]  # a change, with their indexes; where SQLite tells it
+    errors: dict[str, int]  # changes that were not accepted
     lost: tuple[str, ...]
 
 
@@ -51,6 +52,7 @@ async def run_growth(served: Served, *, robots: int, changes: int, seed: int, re
         round((after - before) / count, 1),
         unchanged,
         {name: round(size, 1) for name, size in sorted(grown.items()) if size > 0},
+        run.errors,
         run.lost,
     )
 
@@ -62,7 +64,7 @@ async def _unchanged(served: Served, fleet: list[SimulatedRobot], repeats: int) 
     path, connection, before = served.data / "robomend.db", await connect(served.url), 0
     for number in range(-len(fleet), repeats):
         robot = fleet[number % len(fleet)]
-        told = {"observations": sorted(robot.expected()), "time": time.time_ns(), "lifetime_s": 3600}
+        told = {"observations": sorted(robot.acknowledged()), "time": time.time_ns(), "lifetime_s": 3600}
         wire = request("POST", robot.path, json.dumps(told).encode(), Idempotency_Key=f"hour-{number}")
         status, _ = await connection.ask(wire)
         if status != 200:

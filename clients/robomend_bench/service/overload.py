@@ -59,6 +59,7 @@ class _Run:
             self.not_sent += 1
             return
         self.busy.add(robot.name)
+        said = robot.change()
         sent = time.perf_counter()
         self.late.append(sent - due)
 
@@ -68,10 +69,12 @@ class _Run:
                 self.times[status].append(time.perf_counter() - sent)
             else:
                 self.errors[str(status)] = self.errors.get(str(status), 0) + 1
-            if status == 503:  # else its opposite, later, would say nothing new
+            if status == 200:
+                robot.accepted(said)
+            elif status == 503:  # else its opposite, later, would say nothing new
                 robot.take_back()
 
-        connection.send(request("POST", robot.path, body(robot.change())), answered)
+        connection.send(request("POST", robot.path, body(said)), answered)
 
 
 async def run_overload(

@@ -41,14 +41,27 @@ class SimulatedRobot:
         self.path = f"/api/v1/robots/{name}/observations"
         self.revision = 0  # after the changes that were sent
         self.holds = dict.fromkeys(LITERALS, True)
+        self.kept = 0  # revision after the changes that the service has accepted
+        self.known: dict[str, bool] = {}  # what it knows by them
         self._random = random.Random(f"{name} {seed}")
         self._faults = faults
         self._recent: deque[str] = deque(maxlen=recent)
 
     def sound(self) -> list[str]:
         """Return what a healthy robot reports: the state before the first change."""
-        self.revision = 1
+        self.revision = self.kept = 1
+        self.known = dict.fromkeys(LITERALS, True)
         return list(LITERALS)
+
+    def accepted(self, said: list[str]) -> bool:
+        """The service has accepted an observation. Return whether that was news to it: what came before may
+        have been refused.
+        """
+        told = {sentence.removeprefix("not "): not sentence.startswith("not ") for sentence in said}
+        news = not told.items() <= self.known.items()
+        self.known |= told
+        self.kept += news
+        return news
 
     def change(self) -> list[str]:
         """Return the observation of a change: a fault that comes, or one that goes."""
@@ -69,8 +82,16 @@ class SimulatedRobot:
         self.revision -= 1
 
     def expected(self) -> frozenset[str]:
+        """Return OBS as it must be once all is accepted."""
+        return _literals(self.holds)
+
+    def acknowledged(self) -> frozenset[str]:
         """Return OBS as it must be now."""
-        return frozenset(name if holds else f"not {name}" for name, holds in self.holds.items())
+        return _literals(self.known)
+
+
+def _literals(holds: dict[str, bool]) -> frozenset[str]:
+    return frozenset(name if positive else f"not {name}" for name, positive in holds.items())
 
 
 def body(observations: list[str]) -> bytes:

@@ -6,7 +6,8 @@
 What takes long goes on, and the answer says what is known of it by then: what failed last counts until it
 succeeds, and a probe that has had no answer for HANGS_S says that the database hangs. How long the oldest
 write has been waiting, these among them, is in the store's figures (readiness.py). A file that was found
-damaged stays so, whatever can still be read of it.
+damaged stays so, whatever can still be read of it; a disk that had no room for somebody's write is full for a
+while, though what the probe writes may still fit.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import asyncio
 import time
 
 from robomend.api.schemas.operation import Check
-from robomend.errors import RobomendError, StoreDamaged
+from robomend.errors import RobomendError, StoreDamaged, StoreFull
 from robomend.store import Store, global_stop
 
 ANSWER_S = 0.03
@@ -51,6 +52,8 @@ class StoreProbe:
         """How the store is, as far as that is known now; for any thread."""
         if (damage := self._store.damage) is not None:
             return Check(ok=False, detail=f"{StoreDamaged.code}: {damage}")
+        if (full := self._store.full) is not None:
+            return Check(ok=False, detail=f"{StoreFull.code}: {full}")
         if self._probing is not None and (hung_s := time.monotonic() - self._begun_s) > HANGS_S:
             return Check(ok=False, detail=f"no answer to a read and a write in {hung_s:.0f} s")
         return self._found if self._turn.ok else self._turn

@@ -14,7 +14,7 @@ import os
 import sqlite3
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, TypeGuard
@@ -39,6 +39,12 @@ BUSY_TIMEOUT_S = 10.0
 
 HANGS_MS = 4000
 """PostgreSQL: a writer that hangs in the middle of a transaction keeps its locks for so long."""
+
+MIGRATION_S = 3600.0
+"""PostgreSQL: a statement of a migration may take so long."""
+
+FULL_S = 10.0
+"""A write that was refused for want of room tells of the disk for so long: a smaller one may still fit."""
 
 TURN_S = 0.001
 """How often it looks whether it is its turn."""
@@ -94,6 +100,7 @@ class Database:
         self._engine = _sqlite_engine(self.url) if self.path else _postgres_engine(self.url)
         self.damage: str | None = None
         """What is wrong with the file, once something was found: it is not tried again."""
+        self._refused = ("", -FULL_S)
         self._reading = self._engine
         if self.path is None:
             self._reading = self._engine.execution_options(
@@ -148,7 +155,7 @@ class Database:
         """
         if self.path is not None:
             _make_private(self.path)
-        with translated(), self._engine.connect() as connection:
+        with translated(), self._engine.connect() as connection, _patiently(connection):
             if self.path is not None:
                 _check_whole(connection, self.path)
             if _version(connection) == schema.HEAD:
@@ -158,7 +165,7 @@ class Database:
             with connection.begin():
                 if self.path is None:  # on SQLite the transaction itself locks others out
                     # A migration may take its time, and so may the instance that is before us.
-                    connection.execute(text("SET LOCAL statement_timeout = '1h'"))
+                    connection.execute(text(f"SET LOCAL statement_timeout = '{MIGRATION_S:.0f}s'"))
                     connection.execute(text("SET LOCAL lock_timeout = '10min'"))
                     connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": _SCHEMA_LOCK})
                 found = _version(connection)
@@ -171,13 +178,27 @@ class Database:
                     _migrate(connection, found)
 
     def note(self, error: BaseException) -> None:
-        """Remember it, if the error says that the file is damaged."""
+        """Remember it, if the error says that the file is damaged, or the disk full."""
         if isinstance(error, StoreDamaged):
             self.damage = str(error)
+        elif isinstance(error, StoreFull):
+            self._refused = (str(error), time.monotonic())
+
+    @property
+    def full(self) -> str | None:
+        """Why a write was refused for want of room, not long ago."""
+        why, at_s = self._refused
+        return why if time.monotonic() - at_s < FULL_S else None
 
     def dispose(self) -> None:
         """Close the connections that nobody uses."""
         self._engine.dispose()
+
+
+def _patiently(connection: Connection) -> AbstractContextManager[Any]:
+    """Return a context in which an answer of PostgreSQL's may take as long as a migration."""
+    itself: Any = connection.connection.driver_connection
+    return nullcontext() if connection.dialect.name == "sqlite" else itself.patient(MIGRATION_S)
 
 
 def _version(connection: Connection) -> str | None:
@@ -297,7 +318,13 @@ def _postgres_url(url: URL) -> URL:
 
 
 def _postgres_engine(url: URL) -> Engine:
+    from robomend.store.bounded import BoundedConnection
+
     engine = create_engine(url, pool_size=6, max_overflow=10, pool_pre_ping=True, use_native_hstore=False)
+
+    @event.listens_for(engine, "do_connect")
+    def _connect(_dialect: Any, _record: Any, arguments: Any, options: Any) -> Any:
+        return BoundedConnection.connect(*arguments, **options)
 
     @event.listens_for(engine, "connect")
     def _configure(connection: Any, _entry: ConnectionPoolEntry) -> None:

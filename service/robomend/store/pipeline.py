@@ -70,7 +70,7 @@ class Answer:
 
 
 class Pipeline:
-    """See the module. Over a connection of the driver's, which prepares nothing itself (open_writer)."""
+    """See the module. Over a connection (bounded.py) whose driver prepares nothing itself (open_writer)."""
 
     def __init__(self, connection: Any) -> None:
         self._connection = connection
@@ -144,7 +144,8 @@ class Pipeline:
         unsent = link.flush()
         while unsent or link.is_busy():
             self._poll.register(link.socket, select.POLLIN | select.POLLOUT if unsent else select.POLLIN)
-            self._poll.poll()
+            if not self._poll.poll(self._connection.answer_s * 1000):
+                raise self._connection.silent()
             link.consume_input()
             unsent = link.flush()
         result = link.get_result()

@@ -222,9 +222,9 @@ class PostgresSession(InstanceSession):
         return 0.0 if silent_ns is None else float(silent_ns) / 1e9
 
     def _hold(self) -> None:
-        import psycopg
+        from robomend.store.bounded import BoundedConnection
 
-        with psycopg.connect(**self._arguments, autocommit=True) as connection:
+        with BoundedConnection.connect(**self._arguments, autocommit=True) as connection:
             instance = secrets.token_hex(8)
             connection.execute("SELECT pg_advisory_lock(%s)", (_lock_key(instance),))
             connection.execute(f"LISTEN {CHANNEL}")

@@ -93,6 +93,11 @@ class Store:
         return self._database.damage
 
     @property
+    def full(self) -> str | None:
+        """Why a write was refused for want of room, not long ago."""
+        return self._database.full
+
+    @property
     def ownership(self) -> Ownership:
         """Who owns which robot."""
         return self._ownership
