@@ -6,8 +6,10 @@ from dataclasses import fields, is_dataclass
 from functools import lru_cache
 from typing import Any
 
+from robomend_client.bridges.problems import Complaint
 
-class UnreadableMessage(Exception):
+
+class UnreadableMessage(Complaint):
     """A definition or a message that cannot be read, or has no such field."""
 
 

@@ -80,7 +80,8 @@ class KnownType:
             return None  # more than one value, or none: the whole message says which
 
     def _unreadable(self, error: Exception) -> UnreadableMessage:
-        return UnreadableMessage(f"a message of {self._called} cannot be read: {error}{self._hint}"[:300])
+        kind = f"a message of {self._called} cannot be read"
+        return UnreadableMessage(kind, f"{error}{self._hint}"[:200])
 
 
 class OpenedMessage:

@@ -162,7 +162,7 @@ def translate(error: httpx.TransportError) -> ClientError:
         return NotTheService(f"{where}: {error}")
     if (tls := _tls(error)) is not None:
         return TlsFailed(f"{where}: {tls}")
-    return Unreachable(f"{where}: {error or type(error).__name__}; is the service running there?")
+    return Unreachable(f"{where}: {str(error) or type(error).__name__}; is the service running there?")
 
 
 NO_TLS = frozenset({"WRONG_VERSION_NUMBER", "RECORD_LAYER_FAILURE", "HTTP_REQUEST"})

@@ -72,7 +72,7 @@ class EmulatorsHand:
             async with asyncio.timeout(ANSWER_S):
                 reader, writer = await asyncio.open_connection(self._host, self._port, limit=MOST_BYTES)
         except (OSError, TimeoutError) as error:
-            return ActionResult(UNREACHABLE, f"{at}: {error or 'no answer'}")
+            return ActionResult(UNREACHABLE, f"{at}: {str(error) or 'no answer'}")
         try:
             async with asyncio.timeout(ANSWER_S):
                 for request in requests:
@@ -84,7 +84,7 @@ class EmulatorsHand:
                         why = answer.get("error") if isinstance(answer, dict) else answer
                         return ActionResult(FAILED, f"{at}: {json.dumps(request)}: {why or 'it hung up'}")
         except (OSError, ValueError, TimeoutError) as error:  # whether it acted is not known
-            return ActionResult(TIMED_OUT, f"{at}: {error or 'no answer'}")
+            return ActionResult(TIMED_OUT, f"{at}: {str(error) or 'no answer'}")
         finally:
             writer.close()
         return ActionResult(OK, f"{self._fault}: done by {at}")

@@ -54,7 +54,7 @@ class Gateway:
                     if len(body) > MOST_BYTES:
                         raise NoGateway(f"{path} has more than {MOST_BYTES} bytes")
         except (httpx.HTTPError, httpx.InvalidURL) as error:
-            raise NoGateway(f"{path}: {error or type(error).__name__}") from error
+            raise _unanswered(path, error) from error
         if response.status_code != 200:
             raise NoGateway(f"{path} is answered with {response.status_code}")
         try:
@@ -70,7 +70,7 @@ class Gateway:
         try:
             return (await self._client.put(path)).status_code
         except (httpx.HTTPError, httpx.InvalidURL) as error:
-            raise NoGateway(f"{path}: {error or type(error).__name__}") from error
+            raise _unanswered(path, error) from error
 
     async def stream(self, path: str, decoder: EventDecoder) -> AsyncIterator[ServerSentEvent]:
         """Yield the events of a stream, from where the decoder is."""
@@ -88,7 +88,13 @@ class Gateway:
                     for event in decoder.receive(data):
                         yield event
         except (httpx.HTTPError, httpx.InvalidURL, NotTheService) as error:
-            raise NoGateway(f"{path}: {error or type(error).__name__}") from error
+            raise _unanswered(path, error) from error
 
     async def close(self) -> None:
         await self._client.aclose()
+
+
+def _unanswered(path: str, error: Exception) -> NoGateway:
+    if isinstance(error, httpx.TimeoutException):  # it has no text of its own
+        return NoGateway(f"{path}: no answer in time")
+    return NoGateway(f"{path}: {str(error) or type(error).__name__}")

@@ -22,6 +22,7 @@ from robomend_client.bridges.base import ALL_DIAGNOSTICS, DIAGNOSTICS, NAME, NOD
 from robomend_client.bridges.fields import MissingField, UnreadableMessage
 from robomend_client.bridges.listening import Listening
 from robomend_client.bridges.measured import is_board, measured
+from robomend_client.bridges.problems import MIXED_S
 from robomend_client.bridges.ros1 import formats, model_server
 from robomend_client.bridges.ros1.action_client import RosAction
 from robomend_client.bridges.ros1.action_server import POWER, ActionServer
@@ -213,6 +214,6 @@ class _Hearing:
                 else:
                     self._deliver(source, value, time_ns)
         except UnreadableMessage as error:
-            problems.tell(place, str(error))
+            problems.tell(place, error)
         else:
-            problems.over(place)
+            problems.over(place, MIXED_S)

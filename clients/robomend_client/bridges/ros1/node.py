@@ -19,7 +19,7 @@ from collections.abc import Callable
 from typing import Any
 
 from robomend_client.beats import beat
-from robomend_client.bridges.problems import Problems
+from robomend_client.bridges.problems import Complaint, Problems
 from robomend_client.bridges.ros1.bursts import Bursts
 from robomend_client.bridges.ros1.master import Master
 from robomend_client.bridges.ros1.publication import Describe, Publication, Subscriber
@@ -174,7 +174,7 @@ class RosNode:
         return [-1, f"{method} is not known here", 0]
 
     def _garbage(self, computer: str, why: str) -> None:
-        self.problems.tell(f"a caller at {computer}", f"it speaks no XML-RPC: {why}"[:200])
+        self.problems.tell(f"a caller at {computer}", Complaint("it speaks no XML-RPC", why[:200]))
 
     # --- open and close --------------------------------------------------------------------------------
 

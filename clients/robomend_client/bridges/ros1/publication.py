@@ -124,7 +124,7 @@ class Subscriber(asyncio.Protocol):
         try:
             self._decoder.receive(data)
         except ProtocolError as error:
-            self._refuse(ProtocolError(f"it speaks no TCPROS: {error}"))
+            self._refuse(ProtocolError("it speaks no TCPROS", str(error)))
             return
         header = self._decoder.header
         if self._greeting is None and header is not None:
@@ -171,7 +171,7 @@ class Subscriber(asyncio.Protocol):
     def _refuse(self, error: ProtocolError) -> None:
         assert self._transport is not None
         peer = self._transport.get_extra_info("peername")
-        self._problems.tell(f"a subscriber at {peer[0] if peer else 'somewhere'}", str(error))
+        self._problems.tell(f"a subscriber at {peer[0] if peer else 'somewhere'}", error)
         if not self._transport.is_closing():
             self._transport.write(encode_header({"error": str(error)}))
             self._transport.close()

@@ -12,6 +12,7 @@ import asyncio
 from collections.abc import Callable, Mapping
 
 from robomend_client.beats import beat
+from robomend_client.bridges.problems import Complaint
 from robomend_client.bridges.ros1.node import RosNode
 from robomend_client.bridges.ros1.tcpros import (
     LENGTH,
@@ -85,7 +86,7 @@ class Services:
             self._node.problems.tell(place, f"{error}; whether it is there is unknown")
             return None
         except (OSError, EOFError, ProtocolError) as error:
-            self._node.problems.tell(place, f"it does not say who it is: {error}"[:200])
+            self._node.problems.tell(place, _unsaid(error))
             return False
         self._node.problems.over(place)
         return True
@@ -104,7 +105,7 @@ class Services:
                 writer.write(encode_header(hello))
                 (length,) = LENGTH.unpack(await reader.readexactly(LENGTH.size))
                 if length > LONGEST_HEADER:
-                    raise ProtocolError(f"a header of {length} bytes")
+                    raise ProtocolError("a header that is too long", f"{length} bytes")
                 header = decode_header(await reader.readexactly(length))
         except TimeoutError as error:
             raise OSError(f"nothing within {self._timeout_s:g} s") from error
@@ -112,3 +113,9 @@ class Services:
             writer.close()
         if "error" in header:
             raise ProtocolError(header["error"][:200])
+
+
+def _unsaid(error: Exception) -> Complaint:
+    """Return what is wrong with a service that does not say who it is."""
+    kind, seen = (error.kind, error.seen) if isinstance(error, Complaint) else (str(error), "")
+    return Complaint(f"it does not say who it is: {kind}"[:200], seen)

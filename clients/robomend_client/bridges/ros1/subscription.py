@@ -136,7 +136,7 @@ class Subscription:
                         self._problems.tell(f"the publisher at {uri}", f"{error}{hint}")
                 except (PeerError, ProtocolError) as error:
                     if uri in self._wanted:
-                        self._problems.tell(place, str(error))
+                        self._problems.tell(place, error)
                 await asyncio.sleep(wait_s)
                 wait_s = min(2 * wait_s, LONGEST_WAIT_S)
         finally:
@@ -183,7 +183,7 @@ class Subscription:
                 return host, port
             case [int(code), str(why), *_] if code != 1:
                 raise CallRefused(f"it does not publish {self.topic}: {why[:200]}")
-        raise ProtocolError(f"requestTopic was answered with {str(answer)[:200]!r}")
+        raise ProtocolError("requestTopic was answered with something else", repr(str(answer)[:200]))
 
     # --- called by its streams -------------------------------------------------------------------------
 
@@ -239,7 +239,7 @@ class _Stream:
         try:
             messages = decoder.receive(data)
         except ProtocolError as error:
-            raise ProtocolError(f"it speaks no TCPROS: {error}") from error
+            raise ProtocolError("it speaks no TCPROS", str(error)) from error
         publisher = self._publisher
         if publisher is None and decoder.header is not None:
             publisher = self._publisher = self._subscription.greeted(self, decoder.header)

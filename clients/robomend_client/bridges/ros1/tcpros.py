@@ -11,6 +11,8 @@ from __future__ import annotations
 import struct
 from collections.abc import Mapping
 
+from robomend_client.bridges.problems import Complaint
+
 LENGTH = struct.Struct("<I")
 
 LONGEST_HEADER = 1024 * 1024
@@ -20,7 +22,7 @@ mostly beyond it.
 """
 
 
-class ProtocolError(Exception):
+class ProtocolError(Complaint):
     """The bytes are no TCPROS; the connection is of no use any more."""
 
 
@@ -48,10 +50,10 @@ def decode_header(body: bytes) -> dict[str, str]:
         (length,) = LENGTH.unpack_from(body, at)
         at += LENGTH.size
         if at + length > len(body):
-            raise ProtocolError(f"a header field of {length} bytes in a header of {len(body)}")
+            raise ProtocolError("a header field that is longer than its header", f"{length} bytes")
         name, equals, value = body[at : at + length].partition(b"=")
         if not equals:
-            raise ProtocolError(f"a header field without `=`: {name[:40]!r}")
+            raise ProtocolError("a header field without `=`", repr(name[:40]))
         fields[name.decode("utf-8", "replace")] = value.decode("utf-8", "replace")
         at += length
     return fields
@@ -103,7 +105,7 @@ class TcprosDecoder:
             longest = LONGEST_HEADER if self.header is None else LONGEST_MESSAGE
             if length > longest:
                 what = "header" if self.header is None else "message"
-                raise ProtocolError(f"a {what} of {length} bytes")
+                raise ProtocolError(f"a {what} that is too long", f"{length} bytes")
             end = LENGTH.size + length
             if self.header is not None:
                 self.longest = max(self.longest, length)

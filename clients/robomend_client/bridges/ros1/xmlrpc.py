@@ -20,6 +20,7 @@ from typing import Any
 from urllib.parse import urlsplit
 from xml.parsers.expat import ExpatError
 
+from robomend_client.bridges.problems import Complaint
 from robomend_client.python310 import timeout
 
 CALL_S = 5.0
@@ -40,7 +41,7 @@ UNREADABLE = (ValueError, LookupError, TypeError, AttributeError, ExpatError, xm
 """What xmlrpc.client raises for bytes that are no XML-RPC."""
 
 
-class PeerError(Exception):
+class PeerError(Complaint):
     """A call did not succeed."""
 
 
@@ -148,7 +149,7 @@ async def _exchange(connection: Connection, method: str, *arguments: Any, timeou
     except (OSError, EOFError, asyncio.LimitOverrunError) as error:
         raise Garbage(f"{method}: hung up without an answer") from error
     except ValueError as error:
-        raise Garbage(f"{method}: the answer is no HTTP: {error}") from error
+        raise Garbage(f"{method}: the answer is no HTTP", str(error)) from error
     finally:
         writer.close()
 
@@ -164,7 +165,7 @@ def read_answer(method: str, answer: bytes) -> Any:
     except xmlrpc.client.Fault as error:
         raise CallRefused(f"{method}: {error.faultString}") from error
     except UNREADABLE as error:
-        raise Garbage(f"{method}: the answer is no XML-RPC: {error}") from error
+        raise Garbage(f"{method}: the answer is no XML-RPC", str(error)) from error
     return result
 
 

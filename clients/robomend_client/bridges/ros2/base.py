@@ -21,6 +21,7 @@ from robomend_client.bridges.base import ALL_DIAGNOSTICS, DIAGNOSTICS, NODES, Ro
 from robomend_client.bridges.fields import MissingField, UnreadableMessage
 from robomend_client.bridges.listening import Listening
 from robomend_client.bridges.opened import OpenedMessage
+from robomend_client.bridges.problems import MIXED_S
 from robomend_client.bridges.ros2 import formats
 from robomend_client.bridges.ros2.messages import MessageReaders, folders_of
 from robomend_client.bridges.ros2.names import ros_type
@@ -206,16 +207,16 @@ class Ros2Bridge(RosBridge):
                     except MissingField as error:
                         self._tell(f"{topic} by {{}}, {field}", message, str(error))
             except UnreadableMessage as error:
-                self._tell(f"messages of {topic} by {{}}", message, str(error))
+                self._tell(f"messages of {topic} by {{}}", message, error)
             else:
-                self.problems.over(f"messages of {topic} by {message.node}")
+                self.problems.over(f"messages of {topic} by {message.node}", MIXED_S)
 
         return heard
 
     def _opened(self, message: Message) -> OpenedMessage:
         return self._readers.open(ros_type(message.wire_type), message.type_hash, message.data)
 
-    def _tell(self, place: str, message: Message, why: str) -> None:
+    def _tell(self, place: str, message: Message, why: str | Exception) -> None:
         """Tell what is wrong with a node's messages, as soon as it has a name: more of them will come."""
         if message.node:
             self.problems.tell(place.format(message.node), why)

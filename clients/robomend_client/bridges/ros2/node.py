@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from robomend_client.beats import beat
-from robomend_client.bridges.problems import Problems
+from robomend_client.bridges.problems import Complaint, Problems
 from robomend_client.bridges.ros2 import entities
 from robomend_client.bridges.ros2.base import LOOK_S
 from robomend_client.bridges.ros2.cdr import BadCdr
@@ -115,7 +115,7 @@ class DdsNode:
             try:
                 self.found.told(entities.decode(sample.data))
             except BadCdr as error:
-                self.problems.tell(entities.TOPIC, f"a message cannot be read: {error}")
+                self.problems.tell(entities.TOPIC, Complaint("a message cannot be read", str(error)))
         if changed:
             for topic in self._topics.values():
                 topic.follow(dds, self.found)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 
-from robomend_client.bridges.problems import Problems
+from robomend_client.bridges.problems import Complaint, Problems
 from robomend_client.bridges.ros2.base import Message, OnMessage
 from robomend_client.bridges.ros2.formats import DIAGNOSTICS, STRING
 from robomend_client.bridges.ros2.names import ros_type, wire_type
@@ -75,7 +75,8 @@ class HeardTopic:
             stamp_ns = None if about is None else about.stamp_ns
             if about is None and sample.attachment:
                 place = f"what {node} attaches to messages of {self.topic}"
-                self._problems.tell(place, f"not understood, {len(sample.attachment)} bytes: by its arrival")
+                size = f"{len(sample.attachment)} bytes"
+                self._problems.tell(place, Complaint("not understood, timed by its arrival", size))
             message = Message(sample.data, kind, type_hash, writer or node, node, stamp_ns)
             for on_message in self._on_message:
                 on_message(message)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import re
+import socket
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -20,6 +21,7 @@ from tests.medkit_gateway import MedkitGateway, fault, medkit_gateway
 from robomend_client.actions import FAILED, OK, Action, ActionResult
 from robomend_client.agent.config import load
 from robomend_client.bridges.medkit.faults import BadFault, Faults, read_fault
+from robomend_client.bridges.medkit.gateway import Gateway, NoGateway
 from robomend_client.bridges.medkit.restart import Restart
 from robomend_client.yaml_reader import ConfigError
 
@@ -72,6 +74,19 @@ def test_what_the_stream_has_missed_is_in_the_next_list(gateway: MedkitGateway, 
             assert len(heard.log) == 1
 
     asyncio.run(test())
+
+
+def test_a_gateway_that_takes_the_question_and_says_nothing_is_told_in_words() -> None:
+    async def test(port: int) -> None:
+        gateway = Gateway(f"http://127.0.0.1:{port}/api/v1", None, 0.1)
+        try:
+            with pytest.raises(NoGateway, match=r"^/apps: no answer in time$"):
+                await gateway.get("/apps")
+        finally:
+            await gateway.close()
+
+    with socket.create_server(("127.0.0.1", 0)) as frozen:
+        asyncio.run(test(frozen.getsockname()[1]))
 
 
 def test_a_gateway_that_goes_is_told_once_and_its_stream_goes_on_where_it_was(

@@ -67,13 +67,11 @@ def test_peers_that_speak_garbage_to_the_agent_are_told_once_with_their_computer
         watcher.do("subscribe", topic="/observations", type=kind, definition=definition)
         eventually(lambda: watcher.heard, "one that speaks as it should", 60)
     log = (tmp_path / "agent.log").read_text()
-    for what in (
-        "a caller at 127.0.0.1: it speaks no XML-RPC: syntax error",
-        "a caller at 127.0.0.1: it speaks no XML-RPC: it hung up after b'\\x16",
-        "a subscriber at 127.0.0.1: it speaks no TCPROS: a header of 542393671 bytes",
-        "a subscriber at 127.0.0.1: it speaks no TCPROS: a header field of 255 bytes in a header of 4",
+    for place, first in (
+        ("a caller at 127.0.0.1: ", "it speaks no XML-RPC: syntax error"),
+        ("a subscriber at 127.0.0.1: ", "it speaks no TCPROS: a header that is too long: 542393671 bytes"),
     ):
-        assert log.count(what) == 1, (what, log)
+        assert log.count(place) == log.count(place + first) == 1, (place, log)
 
 
 def test_without_its_master_nothing_is_said_of_nodes(

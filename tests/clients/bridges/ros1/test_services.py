@@ -62,7 +62,7 @@ def test_of_a_service_out_of_reach_nothing_is_said_and_one_that_speaks_garbage_i
             assert heard.last(odd) is False
             assert heard.count(far) == 0
             (line,) = heard.lines("the service /odd/one")
-            assert "it does not say who it is: a header of 1347703880 bytes" in line
+            assert "it does not say who it is: a header that is too long: 1347703880 bytes" in line
         server.close()
 
     asyncio.run(test())

@@ -86,11 +86,14 @@ def test_garbage_is_a_protocol_error_or_waits_for_more(garbage: bytes) -> None:
 @pytest.mark.parametrize(
     ("data", "why"),
     [
-        (b"HTTP/1.1 400 Bad Request\r\n\r\n", "a header of 1347703880 bytes"),
+        (b"HTTP/1.1 400 Bad Request\r\n\r\n", "a header that is too long: 1347703880 bytes"),
         (frame(frame(b"no equals sign")), "a header field without `=`"),
-        (frame(b"\xff\x00\x00\x00ab"), "a header field of 255 bytes in a header of 6"),
+        (frame(b"\xff\x00\x00\x00ab"), "a header field that is longer than its header: 255 bytes"),
         (frame(b"ab"), "a header that breaks off"),
-        (stream() + (LONGEST_MESSAGE + 1).to_bytes(4, "little"), "a message of 268435457 bytes"),
+        (
+            stream() + (LONGEST_MESSAGE + 1).to_bytes(4, "little"),
+            "message that is too long: 268435457 bytes",
+        ),
     ],
 )
 def test_what_is_wrong_is_said(data: bytes, why: str) -> None:

@@ -247,9 +247,9 @@ GREETING = encode_header({**HEADER, "message_definition": "float64 data\n"})
 @pytest.mark.parametrize(
     ("answer", "says", "why"),
     [
-        (None, b"HTTP/1.1 400 Bad Request\r\n\r\n", "it speaks no TCPROS: a header of 1347703880 bytes"),
+        (None, b"HTTP/1.1 400 Bad Request\r\n\r\n", "TCPROS: a header that is too long: 1347703880 bytes"),
         (None, GREETING + frame(b"abc"), "by /bad cannot be read: it is 5 bytes shorter than its type"),
-        (None, GREETING + b"\xff\xff\xff\xff", "a message of 4294967295 bytes"),
+        (None, GREETING + b"\xff\xff\xff\xff", "a message that is too long: 4294967295 bytes"),
         (None, encode_header({**HEADER, "message_definition": "float64[[ data"}) + frame(b"12345678"),
          "the definition of std_msgs/Float64 by /bad cannot be read"),
         (None, encode_header({"error": "not you"}), "it refuses: not you"),
