@@ -214,5 +214,14 @@ def main(arguments: Sequence[str]) -> None:
             print(f"tests: {why}", file=sys.stderr)
 
 
+def run(arguments: Sequence[str]) -> None:
+    """Do that as a command, which Ctrl-C ends without a traceback."""
+    try:
+        main(arguments)
+    except KeyboardInterrupt:
+        print("tests: interrupted; what was being installed is installed anew the next time", file=sys.stderr)
+        raise SystemExit(130) from None
+
+
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    run(sys.argv[1:])
