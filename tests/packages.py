@@ -132,10 +132,17 @@ class WantedRos2:
             else:
                 make = [sys.executable, "-m", "venv", str(folder)]
                 install = [str(self.python), "-m", "pip", "install", "--quiet", *self.packages]
-            for command in (make, install, [str(self.python), "-c", ROS2_IMPORTS]):
-                done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=900)
-                if done.returncode:
-                    return f"rclpy ({self.distribution}) cannot be installed: {done.stderr.strip()[-300:]}"
+            # What an installer that is interrupted leaves of its temporary files goes with their folder.
+            with tempfile.TemporaryDirectory(prefix="robomend-") as scratch:
+                environment = {**os.environ, "TMPDIR": scratch}
+                for command in (make, install, [str(self.python), "-c", ROS2_IMPORTS]):
+                    done = subprocess.run(
+                        command, check=False, capture_output=True, text=True, timeout=900, env=environment
+                    )
+                    if done.returncode:
+                        return (
+                            f"rclpy ({self.distribution}) cannot be installed: {done.stderr.strip()[-300:]}"
+                        )
             (folder / "complete").touch()
         return ""
 
