@@ -132,10 +132,17 @@ class WantedRos2:
             else:
                 make = [sys.executable, "-m", "venv", str(folder)]
                 install = [str(self.python), "-m", "pip", "install", "--quiet", *self.packages]
-            for command in (make, install, [str(self.python), "-c", ROS2_IMPORTS]):
-                done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=900)
-                if done.returncode:
-                    return f"rclpy ({self.distribution}) cannot be installed: {done.stderr.strip()[-300:]}"
+            # What an installer that is interrupted leaves of its temporary files goes with their folder.
+            with tempfile.TemporaryDirectory(prefix="robomend-") as scratch:
+                environment = {**os.environ, "TMPDIR": scratch}
+                for command in (make, install, [str(self.python), "-c", ROS2_IMPORTS]):
+                    done = subprocess.run(
+                        command, check=False, capture_output=True, text=True, timeout=900, env=environment
+                    )
+                    if done.returncode:
+                        return (
+                            f"rclpy ({self.distribution}) cannot be installed: {done.stderr.strip()[-300:]}"
+                        )
             (folder / "complete").touch()
         return ""
 
@@ -214,5 +221,14 @@ def main(arguments: Sequence[str]) -> None:
             print(f"tests: {why}", file=sys.stderr)
 
 
+def run(arguments: Sequence[str]) -> None:
+    """Do that as a command, which Ctrl-C ends without a traceback."""
+    try:
+        main(arguments)
+    except KeyboardInterrupt:
+        print("tests: interrupted; what was being installed is installed anew the next time", file=sys.stderr)
+        raise SystemExit(130) from None
+
+
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    run(sys.argv[1:])

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
-from tests.packages import CHROMIUM, JAZZY, NEEDED, POSTGRESQL, ROS1, chromium, needed
+from tests import packages
+from tests.packages import CHROMIUM, JAZZY, NEEDED, POSTGRESQL, ROS1, chromium, needed, run
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -29,6 +31,19 @@ def test_a_folder_gets_what_is_needed_in_it_and_below_it(monkeypatch: pytest.Mon
     assert needed(["tests/store"]) == [POSTGRESQL]
     assert {ROS1, JAZZY} <= set(needed(["tests/clients/bridges"]))
     assert needed(["tests"]) == list(NEEDED)
+
+
+def test_ctrl_c_during_an_installation_ends_it_in_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(arguments: Sequence[str]) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(packages, "main", interrupted)
+    with pytest.raises(SystemExit) as ended:
+        run([])
+    assert ended.value.code == 130
+    assert capsys.readouterr().err.startswith("tests: interrupted")
 
 
 def test_the_folders_are_there() -> None:

@@ -29,8 +29,9 @@ from robomend_demo.stage import Actor, DemoFailed, Stage, tail
 ROBOT = "tedusar"
 PC_CHANNEL = 2
 BOARD_HZ = 5
-READY_S = 30.0
-"""For each process to say that it is ready; a bare machine compiles its Python files first."""
+READY_S = 120.0
+"""For each process to say that it is ready: a bare machine compiles its Python files first, which takes more
+than 30 s of a very busy one. One that ends instead is told at once."""
 
 CONTROL_S = 5.0
 

@@ -15,6 +15,8 @@ from tests.repairs.robot import CONFIG, SHUT_DOWN, Robot, nothing_begins, robot_
 from robomend.api.runtime import Runtime
 from robomend.errors import Refused, StateConflict
 from robomend.repairs.choosing import KEEP_S, Chooser
+from robomend.repairs.conclusions import UNSEEN
+from robomend.robots.batches import Batch
 
 pytestmark = pytest.mark.anyio
 
@@ -46,6 +48,42 @@ async def test_a_plan_that_waits_is_withdrawn_when_the_diagnosis_changes(tmp_pat
         "cancelled",
         "the robot is healthy again: the plan no longer applies",
     )
+    assert robot.done == []
+
+
+async def test_a_plan_that_waits_is_withdrawn_when_its_symptoms_go_as_who_told_of_them_did(
+    tmp_path: Path,
+) -> None:
+    async with service(tmp_path) as runtime, robot_on(runtime, policy="approve", observed=[]) as robot:
+        robot.silent = True
+        await runtime.robots.observe("r1", Batch(["not on(base)"], source="board"))
+        proposed = await the_repair(runtime, ended=False)
+        await runtime.robots.observe("r1", Batch([], source="board", unknown=["on(base)"]))
+        repair = await the_repair(runtime)
+    assert repair["id"] == proposed["id"]
+    assert repair["state"] == "cancelled"
+    assert repair["reason"] == f"{UNSEEN}: the plan no longer applies"
+
+
+async def test_who_is_not_observed_any_more_is_not_called_repaired(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    choose = Chooser.choose_in_turn
+
+    async with service(tmp_path) as runtime, robot_on(runtime, observed=[]) as robot:
+        robot.silent = True
+
+        async def slow(chooser: Chooser, *about: Any, **options: Any) -> Any:
+            """Plan as on a busy computer: meanwhile the board is heard no more."""
+            found = await choose(chooser, *about, **options)
+            await runtime.robots.observe("r1", Batch([], source="board", unknown=["on(base)"]))
+            await runtime.robots.diagnosed("r1")
+            return found
+
+        monkeypatch.setattr(Chooser, "choose_in_turn", slow)
+        await runtime.robots.observe("r1", Batch(["not on(base)"], source="board"))
+        repair = await the_repair(runtime)
+    assert (repair["state"], repair["reason"], repair["rounds"]) == ("cancelled", UNSEEN, [])
     assert robot.done == []
 
 

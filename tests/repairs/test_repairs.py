@@ -10,6 +10,7 @@ import pytest
 from tests.repairs.robot import CONFIG, SHUT_DOWN, Robot, robot_on, running, service, the_repair
 from tests.waiting import for_ever
 
+from robomend.repairs.conclusions import UNSEEN
 from robomend.store import attempts, audit
 from robomend.store.records import Quarantine
 
@@ -299,12 +300,12 @@ async def test_observations_that_stop_stop_the_repair(tmp_path: Path) -> None:
         robot.silent = True
         await runtime.repairs.create("r1", bad=None, by="ann", reason="")
         repair = await the_repair(runtime)
-        assert repair["state"] == "repaired"  # nothing is known to be wrong
+        assert (repair["state"], repair["reason"]) == ("cancelled", UNSEEN), "nothing is known to be well"
         from robomend.robots.batches import Batch
 
         await runtime.robots.observe("r1", Batch(("not running(mapping)",)))
         repair = await the_repair(runtime)
-        while repair["state"] == "repaired":
+        while repair["state"] == "cancelled":
             repair = await the_repair(runtime)
     assert repair["state"] == "escalated"
     assert repair["reason"].startswith("nobody reported ok(odom) within 3 s")

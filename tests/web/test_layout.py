@@ -9,6 +9,7 @@ import pytest
 from playwright.sync_api import FloatRect, Locator, expect
 from tests.api.conftest import TEDUSAR, Service, running
 from tests.browser import PATIENCE_MS
+from tests.robomend_board.processes import running as board_running
 from tests.waiting import until
 from tests.web.conftest import Look
 from tests.web.test_fleet import live
@@ -55,6 +56,32 @@ def test_an_answer_is_as_wide_as_a_phone_lets_it_be(service: Service, look: Look
     said = box(page.locator("#said"))
     assert said["width"] > 300
     assert abs(said["x"] + said["width"] / 2 - 195) < 2
+
+
+INSIDE = """
+(box) => [...box.querySelectorAll("tbody :is(th, td)")].every(
+  (cell) => cell.getBoundingClientRect().right <= box.getBoundingClientRect().right + 0.5)
+"""
+
+
+def test_a_channel_of_the_power_board_is_switched_without_scrolling_sideways(
+    service: Service, look: Look
+) -> None:
+    with board_running("--on", "7") as board:
+        service.with_robot("wired", board={"host": "127.0.0.1", "port": board.port})
+        page = live(look(service, **PHONE), "/ui/robots/wired")
+        row = page.locator('[data-part="board"] tr', has_text="laser_alignment")
+        inside = page.locator('[data-scroll="board"]')
+        expect(row).to_contain_text("off")
+        assert inside.evaluate(INSIDE)
+        row.get_by_text("Switch on …").click()
+        expect(row.get_by_role("button", name="Switch channel 1 on")).to_be_visible()
+        assert inside.evaluate("(box) => box.scrollWidth <= box.clientWidth")
+        assert page.evaluate("document.documentElement.scrollWidth") <= 390
+        # Who clicks twice has switched it once: what would undo it is not opened at the same place.
+        row.get_by_role("button", name="Switch channel 1 on").click()
+        expect(row.get_by_text("Switch off …")).to_be_visible()
+        expect(row.get_by_role("button", name="Switch channel 1 off")).to_be_hidden()
 
 
 def test_a_long_reason_takes_a_few_lines_of_the_list(service: Service, look: Look) -> None:

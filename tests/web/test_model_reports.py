@@ -86,6 +86,13 @@ def test_versions_are_compared_and_isolability_shown_on_pages(service: Service, 
     keep(page, "compare")
     page.get_by_label("From").select_option("version 2")
     page.get_by_role("button", name="Compare").click()
+    expect(page.get_by_text("This is one version")).to_be_visible()
+    again = {"source": f"{AFTER}# one more line\n"}
+    etag = service.api("GET", "/models/cart").headers["etag"]
+    assert service.api("PUT", "/models/cart", json=again, headers={"If-Match": etag}).is_success
+    page.reload()
+    page.locator('select[name="after"]').select_option("version 3")
+    page.get_by_role("button", name="Compare").click()
     expect(page.get_by_text("They mean the same")).to_be_visible()
     page.get_by_role("link", name="The model").click()
     page.get_by_role("link", name="Isolability").click()

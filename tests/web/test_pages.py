@@ -47,6 +47,26 @@ def test_no_page_allows_code_of_others(service: Service) -> None:
         assert " onclick=" not in answer.text
 
 
+def test_who_follows_a_link_to_nothing_has_the_stop_in_reach(keyed: Service) -> None:
+    viewer, operator = ({"Cookie": cookie(keyed, role)} for role in ("viewer", "operator"))
+    for path, status in (("/ui/robots/nobody", 404), ("/?rows=0", 422)):
+        answer = keyed.http.get(path, headers=operator)
+        assert answer.status_code == status
+        assert 'id="stop-button"' in answer.text
+        assert 'href="/ui/repairs"' in answer.text
+        assert 'id="problem"' in answer.text
+        assert 'id="stop-button"' not in keyed.http.get(path, headers=viewer).text
+        assert 'id="stop-button"' not in keyed.http.get(path).text, "a stranger is asked for a key"
+    refused = keyed.http.get("/ui/keys", headers=viewer)
+    assert refused.status_code == 403
+    assert 'href="/ui/sign-in"' in refused.text, "or a browser with the wrong key is stuck"
+    # The script of that page fetches its stop anew; that of a robot that was deleted is told so.
+    stop = keyed.http.get("/ui/robots/nobody", headers={**operator, "Robomend-Parts": "stop"})
+    assert (stop.status_code, stop.text.count("data-part=")) == (200, 1)
+    gone = keyed.http.get("/ui/robots/nobody", headers={**operator, "Robomend-Parts": "stop,state"})
+    assert gone.status_code == 404
+
+
 def test_scripts_are_kept_as_long_as_they_are_of_this_version(service: Service) -> None:
     for name in static_files():
         answer = service.http.get(static_address(name))

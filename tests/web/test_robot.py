@@ -179,6 +179,7 @@ def test_a_robot_that_never_reported_is_unknown_and_empty_of_claims(ill: Service
     page = live(look(ill), "/ui/robots/silent")
     assert "unknown" in part(page, "state")
     assert "nobody has reported anything yet" in part(page, "obs")
+    assert "Nothing was observed yet." in part(page, "diagnosis")
     assert "Nobody was blamed" in part(page, "past")
     assert "healthy" not in part(page, "state")
     assert page.locator("svg.graph .good").count() == 0, "silence is not health"

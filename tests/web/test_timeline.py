@@ -8,6 +8,7 @@ from itertools import pairwise
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robomend.web.letters import cut, width
 from robomend.web.timeline import NARROW, ActionBar, Mark, Span, Timeline, lanes, svg
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -118,11 +119,22 @@ def test_the_axis_counts_seconds_or_tells_round_times_of_the_day() -> None:
 
 
 def test_a_narrow_figure_names_its_rows_before_the_bars_and_says_the_whole_name() -> None:
-    name = "laser_alignment_control"
-    timeline = Timeline("t", "s", [(name, (Span(0, 1, True),))], [], [], 60)
+    names = ["laser_alignment_control", "laser_alignment_node", "front_alignment_node"]
+    timeline = Timeline("t", "s", [(name, (Span(0, 1, True),)) for name in names], [], [], 60)
     root = ET.fromstring(svg(timeline, NARROW))
-    [row] = [text for text in root.iter(f"{SVG}text") if text.find(f"{SVG}title") is not None]
-    assert row.findtext(f"{SVG}title") == name
-    assert "".join(row.itertext()).removeprefix(name).endswith("…")
-    [bar] = [rect for rect in root.iter(f"{SVG}rect") if rect.get("class") == "bad"]
-    assert float(bar.get("x", "0")) >= NARROW.labels
+    rows = [text for text in root.iter(f"{SVG}text") if text.find(f"{SVG}title") is not None]
+    assert [row.findtext(f"{SVG}title") for row in rows] == names
+    shown = ["".join(row.itertext()).removeprefix(name) for row, name in zip(rows, names, strict=True)]
+    assert all("…" in one for one in shown)
+    assert len(set(shown)) == 3, "told apart by what they begin or end with"
+    bars = [rect for rect in root.iter(f"{SVG}rect") if rect.get("class") == "bad"]
+    assert all(float(bar.get("x", "0")) >= NARROW.labels for bar in bars)
+
+
+@given(st.text(min_size=1), st.floats(20, 300))
+def test_what_is_cut_fits_and_is_the_beginning_and_the_end_of_the_name(name: str, most: float) -> None:
+    shown = cut(name, most, 12)
+    assert width(shown, 12) <= most + 1e-6
+    if shown != name:
+        signs = [at for at, letter in enumerate(shown) if letter == "…"]
+        assert any(name.startswith(shown[:at]) and name.endswith(shown[at + 1 :]) for at in signs)

@@ -22,16 +22,15 @@ from starlette.requests import Request
 from starlette.responses import RedirectResponse, Response
 
 from robomend.api.body import check_content_type, read_chunks
+from robomend.api.deps import parts_of
 from robomend.api.gate import GuardedRoute
 from robomend.api.origin import foreign
 from robomend.api.page_turns import PageTurns
 from robomend.api.problems import Problem, of_error, of_validation
+from robomend.api.shell import PARTS_HEADER, shell
 from robomend.errors import RobomendError
 from robomend.web.page_pace import PagePace
 from robomend.web.rendering import known, pieces, read
-
-PARTS_HEADER = "robomend-parts"
-"""Of a request for some parts of a page only."""
 
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
@@ -134,11 +133,21 @@ def packed(
 
 
 async def problem_page(request: Request, problem: Problem) -> Response:
-    """Return a problem for people. Without a key, it is the page for signing in."""
+    """Return a problem for people. Without a key, it is the page for signing in.
+
+    Whoever was let in finds the way on, and the stop, around it, which is fetched anew like any page's. What
+    a form led to has no address that could be: it goes without.
+    """
     address = request.url.path + (f"?{request.url.query}" if request.url.query else "")
     template = "sign_in.html" if problem.status == 401 and request.method == "GET" else "problem.html"
-    values = {"problem": problem, "to": address, "method": request.method, "told": False}
-    answer = await page(request, template, problem.status, **values)
+    values: dict[str, Any] = {"problem": problem, "to": address, "method": request.method, "told": False}
+    status, principal = problem.status, request.scope.get("robomend.principal")
+    asked = request.headers.get(PARTS_HEADER)
+    if principal is not None and request.method == "GET" and asked in (None, "stop"):
+        template = "problem_inside.html"
+        values |= shell(request, parts_of(request), principal, ("stop",))
+        status = 200 if asked else status
+    answer = await page(request, template, status, **values)
     for name, value in problem.headers.items():
         answer.headers[name] = value
     return answer

@@ -13,8 +13,10 @@ from typing import Any
 from starlette.requests import Request
 
 from robomend.api.deps import Parts
-from robomend.api.page_route import PARTS_HEADER
 from robomend.security import ACT, LOCAL, Principal, Role
+
+PARTS_HEADER = "robomend-parts"
+"""Of a request for some parts of a page only."""
 
 
 def wanted_parts(request: Request, there: Collection[str]) -> tuple[str, ...]:

@@ -13,6 +13,7 @@ from robomend.repairs.execution_values import Ending
 from robomend.repairs.record import Json
 from robomend.repairs.signals import NO_REASON, Halted, Signals
 from robomend.repairs.states import RepairTrigger
+from robomend.robots.health import HealthState, health_of
 from robomend.robots.robot import Robot
 from robomend_client.literals import Atom
 
@@ -22,6 +23,8 @@ BadSets = frozenset[tuple[str, ...]]
 ALL_WELL = "every observation is what a healthy robot would show"
 
 BY_ITSELF = f"{ALL_WELL}; nothing was done, it became so by itself"
+
+UNSEEN = "nothing of the robot is observed"
 
 NAMED = 5
 """Literals that a reason lists; the rest is counted."""
@@ -34,7 +37,7 @@ class Silent(InputError):
 
 
 class Overtaken(InputError):
-    """While a plan waited for a person, the diagnosis changed."""
+    """While a plan waited for a person, the diagnosis changed, or nothing is known any more."""
 
     code = "overtaken"
 
@@ -50,6 +53,17 @@ def blamed_now(state: Robot) -> BadSets | None:
     if state.current is None or state.current.healthy:
         return None
     return frozenset(state.current.bad_sets or ()) or None
+
+
+def unseen(state: Robot, written: Json) -> str | None:
+    """Return why a repair that sent nothing ends without a verdict, though nobody is blamed any more.
+
+    Its symptoms went as those did who told of them (a board that is not heard, lifetimes that are over): that
+    is no health. What was sent is confirmed by what is seen after it, or a person is told.
+    """
+    steps = (step for one in written.get("rounds", ()) for step in one["plan"])
+    sent = any(step.get("sent_ns") for step in steps)
+    return UNSEEN if not sent and health_of(state)[0] is HealthState.UNKNOWN else None
 
 
 def well(reason: str, state: Robot) -> str:
@@ -92,11 +106,13 @@ def in_doubt(last: Turn) -> str | None:
     return done.reason
 
 
-def conclusion(last: Turn, signals: Signals, written: Json) -> tuple[RepairTrigger, str]:
+def conclusion(last: Turn, signals: Signals, written: Json, state: Robot) -> tuple[RepairTrigger, str]:
     """Return what ends a repair and the reason, from its last turn and what is written of it."""
     rounds = _vain_rounds(written)
     why = last.execution.reason if last.execution is not None else ""
     match last.outcome:
+        case TurnOutcome.HEALTHY if (nothing := unseen(state, written)) is not None:
+            return RepairTrigger.OVERTAKEN, nothing
         case TurnOutcome.HEALTHY:
             return RepairTrigger.HEALTHY, ALL_WELL if written.get("rounds") else BY_ITSELF
         case TurnOutcome.HALTED | TurnOutcome.NOT_APPROVED:

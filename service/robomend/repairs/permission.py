@@ -11,7 +11,7 @@ from robomend.planning.plan import Step
 from robomend.planning.policy import Mode, Policy
 from robomend.repairs.acts import Acts
 from robomend.repairs.choosing import Chooser
-from robomend.repairs.conclusions import NotPermitted, Overtaken
+from robomend.repairs.conclusions import NotPermitted, Overtaken, unseen
 from robomend.repairs.hearing import LOOK_S
 from robomend.repairs.record import RepairRecord, approval
 from robomend.repairs.signals import Signals
@@ -88,5 +88,7 @@ class Permission:
     def _check_stands(self, choice: Choice, result: DiagnosisResult) -> None:
         assert choice.diagnosis is not None
         if not any(set(d.bad) >= set(choice.diagnosis.bad) for d in result.diagnoses):
-            now = "the robot is healthy again" if result.healthy else "the diagnosis is another one now"
+            now = "the diagnosis is another one now"
+            if result.healthy:
+                now = unseen(self._state, self._record.data) or "the robot is healthy again"
             raise Overtaken(f"{now}: the plan no longer applies")

@@ -179,7 +179,7 @@ class RobotRepairs:
                 last = await mend(await self._live(state, record, heard_since))
             blamed = blamed_now(state)
             self.stopped()
-            end, reason = conclusion(last, signals, record.data)
+            end, reason = conclusion(last, signals, record.data, state)
             if end is RepairTrigger.HEALTHY:
                 silent = state.sight.confirmed_by_silence()
                 reason = well(unconfirmed(silent) if silent else reason, state)

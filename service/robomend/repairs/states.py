@@ -44,7 +44,7 @@ class RepairTrigger(StrEnum):
     NEEDS_APPROVAL = "the policy says approve"
     PERMITTED = "the policy says auto, or a yes covers it"
     APPROVED = "yes"
-    OVERTAKEN = "the diagnosis changed meanwhile"
+    OVERTAKEN = "the diagnosis changed meanwhile, or nothing is observed"
     ROUND_ENDED = "every step is done, or one went wrong"
     HEALTHY = "every observation is what a healthy robot shows"
     NEEDS_PERSON = "a person is needed"
@@ -69,6 +69,9 @@ REPAIR: dict[tuple[RepairState, RepairTrigger], RepairState] = {
     (RepairState.PLANNING, RepairTrigger.PERMITTED): RepairState.RUNNING,
     (RepairState.AWAITING_APPROVAL, RepairTrigger.APPROVED): RepairState.RUNNING,
     (RepairState.AWAITING_APPROVAL, RepairTrigger.OVERTAKEN): RepairState.CANCELLED,
+    (RepairState.WAITING, RepairTrigger.OVERTAKEN): RepairState.CANCELLED,
+    (RepairState.PLANNING, RepairTrigger.OVERTAKEN): RepairState.CANCELLED,
+    (RepairState.VERIFYING, RepairTrigger.OVERTAKEN): RepairState.CANCELLED,
     (RepairState.AWAITING_APPROVAL, RepairTrigger.GO_ON): RepairState.WAITING,
     (RepairState.RUNNING, RepairTrigger.UNHEARD): RepairState.WAITING,
     (RepairState.RUNNING, RepairTrigger.ROUND_ENDED): RepairState.VERIFYING,

@@ -43,14 +43,25 @@ def _of(letter: str) -> float:
 
 @lru_cache(maxsize=4096)
 def cut(text: str, most: float, size: float) -> str:
-    """Return a text if it takes no more than so many pixels, else as much of it as does, with a sign."""
+    """Return a text if it takes no more than so many pixels, else its beginning, a sign, and its end.
+
+    Names of one robot often begin alike, and often end alike.
+    """
     if width(text, size) <= most:
         return text
     left = most - width("…", size)
-    end = 0
-    for letter in text:
+    begin = _fitting(text, left / 2, size)
+    end = _fitting(text[:begin:-1], left - width(text[:begin], size), size)
+    tail = text[len(text) - end :]
+    while tail and combining(tail[0]):  # it would stand on the sign
+        tail = tail[1:]
+    return f"{text[:begin]}…{tail}"
+
+
+def _fitting(text: str, left: float, size: float) -> int:
+    """Return how many letters of a text fit into so many pixels."""
+    for number, letter in enumerate(text):
         left -= size * _of(letter)
         if left < 0:
-            break
-        end += 1
-    return f"{text[:end]}…"
+            return number
+    return len(text)

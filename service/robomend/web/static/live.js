@@ -69,8 +69,8 @@ export class Live {
     this.show("live", document.body.dataset.live);
   }
 
-  lost(why) {
-    this.lostAt ??= passedMs();
+  lost(why, sinceMs = passedMs()) {
+    this.lostAt ??= sinceMs;
     this.why = why;
     document.body.classList.add("stale");
     this.watch();
@@ -78,7 +78,7 @@ export class Live {
 
   watch() {
     if (this.source && this.lostAt === null && passedMs() - this.heardAt > this.silentMs) {
-      this.lost("nothing is heard"); // a connection may die without a word
+      this.lost("nothing is heard", this.heardAt); // a connection may die without a word, and did so since then
       this.open();
     }
     if (this.lostAt === null) return;
