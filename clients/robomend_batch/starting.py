@@ -40,13 +40,14 @@ def usable_cores() -> int:
 def start(workers: int, place: int) -> Started:
     """Start a worker, one of so many.
 
-    If each has a core, it stays on it: one that is moved to and fro finds nothing in the caches.
+    If there is one for each core, each stays on its own: one that is moved to and fro finds nothing in the
+    caches. If they are fewer, nobody stays anywhere, or two such runs would share some and leave others idle.
     """
     context = get_context("spawn")
     ours, theirs = context.Pipe()
     cores = usable_cores()
     threads = max(1, cores // workers)
-    alone = threads == 1 and workers <= cores and hasattr(os, "sched_setaffinity")
+    alone = workers == cores and hasattr(os, "sched_setaffinity")
     core = sorted(os.sched_getaffinity(0))[place] if alone else None
     process = context.Process(target=_work, args=(theirs, threads, core), daemon=True)
     with _without_ctrl_c():
