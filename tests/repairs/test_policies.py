@@ -10,7 +10,16 @@ from typing import Any, cast
 
 import pytest
 from tests.repairs import robot as robots_of_tests
-from tests.repairs.robot import CONFIG, SHUT_DOWN, Robot, nothing_begins, robot_on, service, the_repair
+from tests.repairs.robot import (
+    CONFIG,
+    SHUT_DOWN,
+    Robot,
+    nothing_begins,
+    robot_on,
+    service,
+    the_repair,
+    with_recalibrate,
+)
 
 from robomend.api.runtime import Runtime
 from robomend.errors import Refused, StateConflict
@@ -163,6 +172,16 @@ async def test_an_action_off_the_allow_list_is_not_done_and_said_so(tmp_path: Pa
         in (repair["reason"])
     )
     assert robot.done == []
+
+
+async def test_what_the_allow_list_leaves_is_done_though_something_else_is_cheaper(tmp_path: Path) -> None:
+    config = {**with_recalibrate(), "allow": ["start_node", "stop_node"]}
+    async with service(tmp_path) as runtime, robot_on(runtime, **config) as robot:
+        await robot.settled()
+        robot.connected["lidar_node"] = False
+        repair = await the_repair(runtime)
+    assert repair["state"] == "repaired"
+    assert robot.done == ["stop_node(lidar_node)", "start_node(lidar_node)"]
 
 
 async def test_one_action_that_needs_a_yes_makes_the_whole_plan_wait(tmp_path: Path) -> None:

@@ -313,6 +313,8 @@ class Grounder:
         problem = self.problem
         if problem.avoided and (why := problem.avoided.get(str(action))) is not None:
             return why
+        if problem.forbidden and (why := problem.forbidden.get(action.name)) is not None:
+            return why
         if problem.offers is not None:
             nobody = problem.offers.why_nobody(action.name, action.parameters)
             if nobody is not None:

@@ -45,6 +45,7 @@ class PlanOptions:
     quarantined: tuple[str, ...] = ()
     protected: tuple[str, ...] = ()
     avoided: tuple[tuple[str, str], ...] = ()  # ground actions as text that must not be used, and why
+    forbidden: tuple[tuple[str, str], ...] = ()  # actions by name that must not be used, and why
     offers: Offers | None = None  # what the robot's agents say they can do; None: nobody knows
     pddl: bool = False  # add the PDDL to the plan
 
@@ -74,6 +75,7 @@ def plan_for(
         quarantined=options.quarantined,
         protected=options.protected,
         avoided=options.avoided,
+        forbidden=options.forbidden,
         offers=options.offers,
     )
     plan = plan_problem(domain, problem, options)

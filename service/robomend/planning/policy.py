@@ -85,6 +85,14 @@ class Policy:
         """Return the mode for this step's action."""
         return self.actions.get(step.name, self.mode)
 
+    def forbids(self, action: str) -> str | None:
+        """Return why an action may never be taken, on whatever, or None."""
+        if self.actions.get(action, self.mode) is Mode.OBSERVE:
+            return f"the policy for {action!r} is 'observe'"
+        if self.allowed is not None and action not in self.allowed:
+            return f"{action!r} is not on the robot's allow-list ({', '.join(sorted(self.allowed))})"
+        return None
+
     def mode_for(self, steps: Iterable[Step]) -> Mode:
         """Return the strictest mode among the steps: a plan runs as a whole or not at all."""
         modes = [self.mode_of(step) for step in steps] or [self.mode]
@@ -113,10 +121,8 @@ class Policy:
             attempts: component -> actions on it in the last hour, those of this repair included.
             components: the model's; a user's action has other parameters as well, which have no limit.
         """
-        if self.mode_of(step) is Mode.OBSERVE:
-            return f"the policy for {step.name!r} is 'observe'"
-        if self.allowed is not None and step.name not in self.allowed:
-            return f"{step.name!r} is not on the robot's allow-list ({', '.join(sorted(self.allowed))})"
+        if (why := self.forbids(step.name)) is not None:
+            return why
         for component in sorted(self.harmed(step)):
             if component in self.protected:
                 return f"{component} stays as it is: {self.protected[component]}"

@@ -54,6 +54,7 @@ class RepairProblem:
     idle: frozenset[str] = frozenset()  # of these, those meant to be off: the user's actions may use them
     protected: Mapping[str, str] = field(default_factory=dict)  # never shut down -> why
     avoided: Mapping[str, str] = field(default_factory=dict)  # ground action as text -> why it is not used
+    forbidden: Mapping[str, str] = field(default_factory=dict)  # action by name -> why it is not used
     offers: Offers | None = None  # what agents say they can do; None: nobody knows
     costs: Mapping[str, float] = field(default_factory=dict)  # factor for actions on this component
 
@@ -68,6 +69,7 @@ def repair_problem(
     quarantined: Collection[str] = (),
     protected: Collection[str] = (),
     avoided: Iterable[tuple[str, str]] = (),
+    forbidden: Iterable[tuple[str, str]] = (),
     offers: Offers | None = None,
 ) -> RepairProblem:
     """Return the problem of making every component good, starting from OBS and one diagnosis.
@@ -82,6 +84,7 @@ def repair_problem(
             diagnosis.
         protected: components that nothing may shut down or stop, besides those that the model marks.
         avoided: ground actions, as `power_up(lidar)`, that must not be used, each with the reason.
+        forbidden: the same of actions by their names, on whatever.
         offers: what the robot's agents say they can do; None: nobody knows.
 
     Raises:
@@ -163,6 +166,7 @@ def repair_problem(
         idle=aside,
         protected=shielded,
         avoided=dict(avoided),
+        forbidden=dict(forbidden),
         offers=offers,
         costs={name: part.cost for name, part in parts.items() if part.cost is not None},
     )

@@ -2,7 +2,8 @@
 
 tried repairs, quarantine (store) ──────────────────────────┐
 probes, if the model says what observing costs (worker) ────┼──► Situation ──► plans ──► Choice
-diagnoses, OBS (robot state) ───────────────────────────────┘     another way instead of a useless one;
+diagnoses, OBS (robot state) ───────────────────────────────┘     another way instead of a useless
+                                                                  or a forbidden one;
                                                                   what the policy refuses is no plan
 """
 
@@ -16,7 +17,7 @@ from typing import Any
 from weakref import WeakKeyDictionary
 
 from robomend.diagnosis.probes import ProbeResult
-from robomend.diagnosis.result import DiagnosisResult
+from robomend.diagnosis.result import Diagnosis, DiagnosisResult
 from robomend.errors import Overloaded, Refused, RobomendError, StateConflict
 from robomend.model.components import ComponentModel
 from robomend.oneshots.oneshots import OneShots
@@ -175,6 +176,7 @@ class Chooser:
             surely_broken=memory.surely_broken,
         )
         policy = self.policy(state)
+        names = await self.actions(state)
         options = PlanOptions(
             planner=planner or state.config.planner,
             timeout_s=timeout_s,
@@ -185,10 +187,13 @@ class Chooser:
             ),
             protected=protected_of(state.config, parts),
             avoided=avoided,
-            offers=await offers_if_all(state, parts, await self.actions(state), self._store),
+            offers=await offers_if_all(state, parts, names, self._store),
             pddl=pddl,
         )
-        plans = await self._plans(situation, options, memory.useless)
+        forbidden = {name: why for name in names if (why := policy.forbids(name)) is not None}
+        if len(forbidden) == len(names):  # there is no other way: what would be done is told
+            forbidden = {}
+        plans = await self._plans(situation, options, memory.useless, forbidden)
         if permitted:
             components = frozenset(parts.components)
             plans = [_permitted(plan, policy, memory.attempts, components) for plan in plans]
@@ -201,22 +206,31 @@ class Chooser:
         situation: Situation,
         options: PlanOptions,
         useless: Mapping[frozenset[str], frozenset[str]],
+        forbidden: Mapping[str, str],
     ) -> list[Plan]:
-        """Return a plan for each wanted diagnosis; another way where one was tried in vain."""
+        """Return a plan for each wanted diagnosis; another way where one was tried in vain, or needs an
+        action that is forbidden.
+        """
         wanted = [diagnosis.bad for diagnosis in situation.wanted]
         plans = await self._planners.plans(situation.model, situation.observed, wanted, options)
-        for position, diagnosis in enumerate(situation.leading):
-            in_vain = useless.get(frozenset(diagnosis.bad))
+        for position, diagnosis in enumerate(situation.wanted):
+            in_vain = useless.get(frozenset(diagnosis.bad), ()) if position < len(situation.leading) else ()
+            vain = tuple((text, "it was tried, and it did not help") for text in sorted(in_vain))
+            other = replace(options, avoided=(*vain, *options.avoided))
             if in_vain:
-                vain = tuple((text, "it was tried, and it did not help") for text in sorted(in_vain))
-                other = replace(options, avoided=(*vain, *options.avoided))
-                [way] = await self._planners.plans(
-                    situation.model, situation.observed, [diagnosis.bad], other
-                )
-                way = situation.helpful(way, diagnosis)
-                if way.steps and len(way.unreachable) <= len(plans[position].unreachable):
-                    plans[position] = way
+                plans[position] = await self._instead(plans[position], situation, diagnosis, other)
+            if any(step.name in forbidden for step in plans[position].steps):
+                other = replace(other, forbidden=tuple(sorted(forbidden.items())))
+                plans[position] = await self._instead(plans[position], situation, diagnosis, other)
         return plans
+
+    async def _instead(
+        self, plan: Plan, situation: Situation, diagnosis: Diagnosis, options: PlanOptions
+    ) -> Plan:
+        """Return another plan, if it repairs as much."""
+        [way] = await self._planners.plans(situation.model, situation.observed, [diagnosis.bad], options)
+        way = situation.helpful(way, diagnosis)
+        return way if way.steps and len(way.unreachable) <= len(plan.unreachable) else plan
 
     async def _probes(self, state: Robot) -> ProbeResult | None:
         """Return the probes that somebody can make: those whose cost the model declares."""
