@@ -160,8 +160,12 @@ def _run(
         except TimeoutError:
             done = set()
         for future in sorted(done, key=lambda one: open_ones[one]):
-            name = open_ones.pop(future)
-            records = _records(future, name, setup, address)
+            name = open_ones[future]
+            try:
+                records = _records(future, name, setup, address)
+            except _Anew:
+                continue
+            del open_ones[future]
             if records is None:
                 waiting.append(name)
             else:
@@ -176,10 +180,16 @@ def _state(setup: Setup, name: str) -> bytes | None:
         return None
 
 
+class _Anew(Exception):
+    """The worker that had an outcome died before we had it: another one works it out again."""
+
+
 def _records(future: Future[Task], name: str, setup: Setup, address: str) -> list[Record] | None:
     """Return what became of a file, its parts written; None if it is unfinished."""
     from distributed import KilledWorker
 
+    if future.status == "lost" and future.client.status == "running":
+        raise _Anew
     if future.status in {"cancelled", "lost"}:
         raise SchedulerFailed(f"the scheduler at {address} is gone: {_AGAIN}")
     try:
@@ -187,6 +197,8 @@ def _records(future: Future[Task], name: str, setup: Setup, address: str) -> lis
     except KilledWorker as error:
         return [lost(name, f"it cost {error.allowed_failures + 1} workers of the cluster")]
     except Exception as error:  # of a worker's own code, or of the way here: one file is lost
+        if isinstance(error, TimeoutError) and future.client.status == "running" and not future.done():
+            raise _Anew from error
         if isinstance(error, (TimeoutError, CancelledError)):
             raise SchedulerFailed(f"the scheduler at {address} is gone: {_AGAIN}") from error
         return [lost(name, f"{type(error).__name__}: {error}")]

@@ -189,3 +189,27 @@ def test_killed_workers_and_a_killed_scheduler_lose_only_what_was_in_hand(
     assert tree(out) == tree(tmp_path / "here")
     again = [name for name, at in kept.items() if (out / "results" / name).stat().st_mtime_ns != at]
     assert len(again) <= 1  # what came back as the scheduler died, and was not noted yet
+
+
+def test_what_a_worker_had_found_when_it_died_is_found_again_by_another(
+    begin: StartCluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log = ndjson(tmp_path / "a.ndjson", (1, "ok(scan)"), (2, "not ok(scan)"))
+    assert batch_run(tmp_path / "here", log) == 0
+    there = begin()
+    workers = [there.worker()]
+    states = []
+    records = cluster._records
+
+    def after_a_kill(future: Any, *given: Any) -> Any:
+        if len(workers) < 2:
+            os.killpg(workers[0].pid, signal.SIGKILL)
+            until(lambda: future.status == "lost", "the scheduler has noticed", 60)
+            workers.append(there.worker())
+        states.append(future.status)
+        return records(future, *given)
+
+    monkeypatch.setattr(cluster, "_records", after_a_kill)
+    assert run(arguments(tmp_path / "there", log, there.address), batch) == 0
+    assert states == ["lost", "finished"]
+    assert tree(tmp_path / "there") == tree(tmp_path / "here")

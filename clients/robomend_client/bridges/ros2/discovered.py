@@ -151,6 +151,15 @@ class Discovered:
         return any(p.is_ros and p.key not in self.entities for p in self.participants.values())
 
     @property
+    def unnamed(self) -> bool:
+        """Whether there are topics and services of which it may still be told whose they are."""
+        return any(
+            (ros_topic(one.topic) is not None or ros_service(one.topic) is not None)
+            and not self.is_named(one)
+            for one in self._others()
+        )
+
+    @property
     def returned(self) -> set[bytes]:
         """Participants that had gone, are heard again, and do not tell their nodes (yet)."""
         return self._silent & self.participants.keys()

@@ -18,6 +18,9 @@ LEAST_S, QUIET_S, MOST_S = 3.0, 1.5, 15.0
 def read_graph(domain: int) -> RosGraph:
     """Return the graph of a domain, when nothing new has come for QUIET_S, or after MOST_S.
 
+    A node that has told nothing yet, or not whose a topic is, is waited for: on a busy computer that takes
+    longer than to be seen.
+
     Raises:
         NoDds: the domain cannot be entered.
     """
@@ -39,6 +42,8 @@ async def _settled(dds: Dds) -> RosGraph:
             graph = node.found.graph()
             if graph != before:
                 before, changed = graph, now
+            elif node.found.untold or node.found.unnamed:
+                continue
             elif now > began + LEAST_S and now > changed + QUIET_S:
                 break
         return before

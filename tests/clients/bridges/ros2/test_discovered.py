@@ -40,6 +40,17 @@ def test_a_graph_names_who_publishes_and_who_listens() -> None:
     assert graph.services == {"/mapper/save": {SOMEBODY}}  # one of two nodes: nobody has said which
 
 
+def test_whose_a_topic_is_may_still_be_told() -> None:
+    found = robot()
+    found.endpoint(replace(OUT, key=b"info".ljust(16), topic="ros_discovery_info", participant=MAPPER))
+    assert not found.unnamed  # that one is nobody's, for ever
+    late = replace(OUT, key=b"late".ljust(16), topic="rt/map", participant=MAPPER)
+    found.endpoint(late)
+    assert found.unnamed
+    found.told(Entities(MAPPER, (NodeEntities("/mapper", (IN.key,), (late.key,)), NodeEntities("/other"))))
+    assert not found.unnamed
+
+
 def test_nodes_run_while_their_participant_is_there_and_its_process_works() -> None:
     found = robot()
     assert found.nodes({}) == {"/laser": True, "/mapper": True, "/other": True}
