@@ -10,7 +10,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -48,8 +48,15 @@ class NotReady(Exception):
     """The service ended, or said nothing in time; the text has its log."""
 
 
-def start(data: Path, arguments: Sequence[str] = ()) -> Served:
+def start(
+    data: Path,
+    arguments: Sequence[str] = (),
+    *,
+    begun: Callable[[subprocess.Popen[str]], None] = lambda process: None,
+) -> Served:
     """Start the service on `data` and return when it has announced itself.
+
+    `begun` is called with its process before that: whoever kills it meanwhile need not wait for it.
 
     Raises:
         NotReady: it did not.
@@ -70,6 +77,7 @@ def start(data: Path, arguments: Sequence[str] = ()) -> Served:
     late.start()
     line = ""
     try:
+        begun(process)
         line = process.stdout.readline()
     finally:
         late.cancel()
