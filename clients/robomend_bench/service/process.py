@@ -11,7 +11,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -92,13 +92,21 @@ def start(
 
 
 @contextmanager
-def served(arguments: Sequence[str] = (), data: Path | None = None) -> Iterator[Served]:
-    """Run a service; it is gone afterwards, and its folder too unless it was given."""
+def served(
+    arguments: Sequence[str] = (), data: Path | None = None, *, orderly: bool = False
+) -> Iterator[Served]:
+    """Run a service; it is gone afterwards, and its folder too unless it was given.
+
+    `orderly`: it is asked to end, so that the programs of its actions end before it; killed, it leaves them.
+    """
     with tempfile.TemporaryDirectory(prefix="robomend-bench-") as folder:
         service = start(data or Path(folder), arguments)
         try:
             yield service
         finally:
+            if orderly:
+                with suppress(subprocess.TimeoutExpired):
+                    service.stop()
             service.process.kill()
             service.process.wait(30)
             assert service.process.stdout is not None
