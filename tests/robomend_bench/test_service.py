@@ -5,13 +5,19 @@ from __future__ import annotations
 import asyncio
 import json
 import math
+import os
+import sys
 import time
 from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.terminal import Terminal
+from tests.waiting import until
 
 from robomend.model.loading import load_text
 from robomend.observations.language import parse
@@ -255,3 +261,25 @@ def test_the_service_is_measured_beside_a_bare_handler_in_turns(service: Served)
     assert found.errors == 0
     assert len(found.service_ms) == len(found.bare_ms) == 2
     assert min(*found.service_ms, *found.bare_ms) >= 0
+
+
+def test_ctrl_c_while_repairs_act_leaves_no_program_board_or_file(tmp_path: Path) -> None:
+    where = {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
+    with Terminal("robomend-bench service --only stop --moments 400", tmp_path, where) as begun:
+        until(lambda: acts(begun), "a program of an action runs", 120)
+        begun.ctrl_c()
+        until(lambda: begun.process.poll() is not None, "it ends", 120)
+        begun.listen(0.1)
+        assert begun.process.returncode == 130, begun.shown
+        assert "Traceback" not in begun.shown
+        assert begun.left_behind() == []
+
+
+def acts(begun: Terminal) -> bool:
+    """Return whether a program that starts a node, and takes its time, runs in a terminal."""
+    for process in begun.processes():
+        with suppress(OSError):
+            command = Path(f"/proc/{process}/cmdline").read_bytes()
+            if b"/start\0" in command and b"stubborn" in command:
+                return True
+    return False

@@ -117,6 +117,7 @@ class Bench:
     async def running(self) -> AsyncIterator[None]:
         """Run the service, the ticker and the stream of events."""
         tasks: list[asyncio.Task[None]] = []
+        orderly = False
         try:
             await self._start(0)
             parts = (self._tick(), self._follow(), self._keep_looking(), self._note_starvation())
@@ -125,19 +126,25 @@ class Bench:
             for task in tasks:
                 if task.done():
                     task.result()  # without it nothing that was measured since means anything
+            orderly = True
         finally:
             for task in tasks:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
-            await asyncio.to_thread(self._end_service, kill=False)
+            # After Ctrl-C nobody wants its data, and on a busy computer an orderly end takes its time.
+            await asyncio.to_thread(self._end_service, kill=not orderly)
 
     async def _start(self, port: int) -> None:
         arguments = ["--port", str(port)] if port else []
-        starting = asyncio.ensure_future(asyncio.to_thread(_start_at, self._priority, self._data, arguments))
+        begun = _Begun()
+        start_at = asyncio.to_thread(_start_at, self._priority, self._data, arguments, begun)
+        starting = asyncio.ensure_future(start_at)
         try:
             self._served = await asyncio.shield(starting)
         except asyncio.CancelledError:
-            self._served = await starting  # it is started all the same, and so has to be ended
+            begun.give_up()  # on a busy computer it may take minutes to announce itself
+            with contextlib.suppress(NotReady):
+                self._served = await starting  # it had announced itself already, and so has to be ended
             raise
         self.url = self._served.url
 
@@ -219,11 +226,31 @@ class Bench:
             await asyncio.sleep(0.1)
 
 
-def _start_at(priority: int, data: Path, arguments: Sequence[str]) -> Served:
+class _Begun:
+    """The process of a service that is being started in a thread: whoever waits for it may give it up."""
+
+    def __init__(self) -> None:
+        self._process: subprocess.Popen[str] | None = None
+        self._unwanted = False
+
+    def __call__(self, process: subprocess.Popen[str]) -> None:
+        """Note it; called in that thread."""
+        self._process = process
+        if self._unwanted:
+            process.kill()
+
+    def give_up(self) -> None:
+        """Kill it, now or as soon as there is one."""
+        self._unwanted = True
+        if self._process is not None:
+            self._process.kill()
+
+
+def _start_at(priority: int, data: Path, arguments: Sequence[str], begun: _Begun) -> Served:
     """Start the service with a priority of its own, in a thread, whose priority it inherits."""
     with contextlib.suppress(PermissionError):
         os.setpriority(os.PRIO_PROCESS, 0, priority)  # of this thread alone, on Linux
-    return start(data, arguments)
+    return start(data, arguments, begun=begun)
 
 
 @contextmanager

@@ -10,8 +10,8 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -48,8 +48,15 @@ class NotReady(Exception):
     """The service ended, or said nothing in time; the text has its log."""
 
 
-def start(data: Path, arguments: Sequence[str] = ()) -> Served:
+def start(
+    data: Path,
+    arguments: Sequence[str] = (),
+    *,
+    begun: Callable[[subprocess.Popen[str]], None] = lambda process: None,
+) -> Served:
     """Start the service on `data` and return when it has announced itself.
+
+    `begun` is called with its process before that: whoever kills it meanwhile need not wait for it.
 
     Raises:
         NotReady: it did not.
@@ -70,6 +77,7 @@ def start(data: Path, arguments: Sequence[str] = ()) -> Served:
     late.start()
     line = ""
     try:
+        begun(process)
         line = process.stdout.readline()
     finally:
         late.cancel()
@@ -84,13 +92,21 @@ def start(data: Path, arguments: Sequence[str] = ()) -> Served:
 
 
 @contextmanager
-def served(arguments: Sequence[str] = (), data: Path | None = None) -> Iterator[Served]:
-    """Run a service; it is gone afterwards, and its folder too unless it was given."""
+def served(
+    arguments: Sequence[str] = (), data: Path | None = None, *, orderly: bool = False
+) -> Iterator[Served]:
+    """Run a service; it is gone afterwards, and its folder too unless it was given.
+
+    `orderly`: it is asked to end, so that the programs of its actions end before it; killed, it leaves them.
+    """
     with tempfile.TemporaryDirectory(prefix="robomend-bench-") as folder:
         service = start(data or Path(folder), arguments)
         try:
             yield service
         finally:
+            if orderly:
+                with suppress(subprocess.TimeoutExpired):
+                    service.stop()
             service.process.kill()
             service.process.wait(30)
             assert service.process.stdout is not None

@@ -82,6 +82,7 @@ async def board() -> AsyncIterator[Board]:
         *("--port", "0", "--end-with-parent"),
         stdout=asyncio.subprocess.PIPE,
         stderr=asyncio.subprocess.DEVNULL,
+        start_new_session=True,  # Ctrl-C is for us, who end it
     )
     try:
         assert process.stdout is not None

@@ -81,9 +81,9 @@ async def run_stops(arguments: Sequence[str], *, moments: int, count: int, seed:
         log = Path(f"{folder / 'start'}.log")
         wanted = [*arguments, "--config", str(settings)]
         async with robots(count, log, seed) as fleet:
-            with served(wanted, folder) as owner:
+            with served(wanted, folder, orderly=True) as owner:
                 await _put(owner.url, fleet)
-                with served(wanted, folder) as other:
+                with served(wanted, folder, orderly=True) as other:
                     results = []
                     for asked_of, url in zip(ASKED_OF, (owner.url, other.url), strict=True):
                         async with _bench(owner.url, url, fleet, seed) as bench:

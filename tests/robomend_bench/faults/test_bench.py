@@ -3,8 +3,15 @@
 from __future__ import annotations
 
 import asyncio
+import os
+import signal
+import sys
+from contextlib import suppress
+from pathlib import Path
 
 import pytest
+from tests.terminal import Terminal
+from tests.waiting import until
 
 from robomend_bench.faults import trial as trials
 from robomend_bench.faults.bench import run_trials
@@ -54,3 +61,27 @@ def test_robots_are_switched_on_before_their_faults_and_an_error_in_one_leaves_t
     stopped = max(len(state) for at_s, state in second.states if at_s < 0)
     assert stopped == len(find_robot("pipeline").anatomy.nodes)
     assert all(at_s > 0 for at_s in [*(a.at_s for a in second.acts), *(r.at_s for r in second.repairs)])
+
+
+def test_ctrl_c_does_not_wait_for_a_service_that_takes_long_to_start(tmp_path: Path) -> None:
+    where = {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
+    with Terminal("robomend-bench faults --trials 1 --stretches 0 --load 1", tmp_path, where) as begun:
+        until(lambda: services(begun), "the service is being started", 120)
+        for process in services(begun):
+            os.kill(process, signal.SIGSTOP)  # as good as a computer that leaves it no processor time
+        begun.ctrl_c()
+        until(lambda: begun.process.poll() is not None, "it ends", 120)
+        begun.listen(0.1)
+        assert begun.process.returncode == 130, begun.shown
+        assert "Traceback" not in begun.shown
+        assert begun.left_behind() == []
+
+
+def services(begun: Terminal) -> list[int]:
+    """Return the processes of `robomend serve` in a terminal."""
+    found = []
+    for process in begun.processes():
+        with suppress(OSError):
+            if b"--announce" in Path(f"/proc/{process}/cmdline").read_bytes():
+                found.append(process)
+    return found
