@@ -203,6 +203,13 @@ def test_a_bound_on_time_is_an_answer_and_spoils_no_other() -> None:
     assert result(library, seen[0]).complete
 
 
+def test_a_bound_that_is_over_before_the_search_begins_is_an_answer_too() -> None:
+    cnf, seen = random_triples(200)
+    library = Library(cnf, tuple(literal.atom for literal in seen), replace(PLAIN, timeout_s=1e-9))
+    found = result(library, *seen)
+    assert (found.diagnoses, found.complete, found.stopped_by) == ((), False, "time")
+
+
 def test_circuits_are_answered_by_the_engine() -> None:
     cnf = load_text("INPUT(a)\nOUTPUT(c)\nb = NOT(a)\nc = NOT(b)\n", format="bench").cnf
     library = Library(cnf, cnf.atoms, PLAIN)

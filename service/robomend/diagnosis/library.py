@@ -317,8 +317,8 @@ class Library:
         options = self._options
         answer = SearchState(MAX_DIAGNOSES if options.limit is None else options.limit, self._clock)
         stopped: StoppedBy | None = None
-        parts = [self._part(tuple(sorted(minimal(group)))) for group in independent(minimal(masks))]
         try:
+            parts = [self._part(tuple(sorted(minimal(group)))) for group in independent(minimal(masks))]
             list_diagnoses(parts, 0, options, answer, COUNTED, self._cost)
         except OutOfTime:
             stopped = "time"
