@@ -10,11 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from itertools import combinations, cycle, islice
-from math import fsum, log
+from math import fsum
 from time import perf_counter
 from typing import Any
 
 from robomend.diagnosis.engines import make_engine
+from robomend.diagnosis.ranking import log_odds
 from robomend.diagnosis.result import DiagnosisResult, Options
 from robomend.errors import OptionRefused
 from robomend.model.cnf import HealthCnf
@@ -83,7 +84,7 @@ def prepare(contender: str, cnf: HealthCnf, group: Group, wish: Wish) -> Ask:
     options = options_for(wish.mode, wish)
 
     def ask(question: Question) -> Answer:
-        return _counted(engine.diagnose(question.payload, options), wish.mode)
+        return _counted(engine.diagnose(question.payload, options), wish.mode, cnf)
 
     return ask
 
@@ -106,7 +107,7 @@ def prepare_cold(contender: str, made: Callable[[], HealthCnf], wish: Wish) -> A
         try:
             if wish.mode == "structure":
                 engine.diagnose(question.payload, options)
-            return _counted(engine.diagnose(question.payload, options), wish.mode)
+            return _counted(engine.diagnose(question.payload, options), wish.mode, cnf)
         finally:
             engine.close()
 
@@ -118,16 +119,17 @@ def _engine(contender: str, cnf: HealthCnf) -> Any:
     return make_engine(name, cnf, solver=solver or None)
 
 
-def _counted(result: DiagnosisResult, mode: str) -> Answer:
+def _counted(result: DiagnosisResult, mode: str, cnf: HealthCnf) -> Answer:
     sizes = [len(diagnosis.bad) for diagnosis in result.diagnoses]
     least = min(sizes, default=None)
     if mode in ONE:
         return Answer((least,), complete=bool(sizes), shown=least)
     if mode == "probable":
-        # which of equally probable ones are listed is free, so that how probable they are is compared
-        evidence = fsum(log(diagnosis.probability or 1.0) for diagnosis in result.diagnoses)
+        # Searched is by priors. Which of equally probable ones are listed is free, and how well they fit what
+        # was seen to work, which sorts those that were found, differs: so that their priors are compared.
+        weights = [log_odds(cnf.priors[name]) for diagnosis in result.diagnoses for name in diagnosis.bad]
         ended = result.complete or result.stopped_by == "limit"
-        return Answer((len(sizes), round(1000 * evidence)), complete=ended, shown=len(sizes))
+        return Answer((len(sizes), round(1000 * fsum(weights))), complete=ended, shown=len(sizes))
     count = result.count if result.count is not None else len(sizes)
     all_asked_for = result.complete or result.stopped_by == "size"  # larger ones exist, and were not wanted
     return Answer((count, least), complete=all_asked_for, shown=count)
