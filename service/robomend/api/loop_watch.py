@@ -3,16 +3,15 @@
 A request holds the loop from one `await` to the next; nothing else happens in that time. Each request's
 longest hold goes into a histogram, in processor time, as a busy machine is no request's fault.
 
-A thread of its own looks at the loop from outside, every 25 ms. A loop that waits for work is let sleep, all
-but each fourth time; of one that is at something a sign is asked. Where none comes for a while, the thread
-notes what the loop is at, and says so in the log when the sign has come: how long, how much of it was
-processor time, and where. The delay of the signs is what every request waits before it begins.
+A thread of its own asks the loop for a sign, every 25 ms. Where none comes for a while, it notes what the
+loop is at, and says so in the log when the sign has come: how long, how much of it was processor time, and
+where. The delay of the signs is what every request waits before it begins. Only then are frames looked at: to
+do that all the time, to let a loop sleep that waits for work, once broke the interpreter.
 """
 
 from __future__ import annotations
 
 import asyncio
-import inspect
 import sys
 import threading
 import time
@@ -35,9 +34,6 @@ EVERY_S = 0.025
 
 HELD_S = 0.05
 """A hold that is told in the log."""
-
-ASKED_EACH = 4
-"""Looks at a loop that waits, of which one asks for a sign: it may have work, and no processor."""
 
 DELAYS = 40
 """Of the latest looks, kept: a second's."""
@@ -100,7 +96,6 @@ class LoopWatch:
         """Watch the running event loop from now on."""
         self._watched_loop = asyncio.get_running_loop()
         self._watched = threading.get_ident()
-        self._waits_in = _loops_own(sys._getframe())
         self._turned_s = time.monotonic()
         self._thread.start()
 
@@ -138,14 +133,7 @@ class LoopWatch:
 
     def _run(self) -> None:
         clock = _processor_clock(self._watched)
-        let_sleep = 0
         while not self._ending.wait(EVERY_S):
-            if let_sleep + 1 < ASKED_EACH and self._waits():
-                let_sleep += 1
-                self._turned_s = time.monotonic()
-                self._note(0.0)
-                continue
-            let_sleep = 0
             self._sign.clear()
             asked_s, used_s = time.monotonic(), clock()
             try:
@@ -170,10 +158,6 @@ class LoopWatch:
         self._worst_s = max(self._worst_s, delay_s)
         self._metrics.loop_delay_s.observe(delay_s)
 
-    def _waits(self) -> bool:
-        """Return whether the loop waits for work: no code of Python's but what runs the loop is under way."""
-        return sys._current_frames().get(self._watched) is self._waits_in
-
     def _place(self) -> str:
         """Return where the loop's thread is, innermost first, and which request it is about."""
         frame = sys._current_frames().get(self._watched)
@@ -187,19 +171,6 @@ class LoopWatch:
             request = request or _request(frame)
             frame = frame.f_back
         return " < ".join(places) + (f"; {request}" if request else "")
-
-
-def _loops_own(frame: FrameType | None) -> FrameType | None:
-    """Return the frame in which the loop was run that a frame is a part of: outside of all its coroutines.
-
-    Of a loop that is written in Python itself, none: it is always asked.
-    """
-    found = None
-    while frame is not None:
-        if frame.f_code.co_flags & inspect.CO_COROUTINE:
-            found = frame.f_back
-        frame = frame.f_back
-    return found
 
 
 def _request(frame: FrameType) -> str:
