@@ -23,6 +23,8 @@ from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 
+from tests.waiting import until
+
 MARK = "ROBOMEND_TEST_TERMINAL"
 INHERITED = re.compile(r"PYTEST_|COLUMNS|LINES|NO_COLOR|ROBOMEND_")
 """Of the test, and not of the person whose terminal this is; what is wanted of it, a test gives by name."""
@@ -101,6 +103,15 @@ class Terminal:
     def ctrl_c(self) -> None:
         """Press it: whoever is in the foreground of this terminal gets SIGINT."""
         os.write(self._master, b"\x03")
+
+    def ends_by_ctrl_c(self) -> None:
+        """Press it, and see it end as an interrupted command does: without a traceback, and nothing left."""
+        self.ctrl_c()
+        until(lambda: self.process.poll() is not None, "it ends", 120)
+        self.listen(0.1)
+        assert self.process.returncode == 130, self.shown
+        assert "Traceback" not in self.shown
+        assert self.left_behind() == []
 
     def processes(self) -> list[int]:
         """Return all that run in it, zombies not counted."""
