@@ -15,7 +15,7 @@ import contextlib
 import os
 import signal
 import subprocess
-from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -91,18 +91,18 @@ class ProcessExecutor:
         except (OSError, ValueError) as error:
             return ActionResult(not_started(error), f"{arguments[0]}: {error}")
         kept = bytearray()
-        async with _ended(process) as ended:
-            feedback(process.pid, f"{arguments[0]} started")
-            reading = asyncio.create_task(_keep_tail(process, kept, partial(feedback, process.pid)))
-            try:
-                async with asyncio.timeout(action.timeout_s):
-                    await ended.wait()
-                # What it leaves running may keep the pipe open for ever.
-                await asyncio.wait({reading}, timeout=GRACE_S)
-            except TimeoutError:
-                return ActionResult(TIMED_OUT, f"{arguments[0]} was ended after {action.timeout_s:g} s")
-            finally:
-                reading.cancel()
+        with _tail_kept(process, kept, partial(feedback, process.pid)) as read:
+            async with _ended(process) as ended:
+                feedback(process.pid, f"{arguments[0]} started")
+                try:
+                    async with asyncio.timeout(action.timeout_s):
+                        await ended.wait()
+                except TimeoutError:
+                    return ActionResult(TIMED_OUT, f"{arguments[0]} was ended after {action.timeout_s:g} s")
+            # What it leaves running may keep the pipe open for ever.
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(GRACE_S):
+                    await read.wait()
         output = kept.decode(errors="replace").strip()
         status = process.wait()
         if status == 0:
@@ -133,18 +133,39 @@ async def _ended(process: subprocess.Popen[bytes]) -> AsyncIterator[asyncio.Even
             process.poll()
 
 
-async def _keep_tail(process: subprocess.Popen[bytes], kept: bytearray, say: Callable[[str], None]) -> None:
-    """Read to the end; keep the last of what a program prints, and say its latest line."""
-    reader = asyncio.StreamReader()
-    transport, _ = await asyncio.get_running_loop().connect_read_pipe(
-        lambda: asyncio.StreamReaderProtocol(reader), process.stdout
-    )
+@contextlib.contextmanager
+def _tail_kept(
+    process: subprocess.Popen[bytes], kept: bytearray, say: Callable[[str], None]
+) -> Iterator[asyncio.Event]:
+    """Keep the last of what a program prints, and say its latest line; the event is set at the output's end.
+
+    By the descriptor: uvloop's transport of a pipe closes it twice, and in between another thread may have
+    been given its number, for a worker's socket or the database.
+    """
+    assert process.stdout is not None
+    loop = asyncio.get_running_loop()
+    descriptor = process.stdout.fileno()
+    os.set_blocking(descriptor, False)
+    read = asyncio.Event()
+
+    def more() -> None:
+        try:
+            chunk = os.read(descriptor, OUTPUT_BYTES)
+        except BlockingIOError:
+            return
+        if not chunk:
+            loop.remove_reader(descriptor)
+            read.set()
+            return
+        kept.extend(chunk)
+        del kept[:-OUTPUT_BYTES]
+        line = kept.decode(errors="replace").rstrip().rpartition("\n")[2]
+        if line:
+            say(line)
+
+    loop.add_reader(descriptor, more)
     try:
-        while chunk := await reader.read(OUTPUT_BYTES):
-            kept += chunk
-            del kept[:-OUTPUT_BYTES]
-            line = kept.decode(errors="replace").rstrip().rpartition("\n")[2]
-            if line:
-                say(line)
+        yield read
     finally:
-        transport.close()
+        loop.remove_reader(descriptor)
+        process.stdout.close()
