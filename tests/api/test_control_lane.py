@@ -272,15 +272,15 @@ def test_what_resembles_a_control_path_is_answered_as_ever(service: Service) -> 
         assert fresh(service, "GET", path).status_code == 404
 
 
-def test_a_held_loop_is_told_in_the_log_with_its_place(service: Service) -> None:
-    def held() -> list[str]:
-        return [line["where"] for line in told if line["event"] == "event loop held"]
+def test_a_held_loop_is_told_in_the_log_and_measured(service: Service) -> None:
+    def held() -> list[int]:
+        return [line["ms"] for line in told if line["event"] == "event loop held"]
 
     with capture_logs() as told:
         with held_loop(service):
             until(lambda: service.runtime.watch.held_s > 0.2, "the watch does not see it")
         until(held, "nothing is told")
-    assert "test_control_lane.hold" in held()[0]
+    assert max(held()) > 100
     metrics = service.http.get("/metrics").text
     name = "robomend_loop_delay_worst_seconds "
     worst = next(line for line in metrics.splitlines() if line.startswith(name))

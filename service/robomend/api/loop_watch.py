@@ -3,16 +3,20 @@
 A request holds the loop from one `await` to the next; nothing else happens in that time. Each request's
 longest hold goes into a histogram, in processor time, as a busy machine is no request's fault.
 
-A thread of its own asks the loop for a sign, every 25 ms. Where none comes for a while, it notes what the
-loop is at, and says so in the log when the sign has come: how long, how much of it was processor time, and
-where. The delay of the signs is what every request waits before it begins. Only then are frames looked at: to
-do that all the time, to let a loop sleep that waits for work, once broke the interpreter.
+A thread of its own asks the loop for a sign, every 25 ms. Where none comes for a while, it says so in the log
+when the sign has come: how long, how much of it was processor time, and where. The delay of the signs is what
+every request waits before it begins.
+
+Where: the loop's thread looks at its own frames, in the handler of a signal that is only pretended (nothing
+is interrupted) and comes as soon as the interpreter is between two instructions there. To look at them from
+the other thread once broke the interpreter.
 """
 
 from __future__ import annotations
 
+import _thread
 import asyncio
-import sys
+import signal
 import threading
 import time
 from collections import deque
@@ -40,6 +44,9 @@ DELAYS = 40
 
 FROZEN_S = 10.0
 """Without a sign for so long, the process is of no use."""
+
+LOOK = signal.SIGRTMAX
+"""The signal that is pretended: one that nobody sends."""
 
 FRAMES = 6
 """Of the place at which the loop was held, told."""
@@ -84,6 +91,7 @@ class LoopWatch:
         self._delays: deque[float] = deque(maxlen=DELAYS)
         self._usual_s = 0.0  # their median
         self._worst_s = 0.0
+        self._where = ""
         self._thread = threading.Thread(target=self._run, name="loop-watch", daemon=True)
         metrics.on_demand(
             "robomend_loop_delay_worst_seconds",
@@ -93,8 +101,10 @@ class LoopWatch:
         )
 
     def start(self) -> None:
-        """Watch the running event loop from now on."""
+        """Watch the running event loop from now on; where it is held is known of the main thread's only."""
         self._watched_loop = asyncio.get_running_loop()
+        if threading.current_thread() is threading.main_thread():
+            signal.signal(LOOK, self._look)
         self._watched = threading.get_ident()
         self._turned_s = time.monotonic()
         self._thread.start()
@@ -135,21 +145,24 @@ class LoopWatch:
         clock = _processor_clock(self._watched)
         while not self._ending.wait(EVERY_S):
             self._sign.clear()
+            self._where = ""
             asked_s, used_s = time.monotonic(), clock()
             try:
                 self.loop.call_soon_threadsafe(self._give_sign)
             except RuntimeError:  # the loop is closed
                 return
-            where = "" if self._sign.wait(HELD_S) else self._place()
+            held = not self._sign.wait(HELD_S)
+            if held:
+                _thread.interrupt_main(LOOK)  # without our handler for it this does nothing
             self._sign.wait()
             delay_s = self._turned_s - asked_s
             self._note(delay_s)
-            if where and not self._ending.is_set():
+            if held and not self._ending.is_set():
                 log.warning(
                     "event loop held",
                     ms=round(delay_s * 1000),
                     processor_ms=round((clock() - used_s) * 1000),
-                    where=where,
+                    where=self._where,
                 )
 
     def _note(self, delay_s: float) -> None:
@@ -158,9 +171,8 @@ class LoopWatch:
         self._worst_s = max(self._worst_s, delay_s)
         self._metrics.loop_delay_s.observe(delay_s)
 
-    def _place(self) -> str:
-        """Return where the loop's thread is, innermost first, and which request it is about."""
-        frame = sys._current_frames().get(self._watched)
+    def _look(self, _: int, frame: FrameType | None) -> None:
+        """Note where the loop's thread is, innermost first, and which request it is about."""
         places: list[str] = []
         request = ""
         while frame is not None:
@@ -170,7 +182,7 @@ class LoopWatch:
                 places.append(f"{module}.{code.co_name}:{frame.f_lineno}")
             request = request or _request(frame)
             frame = frame.f_back
-        return " < ".join(places) + (f"; {request}" if request else "")
+        self._where = " < ".join(places) + (f"; {request}" if request else "")
 
 
 def _request(frame: FrameType) -> str:
