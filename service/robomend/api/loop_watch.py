@@ -3,10 +3,11 @@
 A request holds the loop from one `await` to the next; nothing else happens in that time. Each request's
 longest hold goes into a histogram, in processor time, as a busy machine is no request's fault.
 
-A thread of its own asks the loop for a sign, every 25 ms. Where none comes for a while, it notes what the
-loop is at, and says so in the log when the sign has come: how long, how much of it was processor time, and
-where. The delay of the signs is what every request waits before it begins. Only then are frames looked at: to
-do that all the time, to let a loop sleep that waits for work, once broke the interpreter.
+The loop gives a sign every 25 ms, by a timer of its own. How late it comes is what every request waits
+before it begins. A thread looks seldom whether signs come, and wakes for none that is in time. Where one does
+not come for a while, it notes what the loop is at, and that is told in the log with the sign: how late it
+came, how much of that was processor time, and where. Only then are frames looked at: to do that all the time
+once broke the interpreter.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ HELD_S = 0.05
 """A hold that is told in the log."""
 
 DELAYS = 40
-"""Of the latest looks, kept: a second's."""
+"""Of the latest signs, kept: a second's."""
 
 FROZEN_S = 10.0
 """Without a sign for so long, the process is of no use."""
@@ -73,14 +74,16 @@ def timed(work: Coroutine[Any, Any, T], note: Callable[[float], None]) -> Genera
 
 
 class LoopWatch:
-    """See the module: the thread that looks at the event loop from outside."""
+    """See the module: what the event loop says of itself, and the thread that looks at it from outside."""
 
     def __init__(self, metrics: Metrics) -> None:
         self._metrics = metrics
         self._watched_loop: asyncio.AbstractEventLoop | None = None
         self._ending = EndSign()
-        self._sign = threading.Event()
-        self._turned_s = time.monotonic()
+        self._due_s = time.monotonic()  # of the next sign
+        self._used_s = 0.0  # processor time of the loop's thread, at the latest sign
+        self._late: tuple[float, str] | None = None  # when a sign was due that does not come, and where
+        self._timer: asyncio.TimerHandle | None = None
         self._delays: deque[float] = deque(maxlen=DELAYS)
         self._usual_s = 0.0  # their median
         self._worst_s = 0.0
@@ -96,13 +99,14 @@ class LoopWatch:
         """Watch the running event loop from now on."""
         self._watched_loop = asyncio.get_running_loop()
         self._watched = threading.get_ident()
-        self._turned_s = time.monotonic()
+        self._next_sign()
         self._thread.start()
 
     def close(self) -> None:
-        """End the thread."""
+        """End the signs, and the thread; to be called by the event loop."""
+        if self._timer is not None:
+            self._timer.cancel()
         self._ending.set()
-        self._sign.set()
         if self._thread.is_alive():
             self._thread.join(1.0)
 
@@ -115,7 +119,7 @@ class LoopWatch:
     @property
     def held_s(self) -> float:
         """How long the loop has not given a sign; under EVERY_S means nothing."""
-        return time.monotonic() - self._turned_s
+        return time.monotonic() - self._due_s + EVERY_S
 
     @property
     def frozen(self) -> bool:
@@ -127,30 +131,33 @@ class LoopWatch:
         """The delay of the signs lately (median of a second), or of the one that is awaited."""
         return max(self._usual_s, self.held_s - EVERY_S)
 
+    def _next_sign(self) -> None:
+        self._used_s = time.thread_time()
+        self._due_s = time.monotonic() + EVERY_S
+        self._timer = self.loop.call_later(EVERY_S, self._give_sign)
+
     def _give_sign(self) -> None:
-        self._turned_s = time.monotonic()
-        self._sign.set()
+        delay_s = max(0.0, time.monotonic() - self._due_s)
+        self._note(delay_s)
+        late, self._late = self._late, None
+        if late is not None and late[0] == self._due_s:
+            used_s = min(
+                delay_s, time.thread_time() - self._used_s
+            )  # since the sign before, which was on time
+            log.warning(
+                "event loop held", ms=round(delay_s * 1000), processor_ms=round(used_s * 1000), where=late[1]
+            )
+        self._next_sign()
 
     def _run(self) -> None:
-        clock = _processor_clock(self._watched)
-        while not self._ending.wait(EVERY_S):
-            self._sign.clear()
-            asked_s, used_s = time.monotonic(), clock()
-            try:
-                self.loop.call_soon_threadsafe(self._give_sign)
-            except RuntimeError:  # the loop is closed
-                return
-            where = "" if self._sign.wait(HELD_S) else self._place()
-            self._sign.wait()
-            delay_s = self._turned_s - asked_s
-            self._note(delay_s)
-            if where and not self._ending.is_set():
-                log.warning(
-                    "event loop held",
-                    ms=round(delay_s * 1000),
-                    processor_ms=round((clock() - used_s) * 1000),
-                    where=where,
-                )
+        looked_s = 0.0  # when the sign was due for which the loop was looked at
+        while not self._ending.wait(max(EVERY_S, self._due_s + HELD_S - time.monotonic())):
+            due_s = self._due_s
+            if due_s != looked_s and time.monotonic() - due_s > HELD_S:
+                place = self._place()
+                looked_s = due_s
+                if self._due_s == due_s:  # else it has come meanwhile, and this is another place
+                    self._late = due_s, place
 
     def _note(self, delay_s: float) -> None:
         self._delays.append(delay_s)
@@ -179,9 +186,3 @@ def _request(frame: FrameType) -> str:
         return ""
     scope = frame.f_locals.get("scope", {})
     return f"{scope.get('method', '')} {scope.get('path', '')}"
-
-
-def _processor_clock(thread: int) -> Callable[[], float]:
-    """Return a function that tells how much time of the processor a thread has used."""
-    clock = time.pthread_getcpuclockid(thread)
-    return lambda: time.clock_gettime(clock)
