@@ -11,7 +11,7 @@ Reference: Documentation/scheduler/sched-stats.rst of Linux, /proc/<pid>/schedst
 from __future__ import annotations
 
 import contextlib
-from pathlib import Path
+import os
 
 AT_MOST_S = 30.0
 """So much is excused; after that it does not matter whose fault it is."""
@@ -23,11 +23,21 @@ def waited_s(process: int | None = None) -> float:
     Threads that have ended are not in it. 0 where the kernel does not say, or there is no such process.
     """
     waited_ns = 0
+    threads = f"/proc/{process or 'self'}/task"
     with contextlib.suppress(OSError):  # no such process
-        for thread in Path(f"/proc/{process or 'self'}/task").iterdir():
+        for thread in os.listdir(threads):
             with contextlib.suppress(OSError, IndexError):  # it ended just now
-                waited_ns += int((thread / "schedstat").read_bytes().split()[1])
+                waited_ns += int(_read(f"{threads}/{thread}/schedstat").split()[1])
     return waited_ns / 1e9
+
+
+def _read(path: str) -> bytes:
+    """Return a short file, three times as fast as an object for it: it is read for each thread, often."""
+    file = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        return os.read(file, 100)
+    finally:
+        os.close(file)
 
 
 class OwnSilence:

@@ -53,7 +53,7 @@ def test_where_the_loop_is_held_is_told(hold: Callable[[], None], run: Callable[
 
     with capture_logs() as logs:
         run(main())
-    assert all(told["ms"] >= HELD_S * 1000 for told in held(logs))
+    assert all(told["processor_ms"] <= told["ms"] >= HELD_S * 1000 for told in held(logs))
 
 
 def test_the_request_is_told_that_holds_the_loop() -> None:

@@ -29,6 +29,7 @@ from robomend.api.rates import Bucket
 from robomend.api.shedding import LoadShedding
 from robomend.logs import debugging
 from robomend.metrics import Metrics
+from robomend.room import out_of_memory
 from robomend.security import API
 
 log = structlog.get_logger("robomend.http")
@@ -170,11 +171,6 @@ def _failed(scope: Scope, error: Exception, *, answered: bool) -> Response:
     # A bug of ours: the client gets its 500, the log the traceback.
     log.error("unforeseen", method=scope["method"], path=scope["path"], exc_info=error)
     return unforeseen(scope["robomend.request_id"])
-
-
-def out_of_memory(error: BaseException) -> bool:
-    """Whether it says that there is no room for what is asked: memory, or the stack of another thread."""
-    return isinstance(error, MemoryError) or str(error) == "can't start new thread"
 
 
 async def _coroutine(app: ASGIApp, scope: Scope, receive: Receive, send: Send) -> None:

@@ -3,9 +3,10 @@
 A request holds the loop from one `await` to the next; nothing else happens in that time. Each request's
 longest hold goes into a histogram, in processor time, as a busy machine is no request's fault.
 
-A thread of its own asks the loop for a sign, every 25 ms. Where none comes for a while, it says so in the log
-when the sign has come: how long, how much of it was processor time, and where. The delay of the signs is what
-every request waits before it begins.
+The loop gives a sign every 25 ms, by a timer of its own. How late it comes is what every request waits
+before it begins. A thread looks seldom whether signs come, and wakes for none that is in time. Where one does
+not come for a while, that is told in the log with the sign: how late it came, how much of that was processor
+time, and where.
 
 Where: the loop's thread looks at its own frames, in the handler of a signal that is only pretended (nothing
 is interrupted) and comes as soon as the interpreter is between two instructions there. To look at them from
@@ -40,7 +41,7 @@ HELD_S = 0.05
 """A hold that is told in the log."""
 
 DELAYS = 40
-"""Of the latest looks, kept: a second's."""
+"""Of the latest signs, kept: a second's."""
 
 FROZEN_S = 10.0
 """Without a sign for so long, the process is of no use."""
@@ -80,18 +81,20 @@ def timed(work: Coroutine[Any, Any, T], note: Callable[[float], None]) -> Genera
 
 
 class LoopWatch:
-    """See the module: the thread that looks at the event loop from outside."""
+    """See the module: what the event loop says of itself, and the thread that looks at it from outside."""
 
     def __init__(self, metrics: Metrics) -> None:
         self._metrics = metrics
         self._watched_loop: asyncio.AbstractEventLoop | None = None
         self._ending = EndSign()
-        self._sign = threading.Event()
-        self._turned_s = time.monotonic()
+        self._due_s = time.monotonic()  # of the next sign
+        self._used_s = 0.0  # processor time of the loop's thread, at the latest sign
+        self._late_s: float | None = None  # when a sign was due that does not come
+        self._where = ""
+        self._timer: asyncio.TimerHandle | None = None
         self._delays: deque[float] = deque(maxlen=DELAYS)
         self._usual_s = 0.0  # their median
         self._worst_s = 0.0
-        self._where = ""
         self._thread = threading.Thread(target=self._run, name="loop-watch", daemon=True)
         metrics.on_demand(
             "robomend_loop_delay_worst_seconds",
@@ -105,14 +108,14 @@ class LoopWatch:
         self._watched_loop = asyncio.get_running_loop()
         if threading.current_thread() is threading.main_thread():
             signal.signal(LOOK, self._look)
-        self._watched = threading.get_ident()
-        self._turned_s = time.monotonic()
+        self._next_sign()
         self._thread.start()
 
     def close(self) -> None:
-        """End the thread."""
+        """End the signs, and the thread; to be called by the event loop."""
+        if self._timer is not None:
+            self._timer.cancel()
         self._ending.set()
-        self._sign.set()
         if self._thread.is_alive():
             self._thread.join(1.0)
 
@@ -125,7 +128,7 @@ class LoopWatch:
     @property
     def held_s(self) -> float:
         """How long the loop has not given a sign; under EVERY_S means nothing."""
-        return time.monotonic() - self._turned_s
+        return time.monotonic() - self._due_s + EVERY_S
 
     @property
     def frozen(self) -> bool:
@@ -137,33 +140,31 @@ class LoopWatch:
         """The delay of the signs lately (median of a second), or of the one that is awaited."""
         return max(self._usual_s, self.held_s - EVERY_S)
 
+    def _next_sign(self) -> None:
+        self._used_s = time.thread_time()
+        self._due_s = time.monotonic() + EVERY_S
+        self._timer = self.loop.call_later(EVERY_S, self._give_sign)
+
     def _give_sign(self) -> None:
-        self._turned_s = time.monotonic()
-        self._sign.set()
+        delay_s = max(0.0, time.monotonic() - self._due_s)
+        self._note(delay_s)
+        if self._late_s == self._due_s:
+            used_s = time.thread_time() - self._used_s  # since the sign before, which was on time
+            log.warning(
+                "event loop held",
+                ms=round(delay_s * 1000),
+                processor_ms=round(min(delay_s, used_s) * 1000),
+                where=self._where,
+            )
+        self._next_sign()
 
     def _run(self) -> None:
-        clock = _processor_clock(self._watched)
-        while not self._ending.wait(EVERY_S):
-            self._sign.clear()
-            self._where = ""
-            asked_s, used_s = time.monotonic(), clock()
-            try:
-                self.loop.call_soon_threadsafe(self._give_sign)
-            except RuntimeError:  # the loop is closed
-                return
-            held = not self._sign.wait(HELD_S)
-            if held:
+        while not self._ending.wait(max(EVERY_S, self._due_s + HELD_S - time.monotonic())):
+            due_s = self._due_s
+            if due_s != self._late_s and time.monotonic() - due_s > HELD_S:
+                self._where = ""
+                self._late_s = due_s
                 _thread.interrupt_main(LOOK)  # without our handler for it this does nothing
-            self._sign.wait()
-            delay_s = self._turned_s - asked_s
-            self._note(delay_s)
-            if held and not self._ending.is_set():
-                log.warning(
-                    "event loop held",
-                    ms=round(delay_s * 1000),
-                    processor_ms=round((clock() - used_s) * 1000),
-                    where=self._where,
-                )
 
     def _note(self, delay_s: float) -> None:
         self._delays.append(delay_s)
@@ -191,9 +192,3 @@ def _request(frame: FrameType) -> str:
         return ""
     scope = frame.f_locals.get("scope", {})
     return f"{scope.get('method', '')} {scope.get('path', '')}"
-
-
-def _processor_clock(thread: int) -> Callable[[], float]:
-    """Return a function that tells how much time of the processor a thread has used."""
-    clock = time.pthread_getcpuclockid(thread)
-    return lambda: time.clock_gettime(clock)

@@ -16,6 +16,7 @@ from click.exceptions import NoSuchCommand
 from robomend.cli.lazy import LazyGroup, Table
 from robomend.cli.main import INTERRUPTED
 from robomend.errors import BackendError, RobomendError
+from robomend.room import no_room, out_of_memory
 from robomend_client.near import did_you_mean
 
 BAD_INPUT = 2
@@ -83,6 +84,11 @@ def run(arguments: list[str], program: click.Group = cli) -> int:
         return BACKEND_FAILED if isinstance(error, BackendError) else BAD_INPUT
     except (click.Abort, KeyboardInterrupt):
         return INTERRUPTED
+    except (MemoryError, RuntimeError) as error:
+        if not out_of_memory(error):
+            raise
+        click.echo(f"error: {no_room('this')}", err=True)
+        return BACKEND_FAILED
     except BrokenPipeError:
         return _nobody_reads()
     except SystemExit:

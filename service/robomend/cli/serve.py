@@ -18,6 +18,7 @@ import click
 
 from robomend.cli.files import ExistingFile
 from robomend.cli.settings_options import read_settings, settings_options
+from robomend.room import check_room, memory_unlimited, share_arenas
 
 if TYPE_CHECKING:
     from robomend.figures import SharedFigures
@@ -25,6 +26,12 @@ if TYPE_CHECKING:
 
 STARTUP_FAILED = 3
 OPEN_FILES = 65_536
+
+THREADS = 16
+"""That the service begins with: the store's, the control lane's, those of what blocks."""
+
+FIRST_MEGABYTES = 64
+"""Of address space, beside the stacks of its threads: a service without them ends at its first requests."""
 
 
 @click.command("serve")
@@ -58,6 +65,8 @@ def command(
     settings, _ = read_settings(config_file, allowed_hosts=allowed_hosts or None, **flags)
     configure(settings.log_level, settings.log_format)
     allow_connections()
+    if not memory_unlimited():
+        share_arenas()
     with asyncio.Runner(loop_factory=loop_factory()) as runner:
         if listen_fd is not None and parent_fd is not None and figures_fd is not None and place is not None:
             return runner.run(work(settings, Inherited(listen_fd, parent_fd, figures_fd, place)))
@@ -190,6 +199,8 @@ async def _run(
         settle_memory()
         told(url)
 
+    if not memory_unlimited():
+        check_room("the service", THREADS, FIRST_MEGABYTES)
     server = make_server(runtime, ready)
     await server.serve(sockets=sockets)
     return 0 if server.started else STARTUP_FAILED

@@ -35,7 +35,7 @@ from robomend.oneshots.result_json import result_json, timeless
 from robomend.oneshots.solvers import SolverWorkers
 from robomend.oneshots.warm_model import ask_engine
 from robomend.robots.configuration import RobotConfig
-from robomend.robots.readers import memory_unlimited
+from robomend.room import memory_unlimited
 from robomend.settings import Settings
 from robomend.store.encoding import Common, to_json
 from robomend_client.literals import Literal

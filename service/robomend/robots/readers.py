@@ -16,7 +16,6 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import re
-import resource
 from collections import OrderedDict
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
@@ -35,6 +34,7 @@ from robomend.model.vocabulary import Vocabulary
 from robomend.observations.language import Unknown, read, read_assertion
 from robomend.oneshots.question import PackedQuestion, supposing, together
 from robomend.planning.domain.loading import load_domain
+from robomend.room import memory_unlimited
 from robomend.settings import Settings
 from robomend.workers.pool import WorkerPool
 from robomend_client.literals import Literal
@@ -209,15 +209,6 @@ class Readers:
                 yield
         finally:
             self._asking -= 1
-
-
-def memory_unlimited() -> bool:
-    """Return whether this process may have as much address space as there is.
-
-    Where it may not (`ulimit -v`), solvers work in processes of their own only: one that runs out of memory
-    throws what nobody catches, and its process is gone.
-    """
-    return resource.getrlimit(resource.RLIMIT_AS)[0] == resource.RLIM_INFINITY
 
 
 # --- in the worker process ---

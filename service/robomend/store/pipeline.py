@@ -167,6 +167,8 @@ def _given(value: Any) -> bytes | None:
         return b"t" if value else b"f"
     if isinstance(value, int):
         return b"%d" % value
+    if isinstance(value, bytes):
+        return b"\\x%s" % value.hex().encode()
     if isinstance(value, list):
         return b"{%s}" % b",".join(map(_item, value))
     raise TypeError(f"no value of a statement: {type(value).__name__}")

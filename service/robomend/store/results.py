@@ -12,13 +12,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 
-from sqlalchemy import Insert, Integer, bindparam, func, select
-from sqlalchemy.dialects import postgresql, sqlite
+from sqlalchemy import Executable, bindparam, select, text
 
 from robomend.errors import StoreError
 from robomend.store import schema
 from robomend.store.driver import DriverConnection
 from robomend.store.encoding import filled
+from robomend.store.prepared import Prepared
 from robomend.store.view import AnyRow, View
 
 DAY_NS = 86_400_000_000_000
@@ -27,7 +27,6 @@ REMOVALS = "results-removed"
 _SOME = 500
 
 _RESULTS = schema.results
-_NEWEST = select(func.coalesce(func.max(_RESULTS.c.used_day), 0)).scalar_subquery()
 _LOOK = "SELECT digest, number, used_day, (SELECT max(used_day) FROM results) FROM results WHERE digest"
 _FIND = {"sqlite": f"{_LOOK} IN ({{keys}})", "postgresql": f"{_LOOK} = ANY($1)"}
 _TEXTS = select(_RESULTS.c.number, _RESULTS.c.data).where(
@@ -35,23 +34,18 @@ _TEXTS = select(_RESULTS.c.number, _RESULTS.c.data).where(
 )
 
 
-def _keep(kind: str) -> Insert:
-    """Return the statement that keeps a result, or says that it is used today."""
-    later = func.max if kind == "sqlite" else func.greatest
-    values = {
-        "digest": bindparam("of_digest"),
-        "data": bindparam("text"),
-        "used_day": later(_NEWEST, bindparam("today", type_=Integer)),
-    }
-    if kind == "sqlite":
-        lite = sqlite.insert(_RESULTS).values(values)
-        return lite.on_conflict_do_update(["digest"], set_={"used_day": lite.excluded.used_day})
-    postgres = postgresql.insert(_RESULTS).values(values).inline()  # nobody waits for its number just now
-    used = func.greatest(_RESULTS.c.used_day, postgres.excluded.used_day)
-    return postgres.on_conflict_do_update(index_elements=["digest"], set_={"used_day": used})
+def _keep(kind: str) -> Executable:
+    """Return the statement that keeps a result, or says that it is used today; it returns the number."""
+    later = "max" if kind == "sqlite" else "greatest"
+    return text(
+        "INSERT INTO results (digest, data, used_day)"
+        f" VALUES (:digest, :data, {later}((SELECT coalesce(max(used_day), 0) FROM results), :today))"
+        f" ON CONFLICT (digest) DO UPDATE SET used_day = {later}(results.used_day, excluded.used_day)"
+        " RETURNING number"
+    )
 
 
-_KEEP = {kind: _keep(kind) for kind in ("sqlite", "postgresql")}
+_KEEP = Prepared(_keep, ("digest", "data", "today"))
 
 
 def number(driver: DriverConnection, texts: Mapping[str, str], now_ns: int) -> dict[str, int]:
@@ -65,14 +59,12 @@ def number(driver: DriverConnection, texts: Mapping[str, str], now_ns: int) -> d
         for digest, found, used_day, newest in look.fetchall():
             if used_day >= max(today, newest):
                 numbers[digest.hex()] = found
-        if missing := [digest for digest in some if digest not in numbers]:
-            driver.connection.execute(
-                _KEEP[driver.kind],
-                [{"of_digest": digest, "text": texts[digest], "today": today} for digest in missing],
-            )
-            look = driver.select_in(_FIND, [*map(bytes.fromhex, missing)])
-            for digest, found, _, _ in look.fetchall():
-                numbers[digest.hex()] = found
+        missing = [digest for digest in some if digest not in numbers]
+        kept = [
+            _KEEP.later(driver, (bytes.fromhex(digest), schema.packed(texts[digest]), today))
+            for digest in missing
+        ]
+        numbers.update((digest, found()) for digest, found in zip(missing, kept, strict=True))
     return numbers
 
 

@@ -62,6 +62,11 @@ class _Hex(TypeDecorator[str]):
         return None if value is None else value.hex()
 
 
+def packed(value: str) -> bytes:
+    """Return a text as a column keeps it that compresses where it lies."""
+    return zlib.compress(value.encode())
+
+
 class _Packed(TypeDecorator[str]):
     """A text that is compressed where it lies."""
 
@@ -69,7 +74,7 @@ class _Packed(TypeDecorator[str]):
     cache_ok = True
 
     def process_bind_param(self, value: str | None, dialect: Any) -> bytes | None:
-        return None if value is None else zlib.compress(value.encode())
+        return None if value is None else packed(value)
 
     def process_result_value(self, value: bytes | None, dialect: Any) -> str | None:
         return None if value is None else zlib.decompress(value).decode()
