@@ -75,6 +75,9 @@ class Section:
         """Return a complaint about `key`."""
         return ConfigError(self._file, self._values.get(key, self._tree).line, self._name(key), message)
 
+    def explain(self, **keys: str) -> None:
+        """Say what keys are for, in seconds, bytes or whatever they are; editors show it (yaml_schema.py)."""
+
     def expect(self, keys: Iterable[str]) -> None:
         """Note that these are keys, before any is read: none is then taken for another's misspelling."""
         self._asked.update(keys)

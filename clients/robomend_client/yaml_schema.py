@@ -40,11 +40,15 @@ class AskedSection(Section):
         super().__init__(tree, "schema", place)
         self.schema = schema
         self._has_all = has_all
+        self._explained: dict[str, str] = {}
         schema.setdefault("type", ["object", "null"])
         schema.setdefault("properties", {})
 
     def __contains__(self, key: str) -> bool:
         return self._has_all or super().__contains__(key)
+
+    def explain(self, **keys: str) -> None:
+        self._explained |= keys
 
     def text(self, key: str, default: str | None = None) -> str:
         self._note(key, _with_default(TEXT, default))
@@ -112,14 +116,16 @@ class AskedSection(Section):
             return schema
         properties = self.schema["properties"]
         known = properties.get(key)
+        said = {"description": self._explained[key]} if key in self._explained else {}
         if known is None:
-            properties[key] = dict(schema)
+            properties[key] = {**said, **schema}
             return properties[key]  # type: ignore[no-any-return]  # what was put there
         kinds = known.get("anyOf", [known])
         for kind in kinds:
-            if kind == schema or ("properties" in kind and "properties" in schema):
+            if kind in (schema, {**said, **schema}) or ("properties" in kind and "properties" in schema):
                 return kind  # type: ignore[no-any-return]  # as above
-        properties[key] = {"anyOf": [*kinds, dict(schema)]}
+        known.pop("description", None)
+        properties[key] = {**said, "anyOf": [*kinds, dict(schema)]}
         return properties[key]["anyOf"][-1]  # type: ignore[no-any-return]  # as above
 
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import jsonschema_rs
 import pytest
+import yaml
 from click.testing import CliRunner
 from jsonschema_rs import Draft202012Validator
 from tests.blocks import BLOCKS, ROOT, Block
@@ -17,10 +19,11 @@ from tests.model import test_component_yaml
 
 from robomend.cli.commands import cli
 from robomend.cli.robot_file import read_robot
-from robomend.cli.schema import FILES, schema_line, schema_name, schema_of, schema_text
+from robomend.cli.schema import FILES, schema_line, schema_name, schema_of, schema_text, shown
 from robomend.errors import InputError
 from robomend.model import component_yaml
 from robomend.model.json_schema import component_schema
+from robomend_client.observers.schema import kind_schema
 
 EXAMPLES = ROOT / "examples"
 VALIDATORS = {file: Draft202012Validator(schema_of(file)) for file in FILES}
@@ -213,6 +216,55 @@ def test_the_schema_of_a_model_has_the_readers_keys_no_more_and_no_fewer() -> No
         "values": component_yaml.VALUE_KEYS,
     }.items():
         assert tuple(sections[section]["additionalProperties"]["properties"]) == known
+
+
+def keys_of(schema: dict[str, Any], place: str) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield each key that a file may have, by its place, with its schema."""
+    for keyword, value in schema.items():
+        if keyword in ("properties", "$defs"):
+            for name, one in value.items():
+                if keyword == "properties":
+                    yield f"{place}.{name}", one
+                yield from keys_of(one, f"{place}.{name}")
+        elif keyword != "if":  # it only asks which kind an entry is of
+            for one in value if isinstance(value, list) else [value]:
+                if isinstance(one, dict):
+                    yield from keys_of(one, place)
+
+
+KEYS = {file: list(keys_of(json.loads(schema_text(file)), file)) for file in FILES}
+UNITS = {"_s": "second", "_hz": "per second", "_a": "amperes", "mb": "megabytes", "_per_hour": "in an hour"}
+"""By how a key ends, how its unit is called."""
+
+
+@pytest.mark.parametrize("file", FILES)
+def test_of_every_key_an_editor_shows_what_it_is_with_unit_and_default(file: str) -> None:
+    assert len(KEYS[file]) > 25
+    for place, schema in KEYS[file]:
+        description = schema.get("description", "")
+        assert description, place
+        for end, unit in UNITS.items():
+            assert not place.endswith(end) or unit in description, place
+        if (default := schema.get("default")) not in (None, [], {}):
+            told = description.rpartition("; default: ")[2]
+            assert yaml.safe_load(told) == default, place
+
+
+def test_what_an_observer_of_others_says_of_its_keys_is_shown_and_one_that_says_nothing_is_too() -> None:
+    class Told:
+        """Watches."""
+
+        def __init__(self, source: str, limit: float = 3.5, quiet: bool = False) -> None:
+            """
+            Args:
+                source: where its readings come from.
+                limit: above it is too hot, in °C;
+                    below it is not.
+            """
+
+    keys = shown(kind_schema(Told))["properties"]
+    assert keys["limit"]["description"] == "above it is too hot, in °C; below it is not; default: 3.5"
+    assert keys["quiet"]["description"] == "default: false"
 
 
 @pytest.mark.parametrize("file", FILES)

@@ -270,11 +270,22 @@ def test_ctrl_c_while_repairs_act_leaves_no_program_board_or_file(tmp_path: Path
         begun.ends_by_ctrl_c()
 
 
-def acts(begun: Terminal) -> bool:
-    """Return whether a program that starts a node, and takes its time, runs in a terminal."""
+def test_ctrl_c_breaks_off_a_part_that_blocks(tmp_path: Path) -> None:
+    where = {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
+    line = "robomend-bench service --only stop-under-attack --seconds 300 --attackers 3"
+    with Terminal(line, tmp_path, where) as begun:
+        attackers = b"robomend_bench.service.attackers"
+        until(lambda: any(attackers in command for command in commands_of(begun)), "it is attacked", 120)
+        begun.ends_by_ctrl_c()
+
+
+def commands_of(begun: Terminal) -> Iterator[bytes]:
+    """Yield the command lines of what runs in a terminal."""
     for process in begun.processes():
         with suppress(OSError):
-            command = Path(f"/proc/{process}/cmdline").read_bytes()
-            if b"/start\0" in command and b"stubborn" in command:
-                return True
-    return False
+            yield Path(f"/proc/{process}/cmdline").read_bytes()
+
+
+def acts(begun: Terminal) -> bool:
+    """Return whether a program that starts a node, and takes its time, runs in a terminal."""
+    return any(b"/start\0" in command and b"stubborn" in command for command in commands_of(begun))

@@ -195,6 +195,8 @@ def attacking(url: str, keys: dict[str, str], clients: int, seed: int) -> Iterat
         found: dict[str, Any] = {}
         try:
             yield found
-        finally:
             said, _ = attackers.communicate()
-            found.update(json.loads(said))
+        except BaseException:  # Ctrl-C: what is under way may take minutes
+            attackers.kill()
+            raise
+        found.update(json.loads(said))

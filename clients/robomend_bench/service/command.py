@@ -126,7 +126,9 @@ def run_parts(
     return results, rows
 
 
-def _run(work: Coroutine[Any, Any, Measured]) -> Measured:
+def _run(work: Coroutine[Any, Any, Measured] | Measured) -> Measured:
+    if isinstance(work, tuple):  # it is done
+        return work
     try:
         import uvloop
     except ImportError:

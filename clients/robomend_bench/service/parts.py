@@ -7,7 +7,6 @@ import statistics
 import tempfile
 from collections.abc import Callable, Coroutine
 from dataclasses import asdict
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -173,12 +172,11 @@ async def _pages(url: str, process: Served | None, wish: dict[str, Any]) -> Meas
     ]
 
 
-async def _attack(url: str, process: Served | None, wish: dict[str, Any]) -> Measured:
+def _attack(url: str, process: Served | None, wish: dict[str, Any]) -> Measured:
     if process is None:
         raise click.UsageError("part stop-under-attack needs a service of its own; leave out --url")
     seconds = min(wish["seconds"], 300.0)
-    work = partial(run_attack, process, clients=wish["attackers"], seconds=seconds, seed=wish["seed"])
-    result = await asyncio.to_thread(work)
+    result = run_attack(process, clients=wish["attackers"], seconds=seconds, seed=wish["seed"])
     rows = [
         (f"{name}: alone → beside {result.clients} attackers", f"{result.alone[name]} → {found}", "< 100 ms")
         for name, found in result.attacked.items()
@@ -196,11 +194,11 @@ async def _attack(url: str, process: Served | None, wish: dict[str, Any]) -> Mea
     return asdict(result) | {"worst_ms": result.worst_ms}, rows
 
 
-async def _strangers(url: str, process: Served | None, wish: dict[str, Any]) -> Measured:
+def _strangers(url: str, process: Served | None, wish: dict[str, Any]) -> Measured:
     if process is None:
         raise click.UsageError("part strangers needs a service of its own; leave out --url")
-    await asyncio.to_thread(make_keys, process)
-    found = await asyncio.to_thread(run_floods, process, min(wish["seconds"], 6.0))
+    make_keys(process)
+    found = run_floods(process, min(wish["seconds"], 6.0))
     rows = [
         (
             f"one connection without a key: {name}",
@@ -209,7 +207,7 @@ async def _strangers(url: str, process: Served | None, wish: dict[str, Any]) -> 
         )
         for name, flood in found.items()
     ]
-    lived_s = await asyncio.to_thread(drip, url, 1.0, 60.0)
+    lived_s = drip(url, 1.0, 60.0)
     rows.append(("one connection without a key: a byte a second of a body", f"it lived {lived_s:.0f} s", ""))
     return {name: asdict(flood) for name, flood in found.items()} | {"drip_s": lived_s}, rows
 
@@ -314,7 +312,10 @@ async def measure_stop(arguments: list[str], wish: dict[str, Any]) -> Measured:
     return found, rows
 
 
-MEASURES: dict[str, Callable[[str, Served | None, dict[str, Any]], Coroutine[Any, Any, Measured]]] = {
+Measure = Callable[[str, Served | None, dict[str, Any]], "Coroutine[Any, Any, Measured] | Measured"]
+"""One that is no coroutine blocks, and not in a thread of its own: Ctrl-C breaks off the main thread only."""
+
+MEASURES: dict[str, Measure] = {
     "single": _single,
     "fleet": _fleet,
     "memory": _memory,

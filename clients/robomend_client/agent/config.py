@@ -44,6 +44,7 @@ from robomend_client.agent.executors.kinds import ActionSpec, read_actions
 from robomend_client.agent.feeds import BUS, SECTIONS, BrokenFeed, Feed, UnknownFeed, is_own, load_feed
 from robomend_client.agent.usage import Usage
 from robomend_client.bus import parse_address
+from robomend_client.docstrings import documented
 from robomend_client.literals import Atom
 from robomend_client.observers import PROCESSES, NodeObserver, Rate
 from robomend_client.observers.kinds import (
@@ -55,10 +56,42 @@ from robomend_client.observers.kinds import (
 )
 from robomend_client.yaml_reader import Section, read
 
+TOP = {
+    "robot": "the robot's id at the service",
+    "agent": "this agent's name, by default the host's; several agents of a robot have different ones",
+    "host": "which of the model's hosts this is; a robot's only agent leaves it out",
+    "service": "where the service is, and the key",
+    "state_dir": "folder of the buffer, first results and the table of processes, relative to this file",
+    "bus": "where nodes hand their messages in: listen, or join another agent's",
+    "report": "how often the agent reports, and how long that counts",
+    "when_agent_ends": "whether the processes are stopped then, or kept for the next agent to adopt",
+    "processes": "the only ones that may be started and stopped, by the model's names of the nodes",
+    "actions": "what else the agent can do, by the plan's names",
+    "recording": "what the observers are fed with is kept as lines of JSON, to be replayed",
+    "board": "the power board, as the service measures it",
+    "ros1": "a robot with ROS 1",
+    "ros2": "a robot with ROS 2",
+    "zenoh": "a robot with ROS 2 over zenoh",
+    "medkit": "a gateway of ros2_medkit",
+}
+"""What the keys of the file are for."""
+
 
 @dataclass(frozen=True, slots=True)
 class ProcessSpec:
-    """A process that the agent may start and stop."""
+    """A process that the agent may start and stop.
+
+    Attributes:
+        command: the program and its arguments, a list that no shell reads.
+        directory: working directory, relative to this file; by default the agent's.
+        environment: variables beside the agent's own.
+        ready: the evidence that it runs: `exec`, it could be executed; `notify`, systemd's READY=1; or a line
+            of its output.
+        start_timeout_s: a start without that evidence has failed after so many seconds, and is ended.
+        stop_grace_s: from SIGTERM to SIGKILL, in seconds.
+        start: whether it is started with the agent.
+        log_mb: its newest output is kept in files, together of so many megabytes at most; 0: not at all.
+    """
 
     name: str
     command: tuple[str, ...]
@@ -69,12 +102,18 @@ class ProcessSpec:
     start_timeout_s: float = 10.0
     stop_grace_s: float = 2.0
     start: bool = False
-    log_mb: float = 1.0  # its output is kept in files of at most this size; 0: not at all
+    log_mb: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class Service:
-    """Where the service is; the key stays out of every representation."""
+    """Where the service is; the key stays out of every representation.
+
+    Attributes:
+        url: the service's, e.g. http://robomend.local:8600.
+        key_file: a file whose only line is the bearer key, relative to this file.
+        key_env: the environment variable that has the bearer key.
+    """
 
     url: str
     key_file: Path | None = None
@@ -140,6 +179,7 @@ def read_config(top: Section, base: Path) -> AgentConfig:
     Raises:
         ConfigError: it names what is wrong and where.
     """
+    top.explain(**TOP)
     robot = top.text("robot")
     agent = top.text("agent", socket.gethostname())
     host = top.optional("host")
@@ -148,6 +188,11 @@ def read_config(top: Section, base: Path) -> AgentConfig:
     bus, joins = _bus(top.section("bus"), state_dir)
 
     report = top.section("report")
+    report.explain(
+        heartbeat_s="how often the agent says that it is there, and what it observes, in seconds",
+        lifetime_s="what was reported holds for so many seconds at the service; by default 5 heartbeats",
+        buffer_mb="reports wait in a file of so many megabytes at most while the service is out of reach",
+    )
     heartbeat_s = report.number("heartbeat_s", 1.0, least=0.05, most=3600)
     lifetime_s = report.number("lifetime_s", 5 * heartbeat_s, least=0.1, most=86400)
     if lifetime_s < 2 * heartbeat_s:
@@ -196,6 +241,7 @@ def read_config(top: Section, base: Path) -> AgentConfig:
 
 
 def _service(section: Section, base: Path) -> Service:
+    section.explain(**documented(Service))
     url = section.text("url")
     if not url.startswith(("http://", "https://")):
         raise section.error("url", f"must start with http:// or https://, not {url!r}")
@@ -222,6 +268,10 @@ def _names_a_host(url: str) -> bool:
 
 
 def _bus(section: Section, state_dir: Path) -> tuple[str, bool]:
+    section.explain(
+        listen="where nodes hand messages in, unix:PATH or tcp:HOST:PORT; by default unix:STATE_DIR/bus",
+        join="the address of another agent's bus, where this one gets its messages",
+    )
     joins = "join" in section
     key = "join" if joins else "listen"
     address = section.text(key, f"unix:{state_dir}/bus")
@@ -291,6 +341,9 @@ def _check_own(top: Section, observers: Iterable[ObserverSpec], processes: Itera
 
 
 def _recording(section: Section, base: Path) -> tuple[Path, int] | None:
+    section.explain(
+        file="where it is written, relative to this file", mb="the file's size, at most, in megabytes"
+    )
     file = section.optional("file")
     most_bytes = int(section.number("mb", 64, least=0.001, most=100_000) * 1024 * 1024)
     section.finish()
@@ -298,6 +351,7 @@ def _recording(section: Section, base: Path) -> tuple[Path, int] | None:
 
 
 def _process(name: str, section: Section, base: Path, keep: bool) -> ProcessSpec:
+    section.explain(**documented(ProcessSpec))
     command = section.texts(
         "command", "must be a list of the program and its arguments, e.g. [roslaunch, a.launch]"
     )
@@ -305,6 +359,7 @@ def _process(name: str, section: Section, base: Path, keep: bool) -> ProcessSpec
     pattern = None
     if section.is_section("ready"):
         output = section.section("ready")
+        output.explain(output="a regular expression; what runs has printed a line in which it is found")
         ready = "output"
         try:
             pattern = re.compile(output.text("output").encode())

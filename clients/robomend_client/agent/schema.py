@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import inspect
-from importlib.util import find_spec
 from pathlib import Path
 
-from robomend_client.agent.config import read_config
+from robomend_client.agent.config import TOP, read_config
 from robomend_client.agent.executors.kinds import KINDS
-from robomend_client.agent.feeds import EXTRAS, FEEDS, NEEDS
+from robomend_client.agent.feeds import FEEDS, BrokenFeed, MissingExtra, load_feed
 from robomend_client.observers.schema import IN_A_FILE, by_kind, observer_schema, observing_sections
-from robomend_client.yaml_schema import DRAFT, TEXT, Schema, asked
+from robomend_client.yaml_reader import ConfigError
+from robomend_client.yaml_schema import DRAFT, Schema, asked
 
 TEXTS = (
     """\
@@ -29,22 +29,16 @@ bus: {join: "tcp:127.0.0.1:1"}
 )
 """Together they go every way that the reader can go."""
 
-SAID: dict[str, str] = {
-    "robot": "the robot's id at the service",
-    "agent": "this agent's name; several agents of a robot have different ones",
-    "host": "which of the model's hosts this is; a robot's only agent leaves it out",
-    "service": "where the service is, and the key",
-    "state_dir": "buffer, first results, table of processes; relative to this file",
-    "bus": "where nodes hand their messages in: listen, or join another agent's",
-    "report": "heartbeat_s, lifetime_s, buffer_mb",
-    "when_agent_ends": "stop the processes, or keep them for the next agent",
-    "processes": "the only ones that may be started and stopped, by the model's names of the nodes",
-    "actions": "what else the agent can do, by the plan's names",
-    "recording": "what the observers are fed with, as lines of JSON",
-    "board": "the power board, as the service measures it",
-    "ros1": "a robot with ROS 1",
-    "ros2": "a robot with ROS 2",
+HERE = {
+    "bus": ("listen", "join"),
+    "report": ("lifetime_s",),
+    "ros1": ("master",),
+    "ros2": ("domain", "discovery"),
+    "zenoh": ("domain",),
 }
+"""Keys whose defaults come from where the schema is made, or from another key."""
+
+KIND = "the kind of action, or FILE.py:NAME, a class of a file beside this one"
 
 
 def agent_schema() -> Schema:
@@ -53,44 +47,56 @@ def agent_schema() -> Schema:
         "$schema": DRAFT,
         "title": "robomend: an agent's file",
     }
-    extras = "".join(f"{name}: {{}}\n" for name in ("ros1", "ros2") if _installed(name))
     for text in TEXTS:
-        read_config(asked(text + extras, schema), Path())
+        read_config(asked(text, schema), Path())
     schema["type"] = "object"
     properties = schema["properties"]
     properties |= observing_sections()
-    for name in FEEDS.names():
-        if name not in properties:
-            properties[name] = {"type": ["object", "null"]}
+    properties |= {name: _feed_schema(name) for name in FEEDS.names()}
     properties["actions"] = {
+        "description": TOP["actions"],
         "type": ["object", "null"],
         "additionalProperties": {"$ref": "#/$defs/action"},
     }
     service, bus = properties["service"]["properties"], properties["bus"]["properties"]
-    service["url"] = {"type": "string", "pattern": r"^https?://[^\s?#]+$"}
+    service["url"] |= {"type": "string", "pattern": r"^https?://[^\s?#]+$"}
     for way in bus.values():
         way["pattern"] = "^(unix|tcp):"
     _forget_this_computer(properties)
-    for name, said in SAID.items():
-        properties[name] = {"description": said, **properties[name]}
     schema["$defs"] = {
         "observer": observer_schema(),
-        "action": by_kind(KINDS, {"kind": TEXT}, IN_A_FILE, _given),
+        "action": by_kind(KINDS, KIND, {}, IN_A_FILE, _given),
     }
     return schema
 
 
 def _forget_this_computer(properties: Schema) -> None:
-    """Drop the defaults that come from where the schema is made: its name, its folders, its environment."""
+    """Drop the defaults that are none elsewhere: this computer's name, its folders, its environment."""
     properties["agent"].pop("default")
-    places = {"bus": ("listen", "join"), "ros1": ("master",), "ros2": ("domain", "discovery")}
-    for section, keys in places.items():
+    for section, keys in HERE.items():
         for key in keys:
             properties[section].get("properties", {}).get(key, {}).pop("default", None)
 
 
-def _installed(name: str) -> bool:
-    return name not in EXTRAS or all(find_spec(module) is not None for module in NEEDS.get(name, ()))
+def _feed_schema(name: str) -> Schema:
+    """Return the section of a feed; any keys will do of one that is not installed here."""
+    said = {"description": TOP[name]} if name in TOP else {}
+    schema: Schema = {}
+    try:
+        feed = load_feed(name)
+        said = said or {"description": _first_line(feed)}
+        section = asked("{}", schema)
+        feed(section, Path(), frozenset())
+        section.finish()
+    except (MissingExtra, BrokenFeed):
+        return {**said, "type": ["object", "null"]}
+    except ConfigError:  # it wants a key: others than it asked for before are let through
+        return {**said, **schema}
+    return {**said, **schema}
+
+
+def _first_line(feed: object) -> str:
+    return (inspect.getdoc(feed) or "").partition("\n")[0]
 
 
 def _given(make: object) -> frozenset[str]:

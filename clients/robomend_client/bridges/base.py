@@ -34,6 +34,15 @@ class RosBridge(ABC):
 
     def __init__(self, section: Section, where: str, tells: Collection[str]) -> None:
         """`where` is what the bridge leads to, for the log; `tells` is all that it can tell the robot."""
+        section.explain(
+            name="this node's name on the robot; by default robomend_AGENT",
+            namespace="where the model's names are: `scan` is `/robot1/scan` in `/robot1`",
+            names="names of the model that ROS calls something else: {hokuyo_node: /sensors/laser}",
+            publish=f"what the robot is told: a list of {', '.join(tells)}; by default all, [] for nothing",
+            hear_observations="whether what other nodes say on /observations goes to the service",
+            observations_s="how long such a sentence holds that nobody repeats, in seconds",
+            ignore="nodes whose sentences are not heard, names or patterns; agents of robomend never are",
+        )
         self.name = section.optional("name")
         if self.name is not None and not NAME.match(self.name):
             raise section.error("name", f"must be of letters, digits, _ and /, not {self.name!r}")

@@ -20,6 +20,7 @@ class ServiceBoard:
     """The feed. A measurement is delivered once; of a silent board hardware observers are told."""
 
     def __init__(self, section: Section, base: Path, sources: frozenset[str]) -> None:
+        section.explain(rate_hz="how often the service is asked for what the board measures, per second")
         self.rate_hz = section.number("rate_hz", 2.0, least=0.1, most=20)
         for source in sorted(sources):
             if not is_board(source):

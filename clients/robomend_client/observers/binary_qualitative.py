@@ -32,15 +32,26 @@ COMPARED = ("trend-trend", "trend-sign", "sign-trend", "sign-sign")
 class Match:
     """When two values count as alike. The second value's parameters are the first one's, unless they are
     given.
+
+    Attributes:
+        window_s: a trend is fitted over so many seconds.
+        slope: b, in units of the first value per second; of a sign, in its units.
+        second_window_s: the window of the second value, in seconds; by default window_s.
+        second_slope: b of the second value, in its units per second; by default slope.
+        compare: by what the first and the second value count: `trend-trend`, `trend-sign`, `sign-trend` or
+            `sign-sign`.
+        derive: `first`: finite differences of the first value count, in place of the value.
+        threshold: ticks of mismatch that are still a match.
+        tick_s: the means of so many seconds are compared.
     """
 
-    window_s: float = 1.0  # seconds that a trend is fitted over
-    slope: float = 0.05  # b, in units of the first value per second; of a sign, in its units
+    window_s: float = 1.0
+    slope: float = 0.05
     second_window_s: float | None = None
     second_slope: float | None = None
     compare: str = "trend-trend"
-    derive: str = "none"  # or first
-    threshold: int = 20  # ticks of mismatch that are still a match
+    derive: str = "none"
+    threshold: int = 20
     tick_s: float = 0.2
 
     PRESETS: ClassVar[Mapping[str, Mapping[str, Any]]] = {
@@ -72,9 +83,10 @@ class BinaryQualitativeObserver:
     def __init__(self, atom: str, first: str, second: str, expected: Match | None = None) -> None:
         """
         Args:
-            atom: what it speaks of, e.g. `matched(odom_yaw,imu_yaw)`.
-            first: topic and field of the first value.
-            second: and of the second.
+            atom: what it speaks of, e.g. `matched(odom_yaw,imu_yaw)`; by default the entry's name.
+            first: topic and field of the first value, e.g. `odom:twist.twist.angular.z`.
+            second: topic and field of the second value.
+            expected: when they are alike.
         """
         if first == second:
             raise ValueError(f"second must be another value than first, {first}")

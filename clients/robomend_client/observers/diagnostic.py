@@ -47,11 +47,17 @@ LEADING_NUMBER = re.compile(r"\s*[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 
 @dataclass(frozen=True)
 class Levels:
-    """Which levels are bad."""
+    """Which levels are bad.
 
-    bad_from: str = "warn"  # or error: a warning is still ok
-    stale: str = "unknown"  # or bad
-    missing: str = "unknown"  # or bad: what it means that no status comes
+    Attributes:
+        bad_from: the least level that is bad: `warn`, or `error`, where a warning is still ok.
+        stale: what the level STALE means: `unknown` or `bad`.
+        missing: what it means that no status comes for lifetime_s: `unknown` or `bad`.
+    """
+
+    bad_from: str = "warn"
+    stale: str = "unknown"
+    missing: str = "unknown"
 
     PRESETS: ClassVar[Mapping[str, Mapping[str, Any]]] = {
         "published": {"bad_from": "warn", "stale": "bad", "missing": "bad", "lifetime_s": 2.0}
@@ -108,9 +114,14 @@ class DiagnosticObserver:
     ) -> None:
         """
         Args:
-            atom: what the levels say, e.g. `ok(hokuyo)`; `hokuyo` is short for it.
-            status: names or patterns of the statuses that speak of it.
-            rules: on their values.
+            atom: what the levels say, e.g. `ok(hokuyo)`; `hokuyo` is short for it; by default the entry's
+                name.
+            status: names or patterns, whole, of the statuses that speak of it, e.g. `hokuyo: *`.
+            rules: on their values: `temperature < 40` says ok(temperature), `motor: CPU 1 temp <= 60` says
+                ok(motor).
+            levels: which are bad.
+            readings: how many make a verdict.
+            source: where the statuses come from.
         """
         if not status:
             raise ValueError("status must name at least one status, e.g. 'hokuyo: *'")

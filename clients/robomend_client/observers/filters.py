@@ -25,11 +25,17 @@ REBUILD = 4096
 
 @dataclass(frozen=True)
 class Filter:
-    """Which filter; the defaults leave samples as they are."""
+    """Which filter; the defaults leave samples as they are.
+
+    Attributes:
+        filter: what smooths the readings: `none`, `mean`, `median` or `ewma`.
+        filter_window: of so many samples a mean or a median is taken.
+        filter_decay: of ewma, the weight of the newest sample, above 0 and at most 1.
+    """
 
     filter: str = "none"
-    filter_window: int = 5  # samples; for mean and median
-    filter_decay: float = 0.3  # weight of the newest sample, above 0 and at most 1; for ewma
+    filter_window: int = 5
+    filter_decay: float = 0.3
 
     def __post_init__(self) -> None:
         if self.filter not in FILTERS:

@@ -54,19 +54,35 @@ TESTS = ("tolerance", "student_t")
 
 @dataclass(frozen=True)
 class Rate:
-    """What is expected of a topic. A parameter that is None follows from the others."""
+    """What is expected of a topic. A parameter that is None follows from the others.
+
+    Attributes:
+        rate_hz: the rate that is expected, in messages per second.
+        tolerance_hz: ok while the rate of the window differs by less, in messages per second.
+        window: the rate is that of so many messages; by default so many, 10 at least, that three lost ones
+            stay within the tolerance.
+        silence_s: so many seconds without a message are not ok; by default 3.5 intervals, 0.35 s at least.
+        first_s: until its very first message, silence counts after so many seconds; by default silence_s, and
+            under `topics:` 2.
+        check_s: how often a verdict on the rate is given, in seconds.
+        settle: intervals between messages that a verdict needs.
+        test: `tolerance`, or `student_t`: a wrong rate must be significant as well.
+        significance: the level of the t test, two-sided: a probability.
+        tolerance_above_hz: how much faster it may be, in messages per second; by default tolerance_hz.
+        pause_s: an interval counts in the rate as so many seconds at most; by default as it is.
+    """
 
     rate_hz: float = 10.0
     tolerance_hz: float = 1.0
-    window: int | None = None  # messages; None: three lost ones stay within the tolerance, 10 at least
-    silence_s: float | None = None  # None: 3.5 intervals, LEAST_SILENCE_S at least
-    first_s: float | None = None  # until its very first message, silence counts after this; None: silence_s
-    check_s: float = 0.05  # how often a verdict on the rate is given
-    settle: int | None = 5  # intervals that a verdict needs; None: a full window
-    test: str = "tolerance"  # or student_t
-    significance: float = 0.05  # level of the t test
-    tolerance_above_hz: float | None = None  # how much faster it may be; None: tolerance_hz
-    pause_s: float | None = None  # an interval counts in the rate as so long at most; None: as it is
+    window: int | None = None
+    silence_s: float | None = None
+    first_s: float | None = None
+    check_s: float = 0.05
+    settle: int | None = 5  # None: a full window
+    test: str = "tolerance"
+    significance: float = 0.05
+    tolerance_above_hz: float | None = None
+    pause_s: float | None = None
 
     PRESETS: ClassVar[Mapping[str, Mapping[str, Any]]] = {
         "published": {"window": 10, "silence_s": 2.0, "check_s": 0.5, "settle": None}
@@ -143,6 +159,11 @@ class GeneralObserver:
     """Watches the rate of one topic."""
 
     def __init__(self, topic: str, expected: Rate | None = None) -> None:
+        """
+        Args:
+            topic: the topic, as the model has it; by default the entry's name.
+            expected: of its rate.
+        """
         self.topic = topic
         self.expected = expected = expected or Rate()
         self.sources = frozenset((topic,))

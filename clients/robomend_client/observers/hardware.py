@@ -33,11 +33,17 @@ LEAST_TOLERANCE_A = 0.05  # below this the board's sensors say nothing
 
 @dataclass(frozen=True, slots=True)
 class Wiring:
-    """Where a device hangs on the board, and what it draws when it works."""
+    """Where a device hangs on the board, and what it draws when it works.
+
+    Attributes:
+        channel: the device's channel of the power board.
+        expected_current_a: what it draws when it works, in amperes; without it no current is judged.
+        tolerance_a: how far its current may be from that, in amperes; by default a quarter, 0.05 at least.
+    """
 
     channel: int
     expected_current_a: float | None = None
-    tolerance_a: float | None = None  # by default TOLERANCE of the expected current
+    tolerance_a: float | None = None
 
     @property
     def band_a(self) -> float:
@@ -49,12 +55,19 @@ class Wiring:
 
 @dataclass(frozen=True)
 class BoardReadings:
-    """How measurements are judged."""
+    """How measurements are judged.
 
-    settle_s: float = 0.5  # after a channel came on, its current is not judged
-    agreeing: int = 3  # readings in a row, for a verdict on a current
-    lifetime_s: float = 3.0  # older measurements say nothing
-    rate_hz: float = 5.0  # how often the board speaks; only for the delays that are declared
+    Attributes:
+        settle_s: for so many seconds after its channel came on, a device's current is not judged.
+        agreeing: measurements in a row that say the same, for a verdict on a current.
+        lifetime_s: measurements that are older than so many seconds say nothing.
+        rate_hz: how often the board speaks, in readings per second; only for the delays that are declared.
+    """
+
+    settle_s: float = 0.5
+    agreeing: int = 3
+    lifetime_s: float = 3.0
+    rate_hz: float = 5.0
 
     def __post_init__(self) -> None:
         positive(lifetime_s=self.lifetime_s, rate_hz=self.rate_hz)
@@ -70,6 +83,12 @@ class HardwareObserver:
     def __init__(
         self, wiring: Mapping[str, Wiring], expected: BoardReadings | None = None, source: str = BOARD
     ) -> None:
+        """
+        Args:
+            wiring: device → its channel, and what it draws.
+            expected: of the measurements.
+            source: where the measurements come from.
+        """
         expected = expected or BoardReadings()
         self.sources = frozenset((source,))
         self.period_ns = 0

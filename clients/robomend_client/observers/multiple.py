@@ -25,12 +25,19 @@ from robomend_client.observers.base import NOTHING, Evidence, ns, positive
 
 @dataclass(frozen=True)
 class Answers:
-    """What is expected."""
+    """What is expected.
 
-    within_s: float = 0.5  # from a message to its answer
-    unasked: str = "ignored"  # or bad: what an answer means that nothing was asked for
-    interval_s: float = 1.0  # how often something is asked; only for the delays that are declared
-    lifetime_s: float = 10.0  # a verdict that is older says nothing
+    Attributes:
+        within_s: from a message to its answer, at most, in seconds.
+        unasked: what an answer means that nothing was asked for: `ignored` or `bad`.
+        interval_s: how often something is asked, in seconds; only for the delays that are declared.
+        lifetime_s: when nothing was asked for so many seconds, the verdict is unknown.
+    """
+
+    within_s: float = 0.5
+    unasked: str = "ignored"
+    interval_s: float = 1.0
+    lifetime_s: float = 10.0
 
     PRESETS: ClassVar[Mapping[str, Mapping[str, Any]]] = {"published": {"within_s": 0.5, "unasked": "bad"}}
 
@@ -46,9 +53,10 @@ class MultipleObserver:
     def __init__(self, atom: str, in_topic: str, out_topic: str, expected: Answers | None = None) -> None:
         """
         Args:
-            atom: what it speaks of, e.g. `ok(map_triggered)`.
-            in_topic: what asks.
-            out_topic: what answers.
+            atom: what it speaks of, e.g. `ok(map_triggered)`; by default the entry's name.
+            in_topic: the topic that asks.
+            out_topic: the topic that answers.
+            expected: of the answers.
         """
         if in_topic == out_topic:
             raise ValueError(f"out_topic must be another topic than in_topic, {in_topic}")

@@ -25,11 +25,18 @@ PROCESSES = "processes"
 
 @dataclass(frozen=True)
 class Table:
-    """How a table of running nodes is read."""
+    """How a table of running nodes is read.
 
-    rate_hz: float = 10.0  # how often the table comes, at least
-    lifetime_s: float = 3.0  # an older table says nothing
-    table: str = PROCESSES  # the source
+    Attributes:
+        rate_hz: how often the table comes at least, in tables per second.
+        lifetime_s: a table that is older than so many seconds says nothing.
+        table: the source of the names of the nodes that run: `processes` are the agent's own, `nodes` those
+            that a bridge to ROS sees.
+    """
+
+    rate_hz: float = 10.0
+    lifetime_s: float = 3.0
+    table: str = PROCESSES
 
     PRESETS: ClassVar[Mapping[str, Mapping[str, Any]]] = {
         "published": {"rate_hz": 10.0},
@@ -47,6 +54,11 @@ class NodeObserver:
     """Watches whether nodes run."""
 
     def __init__(self, nodes: Iterable[str], expected: Table | None = None) -> None:
+        """
+        Args:
+            nodes: the nodes that are watched, as the model has them; by default the entry's name.
+            expected: of the table.
+        """
         expected = expected or Table()
         self.nodes = tuple(sorted(set(nodes)))
         self.sources = frozenset((expected.table,))

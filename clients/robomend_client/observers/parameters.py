@@ -6,6 +6,8 @@
 dataclass is spread. `**rest` stands for the parameters of the base class. Types that can be written are
 numbers, texts, flags, lists of texts, mappings from text to text, and mappings from text to a dataclass.
 
+What the docstrings of both say under `Args:` and `Attributes:`, editors show at the keys (docstrings.py).
+
 A dataclass refuses what is impossible with a ValueError that begins with the name of the field, so that the
 complaint has the line of the key. Its PRESETS are defaults by the name of a preset.
 """

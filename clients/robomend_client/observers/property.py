@@ -27,11 +27,17 @@ from robomend_client.observers.reading import JudgedReadings, Readings
 
 @dataclass(frozen=True)
 class Band:
-    """Where the number should be; one of the limits may be absent."""
+    """Where the number should be; one of the limits may be absent.
+
+    Attributes:
+        low: below it the number is bad, in the units of the source.
+        high: above it the number is bad, in the units of the source.
+        hysteresis: how far inside the limits it must be to be good again, in the units of the source.
+    """
 
     low: float | None = None
     high: float | None = None
-    hysteresis: float = 0.0  # how far inside the band it must be to be good again
+    hysteresis: float = 0.0
 
     PRESETS: ClassVar[Mapping[str, Mapping[str, Any]]] = {"published": {"low": 0.1, "high": 0.3}}
 

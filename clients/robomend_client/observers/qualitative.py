@@ -34,14 +34,23 @@ WORDS = {INC: "inc", DEC: "dec", CONST: "const"}
 
 @dataclass(frozen=True)
 class Trend:
-    """When a value counts as increasing or decreasing."""
+    """When a value counts as increasing or decreasing.
 
-    window_s: float = 1.0  # seconds that the line is fitted over
-    slope: float = 0.05  # b, in units of the value per second
-    hysteresis: float = 0.2  # part of b, from 0 to below 1
-    debounce_s: float = 0.0  # how long a new trend must last
-    wraps_at: float | None = None  # the size of a full turn, for angles
-    check_s: float = 0.1  # how often a verdict is given; 0: with each sample
+    Attributes:
+        window_s: the line is fitted over so many seconds.
+        slope: b, in units of the value per second: above it the value increases, below −b it decreases.
+        hysteresis: the part of b, from 0 to below 1, by which a trend may fall back before it ends.
+        debounce_s: how long a new trend must last, in seconds.
+        wraps_at: of an angle, the size of a full turn in the value's units: 360, or 6.28318530718.
+        check_s: how often a verdict is given, in seconds; 0: with each sample.
+    """
+
+    window_s: float = 1.0
+    slope: float = 0.05
+    hysteresis: float = 0.2
+    debounce_s: float = 0.0
+    wraps_at: float | None = None
+    check_s: float = 0.1
 
     PRESETS: ClassVar[Mapping[str, Mapping[str, Any]]] = {
         "published": {"window_s": 1.0, "slope": 5e-7, "hysteresis": 0.0, "check_s": 0.0}
@@ -137,8 +146,9 @@ class QualitativeObserver(TrendOf):
     def __init__(self, value: str, source: str, expected: Trend | None = None) -> None:
         """
         Args:
-            value: the model's name of the value, as in inc(value).
+            value: the model's name of the value, as in inc(value); by default the entry's name.
             source: topic and field, e.g. `odom:twist.twist.linear.x`.
+            expected: of its trend.
         """
         expected = expected or Trend()
         super().__init__(expected)

@@ -27,12 +27,19 @@ from robomend_client.observers.judgement import Judgement
 
 @dataclass(frozen=True)
 class Readings:
-    """How readings become a verdict that lasts."""
+    """How readings become a verdict that lasts.
 
-    agreeing: int = 1  # readings in a row that say the same, for a verdict
-    debounce_s: float = 0.0  # and for how long they must
-    lifetime_s: float = 5.0  # an older reading says nothing
-    interval_s: float = 1.0  # how often a reading comes; only for the delays that are declared
+    Attributes:
+        agreeing: readings in a row that say the same, for a verdict.
+        debounce_s: for how long they must say so, in seconds.
+        lifetime_s: a reading that is older than so many seconds says nothing.
+        interval_s: how often a reading comes, in seconds; only for the delays that are declared.
+    """
+
+    agreeing: int = 1
+    debounce_s: float = 0.0
+    lifetime_s: float = 5.0
+    interval_s: float = 1.0
 
     def __post_init__(self) -> None:
         positive(lifetime_s=self.lifetime_s, interval_s=self.interval_s)
@@ -56,7 +63,8 @@ class JudgedReadings:
     def __init__(self, atom: str, source: str, readings: Readings | None = None) -> None:
         """
         Args:
-            atom: what it speaks of, e.g. `ok(CPU,hokuyo_node)`; `temperature` is short for ok(temperature).
+            atom: what it speaks of, e.g. `ok(CPU,hokuyo_node)`; `temperature` is short for ok(temperature);
+                by default the entry's name.
             source: where its readings come from, e.g. `motor:temperature`.
             readings: how many make a verdict.
         """

@@ -5,9 +5,10 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import MISSING, fields
-from typing import Any, get_type_hints
+from dataclasses import MISSING, fields, is_dataclass
+from typing import Any, get_args, get_type_hints
 
+from robomend_client.docstrings import documented
 from robomend_client.observers import kinds
 from robomend_client.observers.general import Rate
 from robomend_client.observers.parameters import (
@@ -23,13 +24,13 @@ from robomend_client.registry import BrokenKind, Registry
 from robomend_client.yaml_reader import ConfigError
 from robomend_client.yaml_schema import DRAFT, TEXT, Schema, asked_for_all
 
+PRESET = "a set of defaults; `published` has the numbers of the released system, without its bugs"
+
 IN_A_FILE = r"\.py:[^:]+$"
 """A kind of one's own: FILE.py:NAME."""
 
-EVERYWHERE: Schema = {
-    "kind": TEXT,
-    "from": {**TEXT, "description": "who feeds it: bus, ros1, ros2, …", "default": kinds.BUS},
-}
+FROM: Schema = {"description": "who feeds it: bus, ros1, ros2, …", **TEXT, "default": kinds.BUS}
+KIND = "the kind of observer, or FILE.py:NAME, a class or function of a file beside this one"
 
 
 def observers_file_schema() -> Schema:
@@ -49,10 +50,10 @@ def observers_file_schema() -> Schema:
 def observing_sections() -> Schema:
     """Return the sections of an agent's file that say what is observed; they refer to `#/$defs/observer`."""
     return {
-        "rate": {**rate_schema(), "description": "what all topics have in common"},
+        "rate": {"description": "what all topics have in common", **rate_schema()},
         "topics": {
             "type": ["object", "null"],
-            "description": "reported as ok(topic) by the rate of the messages",
+            "description": "topic → what is expected of the rate of its messages: reported as ok(topic)",
             "additionalProperties": rate_schema(),
         },
         "observers": {
@@ -70,21 +71,22 @@ def observing_sections() -> Schema:
 
 def rate_schema() -> Schema:
     """Return what may be said of a topic."""
-    presets = ["none", *Rate.PRESETS]
+    preset = {"description": PRESET, "enum": ["none", *Rate.PRESETS], "default": "none"}
     return {
         "type": ["object", "null"],
-        "properties": {**fields_schema(Rate), "preset": {"enum": presets}, "from": EVERYWHERE["from"]},
+        "properties": {**fields_schema(Rate), "preset": preset, "from": FROM},
         "additionalProperties": False,
     }
 
 
 def observer_schema() -> Schema:
     """Return one entry of `observers:`; one of a FILE.py may have any keys."""
-    return by_kind(kinds.KINDS, EVERYWHERE, IN_A_FILE)
+    return by_kind(kinds.KINDS, KIND, {"from": FROM}, IN_A_FILE)
 
 
 def by_kind(
     registry: Registry[Any],
+    what: str,
     everywhere: Schema,
     others: str | None = None,
     given: Callable[[Callable[..., Any]], frozenset[str]] = lambda _: frozenset(),
@@ -92,12 +94,14 @@ def by_kind(
     """Return the entries whose keys go by their `kind`.
 
     Args:
-        everywhere: keys that each kind has.
+        what: the description of `kind`.
+        everywhere: keys that each kind has beside it.
         others: what kinds that are in no registry look like.
         given: the parameters that no file says.
     """
     known = {"enum": list(registry.names())}
     kind: Schema = known if others is None else {"anyOf": [known, {"type": "string", "pattern": others}]}
+    kind = {"description": what, **kind}
     cases = []
     for name in registry.names():
         try:
@@ -105,9 +109,9 @@ def by_kind(
             case = kind_schema(make, given(make))
         except (BrokenKind, UnreadableParameter):
             continue
-        case["properties"] = {**everywhere, **case["properties"]}
+        case["properties"] = {"kind": {"description": what, **TEXT}, **everywhere, **case["properties"]}
         if named := preset_names(make):
-            case["properties"]["preset"] = {"description": "a set of defaults", "enum": named}
+            case["properties"]["preset"] = {"description": PRESET, "enum": named}
         cases.append({"if": {"properties": {"kind": {"const": name}}, "required": ["kind"]}, "then": case})
     return {"type": "object", "required": ["kind"], "properties": {"kind": kind}, "allOf": cases}
 
@@ -127,6 +131,7 @@ def kind_schema(make: Callable[..., Any], given: frozenset[str] = frozenset()) -
     """
     properties: Schema = {}
     required: list[str] = []
+    said = documented(make)
     wanted = list(parameters_of(make))
     if not inspect.isclass(make):
         wanted = wanted[1:]  # the reading that a function judges
@@ -138,7 +143,9 @@ def kind_schema(make: Callable[..., Any], given: frozenset[str] = frozenset()) -
             needed = [f.name for f in fields(dataclass) if f.default is MISSING]
             required += [] if has_presets(dataclass) else needed
             continue
-        properties[parameter.name] = value_schema(parameter.name, kind, parameter.default)
+        properties[parameter.name] = value_schema(
+            parameter.name, kind, parameter.default, said.get(parameter.name)
+        )
         stands = parameter.name == named and (kind is str or is_list(kind))  # for the entry's name
         optional = type(None) in alternatives(kind)
         if parameter.default is inspect.Parameter.empty and not stands and not optional:
@@ -154,15 +161,17 @@ def has_presets(kind: type) -> bool:
 
 def fields_schema(kind: type) -> Schema:
     """Return the keys that the fields of a dataclass are."""
-    hints = get_type_hints(kind)
+    hints, said = get_type_hints(kind), documented(kind)
     defaults: Mapping[str, Any] = {
         field.name: inspect.Parameter.empty if field.default is MISSING else field.default
         for field in fields(kind)
     }
-    return {name: value_schema(name, hints[name], default) for name, default in defaults.items()}
+    return {
+        name: value_schema(name, hints[name], default, said.get(name)) for name, default in defaults.items()
+    }
 
 
-def value_schema(key: str, kind: Any, default: Any) -> Schema:
+def value_schema(key: str, kind: Any, default: Any, description: str | None = None) -> Schema:
     """Return what one key may be."""
     top: Schema = {}
     with suppress(ConfigError):  # what stands for a value need not make an object; it was asked for before
@@ -171,4 +180,8 @@ def value_schema(key: str, kind: Any, default: Any) -> Schema:
     found.pop("default", None)
     if default is not None and default is not inspect.Parameter.empty and default != ():
         found["default"] = default
-    return found
+    for part in get_args(kind):
+        if inspect.isclass(part) and is_dataclass(part):  # the entries of a mapping
+            needed = [field.name for field in fields(part) if field.default is MISSING]
+            found["additionalProperties"] |= {"properties": fields_schema(part), "required": needed}
+    return found if description is None else {"description": description, **found}

@@ -51,10 +51,50 @@ def schema_of(file: str) -> dict[str, Any]:
 
 
 def schema_text(file: str) -> str:
-    """Return the schema of one of FILES as a file has it."""
+    """Return the schema of one of FILES as a file has it, its descriptions as an editor shows them."""
     import json
 
-    return json.dumps(schema_of(file), indent=1, ensure_ascii=False) + "\n"
+    return json.dumps(shown(schema_of(file)), indent=1, ensure_ascii=False) + "\n"
+
+
+def shown(schema: dict[str, Any]) -> dict[str, Any]:
+    """Return a schema whose descriptions say the defaults, too: of a key, editors show nothing else.
+
+    Titles made of the names of keys and classes, which they would show as well, are left out.
+    """
+    found: dict[str, Any] = {}
+    for keyword, value in schema.items():
+        if keyword == "properties":
+            found[keyword] = {name: _shown_key(shown(key)) for name, key in value.items()}
+        elif keyword == "$defs":
+            found[keyword] = {name: _untitled(shown(one)) for name, one in value.items()}
+        elif isinstance(value, list):
+            found[keyword] = [shown(one) if isinstance(one, dict) else one for one in value]
+        else:
+            found[keyword] = shown(value) if isinstance(value, dict) else value
+    return found
+
+
+def _shown_key(key: dict[str, Any]) -> dict[str, Any]:
+    default = key.get("default")
+    told = [] if default in (None, [], {}) else [f"default: {_written(default)}"]
+    if told or "description" in key:
+        said = [key["description"]] if "description" in key else []
+        key = {**key, "description": "; ".join([*said, *told])}
+    return _untitled(key)
+
+
+def _untitled(schema: dict[str, Any]) -> dict[str, Any]:
+    return {keyword: value for keyword, value in schema.items() if keyword != "title"}
+
+
+def _written(default: object) -> str:
+    """Return a default as it is written in YAML."""
+    import json
+
+    if isinstance(default, float):
+        return f"{default:g}"
+    return default if isinstance(default, str) else json.dumps(default)
 
 
 def schema_name(file: str) -> str:

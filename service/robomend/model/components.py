@@ -4,7 +4,8 @@
 The kinds are the paper's (section IV-D): SH switchable hardware, H other hardware, SN drivers of switchable
 hardware, HN drivers of other hardware only, N nodes that drive nothing.
 
-To add a kind of component: 1. its class here, and in KINDS: keys, state, clauses; 2. in pddl/repair.pddl
+To add a kind of component: 1. its class here, and in KINDS: keys (and what they are, under `Attributes:` of
+its docstring, which editors show), state, clauses; 2. in pddl/repair.pddl
 its type, the predicates of its state, its actions; 3. in docs/models.md, where one is shown whole:
 its section of a model with its keys, its state among what is observed, and its sort among those that
 quantifiers range over. The format, the vocabulary, diagnosis and planning follow from these, and the

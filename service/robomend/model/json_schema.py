@@ -14,6 +14,7 @@ from robomend.model.clauses import UNKNOWN_MODE
 from robomend.model.cnf import PARTIAL
 from robomend.model.components import Component, Hardware, Node
 from robomend.model.five_key import KEYS as FIVE_KEYS
+from robomend_client.docstrings import documented
 from robomend_client.yaml_schema import DRAFT
 
 Schema = dict[str, Any]
@@ -25,6 +26,7 @@ TEXT: Schema = {"type": [*SCALAR, "null"]}
 NAMES: Schema = {"type": [*SCALAR, "array", "null"], "items": NAME, "uniqueItems": True}
 SENTENCES: Schema = {"type": ["array", "null"], "items": {"type": SCALAR}}
 FLAG: Schema = {"enum": [True, False, "yes", "no", "on", "off", None]}
+OFF: Schema = {**FLAG, "default": False}
 ABOVE_0: Schema = {"type": ["number", "null"], "exclusiveMinimum": 0}
 PROBABILITY: Schema = {"type": ["number", "null"], "exclusiveMinimum": 0, "exclusiveMaximum": 1}
 CHANNEL: Schema = {"type": ["integer", "null"], "minimum": 0, "maximum": keys.MAX_CHANNELS - 1}
@@ -74,7 +76,13 @@ def five_key_schema() -> Schema:
     texts: Schema = {"type": ["array", "null"], "items": {"type": SCALAR}}
     ab, nab, prefix, props, rules = FIVE_KEYS
     return {
-        "properties": {ab: word, nab: word, prefix: word, props: texts, rules: texts},
+        "properties": {
+            ab: _said("the word for abnormal, e.g. AB in AB(laser)", word),
+            nab: _said("the word for not abnormal, e.g. NAB in NAB(laser)", word),
+            prefix: _said("before a negative literal, e.g. not_ in not_ok(scan)", word),
+            props: _said("the propositions, e.g. ok(scan); NAB(imu) of a component that no rule has", texts),
+            rules: _said('premises, an arrow and one literal or false: "NAB(laser),ok(t)->ok(u)"', texts),
+        },
         "required": list(FIVE_KEYS),
         "additionalProperties": False,
     }
@@ -104,38 +112,43 @@ MODES: Schema = {
 }
 PART: Schema = {
     "prior": _said("the probability that it is abnormal, above 0 and below 1", PROBABILITY),
-    "cost": _said("of its repair, relative to the domain's own", ABOVE_0),
+    "cost": _said("a factor on what the domain says that actions on it cost", {**ABOVE_0, "default": 1}),
     "modes": _said("fault mode → sentences that hold in it", MODES),
-    "exhaustive_modes": _said("it cannot fail in any other way than by these modes", FLAG),
-    "host": _said("the computer that it runs on or hangs on", {**NAME, "type": [*SCALAR, "null"]}),
-    "protected": _said("nothing shuts it down or stops it, nor what feeds it", FLAG),
+    "exhaustive_modes": _said("whether it cannot fail in any other way than by these modes", OFF),
+    "host": _said(
+        "the computer that it runs on or hangs on, by a name that an agent has as its host",
+        {**NAME, "type": [*SCALAR, "null"]},
+    ),
+    "protected": _said("whether nothing may shut it down or stop it, nor what it cannot do without", OFF),
 }
 HARDWARE: Schema = {
-    "channel": _said("of the power board: the device is switchable", CHANNEL),
+    "channel": _said(
+        "its channel of the power board, which can switch it; without one, nothing can", CHANNEL
+    ),
     "fed_by": _said("devices whose power it needs, all of them", NAMES),
-    "blame_hardware": _said("without a channel: it can be blamed beside its drivers", FLAG),
+    "blame_hardware": _said("whether it can be blamed beside its drivers where it has no channel", FLAG),
     **PART,
 }
 NODE: Schema = {
     "drives": _said("the devices that it drives", NAMES),
     "publishes": _said("topic → the topics that it rests on", _named(NAMES)),
-    "inputs_matter": _said("the inputs of a driver count too", FLAG),
-    "restartable": _said("false: nothing restarts it", FLAG),
+    "inputs_matter": _said("whether the inputs of a driver count, too", FLAG),
+    "restartable": _said("whether it may be stopped and started", {**FLAG, "default": True}),
     "tied_to": _said("nodes after whose restart it must restart", NAMES),
     **PART,
 }
 TOPIC: Schema = {
-    "rate_hz": _said("messages per second, for the observers", ABOVE_0),
-    "tolerance_hz": _said("how far the rate may stray", ABOVE_0),
-    "cost": _said("of observing it, in seconds", ABOVE_0),
+    "rate_hz": _said("what the observers may expect, in messages per second", ABOVE_0),
+    "tolerance_hz": _said("by how much the rate may differ, in messages per second", ABOVE_0),
+    "cost": _said("of observing it, in seconds", {**ABOVE_0, "default": 1}),
 }
 PROPERTY: Schema = {"cost": TOPIC["cost"]}
 VALUE: Schema = {
-    "topic": _said("whose messages have it", NAME),
+    "topic": _said("the topic whose messages have it", NAME),
     "field": _said("the way to it, e.g. twist.twist.angular.z", {"type": SCALAR}),
 }
 TOP: Schema = {
-    "robomend": _said("the format", {"const": keys.FORMAT}),
+    "robomend": _said("the version of this format", {"const": keys.FORMAT}),
     "name": _said("the robot model's name; default: the file's", TEXT),
     "channels": _said(
         "how many the power board has",
@@ -159,18 +172,20 @@ TOP: Schema = {
     ),
     "rules": _said('your own, e.g. "not ok(temp) -> ab(mapper)"', SENTENCES),
     "act_when": _said("nothing is sent to the robot unless this sentence is observed", TEXT),
-    "blame_hardware": _said("the default for every device", FLAG),
-    "inputs_matter": _said("the default for every node", FLAG),
+    "blame_hardware": _said("what every device has that does not say it itself", OFF),
+    "inputs_matter": _said("what every node has that does not say it itself", OFF),
     "partial_failure": _said(
-        "how often what fails does so in part only", {**PROBABILITY, "default": PARTIAL}
+        "the probability that what fails does so in part only", {**PROBABILITY, "default": PARTIAL}
     ),
 }
 
 
 def _own_keys(kind: type[Component]) -> Schema:
+    said = documented(kind)
     own = (one for one in fields(kind) if one.name not in keys.COMMON_FIELDS)
-    return {**{one.name: BY_TYPE[str(one.type).removesuffix(" | None")] for one in own}, **PART}
+    types = {one.name: BY_TYPE[str(one.type).removesuffix(" | None")] for one in own}
+    return {**{key: _said(said[key], one) if key in said else one for key, one in types.items()}, **PART}
 
 
 def _section(kind: type[Component], properties: Schema) -> Schema:
-    return _said(f"every {kind.what} of the robot, by name", _named(_entry(properties)))
+    return _said(f"the robot's {kind.section}, by name", _named(_entry(properties)))

@@ -45,13 +45,14 @@ class Program:
     ) -> None:
         """
         Args:
-            name: the action, as the plan has it.
-            command: the program and its arguments; `{NAME}` stands for a parameter.
+            name: the action, as the plan has it; by default the entry's name.
+            command: the program and its arguments, a list that no shell reads; `{NAME}` stands for a
+                parameter.
             base: the folder of the agent's file.
-            parameters: name -> what it may be, in the order in which the action has them.
-            directory: working directory, relative to `base`.
+            parameters: name → what it may be, in the order in which the action has them.
+            directory: working directory, relative to the agent's file; by default the agent's.
             environment: variables beside the agent's own.
-            gives_up: a program that is cut off leaves things as they were.
+            gives_up: whether a program that is cut off leaves things as they were.
         """
         if not command or not command[0]:
             raise ValueError("command must be a list of the program and its arguments")

@@ -26,9 +26,9 @@ class Lifecycle:
     def __init__(self, name: str, nodes: Mapping[str, str], transition: str | None = None) -> None:
         """
         Args:
-            name: the action, as the plan has it; without `transition`, its first word is that.
-            nodes: the action's parameter -> the node's full name.
-            transition: configure, activate, deactivate or cleanup.
+            name: the action, as the plan has it; by default the entry's name.
+            nodes: the action's parameter → the node's full name.
+            transition: configure, activate, deactivate or cleanup; by default the name's first word.
         """
         transition = transition or name.partition("_")[0]
         if transition not in TRANSITIONS:
@@ -66,14 +66,14 @@ class Launch(Program):
     ) -> None:
         """
         Args:
-            name: the action, as the plan has it.
-            package: where the launch file is.
-            file: its name.
+            name: the action, as the plan has it; by default the entry's name.
+            package: the ROS package that has the launch file.
+            file: the launch file's name.
             base: the folder of the agent's file.
             release: ros1 (roslaunch) or ros2 (ros2 launch).
-            arguments: the launch file's; `{NAME}` stands for a parameter.
-            parameters: name -> what it may be, in the order in which the action has them.
-            gives_up: one that is cut off leaves things as they were.
+            arguments: the launch file's own, name → value; `{NAME}` stands for a parameter.
+            parameters: name → what it may be, in the order in which the action has them.
+            gives_up: whether one that is cut off leaves things as they were.
         """
         if release not in LAUNCHERS:
             raise ValueError(f"release must be one of {', '.join(LAUNCHERS)}, not {release!r}")

@@ -29,10 +29,10 @@ class Units:
     ) -> None:
         """
         Args:
-            name: the action, as the plan has it; without `verb`, its first word is the verb.
-            units: the action's parameter -> the unit.
-            verb: start, stop, restart or reload.
-            user: units of the agent's user, not of the system.
+            name: the action, as the plan has it; by default the entry's name.
+            units: the action's parameter → the unit.
+            verb: start, stop, restart or reload; by default the name's first word.
+            user: whether they are units of the agent's user, not of the system.
         """
         verb = verb or name.partition("_")[0]
         if verb not in VERBS:

@@ -32,8 +32,8 @@ class ResetUsb:
     def __init__(self, name: str, devices: Mapping[str, str]) -> None:
         """
         Args:
-            name: the action, as the plan has it.
-            devices: the action's parameter -> `VENDOR:PRODUCT` or `VENDOR:PRODUCT:SERIAL`.
+            name: the action, as the plan has it; by default the entry's name.
+            devices: the action's parameter → `VENDOR:PRODUCT`, as lsusb shows it, or `VENDOR:PRODUCT:SERIAL`.
         """
         if not devices:
             raise ValueError('devices must map a parameter to a device, e.g. {camera: "046d:0825"}')

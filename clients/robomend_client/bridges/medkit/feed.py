@@ -37,6 +37,11 @@ class Medkit:
     """The feed."""
 
     def __init__(self, section: Section, base: Path, sources: frozenset[str]) -> None:
+        section.explain(
+            url="the gateway's, as far as /api/v1",
+            token_env="the variable of the agent's environment that has the gateway's bearer token",
+            poll_s="how often entities and faults are asked for, in seconds; a stream says what happens",
+        )
         self.url = section.text("url", "http://localhost:8080/api/v1")
         if not self.url.startswith(("http://", "https://")):
             raise section.error("url", f"must be like http://localhost:8080/api/v1, not {self.url!r}")

@@ -45,11 +45,11 @@ class Restart:
     ) -> None:
         """
         Args:
-            name: the action, as the plan has it.
-            entities: the action's parameter -> `apps/ID` or `components/ID`.
+            name: the action, as the plan has it; by default the entry's name.
+            entities: the action's parameter → `apps/ID` or `components/ID`.
             url: the gateway's, as far as /api/v1.
             transition: start, restart, force-restart, shutdown or force-shutdown.
-            token_env: the variable that has the gateway's bearer token.
+            token_env: the variable of the agent's environment that has the gateway's bearer token.
         """
         if transition not in TRANSITIONS:
             raise ValueError(f"transition must be one of {', '.join(TRANSITIONS)}, not {transition!r}")

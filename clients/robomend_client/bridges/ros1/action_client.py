@@ -46,10 +46,10 @@ class RosAction:
     ) -> None:
         """
         Args:
-            name: the action, as the plan has it.
+            name: the action, as the plan has it; by default the entry's name.
             server: the action server's full name.
-            parameters: name -> what it may be, in the order in which the goal has them.
-            gives_up: a goal that is cancelled leaves things as they were.
+            parameters: name → what it may be, in the order in which the goal has them.
+            gives_up: whether a goal that is cancelled leaves things as they were.
         """
         if not server.strip("/"):
             raise ValueError("server must be the name of an action server")

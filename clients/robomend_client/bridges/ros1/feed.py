@@ -58,6 +58,14 @@ class Ros1(RosBridge):
 
     def __init__(self, section: Section, base: Path, sources: frozenset[str]) -> None:
         super().__init__(section, "ROS 1", TELLS)
+        section.explain(
+            master="where the ROS master is; by default ROS_MASTER_URI, or http://localhost:11311/",
+            address="under which other nodes reach this one; by default ROS_HOSTNAME, ROS_IP, or the address "
+            "that faces the master",
+            ping_s="a node that was not heard for so many seconds is asked whether it runs",
+            ping_timeout_s="one that takes the question and says nothing for so many seconds is frozen",
+            serve="names of actions that other nodes may ask for, by an action server of each",
+        )
         self.master_uri = section.text("master", os.environ.get("ROS_MASTER_URI") or MASTER_URI)
         try:
             address_of(self.master_uri)

@@ -88,6 +88,12 @@ class Ros2Bridge(RosBridge):
 
     def __init__(self, section: Section, base: Path, sources: frozenset[str], where: str) -> None:
         super().__init__(section, where, TELLS)
+        section.explain(
+            domain="the ROS domain; by default ROS_DOMAIN_ID, or 0",
+            discovery_s="a node that was not found after so many seconds does not run",
+            messages="folders of packages with the robot's own types, FOLDER/PACKAGE/msg/NAME.msg; the "
+            "packages of AMENT_PREFIX_PATH are known",
+        )
         self.domain = _domain(section)
         self.discovery_s = section.number("discovery_s", 3.0, least=0.1, most=60)
         self.messages = tuple(base / folder for folder in section.texts("messages"))

@@ -26,6 +26,11 @@ class Ros2(Ros2Bridge):
 
     def __init__(self, section: Section, base: Path, sources: frozenset[str]) -> None:
         super().__init__(section, base, sources, "ROS 2")
+        section.explain(
+            discovery="how far it looks for others: `subnet`, or `localhost` (the default where "
+            "ROS_AUTOMATIC_DISCOVERY_RANGE or ROS_LOCALHOST_ONLY says so)",
+            peers="computers that are asked beside those that multicast finds",
+        )
         ranges = ("subnet", "localhost")
         self.localhost = section.choice("discovery", ranges, ranges[only_here(os.environ)]) == "localhost"
         self.peers = section.texts("peers")

@@ -26,6 +26,11 @@ class Zenoh(Ros2Bridge):
 
     def __init__(self, section: Section, base: Path, sources: frozenset[str]) -> None:
         super().__init__(section, base, sources, "zenoh")
+        section.explain(
+            config="a file with zenoh's own configuration, as the robot's nodes have it; by default "
+            "ZENOH_SESSION_CONFIG_URI, or none",
+            connect=f"where others are, as zenoh writes it, a list; by default {ROUTER}, or what config says",
+        )
         config = section.optional("config")
         self.config = str(base / config) if config else os.environ.get("ZENOH_SESSION_CONFIG_URI") or None
         given = section.texts("connect")
