@@ -1,7 +1,8 @@
 """`robomend-bench export`: a suite's questions as files for other solvers, with their answers and checksums.
 
     DIR/manifest.json             suite, version, seed, command; of each file its SHA-256 and its answer
-    DIR/GROUP-QUESTION.wcnf       one file a question; or .lp, or .pddl with DIR/domain.pddl
+    DIR/GROUP-QUESTION.wcnf       one file a question; or .lp, or .pddl with DIR/domain.pddl; as STRIPS, which
+                                  is ground, with DIR/GROUP-QUESTION-domain.pddl
 
 The same suite, version, seed and options write the same bytes, so that whoever has a manifest can tell
 whether they asked the same questions: its `sha256` is that of all files.
@@ -21,20 +22,18 @@ from typing import Any
 import click
 
 from robomend.errors import InputError, OptionRefused, StateConflict
-from robomend_bench.exporting import FORMATS, DiagnosisProblem, PlanningProblem
+from robomend_bench.exporting import FORMATS, PLANNING, DiagnosisProblem, PlanningProblem, text_in
 from robomend_bench.suite import DATA, Wish, find_suite
 from robomend_client.counts import counted
 
-COMMENT = {"wcnf": "c ", "lp": "% ", "pddl": ";; "}
+COMMENT = {"wcnf": "c ", "lp": "% ", **dict.fromkeys(PLANNING, ";; ")}
 
 NOT_IN_NAMES = re.compile(r"[^A-Za-z0-9_.-]+")
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
 @click.argument("suite")
-@click.option(
-    "--format", "format_", type=click.Choice(list(FORMATS)), help="  [default: what the suite allows]"
-)
+@click.option("--format", "format_", type=click.Choice(FORMATS), help="  [default: what the suite allows]")
 @click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="A new folder.")
 @click.option("--mode", help="The suite's mode, which decides on the questions; its first one if not given.")
 @click.option("--only", default="", help="Groups, comma-separated.")
@@ -65,6 +64,7 @@ def command(
     robomend-bench export iscas85 --only c432 --out c432/            WCNF, for MaxSAT solvers
     robomend-bench export robots-v1 --format lp --out robots/        for clingo
     robomend-bench export plans --mode cost --out plans/             PDDL
+    robomend-bench export plans --format strips --out strips/        for planners that read no more
     """
     found = find_suite(suite)
     wish = Wish(
@@ -109,19 +109,24 @@ def export(
         for question in group.questions:
             asked = found.exported(question, group)
             kind = format_ or ("wcnf" if isinstance(asked, DiagnosisProblem) else "pddl")
-            text = FORMATS[kind](asked)
+            text = text_in(asked, kind)
             if text is None:
                 raise OptionRefused(f"suite {suite} has no questions that can be said in {kind}")
             answer = asked.answer() if answers else None
             title = f"{suite} version {found.version}, seed {wish.seed}: {group.name}, {question.name}"
             data = f"{COMMENT[kind]}{title}\n{text}".encode()
-            name = f"{NOT_IN_NAMES.sub('_', f'{group.name}-{question.name}')}.{kind}"
-            (out / name).write_bytes(data)
+            stem = NOT_IN_NAMES.sub("_", f"{group.name}-{question.name}")
+            name = f"{stem}.{'pddl' if kind in PLANNING else kind}"
+            entry: dict[str, Any] = {"file": name, "sha256": _written(out / name, data, everything)}
             if isinstance(asked, PlanningProblem):
-                (out / "domain.pddl").write_text(asked.domain.pddl)
-            digest = hashlib.sha256(data).hexdigest()
-            everything.update(f"{name} {digest}\n".encode())
-            files.append({"file": name, "sha256": digest, "answer": answer})
+                domain = asked.written(kind).domain
+                if kind == "pddl":  # the same for all
+                    (out / "domain.pddl").write_text(domain)
+                else:
+                    beside = f"{stem}-domain.pddl"
+                    entry["domain"] = beside
+                    entry["domain_sha256"] = _written(out / beside, domain.encode(), everything)
+            files.append({**entry, "answer": answer})
             told(name)
     manifest = {
         "suite": suite,
@@ -134,3 +139,11 @@ def export(
     }
     (out / "manifest.json").write_text(json.dumps(manifest, indent=1) + "\n")
     return manifest
+
+
+def _written(path: Path, data: bytes, everything: Any) -> str:
+    """Write a file, add it to the checksum of all, and return its own."""
+    path.write_bytes(data)
+    digest = hashlib.sha256(data).hexdigest()
+    everything.update(f"{path.name} {digest}\n".encode())
+    return digest

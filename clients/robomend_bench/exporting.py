@@ -4,14 +4,16 @@
             are SD and OBS, soft (weight 1) is the health of each component, variables 1 … n. The optimum is
             the minimum cardinality of a diagnosis; what a solution makes false of 1 … n is one.
     lp      the same for clingo: `ab(C)` are the abnormal components, and they are minimized
-    pddl    a repair problem; domain.pddl is beside the problems
+    pddl    a repair problem, in the domain as it is written: types, quantifiers, conditional effects, costs
+    strips  the same for planners that read less: ground, a domain for each problem (robomend_bench.strips);
+            strips-costs has the actions' costs as well
 
 Several observations are one copy of SD each, over the same components.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -26,6 +28,7 @@ from robomend_client.literals import Literal
 if TYPE_CHECKING:  # every suite and contender loads this module, and few export anything
     from robomend.planning.domain.values import Domain
     from robomend.planning.problem import RepairProblem
+    from robomend.planning.validation import Named
 
 ANSWERED_WITHIN_S = 600.0
 """The answer of a question that takes longer is not known."""
@@ -111,24 +114,39 @@ def _moved(literal: int, n: int, shift: int) -> int:
 
 
 @dataclass(frozen=True)
+class PddlFiles:
+    """A repair problem as PDDL text, and what reads an action of a plan, as words; None: it is none."""
+
+    domain: str
+    problem: str
+    named: Callable[[Sequence[str]], Named | None]
+
+
+@dataclass(frozen=True)
 class PlanningProblem:
     """Which cheapest plan makes everything good again?"""
 
     domain: Domain
     problem: RepairProblem
 
-    def pddl(self) -> str:
-        """Return the text of the problem file."""
-        from robomend.planning.pddl_text import problem_text
+    def written(self, kind: str) -> PddlFiles:
+        """Return the problem in one of the formats for planners."""
+        if kind != "pddl":
+            from robomend_bench.strips import strips
 
-        return problem_text(self.domain, self.problem, self.problem.goal)
+            made = strips(self.domain, self.problem, costs=kind == "strips-costs")
+            return PddlFiles(made.domain, made.problem, lambda words: made.actions.get(" ".join(words)))
+        from robomend.planning.pddl_text import pddl_names, problem_text
 
-    @cached_property
-    def names(self) -> Mapping[str, str]:
-        """Word of the problem file -> the object that it stands for."""
-        from robomend.planning.pddl_text import pddl_names
+        objects = {word: name for name, word in pddl_names(self.problem.objects).items()}
 
-        return {word: name for name, word in pddl_names(self.problem.objects).items()}
+        def named(words: Sequence[str]) -> Named | None:
+            name, *parameters = words
+            if name not in self.domain.schemas or not objects.keys() >= set(parameters):
+                return None
+            return name, tuple(objects[word] for word in parameters)
+
+        return PddlFiles(self.domain.pddl, problem_text(self.domain, self.problem, self.problem.goal), named)
 
     def answer(self) -> KnownAnswer | None:
         """Return the least cost of a plan."""
@@ -144,9 +162,14 @@ class PlanningProblem:
 
 Exported = DiagnosisProblem | PlanningProblem
 
-FORMATS: dict[str, Callable[[Exported], str | None]] = {
-    "wcnf": lambda one: one.wcnf() if isinstance(one, DiagnosisProblem) else None,
-    "lp": lambda one: one.lp() if isinstance(one, DiagnosisProblem) else None,
-    "pddl": lambda one: one.pddl() if isinstance(one, PlanningProblem) else None,
-}
-"""Format -> what writes a question in it; None: it cannot be said so."""
+PLANNING = ("pddl", "strips", "strips-costs")
+"""Formats for planners."""
+
+FORMATS = ("wcnf", "lp", *PLANNING)
+
+
+def text_in(one: Exported, kind: str) -> str | None:
+    """Return the question in a format, of a repair problem without its domain; None: it cannot be said so."""
+    if isinstance(one, PlanningProblem):
+        return one.written(kind).problem if kind in PLANNING else None
+    return one.wcnf() if kind == "wcnf" else one.lp() if kind == "lp" else None

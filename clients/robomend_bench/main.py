@@ -99,7 +99,7 @@ def _names(context: click.Context, parameter: click.Parameter, value: str) -> tu
     multiple=True,
     callback=_externals,
     metavar="NAME=FORMAT:COMMAND",
-    help="A solver of somebody else as one more contender; the format is wcnf, lp or pddl.",
+    help="A solver of somebody else as one more contender; the format is wcnf, lp, pddl or strips.",
 )
 @click.option(
     "--only", callback=_names, default="", help="Groups, comma-separated: circuits, or sizes of robots."

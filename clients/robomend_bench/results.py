@@ -127,7 +127,7 @@ def summarise(run: Run) -> list[Line]:
                 continue
             times = run.best(contender, group)
             ratios = [times[key] / first[key] for key in times.keys() & first.keys() if first[key] > 0]
-            notes = dict.fromkeys(s.note for s in mine if s.status in ("refused", "error"))
+            notes = dict.fromkeys(s.note for s in mine if s.note not in ("", KILLED))
             lines.append(
                 Line(
                     group=group,

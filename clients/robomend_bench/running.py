@@ -2,11 +2,12 @@
 
     for each group
         start the contenders, each in its process      building is not measured, but reported
-        warm-up: the first question twice and the last one, unmeasured
+        warm-up: the first question twice and the last one, unmeasured; who runs out of time is not warm
         for each repeat, for each question
             ask each contender in turn, in an order that rotates; quick ones run up with the first question
 
-A contender that ran out of time on a question is not asked that question again.
+A contender that ran out of time on a question is not asked that question again; where it did so as it was
+warmed up, it is asked once more, which counts.
 """
 
 from __future__ import annotations
@@ -87,8 +88,11 @@ def _measure(
     out_of_time: set[tuple[str, int]] = set()
     for contestant in contestants:
         step(f"{group.name} · starting {contestant.name}", 0)
+        late: set[int] = set()
         for index in WARM_UP:
-            contestant.ask(index % len(group.questions))
+            which = index % len(group.questions)
+            if which not in late and contestant.ask(which)[0] != "ok":
+                late.add(which)
     for repeat in range(repeats):
         for index in range(len(group.questions)):
             turn = (index + repeat) % len(contestants)

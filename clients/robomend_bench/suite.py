@@ -100,6 +100,7 @@ class Answer:
     seconds: float | None = None  # a published figure, which is taken instead of the time measured
     cost: float | None = None  # of a plan, see robomend_bench.costs
     bound: float = 1.0  # how many times the cheapest cost that is known this contender may need
+    note: str = ""  # why it is not complete
 
 
 Ask = Callable[[Question], Answer]

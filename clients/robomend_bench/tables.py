@@ -85,6 +85,8 @@ def _against_the_fastest(run: Run) -> list[str]:
     if len(run.contenders) < 3:
         return []
     found = duels(run)
+    if not found:
+        return []  # nobody else had an answer
     first = run.contenders[0]
     head = ["group", "fastest other", f"ratio to {first}", "of the 90 %", f"{first} is slower", "by at most"]
     rows = [

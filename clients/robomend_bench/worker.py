@@ -153,7 +153,7 @@ class Contestant:
             return kind, None, perf_counter() - began, content
         answer, seconds, self.peak_mib = content
         if not answer.complete or (answer.seconds is None and seconds > self._timeout_s):
-            return "timeout", answer, answer.seconds or seconds, ""
+            return "timeout", answer, answer.seconds or seconds, answer.note
         if answer.seconds is not None:
             return "ok", answer, answer.seconds, ""
         return "ok", answer, seconds / answer.calls, ""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shlex
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,7 @@ from robomend.errors import OptionRefused
 from robomend_bench.external import prepare_external, read_external
 from robomend_bench.running import run_suite
 from robomend_bench.suite import Answer, External, Wish, find_suite
+from robomend_bench.tables import markdown
 
 PYTHON = shlex.quote(sys.executable)
 RC2 = f"rc2-command=wcnf:{PYTHON} -m pysat.examples.rc2 -vv {{file}}"
@@ -74,9 +76,28 @@ def test_a_diagnosis_that_is_not_the_smallest_disagrees_with_the_others(tmp_path
     assert run.disagreements == ("c17/01-0: (1,) by sat, (6,) by mine",)
 
 
-@pytest.mark.parametrize("text", ["print('s SATISFIABLE\\no 3\\nv 000000')", "raise SystemExit(1)", ""])
-def test_what_is_not_proved_is_not_solved(text: str, tmp_path: Path) -> None:
-    assert not asked(script(tmp_path, text)).complete
+def test_what_is_not_proved_is_not_solved_and_the_table_says_so(tmp_path: Path) -> None:
+    unsure = script(tmp_path, "print('s SATISFIABLE\\no 3\\nv 000000')")
+    assert not asked(unsure).complete
+    wish = Wish(mode="first", only=("c17",), instances=1, timeout_s=300.0, external=(unsure,), sizes=(1, 1))
+    run = run_suite(find_suite("iscas85"), wish, ("sat",), repeats=1)
+    assert "Note: mine on c17: not proved to be the best (SATISFIABLE)." in markdown(run)
+
+
+@pytest.mark.parametrize(
+    ("text", "ending"),
+    [
+        ("raise SystemExit('no licence')", "with exit code 1: no licence"),
+        ("import os, signal; os.kill(os.getpid(), signal.SIGTERM)", "by signal 15, and said nothing"),
+        ("print('s OPTIMUM')", "with exit code 0: s OPTIMUM"),
+    ],
+)
+def test_what_is_no_answer_is_told_with_how_the_process_ended(text: str, ending: str, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=f"printed no line `s OPTIMUM FOUND`; it ended {ending}"):
+        asked(script(tmp_path, text))
+    path = tmp_path / "solver.py"
+    with pytest.raises(ValueError, match=f"printed no line `OPTIMUM FOUND` after .* ended {ending}"):
+        asked(read_external(f"mine=lp:{PYTHON} {shlex.quote(str(path))} {{file}}"))
 
 
 def test_who_is_late_is_ended_with_all_that_they_started(tmp_path: Path) -> None:
@@ -109,55 +130,76 @@ def ended(pid: int) -> bool:
         return True
 
 
-PLANNER = """
-import sys
-from unified_planning.io import PDDLReader
-from unified_planning.shortcuts import CompilationKind, Compiler, OneshotPlanner, get_environment
-
-get_environment().credits_stream = None
-problem = PDDLReader().parse_problem(sys.argv[1], sys.argv[2])
-back = []
-for name, kind in (
-    ("up_quantifiers_remover", CompilationKind.QUANTIFIERS_REMOVING),
-    ("up_grounder", CompilationKind.GROUNDING),
-):
-    with Compiler(name=name) as compiler:
-        result = compiler.compile(problem, kind)
-    problem = result.problem
-    back.append(result.map_back_action_instance)
-problem.clear_quality_metrics()
-with OneshotPlanner(name="pyperplan", params={"search": "gbf", "heuristic": "hff"}) as planner:
-    plan = planner.solve(problem).plan
-for original in reversed(back):
-    plan = plan.replace_action_instances(original)
-with open(sys.argv[3], "w") as file:
-    for action in plan.actions:
-        print(f"({action.action.name} {' '.join(map(str, action.actual_parameters))})", file=file)
-"""
-
-
-def planned(folder: Path, text: str) -> Answer:
+def planned(line: str, kind: str = "pddl", mode: str = "time") -> Answer:
     """Ask a planner to shut the paper's robot's base down and bring it up again."""
-    path = folder / "planner.py"
-    path.write_text(text)
-    line = f"{PYTHON} {shlex.quote(str(path))} {{domain}} {{problem}} {{plan}}"
-    external = read_external(f"mine=pddl:{line}")
+    external = read_external(f"mine={kind}:{line}")
     suite, wish = find_suite("plans"), Wish(mode="time", only=("tedusar",), timeout_s=300.0)
     (group,) = suite.groups(wish)
-    return prepare_external(external, suite, group, wish)(group.questions[1])
+    return prepare_external(external, suite, group, replace(wish, mode=mode))(group.questions[1])
 
 
-def test_a_planner_s_plan_is_carried_out(tmp_path: Path) -> None:
-    answer = planned(tmp_path, PLANNER)
+def by_script(folder: Path, text: str, kind: str = "pddl") -> Answer:
+    """Ask a planner that is a script of this text."""
+    path = folder / "planner.py"
+    path.write_text(text)
+    return planned(f"{PYTHON} {shlex.quote(str(path))} {{domain}} {{problem}}", kind)
+
+
+PYPERPLAN = f"{PYTHON} -m pyperplan -s gbf -H hff {{domain}} {{problem}}"
+
+
+def test_pyperplan_takes_part_by_its_own_command_line() -> None:
+    others = (read_external(f"pyperplan=strips:{PYPERPLAN}"),)
+    wish = Wish(mode="cost", only=("small-robots",), instances=2, timeout_s=300.0, external=others)
+    run = run_suite(find_suite("plans"), wish, ("asp",), repeats=1)
+    assert {(sample.contender, sample.status, sample.note) for sample in run.samples} == {
+        ("asp", "ok", ""),
+        ("pyperplan", "ok", ""),
+    }
+    assert run.disagreements == ()
+    of = {(sample.contender, sample.question): sample.cost or 0.0 for sample in run.samples}
+    assert all(of["pyperplan", question] >= of["asp", question] > 0 for _, question in of)
+
+
+def test_what_a_planner_cannot_read_is_told_in_its_words() -> None:
+    with pytest.raises(ValueError, match=r"left no plan.* exit code 1: .*Found unknown keyword in domain"):
+        planned(PYPERPLAN)
+
+
+PLAN = "(POWER_UP jaguar)\n(stop_node jaguar_node)\n(start_node jaguar_node)\n; cost = 14 (general cost)\n"
+
+
+@pytest.mark.parametrize("name", ["sas_plan", "problem.soln", "plan"])
+def test_a_plan_is_read_where_planners_leave_it(name: str, tmp_path: Path) -> None:
+    assert by_script(tmp_path, f"open({name!r}, 'w').write({PLAN!r})").shown == 3
+
+
+def test_of_plans_that_get_better_the_last_counts(tmp_path: Path) -> None:
+    plans = {"sas_plan.9": "(power_up jaguar)", "sas_plan.10": PLAN}
+    text = f"for name, plan in {plans!r}.items(): open(name, 'w').write(plan)"
+    assert by_script(tmp_path, text).shown == 3
+
+
+def test_a_plan_on_stdout_or_in_the_file_that_is_named_is_carried_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert by_script(tmp_path, f"print('found:')\nprint({PLAN!r})").shown == 3
+    ground = PLAN.replace(" jaguar", "__jaguar")
+    assert by_script(tmp_path, f"print({ground!r})", "strips").shown == 3
+    (tmp_path / "mine.py").write_text(f"import sys\nopen(sys.argv[3], 'w').write({PLAN!r})")
+    monkeypatch.chdir(tmp_path)  # a command may name files of where the bench was started
+    answer = planned(f"{PYTHON} mine.py {{domain}} {{problem}} {{plan}}", mode="cost")
     assert answer.complete
-    assert answer.shown
+    assert answer.cost == 14
 
 
 def test_a_plan_that_fails_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="does not hold"):
-        planned(tmp_path, "import sys\nopen(sys.argv[3], 'w').write('(power_up jaguar)\\n(power_up jaguar)')")
+        by_script(tmp_path, "print('(power_up jaguar)\\n(power_up jaguar)')")
     with pytest.raises(ValueError, match="no action of the problem"):
-        planned(tmp_path, "import sys\nopen(sys.argv[3], 'w').write('(dance jaguar)')")
+        by_script(tmp_path, "print('(dance jaguar)')")
+    with pytest.raises(ValueError, match="no action of the problem"):
+        by_script(tmp_path, "print('(power_up jaguar)')", "strips")
 
 
 @pytest.mark.parametrize(
@@ -169,6 +211,7 @@ def test_a_plan_that_fails_is_refused(tmp_path: Path) -> None:
         "rc2=wcnf:rc2",
         "rc2=wcnf:rc2 {domain} {problem}",
         "fd=pddl:fd {domain}",
+        "fd=strips:fd {file}",
         "rc2=wcnf:rc2 '{file}",
     ],
 )

@@ -18,10 +18,12 @@ from robomend.diagnosis.circuits.netlist import Netlist, recover
 from robomend.errors import InputError, OptionRefused
 from robomend.model.cnf import HealthCnf
 from robomend_bench.contenders import CHECKS, healthy_sets
+from robomend_bench.exporting import Exported
 from robomend_bench.generator import make_robot, observe
-from robomend_bench.results import Run
+from robomend_bench.results import Run, Status
 from robomend_bench.running import run_suite
 from robomend_bench.suite import DATA, Answer, Ask, Group, Question, Wish, find_suite, suite_names
+from robomend_bench.tables import markdown
 from robomend_bench.worker import Contestant
 from robomend_client.literals import holds
 
@@ -191,6 +193,7 @@ class Odd:
     """A suite whose contenders misbehave; found in the child by the name of this module."""
 
     name = "odd"
+    version = "1"
     summary = "contenders that misbehave"
     modes: Mapping[str, str] = {"first": "nothing"}
 
@@ -219,6 +222,9 @@ class Odd:
 
         return {"late": late, "dead": dead, "wrong": wrong, "counting": counting}[contender]
 
+    def exported(self, question: Question, group: Group) -> Exported:
+        raise OptionRefused("nobody else is asked")
+
 
 @pytest.mark.parametrize(
     ("contender", "timeout_s", "status", "note"),
@@ -243,6 +249,36 @@ def test_a_contender_that_misbehaves_harms_nobody(
             assert note in why
     finally:
         contestant.close()
+
+
+def test_who_runs_out_of_time_is_asked_the_same_question_twice_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[int] = []
+
+    class Slow:
+        """A contender that never has the first answer, and always the second."""
+
+        name, build_s, base_mib, peak_mib = "slow", 0.0, 0.0, 0.0
+
+        def __init__(self, *arguments: object) -> None:
+            pass
+
+        def ask(self, index: int) -> tuple[Status, None, float, str]:
+            asked.append(index)
+            return ("timeout" if index == 0 else "ok"), None, 1.0, ""
+
+        def close(self) -> None:
+            pass
+
+    monkeypatch.setattr("robomend_bench.running.Contestant", Slow)
+    run = run_suite(Odd(), Wish(mode="first"), ("slow",), repeats=3)
+    assert asked == [0, 1, 0, 1, 1, 1]  # warmed up by the first two
+    assert [sample.status for sample in run.samples] == ["timeout", "ok", "ok", "ok"]
+    table = markdown(run_suite(Odd(), Wish(mode="first"), ("slow", "other", "third"), repeats=1))
+    assert "| slow | 1/2 |" in table
+    monkeypatch.setattr(Slow, "ask", lambda self, index: ("timeout", None, 1.0, ""))
+    table = markdown(run_suite(Odd(), Wish(mode="first"), ("slow", "other", "third"), repeats=1))
+    assert "| slow | 0/2 |" in table
+    assert "fastest other" not in table  # nobody is
 
 
 @pytest.mark.parametrize(("run_up_s", "calls"), [(60.0, (3, 1)), (0.0, (2, 1))])

@@ -271,6 +271,16 @@ class Grounder:
                 return self.problem.costs.get(name, 1.0)
         return 1.0
 
+    def every_action(self) -> Iterator[GroundAction]:
+        """Yield all ground actions that are not refused, whether a plan can use them or not."""
+        for compilation in self._compiled:
+            variables = compilation.schema.parameters
+            self._schema = compilation.schema
+            for binding in self._bindings(variables, compilation.guards, {}):
+                for action in self._instances(compilation, tuple(binding[name] for name, _ in variables)):
+                    if self.refusal(action) is None:
+                        yield action
+
     def achievers(self, number: int) -> list[GroundAction]:
         """Return the ground actions that achieve a signed fact and are not refused, in a fixed order."""
         fact = self.fact(number)
