@@ -156,7 +156,7 @@ class Rate:
     def held(self) -> int:
         """How many messages can have been held up, and come at once."""
         held_s = self.silence if self.held_s is None else self.held_s
-        return min(ceil(held_s * self.rate_hz), 10_000)
+        return min(ceil(held_s * self.rate_hz), 1000)
 
 
 class GeneralObserver:
@@ -198,13 +198,18 @@ class GeneralObserver:
         self._forget(time_ns)
 
     def _forget(self, time_ns: int) -> None:
-        self._times.clear()
-        self._counted.clear()
+        self._clear()
         self._newest_ns = time_ns
         if not self._usual_ns:
             self._newest_ns = max(time_ns, (self._start_ns or 0) + self._first_ns)
         self._silence_end_ns: int | None = None  # of the newest silence; None: there was none
         self._onset_ns: int | None = None  # the newest message at which the rate was right
+
+    def _clear(self) -> None:
+        self._times.clear()
+        self._counted.clear()
+        self._good_ns: int | None = None  # the newest message at which the rate was right,
+        self._looked_ns: int | None = None  # of those up to this
 
     def feed(self, source: str, time_ns: int, value: object = None) -> None:
         """A message of the topic arrived at `time_ns`; its value does not matter."""
@@ -226,8 +231,7 @@ class GeneralObserver:
         if gap_ns >= self._silence_ns:
             self._onset_ns = self._last_good_ns()
             self._silence_end_ns = time_ns
-            self._times.clear()
-            self._counted.clear()
+            self._clear()
         elif gap_ns < -self._back_ns and not first:
             self.reset(time_ns)
         elif gap_ns < 0 and not first:
@@ -359,18 +363,25 @@ class GeneralObserver:
         if right:
             return self._newest_ns
         good_ns = self._good_before()
-        # Never back: of a window whose beginning is no longer remembered, less is known than was then.
-        if good_ns is not None and (self._onset_ns is None or good_ns > self._onset_ns):
+        if good_ns is not None:
             self._onset_ns = good_ns
         return self._onset_ns
 
     def _good_before(self) -> int | None:
-        """Return the newest message at which the rate was right, of those that are remembered."""
+        """Return the newest message at which the rate was right, since the newest silence.
+
+        None of them is looked at twice: what it was then, it is still, and of a window whose beginning is
+        forgotten less is known than was then.
+        """
         times, counted = tuple(self._times), tuple(self._counted)
         for last in range(len(times) - 1, self._intervals - 1, -1):
+            if self._looked_ns is not None and times[last] < self._looked_ns:
+                break
             if self._reach(counted, last, min(last, self._size - 1)):
-                return times[last]
-        return None
+                self._good_ns = times[last]
+                break
+        self._looked_ns = self._newest_ns
+        return self._good_ns
 
     def _significant(self, n: int) -> bool:
         """Return whether the mean of the newest n intervals differs significantly from what it should be."""
