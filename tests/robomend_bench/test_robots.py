@@ -30,7 +30,8 @@ def test_every_part_gives_its_figures() -> None:
     assert list(found) == ours
     assert all(speed["median"] > 0 for speed in found["speed"].values())
     assert 0.35 <= found["silence"]["median_s"] <= found["silence"]["max_s"]
-    assert found["alarms"] == {"alarms": 0, "messages": 1000}
+    assert found["alarms"]["messages"] == 1000
+    assert found["alarms"]["default settings"]["0.1%"] == 0
     assert found["live"]["killed"]["count"] == found["live"]["silent"]["count"] == 2
     assert found["live"]["silent"]["median_s"] >= 0.35  # from the last message on
     assert found["live"]["alone_mb"] > 10
@@ -108,7 +109,12 @@ def test_an_observer_that_is_easily_alarmed_is_counted(monkeypatch: pytest.Monke
     monkeypatch.setattr(
         streams, "GeneralObserver", lambda topic, rate: GeneralObserver(topic, Rate(10, silence_s=0.101))
     )
-    assert streams.alarms(1000, seed=1) > 10
+    assert streams.alarms(1000, 1, streams.LOST, Rate()) > 10
+
+
+def test_what_loses_more_than_its_observer_bears_is_counted_and_a_larger_lost_bears_it() -> None:
+    assert streams.alarms(20_000, 1, 0.05, Rate(10, 2)) > 10
+    assert streams.alarms(20_000, 1, 0.05, Rate(10, 2, lost=12)) == 0
 
 
 def test_a_topic_that_was_late_before_its_last_message_is_silenced_once_more() -> None:

@@ -15,6 +15,7 @@ from robomend_bench.parts import only
 from robomend_bench.robots import live, power, ros, ros1, ros2, streams
 from robomend_bench.service.measure import load_of_others
 from robomend_bench.service.process import processors, served
+from robomend_client.observers import Rate
 
 Row = tuple[str, str, str]
 """What was measured, what came out, the goal."""
@@ -43,9 +44,21 @@ def _silence(wish: dict[str, Any]) -> Measured:
 
 
 def _alarms(wish: dict[str, Any]) -> Measured:
-    count = streams.alarms(wish["messages"], wish["seed"])
-    what = f"false alarms in {wish['messages']:,} messages, 5 % jitter, 0.1 % lost"
-    return {"alarms": count, "messages": wish["messages"]}, [(what, str(count), "0")]
+    messages, seed = wish["messages"], wish["seed"]
+    found: dict[str, Any] = {"messages": messages}
+    rows = []
+    for settings, expected, shares in (
+        ("default settings", Rate(streams.HZ), (streams.LOST, 0.002, 0.01)),
+        ("tolerance_hz 2", Rate(streams.HZ, 2.0), (0.01,)),
+        ("tolerance_hz 2, lost 6", Rate(streams.HZ, 2.0, lost=6), (0.01, 0.02)),
+    ):
+        for lost in shares:
+            count = streams.alarms(messages, seed, lost, expected)
+            found.setdefault(settings, {})[f"{lost:.1%}"] = count
+            promised = "0" if (settings, lost) == ("default settings", streams.LOST) else ""
+            what = f"false alarms in {messages:,} messages, 5 % jitter, {lost:.1%} lost, {settings}"
+            rows.append((what, str(count), promised))
+    return found, rows
 
 
 def _live(wish: dict[str, Any]) -> Measured:

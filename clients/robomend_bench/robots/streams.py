@@ -52,22 +52,22 @@ def samples_a_second(make: Callable[[], Observer], samples: int, repeats: int) -
     return sorted(found)
 
 
-def imperfect(messages: int, seed: int) -> Sequence[int]:
-    """Return the times of a topic with 5 % jitter of which one message in a thousand is lost."""
+def imperfect(messages: int, seed: int, lost: float = LOST) -> Sequence[int]:
+    """Return the times of a topic with 5 % jitter of which a share of the messages is lost."""
     draw = random.Random(seed)
     times_ns = []
     time_s = 0.0
     for _ in range(messages):
         time_s += (1 + draw.uniform(-JITTER, JITTER)) / HZ
-        if draw.random() >= LOST:
+        if draw.random() >= lost:
             times_ns.append(ns(time_s))
     return times_ns
 
 
-def alarms(messages: int, seed: int) -> int:
-    """Return how often an observer with default settings called an imperfect topic not ok."""
-    driver = Driver([GeneralObserver("scan", Rate(HZ))], 0)
-    changes = [c for time_ns in imperfect(messages, seed) for c in driver.sample("scan", time_ns)]
+def alarms(messages: int, seed: int, lost: float, expected: Rate) -> int:
+    """Return how often an observer called an imperfect topic not ok."""
+    driver = Driver([GeneralObserver("scan", expected)], 0)
+    changes = [c for time_ns in imperfect(messages, seed, lost) for c in driver.sample("scan", time_ns)]
     return sum(c.value is not None and not c.value.positive for c in changes)
 
 

@@ -12,15 +12,24 @@ what was held up comes in bursts, rate − tolerance < f < rate + tolerance_abov
 unknown: missing data is no literal. A topic that was never heard of may take `first_s` until it comes up.
 
 After `settle` intervals the rate is ok if it is right. That it is wrong is only said of a window that is
-not full yet if it would be wrong even had LOST messages been lost, or the first one come late by a whole
+not full yet if it would be wrong even had `lost` messages been lost, or the first one come late by a whole
 interval: neither is a fault right after the start.
 
-The defaults stay calm where one message in a thousand is lost: silence is 3.5 intervals (three messages
-missing in a row), and the window is so large that three lost messages in it stay within the tolerance.
+The defaults stay calm where one message in a thousand is lost, each by itself: `lost` is three, so silence is
+3.5 intervals (three messages missing in a row), and the window is so large that three lost messages in it
+stay within the tolerance. Where messages are lost in longer runs, `lost` is to be larger.
 
 With `test: student_t`, a wrong rate must be significant, too: |f − rate| ≥ tolerance is the practical
 margin, and the mean interval must differ by a t test of level `significance`. That is calmer where
 intervals scatter much.
+
+Messages that a busy computer held up come all at once, and a window that begins among them is too short for
+its messages, though none came too many. So a rate is only called too fast if it is too fast over longer
+windows, too, by as many messages as can have been held up for `held_s`.
+
+    held up     |   |   |   |          ||||   |   |   |   |   |
+                                         └─── too fast ───┘     its own window
+                                └──────── not too fast ───┘     with those before it
 
 With `pause_s`, an interval counts in the rate as so long at most. What is longer is a pause, which silence_s
 judges: a few of them in a window make its rate no slower than they must, so that half of the messages missing
@@ -43,9 +52,6 @@ from robomend_client.literals import Atom, Literal, fails, holds
 from robomend_client.observers.base import NOTHING, SECOND, Evidence, ns, positive
 from robomend_client.observers.student_t import significant
 
-LOST = 3
-"""Messages that may be lost in one window, or missing in a row, without a verdict."""
-
 LEAST_SILENCE_S = 0.35
 """Whatever the rate, for a busy computer is late by a tenth of a second or two."""
 
@@ -59,9 +65,10 @@ class Rate:
     Attributes:
         rate_hz: the rate that is expected, in messages per second.
         tolerance_hz: ok while the rate of the window differs by less, in messages per second.
-        window: the rate is that of so many messages; by default so many, 10 at least, that three lost ones
+        window: the rate is that of so many messages; by default so many, 10 at least, that `lost` lost ones
             stay within the tolerance.
-        silence_s: so many seconds without a message are not ok; by default 3.5 intervals, 0.35 s at least.
+        silence_s: so many seconds without a message are not ok; by default half an interval more than `lost`
+            intervals, 0.35 s at least.
         first_s: until its very first message, silence counts after so many seconds; by default silence_s, and
             under `topics:` 2.
         check_s: how often a verdict on the rate is given, in seconds.
@@ -70,6 +77,9 @@ class Rate:
         significance: the level of the t test, two-sided: a probability.
         tolerance_above_hz: how much faster it may be, in messages per second; by default tolerance_hz.
         pause_s: an interval counts in the rate as so many seconds at most; by default as it is.
+        lost: messages that may be lost in a window; missing in a row they are silence.
+        held_s: messages may be held up for so many seconds, and then come at once; by default as long as
+            silence.
     """
 
     rate_hz: float = 10.0
@@ -83,9 +93,11 @@ class Rate:
     significance: float = 0.05
     tolerance_above_hz: float | None = None
     pause_s: float | None = None
+    lost: int = 3
+    held_s: float | None = None
 
     PRESETS: ClassVar[Mapping[str, Mapping[str, Any]]] = {
-        "published": {"window": 10, "silence_s": 2.0, "check_s": 0.5, "settle": None}
+        "published": {"window": 10, "silence_s": 2.0, "check_s": 0.5, "settle": None, "held_s": 0.0}
     }
 
     def __post_init__(self) -> None:
@@ -96,6 +108,8 @@ class Rate:
             raise ValueError(
                 f"window must be from 2 to 10000 messages, not {self.window}: a rate needs an interval"
             )
+        if not 1 <= self.lost <= 1000:
+            raise ValueError(f"lost must be from 1 to 1000 messages, not {self.lost}")
         if self.settle is not None and (self.settle < 1 or (self.window and self.settle >= self.window)):
             most = f"window − 1 = {self.window - 1}" if self.window else "window − 1"
             raise ValueError(f"settle must be from 1 to {most}, not {self.settle}")
@@ -113,6 +127,8 @@ class Rate:
             )
         if self.first_s is not None and not 0 <= self.first_s <= 86400:
             raise ValueError(f"first_s must be from 0 to 86400, not {self.first_s:g}")
+        if self.held_s is not None and not 0 <= self.held_s <= 86400:
+            raise ValueError(f"held_s must be from 0 to 86400, not {self.held_s:g}")
         if self.test not in TESTS:
             raise ValueError(f"test must be one of {', '.join(TESTS)}, not {self.test!r}")
         if not 0 < self.significance < 1:
@@ -141,7 +157,7 @@ class Rate:
         """
         if self.window is not None:
             return self.window
-        enough = ceil(LOST * self.rate_hz / (0.85 * self.tolerance_hz)) - LOST + 1
+        enough = ceil(self.lost * self.rate_hz / (0.85 * self.tolerance_hz)) - self.lost + 1
         return max(10, (self.settle or 0) + 1, min(enough, 10_000))
 
     @property
@@ -152,7 +168,15 @@ class Rate:
     @property
     def silence(self) -> float:
         """Seconds without a message that are not ok."""
-        return max(LEAST_SILENCE_S, 3.5 / self.rate_hz) if self.silence_s is None else self.silence_s
+        if self.silence_s is not None:
+            return self.silence_s
+        return max(LEAST_SILENCE_S, (self.lost + 0.5) / self.rate_hz)
+
+    @property
+    def held(self) -> int:
+        """How many messages can have been held up, and come at once."""
+        held_s = self.silence if self.held_s is None else self.held_s
+        return min(ceil(held_s * self.rate_hz), 1000)
 
 
 class GeneralObserver:
@@ -179,11 +203,13 @@ class GeneralObserver:
         self._full = float((self._size - 1) * SECOND)  # a whole window's intervals, by its span: its rate
         self._intervals = expected.intervals
         self._lowest_hz, self._highest_hz = expected.lowest_hz, expected.highest_hz
+        self._held = expected.held
         # Two windows of them: when the rate turns wrong, the message at which it was right is in there.
-        self._times: deque[int] = deque(maxlen=2 * self._size)
+        most = 2 * self._size + self._held
+        self._times: deque[int] = deque(maxlen=most)
         # The same without what is longer of their intervals than a pause: it is what rates are of.
         self._pause_ns = None if expected.pause_s is None else ns(expected.pause_s)
-        self._counted: deque[int] = self._times if self._pause_ns is None else deque(maxlen=2 * self._size)
+        self._counted: deque[int] = self._times if self._pause_ns is None else deque(maxlen=most)
         self._first_ns = max(0, ns(expected.first_s or 0.0) - self._silence_ns)
         self._back_ns = max(self._silence_ns, ns(self._size / expected.rate_hz))
         self._start_ns: int | None = None  # the first reset; None: there was none
@@ -197,13 +223,18 @@ class GeneralObserver:
         self._forget(time_ns)
 
     def _forget(self, time_ns: int) -> None:
-        self._times.clear()
-        self._counted.clear()
+        self._clear()
         self._newest_ns = time_ns
         if not self._usual_ns:
             self._newest_ns = max(time_ns, (self._start_ns or 0) + self._first_ns)
         self._silence_end_ns: int | None = None  # of the newest silence; None: there was none
         self._onset_ns: int | None = None  # the newest message at which the rate was right
+
+    def _clear(self) -> None:
+        self._times.clear()
+        self._counted.clear()
+        self._good_ns: int | None = None  # the newest message at which the rate was right,
+        self._looked_ns: int | None = None  # of those up to this
 
     def feed(self, source: str, time_ns: int, value: object = None) -> None:
         """A message of the topic arrived at `time_ns`; its value does not matter."""
@@ -225,8 +256,7 @@ class GeneralObserver:
         if gap_ns >= self._silence_ns:
             self._onset_ns = self._last_good_ns()
             self._silence_end_ns = time_ns
-            self._times.clear()
-            self._counted.clear()
+            self._clear()
         elif gap_ns < -self._back_ns and not first:
             self.reset(time_ns)
         elif gap_ns < 0 and not first:
@@ -286,8 +316,10 @@ class GeneralObserver:
         right = self._right()
         if right is None and self._silence_end_ns is not None:
             return Evidence(self._silence_end_ns - self._silence_ns, self._onset_ns)
-        since_ns = self._times[-min(len(self._times), self._size)]
-        return Evidence(since_ns, None if right else self._last_good_ns())
+        intervals = min(len(self._times), self._size) - 1
+        counted = tuple(self._counted)
+        reach = self._reach(counted, len(counted) - 1, intervals) if right else 0
+        return Evidence(self._times[-1 - (reach or intervals)], None if right else self._last_good_ns())
 
     @property
     def patience_s(self) -> float:
@@ -323,14 +355,30 @@ class GeneralObserver:
         f = intervals * SECOND / span_ns if span_ns else inf
         if self._lowest_hz < f < self._highest_hz:
             return True
+        if f >= self._highest_hz and self._held and self._reach(tuple(counted), have - 1, intervals):
+            return True
         if have < size and span_ns:
             if f < expected.rate_hz:  # so far: were messages lost?
-                chance = (intervals + LOST) * SECOND / span_ns >= self._lowest_hz
+                chance = (intervals + expected.lost) * SECOND / span_ns >= self._lowest_hz
             else:  # was the first one late?
                 chance = (intervals - 1) * SECOND / span_ns <= self._highest_hz
             if chance:
                 return True if self._good_before() is not None else None
         return expected.test == "student_t" and not self._significant(intervals)
+
+    def _reach(self, counted: tuple[int, ...], last: int, intervals: int) -> int:
+        """Return how many intervals make the rate at a message right: those of the window, or, where it is
+        too fast, as many more as may have been held up; 0: it is wrong over all of them.
+        """
+        end_ns = counted[last]
+        span_ns = end_ns - counted[last - intervals]
+        if span_ns and intervals * SECOND / span_ns <= self._lowest_hz:
+            return 0
+        for n in range(intervals, min(intervals + self._held, last) + 1):
+            span_ns = end_ns - counted[last - n]
+            if span_ns and n * SECOND / span_ns < self._highest_hz:
+                return n
+        return 0
 
     def _last_good_ns(self) -> int | None:
         """Return the newest message that was good news: not one of a rate that was wrong by then."""
@@ -345,14 +393,20 @@ class GeneralObserver:
         return self._onset_ns
 
     def _good_before(self) -> int | None:
-        """Return the newest message at which the rate was right, of those that are remembered."""
+        """Return the newest message at which the rate was right, since the newest silence.
+
+        None of them is looked at twice: what it was then, it is still, and of a window whose beginning is
+        forgotten less is known than was then.
+        """
         times, counted = tuple(self._times), tuple(self._counted)
         for last in range(len(times) - 1, self._intervals - 1, -1):
-            intervals = min(last, self._size - 1)
-            span_ns = counted[last] - counted[last - intervals]
-            if span_ns and self._lowest_hz < intervals * SECOND / span_ns < self._highest_hz:
-                return times[last]
-        return None
+            if self._looked_ns is not None and times[last] < self._looked_ns:
+                break
+            if self._reach(counted, last, min(last, self._size - 1)):
+                self._good_ns = times[last]
+                break
+        self._looked_ns = self._newest_ns
+        return self._good_ns
 
     def _significant(self, n: int) -> bool:
         """Return whether the mean of the newest n intervals differs significantly from what it should be."""

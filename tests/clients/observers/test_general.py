@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import random
+from dataclasses import replace
+from itertools import pairwise
+from math import inf
 
 import pytest
 from hypothesis import given
@@ -44,15 +47,31 @@ def test_the_published_preset_has_the_published_parameters() -> None:
 def test_parameters_that_are_not_given_follow_from_the_rate() -> None:
     assert (Rate(10).silence, Rate(2).silence, Rate(100).silence) == (0.35, 1.75, 0.35)
     assert (Rate(10, 1).messages, Rate(10, 2).messages, Rate(10, 5).messages) == (34, 16, 10)
+    six = Rate(10, 2, lost=6)
+    assert (six.silence, six.messages, Rate(40, lost=6).silence) == (0.65, 31, 0.35)
 
 
+@pytest.mark.parametrize("lost", [1, 3, 7])
 @pytest.mark.parametrize("tolerance_hz", [0.5, 1.0, 1.5, 3.0])
-def test_three_messages_lost_in_a_full_window_are_within_the_tolerance(tolerance_hz: float) -> None:
-    rate = Rate(10, tolerance_hz)
+def test_so_many_messages_lost_in_a_full_window_are_within_the_tolerance(
+    tolerance_hz: float, lost: int
+) -> None:
+    rate = Rate(10, tolerance_hz, lost=lost)
     times = beats(0, 3 * rate.messages)
-    for lost in range(3):
-        del times[-4 - 3 * lost]
+    for number in range(lost):
+        del times[-4 - 2 * number]
     assert verdict(fed(rate, *times), times[-1]) is True
+
+
+@pytest.mark.parametrize("lost", [1, 3, 7])
+def test_so_many_messages_lost_in_a_row_are_silence_and_one_less_is_none(lost: int) -> None:
+    rate = Rate(4, lost=lost)
+    for missing in (lost - 1, lost):
+        times = beats(0, 3 * rate.messages, 4)
+        del times[-2 - missing : -2]
+        driver = Driver([GeneralObserver("scan", rate)], 0)
+        changes = [change for time_s in times for change in driver.sample("scan", ns(time_s))]
+        assert (fails("ok", "scan") in [change.value for change in changes]) is (missing == lost)
 
 
 def test_a_pause_counts_as_so_long_at_most_and_half_of_the_messages_shows_beside_it() -> None:
@@ -82,6 +101,48 @@ def test_a_burst_may_be_faster_than_a_rate_may_be_slower() -> None:
     assert verdict(fed(Rate(10, 1, window=11, silence_s=0.5), *beats(0, 11, 19.5)), 0.6) is False
     with pytest.raises(ValueError, match="tolerance_above_hz must be above 0"):
         Rate(tolerance_above_hz=0)
+
+
+@pytest.mark.parametrize("hz", [5.0, 10.0, 40.0, 200.0])
+@pytest.mark.parametrize("tolerance", ["a fifth", "one hertz"])
+def test_messages_that_were_held_up_and_come_at_once_are_not_too_many(hz: float, tolerance: str) -> None:
+    rate = Rate(hz, hz / 5 if tolerance == "a fifth" else 1.0)
+    times = beats(0, 2000, hz)
+    begins_s, ends_s = times[1000], times[1000] + 0.6 * rate.silence
+    # Those of this span come at its end, one a tenth of a millisecond after the other.
+    times = [
+        ends_s + 0.0001 * number if begins_s <= time_s < ends_s else time_s
+        for number, time_s in enumerate(times, -1000)
+    ]
+    observer, strict = GeneralObserver("scan", rate), GeneralObserver("scan", replace(rate, held_s=0.0))
+    found, by_its_window = set(), set()
+    for time_s, after_s in pairwise(times):
+        observer.feed("scan", ns(time_s))
+        strict.feed("scan", ns(time_s))
+        if after_s - time_s > 0.001:  # not in the middle of the burst
+            found.add(verdict(observer, time_s))
+            by_its_window.add(verdict(strict, time_s))
+    assert found == {None, True}
+    if hz > 10:  # else only one was held up
+        assert by_its_window == {None, True, False}
+
+
+def test_a_rate_that_is_too_fast_is_told_by_the_longer_window() -> None:
+    observer = GeneralObserver("scan", Rate(10, 2, window=16, silence_s=0.5))
+    for time_s in beats(0, 50):
+        observer.feed("scan", ns(time_s))
+    wrong = []
+    for time_s in beats(5, 60, 12.5):  # a little off: it takes the window, and what may have been held up
+        observer.feed("scan", ns(time_s))
+        wrong.append(verdict(observer, time_s) is False)
+    assert wrong == [False] * 17 + [True] * 43  # 20 intervals, 17 of them short: 12.05 Hz
+
+
+def test_what_is_right_by_the_longer_window_rests_on_it() -> None:
+    rate = Rate(rate_hz=10, tolerance_hz=1, window=11, settle=10, silence_s=0.5)
+    observer = fed(rate, *beats(0, 21), 2.4, 2.4, 2.4, 2.4, *beats(2.5, 7))
+    assert verdict(observer, 3.1) is True
+    assert observer.evidence(SCAN, ns(3.1)) == Evidence(ns(2.0))
 
 
 def test_a_topic_is_unknown_until_it_settled_or_was_silent() -> None:
@@ -205,6 +266,8 @@ def test_the_literal_names_the_topic() -> None:
         ({"check_s": -1.0}, "check_s"),
         ({"test": "guess"}, "test"),
         ({"significance": 1.0}, "significance"),
+        ({"held_s": -1.0}, "held_s"),
+        ({"lost": 0}, "lost"),
     ],
 )
 def test_impossible_parameters_are_refused_by_name(wrong: dict[str, object], named: str) -> None:
@@ -282,20 +345,32 @@ def naive(rate: Rate, times_ns: list[int], now_ns: int) -> bool | None:
     if len(run) < rate.messages:
         return False if starts else None
     window = run[-rate.messages :]
-    span_ns = window[-1] - window[0]
-    if span_ns == 0:
-        return False
-    return abs((len(window) - 1) * SECOND / span_ns - rate.rate_hz) < rate.tolerance_hz
+    f = hertz(window)
+    if f < rate.highest_hz:
+        return f > rate.lowest_hz
+    longer = (run[-n:] for n in range(rate.messages + 1, min(len(run), rate.messages + rate.held) + 1))
+    return any(hertz(times) < rate.highest_hz for times in longer)
+
+
+def hertz(times_ns: list[int]) -> float:
+    span_ns = times_ns[-1] - times_ns[0]
+    return (len(times_ns) - 1) * SECOND / span_ns if span_ns else inf
 
 
 rates = st.builds(
-    lambda hz, tolerance, window, silence: Rate(
-        rate_hz=hz, tolerance_hz=tolerance, window=window, settle=None, silence_s=max(silence, 1.01 / hz)
+    lambda hz, tolerance, window, silence, held: Rate(
+        rate_hz=hz,
+        tolerance_hz=tolerance,
+        window=window,
+        settle=None,
+        silence_s=max(silence, 1.01 / hz),
+        held_s=held,
     ),
     st.sampled_from([1.0, 5.0, 10.0, 100.0]),
     st.sampled_from([0.1, 1.0, 4.0]),
     st.integers(2, 12),
     st.sampled_from([0.2, 0.5, 2.0]),
+    st.sampled_from([None, 0.0, 0.3]),
 )
 # Mostly near 10 Hz, with bursts and gaps: uniform times would hardly ever be ok.
 gaps = st.one_of(st.integers(95, 105), st.integers(0, 50), st.integers(0, 3000))
