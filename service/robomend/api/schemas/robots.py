@@ -146,7 +146,7 @@ class AgentOut(Out):
     agent: str
     host: str | None
     can: list[str] | None = Field(
-        description="actions that it carries out, `name` or `name:parameter`; null: it does not say"
+        description="actions that it does, `name` or `name:parameter,parameter`; null: it does not say"
     )
     observes: list[str] = Field(description="what of the model its observers report")
 
