@@ -45,12 +45,14 @@ LEASES_S = (30, 60, 120, 300, 600, 1800, 3600)
 def offered(can: Collection[str] | None, name: str, parameters: Sequence[str]) -> bool:
     """Return whether who says this of itself is handed an action.
 
-    `can`: `name`, or `name:parameter` of actions with one parameter and of a drill's; None: anything.
+    `can`: `name`, or `name:parameter,parameter`; of a drill's actions the first one only. None: anything.
     """
-    if can is None or name in can:
-        return True
-    by_first = len(parameters) == 1 or name in BY_COMPONENT
-    return by_first and f"{name}:{parameters[0]}" in can
+    return can is None or name in can or f"{name}:{on(name, parameters)}" in can
+
+
+def on(name: str, parameters: Sequence[str]) -> str:
+    """Return what stands behind the colon of an offer: on what an action is done."""
+    return parameters[0] if name in BY_COMPONENT else ",".join(parameters)
 
 
 def not_started(error: BaseException | None) -> int:

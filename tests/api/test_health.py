@@ -14,6 +14,7 @@ def test_what_should_be_observed_and_is_not_is_unknown(start: StartService) -> N
 
     def robot() -> tuple[str, list[str]]:
         value = service.api("GET", "/robots/r1").json()
+        assert value["healthy"] is {"healthy": True, "unhealthy": False}.get(value["state"])
         return value["state"], value["unknown"]
 
     assert robot() == ("unknown", ["ok(joy)", "ok(odom)"])

@@ -286,8 +286,20 @@ actions:
 def test_the_agent_says_what_it_can_do(tmp_path: Path) -> None:
     executors = Executors("onboard", [spec.make() for spec in specs(tmp_path, MANY)])
     assert executors.can == [
-        "calibrate", "home", "start_node:camera_node", "reset_usb:camera", "reset_usb:lidar",
+        "calibrate:left,up", "calibrate:right,up", "home", "start_node:camera_node", "reset_usb:camera",
+        "reset_usb:lidar",
     ]  # fmt: skip
+
+
+def test_too_many_choices_of_parameters_are_offered_by_the_name_alone(tmp_path: Path) -> None:
+    def can(tens: int) -> list[str]:
+        lists = ", ".join(f"p{n}: [a, b, c, d, e, f, g, h, i, j]" for n in range(tens))
+        text = f"actions: {{aim: {{kind: process, command: [/bin/true], parameters: {{{lists}}}}}}}"
+        return Executors("onboard", [spec.make() for spec in specs(tmp_path, text)]).can
+
+    assert len(can(3)) == 1000
+    assert can(3)[-1] == "aim:j,j,j"
+    assert can(4) == ["aim"]
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from tests.planning.candidates import SECOND, candidate, plan, tried
 from robomend.diagnosis.result import Diagnosis
 from robomend.planning.choice import Candidate, Look, choose, common_part
 from robomend.planning.plan import Outcome, Plan, Step
-from robomend.planning.quarantine import quarantined
+from robomend.planning.quarantine import Quarantined, came_back, quarantined, relapses, unlasting
 from robomend.planning.tried import Attempt, Patience, attempt, weights
 from robomend_client.literals import Atom, fails, holds
 
@@ -227,16 +227,58 @@ def test_the_reason_counts_the_repairs_that_did_not_help() -> None:
 
 def test_what_soon_breaks_again_however_often_it_is_mended_is_quarantined() -> None:
     patience = Patience(relapses=3, relapse_s=60, backoff_s=100)
-    loop = [tried("a", helped=True, at_s=at) for at in (0, 30, 60, 90)]
-    assert quarantined(loop[:3], now_ns=61 * SECOND, patience=patience) == {}  # the third may last
-    aside = quarantined(loop, now_ns=91 * SECOND, patience=patience)["a"]
-    assert (aside.failures, aside.until_ns) == (3, 190 * SECOND)
-    assert "each time it helped, and soon it was broken again" in aside.reason
-    # Attempt once more when the back-off is over: in vain again, so that it doubles.
-    fifth = [*loop, tried("a", helped=True, at_s=195)]
-    assert quarantined(fifth, now_ns=196 * SECOND, patience=patience)["a"].until_ns == 395 * SECOND
-    lasting = [*loop, tried("a", helped=True, at_s=300)]
-    assert quarantined(lasting, now_ns=301 * SECOND, patience=patience) == {}
+
+    def aside(*mended_at_s: int, now_s: int, suspected: str = "a") -> dict[str, Quarantined]:
+        names, now_ns = suspected.split(), now_s * SECOND
+        mended = [tried("a", helped=True, at_s=at) for at in mended_at_s]
+        row = relapses(mended, names, now_ns=now_ns, patience=patience)
+        return came_back(row, names, now_ns=now_ns, patience=patience)
+
+    assert aside(0, 30, now_s=61) == {}
+    third = aside(0, 30, 60, now_s=61)["a"]
+    assert (third.failures, third.until_ns) == (3, 160 * SECOND)
+    assert third.reason == "a: 3 repairs in a row helped, and soon it came back"
+    assert aside(0, 30, 60, now_s=61, suspected="b") == {}
+    assert aside(0, 30, 60, now_s=121) == {}  # the third has lasted
+    assert aside(0, 30, 91, now_s=92) == {}  # as the second had
+    # One more when the back-off is over: it does not last either, so that the time doubles.
+    assert aside(0, 30, 60, 165, now_s=166)["a"].until_ns == 365 * SECOND
+    assert aside(0, 30, 60, 300, now_s=301) == {}
+
+
+def test_what_was_needed_again_late_had_lasted_whatever_was_done_in_vain_since() -> None:
+    first, vain, last = tried("a", helped=True), tried("a", at_s=50), tried("a", helped=True, at_s=90)
+    assert relapses([first, vain, last], {"a"}, now_ns=91 * SECOND) == (last,)
+    soon = replace(vain, began_ns=10 * SECOND)  # it took 40 s
+    assert relapses([first, soon, last], {"a"}, now_ns=91 * SECOND) == (first, last)
+    assert relapses([first, soon], {"a"}, now_ns=91 * SECOND) == (first,)
+
+
+def test_who_of_the_suspects_was_repaired_does_not_matter_to_what_comes_back() -> None:
+    row = [tried("driver", helped=True), tried("device", helped=True, at_s=10)]
+    found = relapses(row, {"driver", "device", "supply"}, now_ns=11 * SECOND)
+    assert [one.bad for one in found] == [{"driver"}, {"device"}]
+    two = Patience(relapses=2)
+    assert came_back(found, {"driver", "supply"}, now_ns=11 * SECOND, patience=two).keys() == {"driver"}
+
+
+def test_what_helped_and_did_not_last_is_no_cure() -> None:
+    short, other = tried("a", helped=True), tried("b", helped=True, at_s=1)
+    memory = unlasting([short, other], [short])
+    assert [one.helped for one in memory] == [False, True]
+    choice = choose([candidate("a", 4), candidate("b", 4)], memory)
+    assert choice.diagnosis == Diagnosis(("b",))
+    (again,) = (one for one in choice.alternatives if one.diagnosis.bad == ("a",))
+    assert again.reason.endswith("; repaired once before, and soon it was broken again")
+
+
+def test_power_is_not_cut_a_third_time_for_what_soon_comes_back() -> None:
+    device = cutting("device", 29, 1.0)
+    assert choose([device], relapses=Patience().relapses - 2).plan is not None
+    nothing = choose([device], relapses=Patience().relapses - 1)
+    assert nothing.plan is None
+    assert nothing.reason.endswith("; power is not cut again for what soon comes back")
+    assert choose([device, candidate("driver", 4, 0.1)], relapses=9).diagnosis == Diagnosis(("driver",), 0.1)
 
 
 def test_three_failures_in_a_row_are_quarantined_with_doubling_back_off() -> None:

@@ -59,6 +59,13 @@ def test_only_what_agents_carry_out_and_the_name_alone_of_actions_with_more_para
     assert offers(says("onboard", "calibrate:left")).why_nobody("calibrate", ("left", "fast")) is not None
 
 
+def test_an_action_with_more_parameters_is_offered_by_all_of_them() -> None:
+    known = offers(says("onboard", "calibrate:left,fast", "calibrate:right,slow"))
+    assert known.why_nobody("calibrate", ("left", "fast")) is None
+    why = known.why_nobody("calibrate", ("left", "slow"))
+    assert why == "no agent offers it (onboard does calibrate of (left, fast), (right, slow))"
+
+
 def test_long_lists_are_cut() -> None:
     many = says("onboard", *(f"start_node:n{number}" for number in range(9)))
     why = offers(many).why_nobody("start_node", ("map",))
@@ -68,6 +75,7 @@ def test_long_lists_are_cut() -> None:
 def test_what_is_planned_is_what_the_queue_hands_out() -> None:
     wanted = (("start_node", ("x",)), ("calibrate", ("l", "r")), ("stop_node", ("x",)))
     agents = [says("a", "start_node:x"), says("b", "calibrate", host="pc"), says("c"), Offer("d", "pc")]
+    agents += [says("e", "calibrate:l,r"), says("f", "calibrate:l,x")]
     for agent in agents:
         for name, parameters in wanted:
             action = AgentAction(

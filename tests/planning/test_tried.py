@@ -34,7 +34,7 @@ def test_the_page_names_the_numbers() -> None:
     assert f"for {patience.backoff_s / 60:g} minutes, doubled by each further failure, up to a day" in page
     assert patience.max_backoff_s == 24 * 3600
     assert f"allows actions ({patience.relapses})" in page
-    assert (patience.relapse_s, patience.memory_s) == (60, 3600)  # "within a minute", "for an hour"
+    assert (patience.relapse_s, patience.memory_s) == (30, 3600)  # "within half a minute", "for an hour"
     assert (patience.seen_factor, patience.unseen_factor) == (1 / 10, 1 / 2)  # "to a tenth", "to a half"
 
 

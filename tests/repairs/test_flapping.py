@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -26,19 +27,48 @@ def test_what_was_well_by_itself_often_within_a_minute_is_told_with_its_suspects
 def test_what_seldom_comes_and_goes_is_not_told() -> None:
     found = Flapping()
     assert not any(found.well_by_itself(LIDAR, n * WITHIN_S / (TIMES - 2)) for n in range(50))
-    assert found.hold_s(LIDAR, 0.0) == 0.0
+    assert found.wait_s(LIDAR, 0.0, 0.0) == 0.0
 
 
 def test_for_the_same_suspects_nothing_is_begun_for_a_while_unless_it_lasts() -> None:
     found = Flapping()
     for n in range(TIMES):
         found.well_by_itself(LIDAR, float(n))
-    assert found.hold_s(LIDAR, TIMES) == STEADY_S
-    assert found.hold_s(frozenset({("lidar", "mapping")}), TIMES) == STEADY_S
-    assert found.hold_s(MAP, TIMES) == 0.0
-    assert found.hold_s(LIDAR | MAP, TIMES) == 0.0  # mapping alone may be it
-    assert found.hold_s(LIDAR, TIMES + HELD_S) == 0.0
+    assert found.wait_s(LIDAR, TIMES, 0.0) == STEADY_S
+    assert found.wait_s(frozenset({("lidar", "mapping")}), TIMES, 0.0) == STEADY_S
+    assert found.wait_s(MAP, TIMES, 0.0) == 0.0
+    assert found.wait_s(LIDAR | MAP, TIMES, 0.0) == 0.0  # mapping alone may be it
+    assert found.wait_s(LIDAR, TIMES + HELD_S, 0.0) == 0.0
     assert found.well_by_itself(LIDAR, TIMES + HELD_S) is None  # counted anew
+
+
+def test_for_what_does_not_last_nothing_is_begun_before_its_time_or_a_persons_word() -> None:
+    found = Flapping()
+    found.came_back(LIDAR, 100.0)
+    assert found.wait_s(LIDAR, 90.0, 80.0) == 10.0  # however long it is blamed
+    assert found.wait_s(MAP, 90.0, 0.0) == found.wait_s(LIDAR | MAP, 90.0, 0.0) == 0.0
+    assert found.wait_s(LIDAR, 100.0, 0.0) == 0.0
+    found.came_back(LIDAR, 200.0)
+    found.released()
+    assert found.wait_s(LIDAR, 101.0, 0.0) == 0.0
+
+
+def test_a_repair_that_ended_as_nothing_lasts_is_not_begun_again_when_it_was_well_for_a_moment() -> None:
+    def state(*bad: tuple[str, ...]) -> Any:
+        current = SimpleNamespace(healthy=not bad, bad_sets=bad)
+        config, parts = SimpleNamespace(policy="auto"), object()
+        return SimpleNamespace(current=current, config=config, system=SimpleNamespace(parts=parts))
+
+    def waits(*bad: tuple[str, ...]) -> bool:
+        return found.wait_s(cast(Any, state(*bad)), Policy(), Stop()) > 0.0
+
+    found = ReasonsToRepair()
+    found.gave_up(LIDAR, time.time_ns() + 3600 * 10**9, interlocked=False, untouched=True, unlasting=True)
+    assert waits()
+    assert waits(*LIDAR)
+    assert not waits(*MAP)
+    found.reconsider()
+    assert not waits(*LIDAR)
 
 
 def test_what_is_well_again_each_time_that_nothing_may_be_done_about_it_is_not_told_for_ever() -> None:

@@ -225,13 +225,16 @@ async def test_a_node_that_runs_and_soon_dies_again_is_not_restarted_for_ever(tm
                 assert len(robot.done) <= 4
                 await asyncio.sleep(0.1)
         aside = await runtime.repairs.quarantined("r1")
-    assert robot.done == ["start_node(mapping)"] * 4
-    assert repair["reason"] == (
-        "no known repair: mapping left alone for a while, as its repairs keep failing or do not last"
+    assert robot.done == ["start_node(mapping)"] * 3
+    assert repair["reason"].startswith(
+        "it comes and goes: 3 repairs in a row helped, and each time it was broken again within "
     )
-    assert aside["mapping"].reason.startswith(
-        "mapping was repaired 3 times in a row, each time it helped, and soon it was broken again"
+    assert (
+        "; repaired: mapping (3 times); suspects: mapping. Nothing is begun for them before "
+        in repair["reason"]
     )
+    assert repair["rounds"] == []
+    assert aside["mapping"].reason == "mapping: 3 repairs in a row helped, and soon it came back"
 
 
 async def test_a_late_effect_is_waited_for(tmp_path: Path) -> None:

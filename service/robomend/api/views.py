@@ -114,7 +114,7 @@ def robot_out(state: Robot, findings: Sequence[str], drill: Mapping[str, Any] | 
         updated_ns=state.stored.updated_ns,
         revision=state.revision,
         model_version=state.model.version,
-        healthy=None if state.current is None else state.current.healthy,
+        healthy=how.healthy,
         state=how.value,
         unknown=[str(atom) for atom in unknown],
         findings=list(findings),

@@ -41,6 +41,7 @@ class Situation:
     loops: tuple[Loop, ...] = ()
     onsets: Mapping[Atom, int] = field(default_factory=dict)  # of what is not ok, its last good sample
     surely_broken: frozenset[str] = frozenset()  # to earlier rounds of this repair, which did not cure it
+    relapses: int = 0  # repairs in a row that helped what is suspected now, and did not last
 
     @property
     def wanted(self) -> tuple[Diagnosis, ...]:
@@ -99,6 +100,7 @@ class Situation:
             fits=self._fits(diagnoses),
             now_ns=self.now_ns,
             patience=self.patience,
+            relapses=self.relapses,
         )
         return replace(choice, certain=self.result.certain)
 

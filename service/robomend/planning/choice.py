@@ -13,7 +13,8 @@ and cost c(i), the expected cost Σ c(i) · P(none before i helped) is least in 
                             themselves, if what is saved when the first full repair is wrong exceeds the
                             cost of one more look
     power                   is not cut on a tie that a cheaper act would break: while another diagnosis, as
-                            probable, can be repaired with less of it and was not tried, that comes first
+                            probable, can be repaired with less of it and was not tried, that comes first;
+                            nor for what soon came back after each of the last two repairs (quarantine.py)
     probe                   if looking first makes the expected cost, the look included, smaller
     quarantine              a component whose repairs keep failing is left alone for a time: quarantine.py
 
@@ -26,13 +27,14 @@ Source: D. Heckerman, J. Breese, K. Rommelse. Decision-theoretic troubleshooting
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from operator import mul
 
 from robomend.diagnosis.result import Diagnosis
 from robomend.planning.cures import cured
 from robomend.planning.plan import Outcome, Plan
+from robomend.planning.quarantine import Quarantined
 from robomend.planning.tried import DEFAULT_PATIENCE, S_TO_NS, Attempt, Patience, repaired_by, weights
 from robomend_client.counts import counted
 from robomend_client.literals import Atom
@@ -64,8 +66,9 @@ class Alternative:
     weight: float  # P(this diagnosis), what was tried taken into account; all weights sum to 1
     helps: float  # P(the plan helps)
     score: float  # helps per cost
-    failures: int  # times that this was repaired, alone or with something else, and it did not help
+    failures: int  # times that this was repaired, alone or with something else, and not cured
     reason: str
+    spared: bool = False  # it is not done as it would cut power
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +82,8 @@ class Choice:
     expected_cost: float  # of repairing in this order until it helps
     reason: str
     certain: frozenset[str] = frozenset()  # what every diagnosis blames
+    unlasting: bool = False  # nothing is done, as repairs of what is suspected do not last
+    came_back: Mapping[str, Quarantined] = field(default_factory=dict)  # left alone for that from now on
 
 
 def common_part(diagnoses: Sequence[Diagnosis]) -> tuple[str, ...]:
@@ -100,6 +105,7 @@ def choose(
     fits: Sequence[float] | None = None,
     now_ns: int = 0,
     patience: Patience = DEFAULT_PATIENCE,
+    relapses: int = 0,
 ) -> Choice:
     """Return what to do next.
 
@@ -110,6 +116,7 @@ def choose(
         common: the plan for `common_part`, if there is one.
         fits: how well OBS fits each candidate; see `weights`.
         now_ns: the time, on the clock of `Attempt.time_ns`.
+        relapses: how many repairs in a row helped what is suspected, and did not last.
     """
     diagnoses = [one.diagnosis for one in candidates]
     chances = weights(diagnoses, tried, fits=fits, now_ns=now_ns, patience=patience)
@@ -119,8 +126,10 @@ def choose(
         _weigh(one, chance, candidates, chances, recent, patience)
         for one, chance in zip(candidates, chances, strict=True)
     ]
-    if not _cutting_pays(candidates, chances, patience):
-        weighed = [_spared(one) for one in weighed]
+    if relapses >= patience.relapses - 1:
+        weighed = [_spared(one, "power is not cut again for what soon comes back") for one in weighed]
+    elif not _cutting_pays(candidates, chances, patience):
+        weighed = [one if one.helps >= SURE else _spared(one) for one in weighed]
     ranked = sorted(weighed, key=lambda one: (-one.score, one.plan.cost, len(one.diagnosis.bad)))
     best = _cutting_less(next((one for one in ranked if one.score > 0), None), ranked)
     cost = _expected_cost(candidates, chances, patience)
@@ -194,12 +203,18 @@ def _weigh(
         reason = f"{names}: {_how_probably(helps, candidates)} at cost {plan.cost:g}"
         if plan.unreachable:
             reason += f"; not all of it: {'; '.join(plan.unreachable)}"
-    if failures:
-        seen = sum(attempt.effect_seen for attempt in failures)
-        times = "once" if len(failures) == 1 else f"{len(failures)} times"
-        of = counted(len(failures), "time")
-        reason += f"; repaired {times} before without help; its acts worked {seen} of {of}"
+    vain = [attempt for attempt in failures if attempt.lasted]
+    if vain:
+        seen, of = sum(attempt.effect_seen for attempt in vain), counted(len(vain), "time")
+        reason += f"; repaired {_times(vain)} before without help; its acts worked {seen} of {of}"
+    if len(vain) < len(failures):
+        short = [attempt for attempt in failures if not attempt.lasted]
+        reason += f"; repaired {_times(short)} before, and soon it was broken again"
     return Alternative(one.diagnosis, plan, chance, helps, score, len(failures), reason)
+
+
+def _times(attempts: Sequence[Attempt]) -> str:
+    return "once" if len(attempts) == 1 else f"{len(attempts)} times"
 
 
 def _how_probably(helps: float, candidates: Sequence[Candidate]) -> str:
@@ -233,11 +248,11 @@ LEAST_GAIN = 1e-6
 """Costs that differ by less are equal."""
 
 
-def _spared(one: Alternative) -> Alternative:
-    """Return the alternative, not to be done if it cuts power and hardly helps."""
-    if one.score <= 0 or one.helps >= SURE or not power_cuts(one.plan):
+def _spared(one: Alternative, why: str = "too little to cut power for") -> Alternative:
+    """Return the alternative, not to be done if it cuts power."""
+    if one.score <= 0 or not power_cuts(one.plan):
         return one
-    return replace(one, score=0.0, reason=f"{one.reason}; too little to cut power for")
+    return replace(one, score=0.0, reason=f"{one.reason}; {why}", spared=True)
 
 
 TIED = 0.5
@@ -277,7 +292,7 @@ def _nothing(candidates: Sequence[Candidate], weighed: Sequence[Alternative]) ->
         for sentence in one.plan.unreachable or _unplanned(one)
     )
     for one in weighed:
-        if one.plan.steps and one.failures:
+        if one.plan.steps and one.failures and not one.spared:
             sentences[f"{' and '.join(one.diagnosis.bad)} was repaired before, and it did not help"] = None
         elif one.plan.steps:
             sentences[one.reason] = None

@@ -57,7 +57,8 @@ class Offers:
 
 def _listed(name: str, can: frozenset[str] | tuple[()]) -> str:
     """Return on what an agent does an action."""
-    on = sorted(one.partition(":")[2] for one in can if one.startswith(f"{name}:"))
+    said = (one.partition(":")[2] for one in can if one.startswith(f"{name}:"))
+    on = sorted(f"({one.replace(',', ', ')})" if "," in one else one for one in said)
     if not on:
         return f"no {name}"
     more = f" and {len(on) - NAMED} more" if len(on) > NAMED else ""

@@ -1,9 +1,19 @@
-"""Quarantine: components whose repairs keep failing, or never last, are left alone; the time doubles."""
+"""Quarantine: components whose repairs keep failing, or never last, are left alone; the time doubles.
+
+    did not help   three in a row ──► left alone
+    did not last   it helped, and within half a minute the same is suspected again
+                   three in a row ──► left alone
+                   two in a row   ──► power is not cut for it any more (choice.py)
+
+That a repair did not last is known when its components are suspected again, and not only when they were
+repaired once more. Whose turn it was does not matter: that a driver was restarted, and then its device's
+power was cycled, are two repairs of what came back both times.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 from robomend.planning.tried import DEFAULT_PATIENCE, S_TO_NS, Attempt, Patience
 
@@ -17,50 +27,6 @@ class Quarantined:
     reason: str
 
 
-@dataclass
-class _Record:
-    """How the repairs of one component went lately."""
-
-    patience: Patience
-    failures: int = 0  # repairs in a row that did not help
-    relapses: int = 0  # repairs in a row that helped, and not for long
-    last_ns: int = 0
-    helped: bool = False  # the last one
-
-    def add(self, one: Attempt) -> None:
-        """Take the next repair into account; it is also the news that the one before did not last."""
-        if self.helped:
-            # A quarantine in between was no time in which the component could break again and be repaired.
-            soon_s = self.patience.relapse_s + self.backoff_s
-            self.relapses = self.relapses + 1 if one.time_ns - self.last_ns <= soon_s * S_TO_NS else 0
-        self.failures = 0 if one.helped else self.failures + 1
-        self.last_ns, self.helped = one.time_ns, one.helped
-
-    @property
-    def relapsing(self) -> bool:
-        """Whether it is the relapses that count most."""
-        return self.relapses - self.patience.relapses > self.failures - self.patience.attempts
-
-    @property
-    def count(self) -> int:
-        return self.relapses if self.relapsing else self.failures
-
-    @property
-    def backoff_s(self) -> float:
-        """How long to leave the component alone after the last repair."""
-        beyond = self.count - (self.patience.relapses if self.relapsing else self.patience.attempts)
-        if beyond < 0:
-            return 0.0
-        # 2**63 s is longer than anybody waits; the exponent is bounded so that the power is too.
-        return min(self.patience.max_backoff_s, self.patience.backoff_s * 2.0 ** min(beyond, 63))
-
-    @property
-    def why(self) -> str:
-        if self.relapsing:
-            return f"{self.count} times in a row, each time it helped, and soon it was broken again"
-        return f"{self.count} times in a row and it did not help"
-
-
 def quarantined(
     tried: Iterable[Attempt],
     *,
@@ -68,21 +34,90 @@ def quarantined(
     released: Mapping[str, int] | None = None,
     patience: Patience = DEFAULT_PATIENCE,
 ) -> dict[str, Quarantined]:
-    """Return the components to leave alone now, with doubling back-off.
-
-    Those whose last repairs all failed, and those that broke again each time, soon after a repair had helped.
+    """Return the components to leave alone now as their last repairs all failed, with doubling back-off.
 
     Args:
         released: when a person let a component be tried again; what came before does not count.
     """
-    records: dict[str, _Record] = {}
+    failures: dict[str, int] = {}
+    last_ns: dict[str, int] = {}
     for one in sorted(tried, key=lambda one: one.time_ns):
         for name in one.bad:
             if one.time_ns >= (released or {}).get(name, one.time_ns):
-                records.setdefault(name, _Record(patience)).add(one)
+                failures[name] = 0 if one.helped else failures.get(name, 0) + 1
+                last_ns[name] = one.time_ns
     found: dict[str, Quarantined] = {}
-    for name, record in records.items():
-        until_ns = record.last_ns + int(record.backoff_s * S_TO_NS)
+    for name, count in failures.items():
+        until_ns = last_ns[name] + _backoff_ns(count - patience.attempts, patience)
         if now_ns < until_ns:
-            found[name] = Quarantined(record.count, until_ns, f"{name} was repaired {record.why}")
+            why = f"{name} was repaired {count} times in a row and it did not help"
+            found[name] = Quarantined(count, until_ns, why)
     return found
+
+
+def relapses(
+    tried: Iterable[Attempt],
+    suspected: Collection[str],
+    *,
+    now_ns: int,
+    patience: Patience = DEFAULT_PATIENCE,
+) -> tuple[Attempt, ...]:
+    """Return the repairs in a row that helped what is suspected now, and did not last; the oldest first.
+
+    Nothing where the last of them lasted: for `relapse_s`, beyond its quarantine if it had one.
+    """
+    row: list[Attempt] = []
+    lasts = False  # nothing is known to have been wrong since the last one of the row
+    for one in sorted(tried, key=lambda one: one.time_ns):
+        if one.bad.isdisjoint(suspected):
+            continue
+        if lasts:
+            soon_ns = int(patience.relapse_s * S_TO_NS) + _backoff_ns(len(row) - patience.relapses, patience)
+            if (one.began_ns or one.time_ns) - row[-1].time_ns > soon_ns:
+                row = []
+            lasts = False
+        if one.helped:
+            row.append(one)
+            lasts = True
+    if lasts and now_ns - row[-1].time_ns > patience.relapse_s * S_TO_NS:
+        return ()
+    return tuple(row)
+
+
+def unlasting(tried: Iterable[Attempt], relapsed: Collection[Attempt]) -> tuple[Attempt, ...]:
+    """Return the attempts, those that did not last as what they were: no cure."""
+    again = set(relapsed)
+    return tuple(
+        replace(one, helped=False, effect_seen=False, lasted=False) if one in again else one for one in tried
+    )
+
+
+def came_back(
+    relapsed: Sequence[Attempt],
+    suspected: Collection[str],
+    *,
+    now_ns: int,
+    patience: Patience = DEFAULT_PATIENCE,
+) -> dict[str, Quarantined]:
+    """Return the suspects to leave alone now as their repairs did not last, with doubling back-off.
+
+    Args:
+        relapsed: what `relapses` found.
+    """
+    times = len(relapsed)
+    if times < max(1, patience.relapses):
+        return {}
+    until_ns = relapsed[-1].time_ns + _backoff_ns(times - patience.relapses, patience)
+    if now_ns >= until_ns:
+        return {}
+    names = frozenset[str]().union(*(one.bad for one in relapsed)).intersection(suspected)
+    why = f"{times} repairs in a row helped, and soon it came back"
+    return {name: Quarantined(times, until_ns, f"{name}: {why}") for name in sorted(names)}
+
+
+def _backoff_ns(beyond: int, patience: Patience) -> int:
+    """Return how long to leave a component alone after so many repairs beyond those that are too many."""
+    if beyond < 0:
+        return 0
+    # 2**63 s is longer than anybody waits; the exponent is bounded so that the power is too.
+    return int(min(patience.max_backoff_s, patience.backoff_s * 2.0 ** min(beyond, 63)) * S_TO_NS)

@@ -5,7 +5,8 @@ weight of a diagnosis   its posterior, or without priors one factor a component 
                         of its components that a repair made good without help: much when its effect was
                         seen (it runs again and still nothing: it was not that), little when it was not,
                         and by a half where a power cycle was the cure: a device that is broken is not
-                        cured by one
+                        cured by one; what helped, and not for long, did not cure it either, and says as
+                        much as a repair whose effect was not seen
 surely broken           a node that an earlier round of the repair knew to be broken, and did not cure: to
                         blame something else instead takes one fault more, at its odds
 """
@@ -31,9 +32,11 @@ class Attempt:
     repaired: frozenset[str]  # every component that the steps done were to make good
     time_ns: int
     effect_seen: bool  # each action's effect was seen
-    helped: bool  # the next diagnosis no longer blamed `bad`
+    helped: bool  # the next diagnosis no longer blamed `bad`, and not soon again
     actions: tuple[str, ...] = ()  # as text, for people
     cycled: frozenset[str] = frozenset()  # what was to be cured by a power cycle, which seldom is for sure
+    began_ns: int = 0  # when it was needed; 0: when it ended
+    lasted: bool = True  # False: it helped, and soon the same was suspected again (quarantine.py)
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,8 +51,8 @@ class Patience:
     person_cost: float = 300.0  # when every repair failed and somebody must come
     least_help: float = 0.001  # what was done in vain is not repeated below this probability of helping
     attempts: int = 3  # failures in a row until quarantine
-    relapses: int = 6  # the same for repairs that helped, and not for long
-    relapse_s: float = 60.0  # what needs a repair again so soon was not mended by the last one
+    relapses: int = 3  # the same for repairs that helped, and not for long; one less where power is cut
+    relapse_s: float = 30.0  # what needs a repair again so soon was not mended by the last one
     backoff_s: float = 300.0  # the first quarantine; doubled by each further failure …
     max_backoff_s: float = 86_400.0  # … up to this
     leading: int = 6  # how many diagnoses are planned for
@@ -66,6 +69,7 @@ def attempt(
     time_ns: int,
     effect_seen: bool,
     helped: bool,
+    began_ns: int = 0,
 ) -> Attempt:
     """Return the memory of a repair; `done` are the indices of the steps that were carried out, None: all."""
     steps = tuple(step for step in plan.steps if done is None or step.index in done)
@@ -78,6 +82,7 @@ def attempt(
         helped,
         tuple(map(str, steps)),
         cycled(carried_out),
+        began_ns,
     )
 
 

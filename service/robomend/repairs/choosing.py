@@ -30,6 +30,7 @@ from robomend.planning.planner_pool import PlannerPool
 from robomend.planning.planning import PlanOptions
 from robomend.planning.policy import HOUR_NS, NODE_ACTIONS, POWER_ACTIONS, Policy
 from robomend.planning.tried import Patience
+from robomend.repairs.flapping import lasting
 from robomend.repairs.left_off import NOTHING, LeftOff, unknown
 from robomend.repairs.offers import offers_if_all
 from robomend.repairs.remembering import Remembered, remembered
@@ -102,9 +103,18 @@ class Chooser:
             and not (state.config.actions.get(name) or {}).get("idempotent")
         )
 
-    async def remembered(self, robot: str) -> Remembered:
-        """Return what was tried lately and what is left alone now."""
-        return await self._store.read(lambda view: remembered(view, robot, self.patience))
+    def patience_with(self, state: Robot) -> Patience:
+        """Return how choosing weighs what happened to this robot."""
+        # Whoever allows many actions an hour means to mend what breaks often: a restart takes two.
+        allowed = state.config.limits.attempts_per_hour // 4
+        soon_s = self.patience.relapse_s + self.policy(state).hold_s  # it is not looked at before
+        return replace(self.patience, relapses=max(self.patience.relapses, allowed), relapse_s=soon_s)
+
+    async def remembered(self, state: Robot, result: DiagnosisResult | None = None) -> Remembered:
+        """Return what was tried lately and what is left alone now; with a diagnosis also what came back."""
+        suspected = frozenset(name for one in result.diagnoses for name in one.bad) if result else ()
+        patience = self.patience_with(state)
+        return await self._store.read(lambda view: remembered(view, state.id, patience, suspected))
 
     async def attempts(self, robot: str) -> Mapping[str, int]:
         """Return component -> actions on it in the last hour."""
@@ -162,18 +172,19 @@ class Chooser:
             DomainError, OptionRefused: the robot's own PDDL or planner is at fault.
         """
         parts = self._parts(state)
-        memory = await self.remembered(state.id)
+        memory = await self.remembered(state, result)
         situation = Situation(
             parts,
             (*(state.sight.literals() if literals is None else literals), *unknown(state, left_off)),
             result,
             memory.tried,
             now_ns=time.time_ns(),
-            patience=self.patience,
+            patience=self.patience_with(state),
             cnf=state.system.cnf,
             loops=state.system.loops,
             onsets=state.sight.onsets(),
             surely_broken=memory.surely_broken,
+            relapses=len(memory.relapses),
         )
         policy = self.policy(state)
         names = await self.actions(state)
@@ -199,7 +210,7 @@ class Chooser:
             plans = [_permitted(plan, policy, memory.attempts, components) for plan in plans]
         if looks and len(situation.leading) > 1:
             situation = replace(situation, probes=await self._probes(state))
-        return situation.decide(plans)
+        return lasting(situation.decide(plans), result, memory, situation)
 
     async def _plans(
         self,

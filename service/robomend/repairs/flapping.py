@@ -1,22 +1,36 @@
-"""Faults that come and go: what is well again each time before anything could be done about it.
+"""Faults that come and go: what is well again each time before anything could be done about it, and what is
+broken again soon after each repair.
 
     repair ends "became so by itself" ──► again, and again within a minute ──► a person is told, once
                                                                                  │
     the same suspects ──► no repair, unless they are blamed for STEADY_S on end ◄┘ for HELD_S
 
-Nothing is restarted for it: whether that would help cannot be seen of a topic that comes back anyway. Of one
-robot, in memory: after a restart of the service it is counted anew.
+    a repair helped, and did not last ──► again, and again ──► a person is told, once; the same suspects: no
+                                                               repair until their quarantine ends
+
+Nothing is restarted for the first: whether that would help cannot be seen of a topic that comes back anyway.
+It is in memory, of one robot: after a restart of the service it is counted anew. The second rests on what was
+tried (robomend.planning.quarantine), which is on disk.
 """
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from datetime import UTC, datetime
 
-from robomend.planning.tried import DEFAULT_PATIENCE
+from robomend.diagnosis.result import DiagnosisResult
+from robomend.planning.advice import Situation
+from robomend.planning.choice import Choice
+from robomend.planning.quarantine import came_back
+from robomend.planning.tried import DEFAULT_PATIENCE, S_TO_NS, Attempt
 from robomend.repairs.conclusions import BadSets
+from robomend.repairs.remembering import Remembered
+from robomend_client.counts import counted
 
-WITHIN_S = DEFAULT_PATIENCE.relapse_s
-TIMES = DEFAULT_PATIENCE.relapses
+WITHIN_S = 60.0
+TIMES = 6
 """So often within that time it is a fault by itself."""
 
 HELD_S = DEFAULT_PATIENCE.backoff_s
@@ -33,10 +47,12 @@ class Flapping:
         self._ended: deque[tuple[float, frozenset[str]]] = deque(maxlen=TIMES)
         self._held: frozenset[str] = frozenset()  # the suspects for which nothing is begun
         self._until_s = 0.0
+        self._aside: frozenset[str] = frozenset()  # those whose repairs did not last
+        self._aside_until_s = 0.0
 
     def well_by_itself(self, blamed: BadSets | None, now_s: float) -> str | None:
         """A repair has ended for which nothing was done; return what to tell a person, if it is time to."""
-        suspects = frozenset(name for bad in blamed or () for name in bad)
+        suspects = _names(blamed)
         self._ended.append((now_s, suspects))
         first_s = self._ended[0][0]
         if len(self._ended) < TIMES or now_s - first_s > WITHIN_S:
@@ -52,7 +68,59 @@ class Flapping:
             "or have its observers judge more slowly"
         )
 
-    def hold_s(self, blamed: BadSets, now_s: float) -> float:
-        """Return how long these must have been blamed on end before something is begun."""
+    def came_back(self, blamed: BadSets, until_s: float) -> None:
+        """A person was told that repairs of these do not last: none is begun until then."""
+        self._aside, self._aside_until_s = _names(blamed), until_s
+
+    def released(self) -> None:
+        """A person changed something: what was repaired in vain may last now."""
+        self._aside_until_s = 0.0
+
+    def wait_s(self, blamed: BadSets, now_s: float, for_s: float) -> float:
+        """Return how long to wait before something is begun for these, which were blamed for `for_s`."""
+        if now_s < self._aside_until_s and all(self._aside.intersection(bad) for bad in blamed):
+            return self._aside_until_s - now_s
         held = now_s < self._until_s and all(self._held.intersection(bad) for bad in blamed)
-        return STEADY_S if held else 0.0
+        return max(0.0, STEADY_S - for_s) if held else 0.0
+
+
+def lasting(choice: Choice, result: DiagnosisResult, memory: Remembered, situation: Situation) -> Choice:
+    """Return the choice, or that nothing is done, where repairs of what is suspected help and do not last.
+
+    One less is enough where only power is left to be cut. Beside another fault, which did not come back, that
+    one is repaired.
+    """
+    relapses, patience, now_ns = memory.relapses, situation.patience, situation.now_ns
+    suspected = dict.fromkeys(name for one in result.diagnoses for name in one.bad)
+    enough = patience.relapses if choice.plan is not None else patience.relapses - 1
+    if not relapses or len(relapses) < enough:
+        return choice
+    lower = replace(patience, relapses=min(patience.relapses, len(relapses)))
+    back = came_back(relapses, suspected, now_ns=now_ns, patience=lower)
+    if not back:
+        return choice
+    new = {name: entry for name, entry in back.items() if name not in memory.aside}
+    if choice.plan is not None and all(len(one.bad) > 1 for one in result.diagnoses):
+        return replace(choice, came_back=new)
+    reason = does_not_last(relapses, suspected, max(one.until_ns for one in back.values()), now_ns)
+    nothing = replace(choice, diagnosis=None, plan=None, probe=None, reason=reason)
+    return replace(nothing, unlasting=True, came_back=new)
+
+
+def does_not_last(relapses: Sequence[Attempt], suspected: Iterable[str], until_ns: int, now_ns: int) -> str:
+    """Return what to tell a person of repairs that helped, and soon after each it was broken again."""
+    begun = [*(one.began_ns or one.time_ns for one in relapses[1:]), now_ns]
+    lasted_s = max((then - one.time_ns) / S_TO_NS for one, then in zip(relapses, begun, strict=True))
+    times = Counter(" and ".join(sorted(one.bad)) for one in relapses)
+    repaired = ", ".join(f"{names} ({counted(count, 'time')})" for names, count in times.items())
+    until = datetime.fromtimestamp(until_ns / S_TO_NS, UTC).strftime("%H:%M:%S")
+    return (
+        f"it comes and goes: {counted(len(relapses), 'repair')} in a row helped, and each time it was broken "
+        f"again within {max(1.0, lasted_s):.0f} s; repaired: {repaired}; suspects: {', '.join(suspected)}. "
+        f"Nothing is begun for them before {until} UTC, or before somebody releases what is in quarantine; "
+        "look at the robot, or have its observers judge more slowly"
+    )
+
+
+def _names(blamed: BadSets | None) -> frozenset[str]:
+    return frozenset(name for bad in blamed or () for name in bad)

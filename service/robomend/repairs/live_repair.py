@@ -26,7 +26,7 @@ from robomend.repairs.execution_values import Ending, Execution, Setting, StepRe
 from robomend.repairs.hearing import LOOK_S, Hearing
 from robomend.repairs.permission import Permission
 from robomend.repairs.record import RepairRecord
-from robomend.repairs.remembering import judged, spent
+from robomend.repairs.remembering import judged, set_aside, spent
 from robomend.repairs.signals import Signals
 from robomend.repairs.states import RepairTrigger
 from robomend.robots.robot import Robot
@@ -110,6 +110,8 @@ class LiveRepair:
             await self._hearing.look_at(found.probe.atom, found.reason)
             result = await self._newest()
             found = await self._planned(result, looks=False)
+        if found.came_back:
+            await self._record.set_aside(set_aside(self._state.id, found.came_back, time.time_ns()))
         if found.plan is not None and found.diagnosis is not None:
             if stands_no_more(found.diagnosis.bad, await self._newest()):
                 return None
@@ -217,7 +219,7 @@ class LiveRepair:
         """Keep the attempt; components whose repairs keep failing go into quarantine."""
         if not helped:
             self._acts.in_vain(spent(self._state, choice, execution))
-        memory = await self._chooser.remembered(self._state.id)
+        memory = await self._chooser.remembered(self._state)
         tried, left_alone = judged(
             self._state, self._record.id, choice, execution, memory, self._chooser.patience, helped=helped
         )

@@ -58,17 +58,38 @@ class ReasonsToRepair:
             self.given_up = frozenset(tuple(bad) for bad in data["given_up"])
             self.retry_ns = data.get("retry_ns")
             self.interlocked = bool(data.get("interlocked"))
+            if data.get("unlasting"):
+                self._does_not_last()
 
     def reconsider(self) -> None:
         """A person changed something: what was given up on may be worth another try."""
         self.given_up = None
+        self._flapping.released()
 
     def gave_up(
-        self, blamed: BadSets | None, retry_ns: int | None, *, interlocked: bool, untouched: bool = False
+        self,
+        blamed: BadSets | None,
+        retry_ns: int | None,
+        *,
+        interlocked: bool,
+        untouched: bool = False,
+        unlasting: bool = False,
     ) -> None:
-        """A repair has ended; `blamed` are the bad sets that it could not mend, `untouched`: nor tried to."""
+        """A repair has ended; `blamed` are the bad sets that it could not mend.
+
+        Args:
+            untouched: nothing was done about them.
+            unlasting: repairs of them helped, and did not last.
+        """
         self.given_up, self.retry_ns, self.interlocked = blamed, retry_ns, interlocked
-        self._untouched = blamed if untouched else None
+        self._untouched = blamed if untouched and not unlasting else None
+        if unlasting:
+            self._does_not_last()
+
+    def _does_not_last(self) -> None:
+        if self.given_up is not None and self.retry_ns is not None:
+            left_s = (self.retry_ns - time.time_ns()) / 1e9
+            self._flapping.came_back(self.given_up, time.monotonic() + left_s)
 
     def well_by_itself(self, record: RepairRecord, blamed: BadSets | None) -> str | None:
         """A repair ended well; if nothing was done for it, return what to tell a person, if it is time to."""
@@ -120,7 +141,7 @@ class ReasonsToRepair:
         hold_s = policy.hold_s
         if state.config.policy == "approve":
             hold_s = max(hold_s, settles_s(state))
-        steady_s = self._flapping.hold_s(blamed, now) - (now - self._unwell_s)
+        steady_s = self._flapping.wait_s(blamed, now, now - self._unwell_s)
         if held_s < hold_s or steady_s > 0:
             return max(hold_s - held_s, steady_s) + 0.001
         return 0.0 if policy.may_begin(time.time_ns()) else IDLE_S

@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from robomend.diagnosis.result import DiagnosisResult
@@ -229,9 +230,7 @@ class RepairRecord:
         quarantined: Sequence[Quarantine] = (),
         entries: Iterable[Entry] = (),
     ) -> None:
-        """Note how the round's execution ended, what is known of its symptoms then (`entries`), what was
-        tried, and what is not tried again for a while.
-        """
+        """Note how the round ended, its symptoms then (`entries`), what was tried, and what is left alone."""
         rounds = list(self._data["rounds"])
         after_it = outcome(rounds[-1], {entry.atom: entry for entry in entries})
         rounds[-1] = {**rounds[-1], "ending": ending, "reason": reason, "helped": helped, "after": after_it}
@@ -241,8 +240,7 @@ class RepairRecord:
                 of_drill = {} if self.drill is None else {"drill": self.drill}
                 kept = replace(tried, data={**tried.data, **of_drill})
                 attempts.remember(tx, kept, fence=self.fence)
-            for entry in quarantined if self.drill is None else ():
-                self._set_aside(tx, entry)
+            self._set_aside(quarantined, tx)
 
         # What was approved is done with: a new plan is a new question.
         await self.update(
@@ -254,11 +252,16 @@ class RepairRecord:
             also=remember,
         )
 
-    def _set_aside(self, tx: Transaction, entry: Quarantine) -> None:
-        attempts.put_quarantine(tx, entry, fence=self.fence)
-        told = {"quarantine": entry.component, "reason": entry.reason, "until_ns": entry.until_ns}
-        tx.emit(Kind.ROBOT, self.robot, told)
-        tx.note(AuditEntry(LOOP, "component.quarantined", entry.component, self.robot, entry.reason))
+    async def set_aside(self, entries: Sequence[Quarantine]) -> None:
+        """Note components that are not tried again for a while; of a planted fault none is."""
+        await self._store.write(partial(self._set_aside, entries), robots=(self.robot,))
+
+    def _set_aside(self, entries: Sequence[Quarantine], tx: Transaction) -> None:
+        for one in entries if self.drill is None else ():
+            attempts.put_quarantine(tx, one, fence=self.fence)
+            told = {"quarantine": one.component, "reason": one.reason, "until_ns": one.until_ns}
+            tx.emit(Kind.ROBOT, self.robot, told)
+            tx.note(AuditEntry(LOOP, "component.quarantined", one.component, self.robot, one.reason))
 
     async def interrupted(self) -> None:
         """Close the round that a crash or a shutdown cut short, if there is one."""

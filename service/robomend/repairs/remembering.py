@@ -10,7 +10,7 @@ from typing import Any
 from robomend.planning.choice import Choice
 from robomend.planning.cures import once
 from robomend.planning.policy import HOUR_NS
-from robomend.planning.quarantine import quarantined
+from robomend.planning.quarantine import Quarantined, came_back, quarantined, relapses, unlasting
 from robomend.planning.tried import Attempt, Patience, attempt
 from robomend.repairs.execution_values import Ending, Execution, StepReport
 from robomend.repairs.states import StepState
@@ -24,28 +24,41 @@ from robomend_client.literals import Atom, Literal
 class Remembered:
     """What the store remembers of a robot's repairs."""
 
-    tried: tuple[Attempt, ...]
+    tried: tuple[Attempt, ...]  # what helped and did not last is no cure
     quarantined: tuple[str, ...]
     useless: Mapping[
         frozenset[str], frozenset[str]
     ]  # diagnosis -> actions that were done, and did not cure it
     attempts: Mapping[str, int]  # component -> actions on it in the last hour
     surely_broken: frozenset[str] = frozenset()  # to earlier rounds of the repair, which did not cure it
+    relapses: tuple[Attempt, ...] = ()  # repairs in a row that helped what is suspected, and did not last
+    aside: frozenset[str] = frozenset()  # in quarantine, by what is on disk
 
 
-def remembered(view: View, robot: str, patience: Patience) -> Remembered:
-    """Return what was tried lately and what is left alone now."""
+def remembered(view: View, robot: str, patience: Patience, suspected: Collection[str] = ()) -> Remembered:
+    """Return what was tried lately and what is left alone now.
+
+    Args:
+        suspected: what any diagnosis blames now; without it nothing is known to have come back.
+    """
     now = time.time_ns()
     drill = drills.open_of(view, robot)
     now_of = None if drill is None else drill.id
     # A drill's attempts say nothing of real faults, nor of another drill's.
     records = attempts.tried(view, robot, drill=now_of)
+    tried = tuple(map(_attempt_of, records))
+    again = relapses(tried, suspected, now_ns=now, patience=patience)
+    back = came_back(again, suspected, now_ns=now, patience=patience)
+    aside = [entry.component for entry in attempts.quarantine(view, robot) if not entry.over(now)]
+    useless = [replace(r, helped=False) if one in again else r for one, r in zip(tried, records, strict=True)]
     return Remembered(
-        tuple(map(_attempt_of, records)),
-        tuple(entry.component for entry in attempts.quarantine(view, robot) if not entry.over(now)),
-        useless_of(records, since_ns=now - int(patience.memory_s * 1e9)),
+        unlasting(tried, again),
+        tuple(dict.fromkeys([*aside, *back])),
+        useless_of(useless, since_ns=now - int(patience.memory_s * 1e9)),
         attempts.counted(view, robot, now - HOUR_NS),
         surely_broken(records, repairs.newest(view, [robot]).get(robot)),
+        again,
+        frozenset(aside),
     )
 
 
@@ -97,6 +110,7 @@ def judged(
         time_ns=now,
         effect_seen=execution.effect_seen,
         helped=helped,
+        began_ns=min((report.sent_ns for report in execution.steps if report.sent_ns), default=0),
     )
     ended = {
         "ending": str(execution.ending),
@@ -104,24 +118,24 @@ def judged(
         "direct": direct(execution.steps, choice.diagnosis.bad),
         "certain": [name for name in choice.diagnosis.bad if name in choice.certain],
     }
-    # Whoever allows many actions an hour means to mend what breaks often.
-    relapses = max(patience.attempts, state.config.limits.attempts_per_hour // 2)
-    left_alone = quarantined(
-        [*memory.tried, tried], now_ns=now, patience=replace(patience, relapses=relapses)
-    )
-    new = [
+    left_alone = quarantined([*memory.tried, tried], now_ns=now, patience=patience)
+    new = {name: entry for name, entry in left_alone.items() if name not in memory.quarantined}
+    return _stored(tried, state.id, repair, ended), set_aside(state.id, new, now, execution.reason)
+
+
+def set_aside(robot: str, found: Mapping[str, Quarantined], now_ns: int, last: str = "") -> list[Quarantine]:
+    """Return the components that are left alone from now on, as the store keeps them."""
+    return [
         Quarantine(
-            robot=state.id,
+            robot=robot,
             component=name,
-            reason=f"{entry.reason}; last: {execution.reason}" if execution.reason else entry.reason,
+            reason=f"{entry.reason}; last: {last}" if last else entry.reason,
             failures=entry.failures,
-            since_ns=now,
+            since_ns=now_ns,
             until_ns=entry.until_ns,
         )
-        for name, entry in left_alone.items()
-        if name not in memory.quarantined
+        for name, entry in found.items()
     ]
-    return _stored(tried, state.id, repair, ended), new
 
 
 def direct(reports: Iterable[StepReport], bad: Collection[str]) -> list[str]:
@@ -158,6 +172,7 @@ def _attempt_of(record: StoredAttempt) -> Attempt:
         helped=record.helped,
         actions=record.actions,
         cycled=frozenset(record.data.get("cycled", ())),
+        began_ns=record.data.get("began_ns", 0),
     )
 
 
@@ -171,5 +186,10 @@ def _stored(tried: Attempt, robot: str, repair: str, data: Mapping[str, Any]) ->
         effect_seen=tried.effect_seen,
         repair=repair,
         time_ns=tried.time_ns,
-        data={**data, "repaired": sorted(tried.repaired), "cycled": sorted(tried.cycled)},
+        data={
+            **data,
+            "repaired": sorted(tried.repaired),
+            "cycled": sorted(tried.cycled),
+            "began_ns": tried.began_ns,
+        },
     )

@@ -253,7 +253,7 @@ class Repairs:
 
         Args:
             agent: its name; None: it says nothing of itself.
-            can: the actions that it can do, as `name` or `name:parameter`; None: it does not say.
+            can: the actions that it can do, as `name` or `name:parameter,parameter`; None: it does not say.
             observes: atom -> seconds of detection and of settling.
             settled: the latest settle number that it acted on.
         """

@@ -170,14 +170,15 @@ class RobotRepairs:
         )
         listener = asyncio.create_task(self._requests.listen(repair.id, signals))
         blamed = at_first = blamed_now(state)
-        declined = False
+        declined = unlasting = False
         try:
             heard_since = await entry.take_up(state)
             last = await mend(await self._live(state, record, heard_since))
             while (doubt := in_doubt(last)) is not None:  # nobody else may send it either: the repair stays
                 heard_since = await entry.ask_about(doubt, state)
                 last = await mend(await self._live(state, record, heard_since))
-            blamed = blamed_now(state)
+            unlasting = last.choice is not None and last.choice.unlasting
+            blamed = blamed_now(state) or (at_first if unlasting else None)  # well again, and not for long
             self.stopped()
             end, reason = conclusion(last, signals, record.data, state)
             if end is RepairTrigger.HEALTHY:
@@ -206,7 +207,7 @@ class RobotRepairs:
         finally:
             listener.cancel()
             await asyncio.wait({listener})
-        await self._end(entry, state, record, end, reason, blamed, declined)
+        await self._end(entry, state, record, end, reason, blamed, declined, unlasting)
 
     async def _end(
         self,
@@ -217,6 +218,7 @@ class RobotRepairs:
         reason: str,
         blamed: BadSets | None,
         declined: bool,
+        unlasting: bool,
     ) -> None:
         """Close the repair, and note what it gave up on and what it leaves to ask."""
         signals = self._signals
@@ -227,11 +229,10 @@ class RobotRepairs:
         gives_up = end is not RepairTrigger.HEALTHY and not signals.stopped and record.drill is None
         retry_ns = await entry.next_try() if end is RepairTrigger.NEEDS_PERSON else None
         reason += in_words(state, record.left_off)
-        interlocked = end is RepairTrigger.NEEDS_PERSON and state.interlocked() is not None
-        untouched = end is RepairTrigger.NEEDS_PERSON and not record.data.get("rounds")
-        self._reasons.gave_up(
-            blamed if gives_up else None, retry_ns, interlocked=interlocked, untouched=untouched
-        )
+        person = end is RepairTrigger.NEEDS_PERSON
+        why = {"interlocked": person and state.interlocked() is not None, "unlasting": unlasting}
+        untouched = person and not record.data.get("rounds")
+        self._reasons.gave_up(blamed if gives_up else None, retry_ns, untouched=untouched, **why)
         given_up = self._reasons.given_up
         await record.update(
             end,
@@ -244,7 +245,7 @@ class RobotRepairs:
             also=left.settle,
             given_up=None if given_up is None else [list(bad) for bad in sorted(given_up)],
             retry_ns=retry_ns,
-            interlocked=interlocked,
+            **why,
         )
 
     async def _live(self, state: Robot, record: RepairRecord, heard_since: int | None) -> LiveRepair:

@@ -30,6 +30,11 @@ class HealthState(StrEnum):
     PARTLY_UNKNOWN = "partly-unknown"
     UNKNOWN = "unknown"
 
+    @property
+    def healthy(self) -> bool | None:
+        """True and False where that is known; of a robot that is unknown, in part or wholly, nobody knows."""
+        return {HealthState.HEALTHY: True, HealthState.UNHEALTHY: False}.get(self)
+
 
 def health_of(robot: Robot) -> tuple[HealthState, tuple[Atom, ...]]:
     """Return how a robot is, and what of its `observed` list is not known."""

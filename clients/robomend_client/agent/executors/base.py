@@ -8,9 +8,14 @@ its row in docs/agent.md.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import product
+from math import prod
 from typing import Protocol
 
-from robomend_client.actions import BY_COMPONENT, REFUSED, Action, ActionResult, Feedback
+from robomend_client.actions import BY_COMPONENT, REFUSED, Action, ActionResult, Feedback, on
+
+MOST_OFFERED = 1000
+"""Choices of parameters that are offered one by one; with more of them the name alone."""
 
 
 class ActionExecutor(Protocol):
@@ -55,14 +60,15 @@ class Executors:
 
     @property
     def can(self) -> list[str]:
-        """What the poll says: `name:parameter` of actions with one parameter, and of a drill's, of which the
-        first is the component; the name alone of others.
+        """What the poll says: `name:parameter,parameter` of all that may be asked, of a drill's actions the
+        first one, their component; the name alone where there are none, or too many.
         """
         found: dict[str, None] = {}
         for name, executors in self._by_name.items():
             for executor in executors:
-                if len(executor.parameters) == 1 or name in BY_COMPONENT:
-                    found.update((f"{name}:{value}", None) for value in executor.parameters[0])
+                lists = executor.parameters[:1] if name in BY_COMPONENT else executor.parameters
+                if lists and prod(map(len, lists)) <= MOST_OFFERED:
+                    found.update((f"{name}:{on(name, values)}", None) for values in product(*lists))
                 else:
                     found[name] = None
         return list(found)

@@ -105,7 +105,7 @@ class PollBody(In):
     can: list[Sentence] | None = Field(
         default=None,
         max_length=10_000,
-        description="`name` or `name:parameter` of each action; null: anything",
+        description="`name` or `name:parameter,parameter` of each action; null: anything",
         examples=[["start_node:hokuyo_node", "stop_node:hokuyo_node"]],
     )
     observes: list[ObservesBody] = Field(default=[], max_length=10_000)

@@ -228,7 +228,7 @@ class AgentOut(Out):
     agent: str
     host: str | None
     can: list[str] | None = Field(
-        description="actions that it carries out, `name` or `name:parameter`; null: it does not say"
+        description="actions that it does, `name` or `name:parameter,parameter`; null: it does not say"
     )
     observes: list[str] = Field(description="what of the model its observers report")
 
@@ -245,7 +245,10 @@ class RobotOut(Out):
     updated: Moment = moment_of("updated_ns")
     revision: int = Field(description="of OBS; each accepted batch raises it")
     model_version: str | None = None
-    healthy: bool | None = Field(default=None, description="null: not diagnosed yet")
+    healthy: bool | None = Field(
+        default=None,
+        description="`state` for programs; null: unknown, or in part unknown",
+    )
     state: Literal["healthy", "unhealthy", "partly-unknown", "unknown"] = Field(
         default="unknown", description="silence is not health: what should be observed and is not, is unknown"
     )
