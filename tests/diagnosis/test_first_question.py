@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import random
 from dataclasses import replace
-from time import perf_counter
+from typing import Any
 
 import pytest
 
 from robomend.diagnosis import reasons, sat
-from robomend.diagnosis.oracle import Deadline, OutOfTime
+from robomend.diagnosis.oracle import Deadline, Oracle, OutOfTime
 from robomend.diagnosis.result import Options
 from robomend.diagnosis.sat import SatEngine
 from robomend.model.loading import load_text
@@ -34,7 +34,7 @@ def with_structure(engine: SatEngine) -> bool:
 
 
 def test_the_structure_is_found_at_the_second_question(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sat, "STRUCTURE_S", 1e6)  # however long the first one takes here
+    monkeypatch.setattr(sat, "AT_ONCE_S", 1e6)  # however long the first one takes here
     engine = SatEngine(CNF)
     sizes = [least(engine, 0)]
     assert not with_structure(engine)
@@ -57,7 +57,7 @@ def test_the_structure_is_not_looked_for_where_that_would_take_most_of_the_time(
     for options in wanted:
         patient = SatEngine(CNF).diagnose(SEEN[0], replace(options, timeout_s=None))
         with monkeypatch.context() as patch:
-            patch.setattr(sat, "STRUCTURE_S", 10.0)  # 160 gates
+            patch.setattr(sat, "HURRIED_GATE_S", 20.0)  # 160 gates
             engine = SatEngine(CNF)
             for _ in range(2):
                 hurried = engine.diagnose(SEEN[0], replace(options, timeout_s=1_000.0))
@@ -72,16 +72,39 @@ def test_the_structure_is_not_looked_for_where_that_would_take_most_of_the_time(
 def test_a_first_question_that_takes_longer_goes_on_with_the_structure(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(sat, "STRUCTURE_S", 0.0)
-    for number in range(len(SEEN)):
-        engine, other = SatEngine(CNF), SatEngine(CNF)
-        first = least(engine, number)
-        assert with_structure(engine)
-        assert least(other, number) == least(other, number) == first
+    monkeypatch.setattr(sat, "AT_ONCE_S", -1.0)
+    late = [SatEngine(CNF) for _ in SEEN]
+    sizes = [least(engine, number) for number, engine in enumerate(late)]
+    assert all(map(with_structure, late))
+    monkeypatch.setattr(sat, "AT_ONCE_S", 1e6)
+    for number, size in enumerate(sizes):
+        at_once = SatEngine(CNF)
+        assert least(at_once, number) == size  # by a solver of its own
+        assert not with_structure(at_once)
+        assert least(at_once, number) == size
+        assert least(late[number], number) == size  # the passes are there now
+
+
+HELD = {"healthy": frozenset(CNF.components[:40]), "abnormal": frozenset(CNF.components[40:42])}
+
+
+@pytest.mark.parametrize("hold", [HELD, {"max_size": 1}, {"max_size": 9}])
+def test_a_solver_of_a_question_s_own_answers_as_one_that_is_kept(
+    hold: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sat, "AT_ONCE_S", 1e6)
+    for seen in SEEN:
+        asked = replace(FIRST, **hold)
+        engine = SatEngine(CNF)
+        first, second = engine.diagnose(seen, asked), engine.diagnose(seen, asked)
+        assert [len(d.bad) for d in first.diagnoses] == [len(d.bad) for d in second.diagnoses]
+        assert (first.complete, first.stopped_by) == (second.complete, second.stopped_by)
+        assert not any(set(d.bad) & set(asked.healthy) for d in first.diagnoses)
+        assert all(set(d.bad) >= set(asked.abnormal) for d in first.diagnoses)
 
 
 def test_the_time_out_of_the_first_question_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sat, "STRUCTURE_S", 1e6)
+    monkeypatch.setattr(sat, "AT_ONCE_S", 1e6)
     result = SatEngine(CNF).diagnose(SEEN[0], Options(minimal="cardinality", limit=1, timeout_s=0.0))
     assert (result.diagnoses, result.stopped_by) == ((), "time")
 
@@ -97,21 +120,32 @@ def test_a_time_out_while_the_structure_is_looked_for_is_kept_and_spoils_nothing
     assert engine.diagnose(seen, Options(timeout_s=None, limit=None)).count == 600
 
 
-def test_a_part_of_the_time_ends_before_the_deadline_or_with_it() -> None:
+def test_a_part_of_the_work_ends_by_the_thread_s_own_time_or_the_deadline() -> None:
     clock = Deadline()
     clock.start(1000.0)
-    whole = clock.deadline
-    with clock.at_most(2000.0):
-        assert clock.deadline == whole
+    with clock.at_most(1000.0):
+        clock.check()
     with pytest.raises(OutOfTime), clock.at_most(0.0):
         clock.check()
-    assert clock.deadline == whole
     clock.check()
+    clock.start(0.0)
+    with pytest.raises(OutOfTime), clock.at_most(1000.0):
+        clock.check()
+
+
+def test_a_question_to_the_solver_ends_with_its_part_of_the_work() -> None:
+    holes = 9
+    place = {(p, h): 1 + p * holes + h for p in range(holes + 1) for h in range(holes)}
+    clauses = [[place[p, h] for h in range(holes)] for p in range(holes + 1)]
+    clauses += [
+        [-place[p, h], -place[q, h]] for h in range(holes) for p in range(holes + 1) for q in range(p)
+    ]
+    clock = Deadline()
     clock.start(None)
-    with clock.at_most(1000.0):
-        assert clock.deadline is not None
-        assert clock.deadline > perf_counter()
-    assert clock.deadline is None
+    pigeons = Oracle(clauses, clock)
+    with pytest.raises(OutOfTime), clock.at_most(0.01):
+        pigeons.sat([])
+    pigeons.close()
 
 
 def test_time_is_kept_for_what_comes_after_besides_what_was_kept_before() -> None:

@@ -123,7 +123,7 @@ def test_an_engine_that_is_asked_twice_finds_the_structure(monkeypatch: pytest.M
         return recover(cnf, check)
 
     monkeypatch.setattr(sat, "recover", counted)
-    monkeypatch.setattr(sat, "STRUCTURE_S", 0.5)  # the first answer has seconds, on a busy computer, too
+    monkeypatch.setattr(sat, "AT_ONCE_S", 5.0)  # the first answer has seconds, on a busy computer, too
     suite = find_suite("iscas85")
     for mode, times in (("once", 0), ("structure", 1)):
         wish = Wish(mode=mode, only=("c17",), instances=1)

@@ -23,7 +23,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from math import inf
-from time import perf_counter
+from time import perf_counter, thread_time
 from typing import Any
 
 import pysolvers
@@ -87,6 +87,7 @@ class Deadline:
     def __init__(self) -> None:
         self.deadline: float | None = None
         self.stopped = False
+        self.worked_until_s: float | None = None  # the thread's own time, of a part of the work
         self.running: Any = None  # the solver inside a long call
         self._whole: float | None = None  # the deadline before anything was reserved
         self._lock = threading.Lock()
@@ -119,14 +120,15 @@ class Deadline:
 
     @contextmanager
     def at_most(self, seconds: float) -> Iterator[None]:
-        """End what is inside after so many seconds, if the deadline does not come first: by OutOfTime."""
-        before = self.deadline
-        soon = perf_counter() + seconds
-        self.deadline = soon if before is None else min(before, soon)
+        """End what is inside after so many seconds of this thread's own work, by OutOfTime.
+
+        By the clock a busy computer would end it before it has begun.
+        """
+        self.worked_until_s = thread_time() + seconds
         try:
             yield
         finally:
-            self.deadline = before
+            self.worked_until_s = None
 
     @property
     def left_s(self) -> float:
@@ -164,6 +166,8 @@ class Deadline:
         """Raise OutOfTime when the time is up."""
         if self.stopped or (self.deadline is not None and perf_counter() >= self.deadline):
             raise OutOfTime
+        if self.worked_until_s is not None and thread_time() >= self.worked_until_s:
+            raise OutOfTime
 
 
 class Oracle:
@@ -199,6 +203,8 @@ class Oracle:
             OutOfTime: the deadline passed, or the clock was stopped.
         """
         answer = self.quickly(assumptions, SHORT_CONFLICTS, SHORT_PROPAGATIONS)
+        while answer is None and self._clock.worked_until_s is not None:  # piece by piece: soon it is over
+            answer = self.quickly(assumptions, SHORT_CONFLICTS, SHORT_PROPAGATIONS)
         if answer is None:
             answer = self._long(assumptions)
         return answer
@@ -210,9 +216,7 @@ class Oracle:
             OutOfTime: the deadline passed, or the clock was stopped.
             KeyboardInterrupt: Ctrl-C; the solver is of no use afterwards.
         """
-        clock = self._clock
-        if clock.stopped or (clock.deadline is not None and perf_counter() >= clock.deadline):
-            raise OutOfTime
+        self._clock.check()
         inner = self._inner
         inner.conf_budget(conflicts)
         inner.prop_budget(propagations)

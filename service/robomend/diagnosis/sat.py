@@ -11,8 +11,9 @@ modes, AB in a premise, rules that are no gates, components supposed healthy or 
 itself.
 
 What a circuit's structure takes to be found pays off at the second question. The first one, if it asks for
-one diagnosis of minimum cardinality, goes to the solver as long as that takes no longer. Where it would take
-much of the time that is left, any question does: the solver has the smallest diagnoses sooner.
+one diagnosis of minimum cardinality, goes to a solver of its own, which has the answer to most of them at
+once; to those that take longer the structure is the shorter way, too. Where finding it would take much of the
+time that is left, any question goes to the solver: it has the smallest diagnoses sooner.
 
 `limit` diagnoses are always the smallest ones: order of size is part of the answer, so that no faster,
 unordered enumeration takes its place. Where there is no bound on the size, the time-out is what ends it.
@@ -35,11 +36,14 @@ from robomend.model.cnf import HealthCnf
 
 MAX_GATES = 200_000
 
-STRUCTURE_S = 100e-6
-"""A gate, for the first question without the structure; to find it and compile what searches it takes half of
-that."""
+AT_ONCE_S = 8e-3
+AT_ONCE_GATE_S = 10e-6
+"""And this for each gate, of a first question without the structure, of the thread's own time: half of what
+the structure takes, or less. Times on the whole circuit have a long tail, those by the structure have not."""
 
-HURRIED = 2.0
+HURRIED_GATE_S = 200e-6
+"""With less time than this for each gate the structure is not looked for; to find it and to compile what
+searches it takes a quarter of that."""
 
 
 class SatEngine(BaseEngine):
@@ -84,9 +88,11 @@ class SatEngine(BaseEngine):
         first, self._asked = not self._asked, True
         if not first or options.limit != 1 or options.minimal == "subset" or options.factored:
             return False
+        if self._hurried():
+            return False
         try:
-            with self._clock.at_most(STRUCTURE_S * len(self.cnf.components)):
-                self._by_solver.go_on(observed, what_if, options, answer, [], 0)
+            with self._clock.at_most(AT_ONCE_S + AT_ONCE_GATE_S * len(self.cnf.components)):
+                self._by_solver.once(observed, what_if, options, answer)
         except OutOfTime:
             self._clock.check()
             return False
@@ -95,7 +101,7 @@ class SatEngine(BaseEngine):
     def _hurried(self) -> bool:
         """Whether finding the structure would take a quarter of the time that is left, or more."""
         found = "_by_structure" in self.__dict__
-        return not found and self._clock.left_s < HURRIED * STRUCTURE_S * len(self.cnf.components)
+        return not found and self._clock.left_s < HURRIED_GATE_S * len(self.cnf.components)
 
     def close(self) -> None:
         """Free the solvers."""

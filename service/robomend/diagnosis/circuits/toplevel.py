@@ -108,7 +108,7 @@ class TopLevel:
         at_least = 0
         incumbent = None
         wrong: list[int] = []
-        if self._simulates():
+        if self._simulates(first_only):
             top = self.cones.top
             flips = self._passes(flat=False)
             inputs, expected = self._inputs(observed)
@@ -169,9 +169,10 @@ class TopLevel:
         inputs, expected = self._inputs(observed)
         return self._passes(flat=False).agrees(inputs, expected)
 
-    def _simulates(self) -> bool:
-        """Whether passes are worth compiling: at once for small circuits, at the second use for others."""
-        return self.can_simulate and (self.uses > 1 or len(self.netlist.gates) <= 1_000)
+    def _simulates(self, first_only: bool) -> bool:
+        """Whether passes are worth compiling: at the second use; for all diagnoses of a few gates at once."""
+        at_once = not first_only and len(self.netlist.gates) <= 1_000
+        return self.can_simulate and (self.uses > 1 or at_once)
 
     @property
     def can_simulate(self) -> bool:
