@@ -16,7 +16,7 @@ from robomend_bench.batch import drives
 from robomend_bench.batch.command import command, on_cores
 from robomend_bench.batch.drives import BEGIN_S, Planted
 from robomend_bench.batch.learning import Score, rate
-from robomend_bench.batch.workload import write_model, write_states
+from robomend_bench.batch.workload import write_model, write_recording, write_states
 from robomend_client.literals import parse_atom
 
 
@@ -97,3 +97,9 @@ def test_an_unknown_part_is_refused() -> None:
     done = CliRunner().invoke(command, ["--only", "wings"])
     assert done.exit_code == 2
     assert "'wings' is none of literals" in done.output
+
+
+def test_a_recording_is_as_large_on_disk_as_it_is_said_to_be(tmp_path: Path) -> None:
+    count = write_recording(tmp_path / "log.mcap", 3)
+    assert count > 1000
+    assert 3_000_000 <= (tmp_path / "log.mcap").stat().st_size < 5_000_000

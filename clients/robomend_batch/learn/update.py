@@ -45,6 +45,7 @@ def proposed(file: Path, entries: Entries) -> str:
     for section, learned in (("topics", entries.topics), ("observers", entries.observers)):
         if not learned:
             continue
+        learned = _fed(learned, section, sections)
         node = sections.get(section)
         if node is None:
             tail += [f"\n{section}:\n", *_added(learned, entries, "  ")]
@@ -57,6 +58,31 @@ def proposed(file: Path, entries: Entries) -> str:
         changed[first:last] = new.splitlines(keepends=True)
     changed += [line for block in tail for line in block.splitlines(keepends=True)]
     return "".join(unified_diff(lines, changed, f"a/{file.name}", f"b/{file.name}"))
+
+
+def _fed(learned: Mapping[str, Entry], section: str, sections: Mapping[str, yaml.Node]) -> dict[str, Entry]:
+    """Return what was learned, new entries fed as the file's topics are, if these are all fed by one.
+
+    A new topic of a robot with ROS that said nothing would be one of the bus, and silent.
+    """
+    said = _origin(sections.get("rate"))
+    there = _entries(sections.get(section))
+    origins = {_origin(entry) or said for entry in _entries(sections.get("topics")).values()}
+    origin = origins.pop() if len(origins) == 1 else ""
+    if not origin or (section == "topics" and origin == said):
+        return dict(learned)
+    return {name: entry if name in there else {"from": origin, **entry} for name, entry in learned.items()}
+
+
+def _entries(node: yaml.Node | None) -> dict[str, yaml.Node]:
+    pairs = node.value if isinstance(node, yaml.MappingNode) else ()
+    return {str(key.value).removeprefix("/"): value for key, value in pairs}
+
+
+def _origin(node: yaml.Node | None) -> str:
+    """Return who feeds an entry; empty: it does not say."""
+    origin = _entries(node).get("from")
+    return str(origin.value) if isinstance(origin, yaml.ScalarNode) else ""
 
 
 def _of_section(

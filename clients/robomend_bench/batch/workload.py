@@ -95,9 +95,16 @@ SIZES = (("camera", 9_000, 30), ("state", 64, 100))
 TOPICS = {f"{name}{number}": (size, hz) for name, size, hz in SIZES for number in range(5)}
 """Topic -> bytes of a message, messages a second."""
 
+NOISE = 1 << 23
+"""Bytes of noise that messages are cut from: many chunks, so that none holds the same twice."""
+
 
 def write_recording(file: Path, megabytes: int) -> int:
-    """Write an .mcap of this size with 10 topics; return the number of messages."""
+    """Write an .mcap of this size with 10 topics; return the number of messages.
+
+    Their data are noise, as those of cameras and scanners nearly are: of zeros, a packed file would be
+    a hundredth of the size.
+    """
     definition = (
         "std_msgs/Header header\nfloat64 value\nuint8[] data\n" + "=" * 80 + "\nMSG: std_msgs/Header\n"
     )
@@ -106,6 +113,7 @@ def write_recording(file: Path, megabytes: int) -> int:
     second = sorted(
         (number / hz, topic, size) for topic, (size, hz) in TOPICS.items() for number in range(hz)
     )
+    noise = random.Random(megabytes).randbytes(NOISE + max(size for size, _ in TOPICS.values()))
     count = written = 0
     with file.open("wb") as stream:
         writer = Writer(stream, chunk_size=1 << 20)
@@ -117,7 +125,9 @@ def write_recording(file: Path, megabytes: int) -> int:
             for offset, topic, size in second:
                 at_ns = seconds * SECOND + round(offset * SECOND)
                 head = b"\0\1\0\0" + struct.pack("<iII", seconds, round(offset * SECOND), 5) + b"base\0\0\0\0"
-                data = head + struct.pack("<dI", float(seconds), size) + bytes(size)
+                head += struct.pack("<dI", float(seconds), size)
+                begin = written % NOISE
+                data = head + noise[begin : begin + size]
                 writer.add_message(channels[topic], at_ns, data, at_ns)
                 written += len(data)
                 count += 1

@@ -5,10 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+import yaml
 
 from robomend_batch.learn.draft import Entries, observers_text, status_entry
 from robomend_batch.learn.ranges import RangeFound, StatusFound
 from robomend_batch.learn.tails import Bound
+from robomend_batch.learn.update import proposed
 from robomend_batch.learn.words import outwards, slug, upwards, word
 from robomend_batch.observing import load_observers
 from robomend_client.literals import fails, holds
@@ -52,3 +54,30 @@ def test_names_are_plain_and_each_its_own() -> None:
     assert slug("°") == "value"
     assert slug("3d") == "v3d"
     assert [word(name) for name in ("scan", "on", "a b")] == ["scan", '"on"', '"a b"']
+
+
+@pytest.mark.parametrize(
+    ("text", "topic", "observer"),
+    [
+        ("topics:\n  odom: {from: ros1, rate_hz: 40}\n", "ros1", "ros1"),
+        ("rate: {from: ros2}\ntopics:\n  odom: {rate_hz: 40}\n", None, "ros2"),  # rate says it of topics
+        ("topics:\n  odom: {from: ros1}\n  arm: {from: zenoh}\n", None, None),
+        ("topics:\n  odom: {from: ros1}\n  arm: {}\n", None, None),
+        ("topics:\n  odom: {rate_hz: 40}\n", None, None),
+        ("name: x\n", None, None),
+    ],
+)
+def test_what_joins_a_file_is_fed_as_its_topics_are(
+    text: str, topic: str | None, observer: str | None, tmp_path: Path
+) -> None:
+    file = tmp_path / "agent.yaml"
+    file.write_text(text)
+    entries = Entries(
+        topics={"scan": {"rate_hz": "10"}},
+        observers={"hot": {"kind": "property", "source": '"t:data"', "high": "60"}},
+        evidence={"scan": [], "hot": []},
+    )
+    added = [line[1:] for line in proposed(file, entries).splitlines() if line.startswith("+  ")]
+    joined = yaml.safe_load("\n".join(added))
+    assert joined["scan"].get("from") == topic
+    assert joined["hot"].get("from") == observer
