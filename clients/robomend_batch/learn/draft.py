@@ -14,7 +14,7 @@ from robomend_batch.learn.rates import RateFound
 from robomend_batch.learn.tails import Bound
 from robomend_batch.learn.words import comment, outwards, upwards, word
 from robomend_client.observers.base import SECOND
-from robomend_client.observers.general import LEAST_SILENCE_S
+from robomend_client.observers.rate import LEAST_SILENCE_S
 
 Entry = dict[str, str]
 """Key -> value, as YAML has them."""

@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 from robomend_batch.learn.stretches import Times
 from robomend_batch.learn.tails import HEAVIEST, Bound, bound, largest_of_blocks, predicted, spread_above
 from robomend_client.observers.base import SECOND, ns
-from robomend_client.observers.general import LEAST_SILENCE_S
+from robomend_client.observers.rate import LEAST_SILENCE_S
 
 LEAST_MESSAGES = 60
 WINDOWS = (10, 20, 40, 80, 160, 320, 640)

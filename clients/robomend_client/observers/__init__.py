@@ -24,13 +24,14 @@ from robomend_client.observers.combining import Change
 from robomend_client.observers.diagnostic import DIAGNOSTICS, DiagnosticObserver, Levels
 from robomend_client.observers.driver import Driver
 from robomend_client.observers.filters import Filter
-from robomend_client.observers.general import GeneralObserver, Rate
+from robomend_client.observers.general import GeneralObserver
 from robomend_client.observers.hardware import BOARD, BoardReadings, HardwareObserver, Wiring
 from robomend_client.observers.multiple import Answers, MultipleObserver
 from robomend_client.observers.node import PROCESSES, NodeObserver, Table
 from robomend_client.observers.problems import ObserverProblem
 from robomend_client.observers.property import Band, PropertyObserver
 from robomend_client.observers.qualitative import QualitativeObserver, Trend
+from robomend_client.observers.rate import Rate
 from robomend_client.observers.reading import FunctionObserver, ReadingObserver, Readings
 
 __all__ = [

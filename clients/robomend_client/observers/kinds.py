@@ -22,13 +22,14 @@ from typing import Any, cast
 from robomend_client.kind_files import load_of_file
 from robomend_client.literals import Atom, parse_atom
 from robomend_client.observers.base import Observer
-from robomend_client.observers.general import GeneralObserver, Rate
+from robomend_client.observers.general import GeneralObserver
 from robomend_client.observers.parameters import (
     UnreadableParameter,
     made,
     read_arguments,
     read_dataclass,
 )
+from robomend_client.observers.rate import Rate
 from robomend_client.observers.reading import FunctionObserver
 from robomend_client.registry import BrokenKind, Registry, UnknownKind
 from robomend_client.yaml_reader import Section

@@ -10,7 +10,6 @@ from typing import Any, get_args, get_type_hints
 
 from robomend_client.docstrings import documented
 from robomend_client.observers import kinds
-from robomend_client.observers.general import Rate
 from robomend_client.observers.parameters import (
     UnreadableParameter,
     alternatives,
@@ -20,6 +19,7 @@ from robomend_client.observers.parameters import (
     read_value,
     spread_dataclasses,
 )
+from robomend_client.observers.rate import Rate
 from robomend_client.registry import BrokenKind, Registry
 from robomend_client.yaml_reader import ConfigError
 from robomend_client.yaml_schema import DRAFT, TEXT, Schema, asked_for_all

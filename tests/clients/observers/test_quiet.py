@@ -12,8 +12,9 @@ import pytest
 from robomend_client.observers import Change, Driver
 from robomend_client.observers.base import SECOND, Observer
 from robomend_client.observers.filters import Filter
-from robomend_client.observers.general import GeneralObserver, Rate
+from robomend_client.observers.general import GeneralObserver
 from robomend_client.observers.property import Band, PropertyObserver
+from robomend_client.observers.rate import Rate
 from robomend_client.observers.reading import Readings
 
 Sample = tuple[str, int, float | None]

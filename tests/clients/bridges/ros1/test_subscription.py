@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from robomend_client.beats import BEAT_NS
 from robomend_client.bridges.ros1.subscription import spread
 from robomend_client.observers import SECOND, Change, Driver
-from robomend_client.observers.general import GeneralObserver, Rate
+from robomend_client.observers.general import GeneralObserver
+from robomend_client.observers.rate import Rate
 
 TIMES = st.integers(0, 10 * BEAT_NS)
 
