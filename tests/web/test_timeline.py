@@ -86,6 +86,14 @@ def test_the_legend_says_what_bars_of_actions_are_and_stays_inside() -> None:
     assert "action" not in written(drawn(Timeline("t", "s", rows, [], [], 3)))
 
 
+def test_no_label_of_an_action_lies_on_the_heading_of_a_narrow_figure() -> None:
+    bars = [ActionBar(2.9, 3, "start_node(laser_alignment_control)")]
+    root = ET.fromstring(svg(Timeline("t", "s", [], bars, [], 3), NARROW))
+    texts = {"".join(one.itertext()): one for one in root.iter(f"{SVG}text")}
+    label = next(one for words, one in texts.items() if "laser" in words)
+    assert float(label.get("y", "")) - float(texts["repair actions"].get("y", "")) >= 12
+
+
 def test_of_a_robot_of_which_nothing_is_known_nothing_is_drawn_as_good() -> None:
     blamed, nobody = ({"bad": ["h"], "good": ["n"]}, {"bad": [], "good": ["h", "n"]})
     found = [

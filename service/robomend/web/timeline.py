@@ -148,6 +148,8 @@ def svg(timeline: Timeline, width: Width = WIDE) -> str:
     lane_count = max((one.lane for one in placed), default=-1) + 1
     marks_height = 18 * len(timeline.marks)
     actions_top = TOP + marks_height
+    if width is NARROW and lane_count:
+        actions_top += LANE  # labels left of their bars need the whole width: the heading stands above them
     rows_top = actions_top + LANE * lane_count + (14 if lane_count else 4)
     bottom = rows_top + ROW * len(timeline.rows)
     legend = _legend(timeline)
@@ -186,7 +188,8 @@ def svg(timeline: Timeline, width: Width = WIDE) -> str:
             )
         )
     if lane_count:
-        out.append(_text(16, actions_top + 15, "repair actions", size=12, fill=MUTED))
+        heading = actions_top + (-7 if width is NARROW else 15)
+        out.append(_text(16, heading, "repair actions", size=12, fill=MUTED))
     for one in placed:
         action, y = one.action, actions_top + LANE * one.lane
         left, right = x(action.start_s), x(action.end_s)
