@@ -186,6 +186,23 @@ def test_a_robot_that_never_reported_is_unknown_and_empty_of_claims(ill: Service
     assert page.locator("svg.graph .unknown").count() >= 14
 
 
+def test_of_a_robot_whose_observations_are_outlived_nothing_is_shown_as_good(
+    service: Service, look: Look
+) -> None:
+    service.with_robot("gone", policy="observe")
+    seen = ["not ok(scan)", "on(hokuyo)", "running(hokuyo_node)", "ok(odom)"]
+    service.api("POST", "/robots/gone/observations", json={"observations": seen, "lifetime_s": 1})
+    page = live(look(service), "/ui/robots/gone")
+    expect(page.locator('[data-part="state"]')).to_contain_text("unknown")
+    expect(page.locator('[data-part="obs"] caption')).to_have_text("None known, 4 outlived")
+    expect(page.locator('[data-part="diagnosis"]')).to_contain_text("nobody was seen to be well")
+    past = page.locator('[data-part="past"] svg.wide')
+    expect(past.locator(".suspect").first).to_be_attached()
+    expect(past.locator(".good")).to_have_count(0)
+    expect(page.locator("svg.graph .good")).to_have_count(0)
+    assert "healthy" not in part(page, "state") + part(page, "diagnosis")
+
+
 SPILLED = """
 [...document.querySelectorAll("svg .thing")].filter((thing) => {
   const [text, box] = ["text", "rect"].map((name) => thing.querySelector(name).getBoundingClientRect());

@@ -8,8 +8,10 @@ from itertools import pairwise
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robomend.store.records import StoredDiagnosis
 from robomend.web.letters import cut, width
-from robomend.web.timeline import NARROW, ActionBar, Mark, Span, Timeline, lanes, svg
+from robomend.web.past import NS, timeline
+from robomend.web.timeline import NARROW, WIDE, ActionBar, Mark, Span, Timeline, lanes, svg
 
 SVG = "{http://www.w3.org/2000/svg}"
 TIMES = st.floats(0, 30, allow_nan=False)
@@ -67,6 +69,43 @@ def test_state_is_told_by_height_as_well_as_by_colour() -> None:
 def test_a_figure_without_suspects_has_none_in_its_legend() -> None:
     root = drawn(Timeline("t", "s", [("jaguar", (Span(0, 1, True),))], [], [], 1))
     assert "suspect" not in [element.text for element in root.iter(f"{SVG}text")]
+
+
+def test_the_legend_says_what_bars_of_actions_are_and_stays_inside() -> None:
+    rows = [("jaguar", (Span(0, 1, True), Span(1, 2, True, only_suspect=True)))]
+    bars = [ActionBar(0, 1, "power_up(jaguar)"), ActionBar(1, 2, "start(a)", ok=False)]
+    for shape in (WIDE, NARROW):
+        root = ET.fromstring(svg(Timeline("t", "s", rows, bars, [], 3, good="not blamed"), shape))
+        texts = {element.text: element for element in root.iter(f"{SVG}text")}
+        legend = [texts[word] for word in ("bad", "suspect", "not blamed", "action", "failed action")]
+        for text in legend:
+            assert float(text.get("x", "")) + width(text.text or "", 11) <= float(root.get("width", ""))
+            assert float(text.get("y", "")) < float(root.get("height", ""))
+        assert len({(text.get("x"), text.get("y")) for text in legend}) == 5
+    assert "failed action" not in written(drawn(Timeline("t", "s", rows, bars[:1], [], 3)))
+    assert "action" not in written(drawn(Timeline("t", "s", rows, [], [], 3)))
+
+
+def test_no_label_of_an_action_lies_on_the_heading_of_a_narrow_figure() -> None:
+    bars = [ActionBar(2.9, 3, "start_node(laser_alignment_control)")]
+    root = ET.fromstring(svg(Timeline("t", "s", [], bars, [], 3), NARROW))
+    texts = {"".join(one.itertext()): one for one in root.iter(f"{SVG}text")}
+    label = next(one for words, one in texts.items() if "laser" in words)
+    assert float(label.get("y", "")) - float(texts["repair actions"].get("y", "")) >= 12
+
+
+def test_of_a_robot_of_which_nothing_is_known_nothing_is_drawn_as_good() -> None:
+    blamed, nobody = ({"bad": ["h"], "good": ["n"]}, {"bad": [], "good": ["h", "n"]})
+    found = [
+        StoredDiagnosis("r", number, "", number * NS, {"result": {"diagnoses": [one]}})
+        for number, one in enumerate((nobody, blamed, nobody))
+    ]
+    assert [
+        (name, [span.state for span in spans]) for name, spans in timeline("r", 0, 3 * NS, found, []).rows
+    ] == [("h", ["bad", "good"])]
+    drawn_unknown = timeline("r", 0, 3 * NS, found, [], unknown=True)
+    assert [(name, [span.state for span in spans]) for name, spans in drawn_unknown.rows] == [("h", ["bad"])]
+    assert "not blamed" in written(drawn(drawn_unknown))
 
 
 def test_nothing_that_happened_is_an_empty_figure() -> None:

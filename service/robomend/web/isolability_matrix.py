@@ -21,7 +21,7 @@ FONT = "font-family='system-ui, Segoe UI, Roboto, Helvetica, Arial, sans-serif'"
 
 CELL, LETTERS = 14, 11  # pixels
 TOP, MARGIN = 64, 16
-LEGEND = 170  # of one mark and its words; four stand side by side
+LEGEND = 170  # of one mark and its words; two stand side by side, as a phone has room for
 MOST_ROWS = 200
 """Faults in one figure; what is left out is said in it."""
 MOST_NAME = 260
@@ -36,8 +36,8 @@ def isolability_matrix(
     names = [" + ".join(fault) for fault in faults[:count]]
     wide = min(max((width(name, LETTERS) for name in names), default=0.0), MOST_NAME) + 12
     left, top = MARGIN + wide, TOP + wide
-    all_wide = max(left + count * CELL, MARGIN + 3.5 * LEGEND, MARGIN + len(title) * 8) + MARGIN
-    height = top + count * CELL + 56
+    all_wide = max(left + count * CELL, MARGIN + 2 * LEGEND, MARGIN + len(title) * 8) + MARGIN
+    height = top + count * CELL + 76
     out = [
         f"<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 {all_wide:.0f} {height:.0f}' "
         f"width='{all_wide:.0f}' height='{height:.0f}' role='img' {FONT} font-size='11' fill='{INK}'>",
@@ -65,11 +65,10 @@ def isolability_matrix(
     for index in range(count):
         for other in range(count):
             out.append(_cell(matrix[index][other], left + other * CELL, top + index * CELL))
-    y = top + count * CELL + 22
     for place, (mark, words) in enumerate(
         (("-", "never"), ("~", "by some of what it shows"), ("+", "whatever it shows"), ("?", "not known"))
     ):
-        x = MARGIN + place * LEGEND
+        x, y = MARGIN + place % 2 * LEGEND, top + count * CELL + 22 + place // 2 * 20
         frame = f"<path d='M{x:.1f} {y:.1f}h{CELL}v{CELL}h{-CELL}z' fill='none' stroke='{GRID}'/>"
         out += [frame, _cell(mark, x, y), f"<text x='{x + 20:.1f}' y='{y + 11:.1f}'>{words}</text>"]
     out.append(

@@ -14,6 +14,7 @@ NS = 1_000_000_000
 ROWS = 30
 """Components that are drawn."""
 ACTIONS = 60
+NOT_BLAMED = "not blamed"
 
 
 def timeline(
@@ -22,12 +23,17 @@ def timeline(
     end_ns: int,
     diagnoses: Sequence[StoredDiagnosis],
     repairs: Sequence[Mapping[str, Any]],
+    *,
+    unknown: bool = False,
 ) -> Timeline:
     """Return what happened from `start_ns` to `end_ns`.
+
+    A component that no diagnosis blamed is not said to be good: what it was seen by may have been silent.
 
     Args:
         diagnoses: oldest first, beginning with the one that held at the start.
         repairs: with the steps of every round.
+        unknown: nothing of the robot is known at the end; the last diagnosis then says nothing.
     """
 
     def at(time_ns: int) -> float:
@@ -38,7 +44,8 @@ def timeline(
     for index, one in enumerate(diagnoses):
         until_ns = diagnoses[index + 1].time_ns if index + 1 < len(diagnoses) else end_ns
         found = (one.result.get("result") or {}).get("diagnoses") or []
-        if not found or until_ns <= start_ns:
+        says_nothing = not one.revision or (unknown and index + 1 == len(diagnoses))  # nobody had observed it
+        if not found or until_ns <= start_ns or says_nothing:
             continue
         named = set().union(*(each["bad"] for each in found))
         in_all = set(found[0]["bad"]).intersection(*(each["bad"] for each in found))
@@ -53,7 +60,7 @@ def timeline(
     subtitle = "what its diagnoses said of each component" + (
         f"; {counted(left_out, 'more component was', 'more components were')} blamed" if left_out > 0 else ""
     )
-    return Timeline(robot, subtitle, rows, actions, (), (end_ns - start_ns) / NS, start_ns)
+    return Timeline(robot, subtitle, rows, actions, (), (end_ns - start_ns) / NS, start_ns, NOT_BLAMED)
 
 
 def _joined(spans: Sequence[Span]) -> list[Span]:

@@ -40,10 +40,11 @@ class Width:
     all: int
     labels: int
     ticks: int  # at most
+    signs: int  # of the legend, side by side
 
 
-WIDE = Width("wide", 1080, 190, 15)
-NARROW = Width("narrow", 360, 118, 4)
+WIDE = Width("wide", 1080, 190, 15, 5)
+NARROW = Width("narrow", 360, 118, 4, 3)
 """For a phone, where a wide figure could only be scrolled, without the names of its rows."""
 
 
@@ -95,6 +96,8 @@ class Timeline:
     end_s: float
     begins_ns: int | None = None
     """When it begins: then the axis shows the time of day (UTC), else seconds from its beginning."""
+    good: str = "good"
+    """What is said of a component that is not blamed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,9 +148,12 @@ def svg(timeline: Timeline, width: Width = WIDE) -> str:
     lane_count = max((one.lane for one in placed), default=-1) + 1
     marks_height = 18 * len(timeline.marks)
     actions_top = TOP + marks_height
+    if width is NARROW and lane_count:
+        actions_top += LANE  # labels left of their bars need the whole width: the heading stands above them
     rows_top = actions_top + LANE * lane_count + (14 if lane_count else 4)
     bottom = rows_top + ROW * len(timeline.rows)
-    height = bottom + 58
+    legend = _legend(timeline)
+    height = bottom + 58 + ROW * ((len(legend) - 1) // width.signs)
 
     out = [
         f"<svg xmlns='http://www.w3.org/2000/svg' class='{width.name}' viewBox='0 0 {width.all} {height}' "
@@ -182,7 +188,8 @@ def svg(timeline: Timeline, width: Width = WIDE) -> str:
             )
         )
     if lane_count:
-        out.append(_text(16, actions_top + 15, "repair actions", size=12, fill=MUTED))
+        heading = actions_top + (-7 if width is NARROW else 15)
+        out.append(_text(16, heading, "repair actions", size=12, fill=MUTED))
     for one in placed:
         action, y = one.action, actions_top + LANE * one.lane
         left, right = x(action.start_s), x(action.end_s)
@@ -208,18 +215,33 @@ def svg(timeline: Timeline, width: Width = WIDE) -> str:
             out.append(
                 f"<rect class='{span.state}' x='{left}' y='{middle - thick / 2}' "
                 f"width='{round(right - left, 2)}' height='{thick}' fill='{colour}'>"
-                f"<title>{escape(component)}: {span.state}, "
+                f"<title>{escape(component)}: {timeline.good if span.state == 'good' else span.state}, "
                 f"{span.start_s:.2f} s to {span.end_s:.2f} s</title></rect>"
             )
-    y = bottom + 44
-    shown = {span.state for _, spans in timeline.rows for span in spans} | {"bad", "good"}
-    for index, state in enumerate(state for state in STATES if state in shown):
-        left = (width.labels if width is WIDE else 16) + 106 * index
-        thick, colour = STATES[state]
-        out.append(f"<rect x='{left}' y='{y - thick / 2}' width='28' height='{thick}' fill='{colour}'/>")
-        out.append(_text(left + 36, y + 4, state, size=11, fill=MUTED))
+    for index, (words, thick, colour, faint) in enumerate(legend):
+        left = (width.labels if width is WIDE else 16) + 114 * (index % width.signs)
+        y = bottom + 44 + ROW * (index // width.signs)
+        light = " fill-opacity='0.22'" if faint else ""
+        top, box = y - thick / 2, f"height='{thick}' fill='{colour}'"
+        out.append(f"<rect x='{left}' y='{top}' width='28' {box}{light}/>")
+        if faint:
+            out.append(f"<rect x='{left}' y='{top}' width='3' {box}/>")
+        out.append(_text(left + 36, y + 4, words, size=11, fill=MUTED))
     out.append("</svg>\n")
     return "\n".join(out)
+
+
+def _legend(timeline: Timeline) -> list[tuple[str, int, str, bool]]:
+    """Return what the bars of a figure mean: words, height, colour, and whether it is a bar of an action."""
+    shown = {span.state for _, spans in timeline.rows for span in spans} | {"bad", "good"}
+    states = [
+        (timeline.good if state == "good" else state, *sign, False)
+        for state, sign in STATES.items()
+        if state in shown
+    ]
+    done = [action.ok for action in timeline.actions]
+    actions = [("action", ACTION)] * any(done) + [("failed action", FAILED)] * (not all(done))
+    return states + [(words, LANE - 6, colour, True) for words, colour in actions]
 
 
 def _ticks(timeline: Timeline, end_s: float, most: int) -> list[tuple[float, str]]:

@@ -81,7 +81,7 @@ async def robot_page(
         wired = None if state.config.board is None else await parts.robots.board(robot)
         values["board"] = None if wired is None else board_out(wired)
     if "past" in wanted:
-        values |= await _past(parts, turns, robot, until, span)
+        values |= await _past(parts, turns, state, until, span)
     return await page(request, "robot.html", **shell(request, parts, principal, wanted), **values)
 
 
@@ -174,9 +174,10 @@ def _by_one_clock(obs: ObsOut, state: Robot) -> ObsOut:
 
 
 async def _past(
-    parts: Parts, turns: PageTurns, robot: str, until_ms: int | None, span_s: int | None
+    parts: Parts, turns: PageTurns, state: Robot, until_ms: int | None, span_s: int | None
 ) -> dict[str, Any]:
     """Return the timeline of a span of time, and the addresses of those before and after it."""
+    robot = state.id
     now_ms = time.time_ns() // 1_000_000
     repairs = await parts.repairs.repairs(robot, before=None, limit=REPAIRS)
     if span_s is None:  # the least that shows all of the newest repair, if that was within the hour
@@ -190,7 +191,8 @@ async def _past(
         return diagnoses.between(view, robot, start_ns, end_ns, PAST)
 
     found, complete = await parts.store.read(look)
-    drawn = past.timeline(robot, start_ns, end_ns, found, repairs)
+    unknown = end_ms == now_ms and health_of(state)[0] is HealthState.UNKNOWN
+    drawn = past.timeline(robot, start_ns, end_ns, found, repairs, unknown=unknown)
     figures: dict[figure.Width, Markup | None] = dict.fromkeys((figure.WIDE, figure.NARROW))
     if drawn.rows or drawn.actions:
         for width in figures:
