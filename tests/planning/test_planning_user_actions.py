@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 from tests.planning.robots import TEDUSAR, texts
 
@@ -51,6 +52,18 @@ def test_what_acts_on_the_users_objects_comes_before_what_acts_on_nodes_where_th
     plan = plan_for(TEDUSAR, [], ["imu", "hokuyo_node"], PlanOptions(domain=USB))
     assert texts(plan)[0] == "reset_usb(usb1)"
     assert {"stop_node(hokuyo_node)", "start_node(hokuyo_node)"} < set(texts(plan))
+
+
+def test_the_recipe_of_the_docs_stops_a_driver_that_is_well_before_its_device_is_reset(planner: str) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "repair.md").read_text(encoding="utf-8")
+    (recipe,) = (text for text in page.split("```pddl\n")[1:] if "let_go" in text.partition("```")[0])
+    options = PlanOptions(planner=planner, domain=recipe.partition("```")[0])
+    plan = plan_for(TEDUSAR, [holds("running", "imu_node")], ["imu"], options)
+    assert texts(plan) == ["let_go(imu_node)", "reset_usb(usb1)", "start_node(imu_node)"]
+    stopped = plan_for(TEDUSAR, [fails("running", "imu_node")], ["imu", "imu_node"], options)
+    assert texts(stopped) == ["reset_usb(usb1)", "start_node(imu_node)"]
+    kept = replace(options, protected=("imu_node",))
+    assert texts(plan_for(TEDUSAR, [holds("running", "imu_node")], ["imu"], kept)) == []
 
 
 SPARE = """

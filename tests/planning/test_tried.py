@@ -36,6 +36,7 @@ def test_the_page_names_the_numbers() -> None:
     assert f"allows actions ({patience.relapses})" in page
     assert (patience.relapse_s, patience.memory_s) == (30, 3600)  # "within half a minute", "for an hour"
     assert (patience.seen_factor, patience.unseen_factor) == (1 / 10, 1 / 2)  # "to a tenth", "to a half"
+    assert patience.again_factor == 1 / 2  # "each further time to a half"
 
 
 def test_a_restart_that_came_with_the_power_cycle_counts_against_the_driver_too() -> None:
@@ -44,6 +45,18 @@ def test_a_restart_that_came_with_the_power_cycle_counts_against_the_driver_too(
         [tried("jaguar", repaired="jaguar jaguar_node")],
     )
     assert found[0] == found[1] < found[2]
+
+
+def test_one_restart_more_in_vain_says_less_than_the_first() -> None:
+    """Whose successor was mute once may have another mute one; it is no news that this one is."""
+    diagnoses = [Diagnosis(("driver",)), Diagnosis(("other",))]
+    first, second = tried("driver"), tried("driver", at_s=1)
+    for attempts, left in (([first], 0.1), ([first, second], 0.05), ([second, first], 0.05)):
+        driver, other = weights(diagnoses, attempts, now_ns=2 * SECOND)
+        assert driver / other == pytest.approx(left)
+    unseen = tried("driver", seen=False)  # nothing was learned of the successor
+    driver, other = weights(diagnoses, [unseen, second], now_ns=2 * SECOND)
+    assert driver / other == pytest.approx(0.5 * 0.1)
 
 
 def test_a_power_cycle_in_vain_says_half_as_much_against_a_device_as_it_would_cure_it() -> None:

@@ -37,7 +37,7 @@ from robomend.planning.plan import Outcome, Plan
 from robomend.planning.quarantine import Quarantined
 from robomend.planning.tried import DEFAULT_PATIENCE, S_TO_NS, Attempt, Patience, repaired_by, weights
 from robomend_client.counts import counted
-from robomend_client.literals import Atom
+from robomend_client.literals import Atom, Literal
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,11 +189,15 @@ def _weigh(
     helps = _helps(plan, one.diagnosis, candidates, chances) if plan.steps else 0.0
     # Also what was repaired together with something else: done again alone, it is the same.
     failures = [attempt for attempt in tried if bad <= attempt.bad and not attempt.helped]
-    texts = {str(step) for step in plan.steps}
-    in_vain = sum(attempt.effect_seen and texts <= set(attempt.actions) for attempt in failures)
-    helps *= patience.seen_factor**in_vain  # even if the diagnosis is right, the same again hardly cures it
+    # What is started after it had ended, and what is restarted, should become good by the same act.
+    cures = {str(step) for step in plan.steps if any(map(_makes_good, step.effects))}
+    in_vain = sum(attempt.effect_seen and cures <= set(attempt.actions) for attempt in failures)
+    if in_vain:  # even if the diagnosis is right: a process may come up well once more, a device hardly does
+        second = patience.seen_factor if power_cuts(plan) else patience.again_factor
+        helps *= second * patience.seen_factor ** (in_vain - 1)
     # A plan of free actions is as good as one that costs next to nothing.
-    score = 0.0 if in_vain and helps < patience.least_help else helps / max(plan.cost, 1e-6)
+    pays = not in_vain or helps * patience.person_cost > plan.cost
+    score = helps / max(plan.cost, 1e-6) if pays else 0.0
     names = ", ".join(one.diagnosis.bad) or "nothing"
     if plan.outcome is Outcome.GAVE_UP:
         reason = f"{names}: no plan was found in time"
@@ -211,6 +215,10 @@ def _weigh(
         short = [attempt for attempt in failures if not attempt.lasted]
         reason += f"; repaired {_times(short)} before, and soon it was broken again"
     return Alternative(one.diagnosis, plan, chance, helps, score, len(failures), reason)
+
+
+def _makes_good(effect: Literal) -> bool:
+    return effect.positive and effect.atom.predicate == "good"
 
 
 def _times(attempts: Sequence[Attempt]) -> str:

@@ -15,7 +15,9 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import accumulate
 from math import exp, log
+from operator import or_
 
 from robomend.diagnosis.result import Diagnosis
 from robomend.planning.cures import CURES, Cure, cycled
@@ -46,10 +48,10 @@ class Patience:
     component_odds: float = 0.01  # P(AB) / P(¬AB) where nobody gave priors
     seen_factor: float = 0.1  # a repair whose effect was seen and that did not help
     unseen_factor: float = 0.5  # one whose effect was not seen
+    again_factor: float = 0.5  # one more of what was repaired in vain before: that says less and less
     memory_s: float = 3600.0  # how long an attempt lowers its diagnosis
     look_cost: float = 2.0  # of one more round of repair and diagnosis
     person_cost: float = 300.0  # when every repair failed and somebody must come
-    least_help: float = 0.001  # what was done in vain is not repeated below this probability of helping
     attempts: int = 3  # failures in a row until quarantine
     relapses: int = 3  # the same for repairs that helped, and not for long; one less where power is cut
     relapse_s: float = 30.0  # what needs a repair again so soon was not mended by the last one
@@ -121,23 +123,39 @@ def weights(
     if fits is not None:
         raw = [odds * fit for odds, fit in zip(raw, fits, strict=True)]
     oldest = now_ns - int(patience.memory_s * S_TO_NS)
-    failed = [one for one in tried if not one.helped and one.time_ns >= oldest]
+    failed = sorted((one for one in tried if not one.helped and one.time_ns >= oldest), key=_time)
+    before = list(accumulate((one.repaired if one.effect_seen else frozenset() for one in failed), or_))
+    again = [frozenset[str](), *before]
     blamed = [frozenset(diagnosis.bad) for diagnosis in diagnoses]
-    doubts = [sum(_doubt(bad, one, patience) for one in failed) for bad in blamed]
+    doubts = [
+        sum(_doubt(bad, *each, patience) for each in zip(failed, again, strict=False)) for bad in blamed
+    ]
     least_doubt = max(doubts, default=0.0)  # so that a hundred components do not underflow
     raw = [odds * exp(doubt - least_doubt) for odds, doubt in zip(raw, doubts, strict=True)]
     total = sum(raw)
     return [value / total if total > 0 else 1 / len(raw) for value in raw]
 
 
-def _doubt(bad: Collection[str], failed: Attempt, patience: Patience) -> float:
-    """Return the logarithm of what a repair that did not help leaves of a diagnosis."""
+def _time(one: Attempt) -> int:
+    return one.time_ns
+
+
+def _doubt(bad: Collection[str], failed: Attempt, before: Collection[str], patience: Patience) -> float:
+    """Return the logarithm of what a repair that did not help leaves of a diagnosis.
+
+    Args:
+        before: what earlier repairs had made good in vain.
+    """
     factor = patience.seen_factor if failed.effect_seen else patience.unseen_factor
     again = failed.repaired.intersection(bad)
     if not again and bad == failed.bad:  # it could not be carried out
         return log(factor)
-    cures = (CURES[Cure.POWER_CYCLE if name in failed.cycled else Cure.OTHER] for name in sorted(again))
-    return sum(log(factor + (1 - cure) * (1 - factor)) for cure in cures)
+    doubt = 0.0
+    for name in sorted(again):
+        cure = CURES[Cure.POWER_CYCLE if name in failed.cycled else Cure.OTHER]
+        left = patience.again_factor if name in before and name not in failed.cycled else factor
+        doubt += log(left + (1 - cure) * (1 - left))
+    return doubt
 
 
 def unbroken_fits(
