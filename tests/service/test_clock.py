@@ -88,7 +88,24 @@ def test_after_it_was_a_day_ahead_correct_stamps_count_again(
     assert service.observe("ok(scan)", time=real()).json()["changed"] == ["ok(scan)"]
     late = service.observe("not ok(scan)", time=now - 10**9)  # what is older is older still
     assert late.json()["changed"] == []
+    ahead_of_it = service.observe("ok(odom)", time=real() + 120 * 10**9)
+    assert ahead_of_it.status_code == 422
+    assert " s ahead of this service's clock" in ahead_of_it.json()["detail"]
     assert capsys.readouterr().out.count("clock jumped") == 1
+
+
+def test_an_agents_clock_that_goes_on_from_a_day_ahead_as_ours_does_is_no_fault(
+    start: StartService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = time.time_ns
+    with monkeypatch.context() as ahead:
+        ahead.setattr(time, "time_ns", lambda: real() + DAY_NS)
+        with_a_clock_of_its_own(monkeypatch)
+        service = start()
+        service.with_robot()
+        service.observe("ok(scan)", "ok(map)")
+    answer = service.observe("not ok(scan)", time=real() + DAY_NS)
+    assert answer.json()["changed"] == ["not ok(scan)"]
 
 
 def test_a_source_that_is_a_day_behind_is_followed_when_that_is_sure(

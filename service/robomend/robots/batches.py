@@ -207,11 +207,16 @@ def _refuse(batch: Batch, refused: list[ObservationError], error: ObservationErr
 
 
 def _set_back_ns(batch: Batch) -> int:
-    """Return how far our clock is ahead of that of a batch because the computer's clock went back."""
+    """Return how far our clock is ahead of that of a batch because the computer's clock went back.
+
+    A batch's clock is taken for the nearer one: the computer's, or ours, from which agents on this computer
+    go on as well. So a stamp that is ahead of the computer's clock is told so, and is not old by ours.
+    """
     ahead_ns = CLOCK.set_back_ns()
-    if not ahead_ns or batch.time_ns is None or batch.time_ns > CLOCK.now_ns() - ahead_ns + AHEAD_NS:
+    if not ahead_ns or batch.time_ns is None:
         return 0
-    return ahead_ns
+    by_computer_ns = CLOCK.now_ns() - ahead_ns
+    return ahead_ns if batch.time_ns <= by_computer_ns + max(AHEAD_NS, ahead_ns // 2) else 0
 
 
 def _times(batch: Batch, now_ns: int, lives_on_ns: int = 0) -> tuple[int, int | None]:
