@@ -265,7 +265,7 @@ def test_the_service_is_measured_beside_a_bare_handler_in_turns(service: Served)
 
 def test_ctrl_c_while_repairs_act_leaves_no_program_board_or_file(tmp_path: Path) -> None:
     where = {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
-    with Terminal("robomend-bench service --only stop --moments 400", tmp_path, where) as begun:
+    with Terminal("robomend-bench service --only stop --robots 2 --moments 400", tmp_path, where) as begun:
         until(lambda: acts(begun), "a program of an action runs", 120)
         begun.ends_by_ctrl_c()
 
