@@ -5,11 +5,14 @@ from __future__ import annotations
 import gc
 import importlib
 from collections.abc import Iterator
+from functools import cache
 from importlib.util import find_spec
+from typing import Any
 
+import httpx
 import pytest
 from hypothesis import HealthCheck, settings
-from tests.forked import at_once
+from tests.forked import at_once, share, shared
 from tests.order import dealt, load
 from tests.spent import Meter, Sums
 
@@ -31,6 +34,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    if hasattr(config, "workerinput"):
+        shared(config.workerinput["template"])
     if config.getoption("--spent"):
         at_work = hasattr(config, "workerinput") or not config.getoption("numprocesses", None)
         if at_work:
@@ -41,6 +46,12 @@ def pytest_configure(config: pytest.Config) -> None:
         settings.load_profile("long")
     elif config.getoption("--quick"):
         settings.load_profile("quick")
+
+
+@pytest.hookimpl(optionalhook=True)  # of xdist
+def pytest_configure_node(node: Any) -> None:
+    """Tell a worker, before it starts, from what its programs are forked."""
+    node.workerinput["template"] = share()
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -74,6 +85,14 @@ def long(request: pytest.FixtureRequest) -> bool:
 @pytest.fixture(scope="session")
 def anyio_backend() -> str:
     return "asyncio"
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _certificates_are_read_once() -> Iterator[None]:
+    """httpx reads what this computer trusts for each client and each httpx.get: 25 ms of the processor."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("httpx._transports.default.create_ssl_context", cache(httpx.create_ssl_context))
+        yield
 
 
 @pytest.fixture(scope="session", autouse=True)

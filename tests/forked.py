@@ -9,6 +9,9 @@ needs one as well, and so do lines that coverage counts.
 The workers of a service (robomend.workers) are such programs, too: to load the planners takes seconds, and
 each service begins with a worker that few tests need. tests/workers/ has fresh ones.
 
+Each of xdist's workers has a template of its own, which is forked in turn: from one that all of them share
+and that loads the code when the first of them needs it.
+
     process = popen([sys.executable, "-m", "robomend", "serve", …], stdout=subprocess.PIPE, text=True)
 """
 
@@ -163,6 +166,8 @@ class _Template:
     def __init__(self, address: str | None = None) -> None:
         self.loaded = {name: os.environ.get(name) for name in ("PYTHONPATH", "LD_PRELOAD")}
         self.process = 0
+        self.shared = 0
+        """The template from which this one is forked; 0: it is a process of its own."""
         self._address = address
         self._socket: socket.socket | None = None
         self._lock = threading.Lock()
@@ -171,8 +176,7 @@ class _Template:
         """Return the new process, and what tells its end."""
         ends, theirs = os.pipe()
         with self._lock:
-            if self._socket is None:
-                self._start()
+            self.start()
             assert self._socket is not None
             text = json.dumps(asked).encode()
             rights = array.array("i", [*descriptors, theirs])
@@ -185,13 +189,28 @@ class _Template:
             raise AssertionError("the template is gone")
         return NUMBER.unpack(told)[0], ends
 
-    def _start(self) -> None:
+    def listens(self) -> None:
+        """Wait until others can ask it, too."""
+        assert self._socket is not None
+        text = json.dumps({"listens": True}).encode()
+        self._socket.sendall(NUMBER.pack(len(text)) + text)
+        assert self._socket.recv(NUMBER.size), "the template did not start"
+
+    def start(self) -> None:
+        """Have it there, unless it is."""
+        if self._socket is not None:
+            return
         if self._address is not None:
             self._socket = socket.socket(socket.AF_UNIX)
             self._socket.connect(self._address)
             return
         self._socket, theirs = socket.socketpair()
         with theirs:
+            if self.shared:
+                asked = {"template": True}
+                self.process, ends = _Template(ADDRESS.format(self.shared)).fork(asked, theirs.fileno())
+                os.close(ends)
+                return
             process = subprocess.Popen(
                 [sys.executable, "-m", "tests.forked_template", str(theirs.fileno()), " " * SHOWN_BYTES],
                 env={**os.environ, "ROOM": " " * SHOWN_BYTES},
@@ -217,3 +236,21 @@ def use(process: int) -> None:
     """Have that template fork what this process starts."""
     global _TEMPLATE
     _TEMPLATE = _Template(ADDRESS.format(process))
+
+
+def share() -> int:
+    """Return the process of a template for those who run tests side by side: it ends with this process."""
+    if not _TEMPLATE.process:
+        _TEMPLATE.start()
+        _TEMPLATE.listens()
+    return _TEMPLATE.process
+
+
+def shared(process: int) -> None:
+    """Have the template of this process forked from the one that others use, too, once it is needed."""
+    _TEMPLATE.shared = process
+
+
+def aside() -> list[int]:
+    """Return who works for this process and is not below it: its template, if that was forked."""
+    return [_TEMPLATE.process] if _TEMPLATE.shared and _TEMPLATE.process else []

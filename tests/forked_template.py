@@ -1,7 +1,8 @@
 """The process from which programs of ours are forked: tests/forked.py.
 
 It has loaded their code, has a single thread, and is asked over a socket: first the descriptors that the new
-process is to have, then what it is to be, as JSON. It tells each one's number, and its end.
+process is to have, then what it is to be, as JSON. It tells each one's number, and its end. Who runs tests
+beside others asks for a template of its own.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ import threading
 import time
 import traceback
 import types
+from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NoReturn
@@ -58,12 +60,6 @@ MOST_DESCRIPTORS = 8
 
 def serve(control: socket.socket) -> None:
     """Fork whoever is asked for, and tell how each ends; when nobody can ask any more, all end."""
-    there = find_spec("robomend") is not None  # the client is tested without the service
-    for module in (*CLIENT, *(SERVICE if there else ())):
-        importlib.import_module(module)
-    gc.collect()
-    gc.freeze()  # or each process would copy what it only looks at
-    assert threading.active_count() == 1
     wake, woken = os.pipe()
     os.set_blocking(woken, False)
     signal.set_wakeup_fd(woken, warn_on_full_buffer=False)
@@ -86,8 +82,44 @@ def serve(control: socket.socket) -> None:
                     return
                 serving.asking.remove(asking)
                 asking.close()
+            elif asked.get("listens"):  # it does, since before it answers
+                asking.sendall(NUMBER.pack(serving.process))
+            elif asked.get("template"):
+                serving.divide(*descriptors)
             else:
                 serving.fork(asked, descriptors)
+
+
+def load() -> None:
+    """Import what programs need."""
+    there = find_spec("robomend") is not None  # the client is tested without the service
+    for module in (*CLIENT, *(SERVICE if there else ())):
+        importlib.import_module(module)
+    _settle()
+
+
+def load_planners() -> None:
+    """Import what workers need."""
+    importlib.import_module("robomend.planning.planner_pool").warm()
+    logging.root.handlers.clear()  # a planner has logged: whoever is forked sets up its own log
+    logging.root.setLevel(logging.WARNING)
+    _settle()
+
+
+def _settle() -> None:
+    gc.collect()
+    gc.freeze()  # or each process would copy what it only looks at
+    assert threading.active_count() == 1
+
+
+_needed = {load, load_planners}
+"""What is still to be done; whoever is forked has what was done."""
+
+
+def _have(wanted: Callable[[], None]) -> None:
+    if wanted in _needed:
+        wanted()
+        _needed.remove(wanted)
 
 
 class _Serving:
@@ -101,7 +133,7 @@ class _Serving:
         self.listener.listen(64)
         self._ends: dict[int, int] = {}  # process -> where its end is told
         self._workers: dict[int, int] = {}  # process -> the one that it works for
-        self._warm = False
+        self._templates: set[int] = set()
 
     def reap(self) -> None:
         """Tell who has ended, and end who worked for them, as the kernel would."""
@@ -112,36 +144,60 @@ class _Serving:
                 os.write(end, NUMBER.pack(os.waitstatus_to_exitcode(status)))
             os.close(end)
             self._workers.pop(pid, None)
+            self._templates.discard(pid)
             for worker, by in self._workers.items():
                 if by == pid:
                     os.kill(worker, signal.SIGKILL)
 
     def end(self) -> None:
         """Nobody needs anything any more."""
-        for pid in self._ends:
+        for pid in self._ends.keys() - self._templates:  # those have to end what they forked
             os.kill(pid, signal.SIGKILL)
 
     def fork(self, asked: dict[str, Any], descriptors: list[int]) -> None:
         """Fork a process; `descriptors` are its own, and the last one tells its end."""
-        if asked["passed"] and not self._warm:
-            importlib.import_module("robomend.planning.planner_pool").warm()
-            logging.root.handlers.clear()  # a planner has logged: whoever is forked sets up its own log
-            logging.root.setLevel(logging.WARNING)
-            gc.freeze()
-            assert threading.active_count() == 1
-            self._warm = True
-        pid = os.fork()
+        _have(load)
+        if asked["passed"]:
+            _have(load_planners)
+        pid = self._forked(descriptors)
         if not pid:
-            for asking in (self.listener, *self.asking):
-                asking.detach()
-            _become(asked, descriptors[:-1], self.process)
-        with contextlib.suppress(BrokenPipeError):  # whoever asked was killed meanwhile
-            os.write(descriptors[-1], NUMBER.pack(pid))
-        self._ends[pid] = descriptors.pop()
+            _become(asked, descriptors, self.process)
         if asked["bound"]:
             self._workers[pid] = asked["by"]
+
+    def divide(self, control: int, end: int) -> None:
+        """Fork a template that is asked over `control`, for as long as somebody can."""
+        _have(load)
+        if find_spec("robomend") is not None:  # most of those who run service's tests need them in the end
+            _have(load_planners)
+        if pid := self._forked([control, end]):
+            self._templates.add(pid)
+            return
+        try:
+            os.setsid()  # whoever ends a test's processes by their group does not mean it
+            for number in map(int, os.listdir("/proc/self/fd")):
+                if number > 2 and number != control:
+                    with contextlib.suppress(OSError):  # the list's own
+                        os.close(number)
+            serve(socket.socket(fileno=control))
+        except BaseException:  # noqa: BLE001  # nothing above this is for the new process
+            traceback.print_exc()
+        finally:
+            os._exit(0)
+
+    def _forked(self, descriptors: list[int]) -> int:
+        """Fork, and leave the new process, to which 0 is returned, all `descriptors` but the last."""
+        end = descriptors.pop()
+        if not (pid := os.fork()):
+            for asking in (self.listener, *self.asking):
+                asking.detach()
+            return 0
+        with contextlib.suppress(BrokenPipeError):  # whoever asked was killed meanwhile
+            os.write(end, NUMBER.pack(pid))
+        self._ends[pid] = end
         for descriptor in descriptors:
             os.close(descriptor)
+        return pid
 
 
 def _request(asking: socket.socket) -> tuple[dict[str, Any] | None, list[int]]:

@@ -106,8 +106,8 @@ class Copy:
         self._times = count(1_000_000_000, 10)  # each change is seen, whatever the clock's resolution
         for name in copied:
             source, target = ROOT / name, root / name
-            if source.is_dir():
-                shutil.copytree(source, target, ignore=shutil.ignore_patterns("__pycache__"))
+            if source.is_dir():  # with what is compiled, which stays good for files that are not changed
+                shutil.copytree(source, target, ignore=shutil.ignore_patterns("*.pyc.*"))  # in the making
             else:
                 shutil.copy2(source, target)
 

@@ -7,17 +7,19 @@ Both are compiled before the first run, or the tree that was just unpacked would
 
     ./dev processor v0.1.0                 all suites, seven pairs
     ./dev processor HEAD~1 --pairs 10 --only plans,service
+    ./dev processor HEAD~1 --keep pairs.ndjson     ended in the middle, the same command goes on
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import resource
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from statistics import geometric_mean
 
@@ -61,16 +63,35 @@ def compile_code(tree: Path) -> None:
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
 
 
-def ratios(ours: Path, other: Path, arguments: Sequence[str], pairs: int) -> list[float]:
-    """Return our time over the other's, of each pair."""
+def ratios(ours: Path, other: Path, arguments: Sequence[str], pairs: range) -> Iterator[float]:
+    """Yield our time over the other's, of each pair."""
     for tree in (ours, other):
         compile_code(tree)
-    found = []
-    for pair in range(pairs):
+    for pair in pairs:
         order = (ours, other) if pair % 2 else (other, ours)
         took = {tree: processor_s(tree, arguments) for tree in order}
-        found.append(took[ours] / took[other])
-    return found
+        yield took[ours] / took[other]
+
+
+class Kept:
+    """The pairs that were run so far, in a file: a line for each."""
+
+    def __init__(self, file: Path | None, revision: str) -> None:
+        self._file = file
+        self._revision = revision
+
+    def of(self, suite: str) -> list[float]:
+        """Return the ratios of a suite against this revision."""
+        if self._file is None or not self._file.exists():
+            return []
+        lines = map(json.loads, self._file.read_text().splitlines())
+        return [one["ratio"] for one in lines if (one["suite"], one["of"]) == (suite, self._revision)]
+
+    def add(self, suite: str, ratio: float) -> None:
+        """Write a pair down."""
+        if self._file is not None:
+            with self._file.open("a") as kept:
+                kept.write(json.dumps({"suite": suite, "of": self._revision, "ratio": ratio}) + "\n")
 
 
 def read_options(arguments: Sequence[str] | None) -> argparse.Namespace:
@@ -78,6 +99,7 @@ def read_options(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="./dev processor", description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("revision")
     parser.add_argument("--pairs", type=int, default=7)
+    parser.add_argument("--keep", type=Path, help="a file of the pairs that were run, for the next time")
     parser.add_argument("--only", default=",".join(SUITES), help="suites, comma-separated")
     return parser.parse_args(arguments)
 
@@ -92,7 +114,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         subprocess.run(["tar", "x", "-C", folder], input=archive, check=True)
         for suite in asked.only.split(","):
             options = OURS if suite in {"iscas85", "robots-v1"} else ()
-            found = ratios(ROOT, Path(folder), (*SUITES[suite], *options), asked.pairs)
+            kept = Kept(asked.keep, asked.revision)
+            found = kept.of(suite)[: asked.pairs]
+            left = range(len(found), asked.pairs)
+            for ratio in ratios(ROOT, Path(folder), (*SUITES[suite], *options), left):
+                kept.add(suite, ratio)
+                found.append(ratio)
             each = " ".join(f"{ratio:.3f}" for ratio in found)
             print(f"{suite}: {geometric_mean(found):.3f} of {asked.revision} ({each})", flush=True)
     return 0

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.forked import aside
 
 TICKS_PER_S = os.sysconf("SC_CLK_TCK")
 SHOWN = 25
@@ -47,6 +48,11 @@ def spent_s(process: int) -> float:
     return own + sum(map(spent_s, children(process)))
 
 
+def _now_s() -> float:
+    """Return what this process, and who works for it, has taken so far."""
+    return sum(map(spent_s, (os.getpid(), *aside())))
+
+
 class Meter:
     """In a worker: what each test took, on its report."""
 
@@ -56,7 +62,7 @@ class Meter:
         self._fixtures: list[tuple[str, float]] = []
 
     def _since(self) -> float:
-        now = spent_s(os.getpid())
+        now = _now_s()
         since, self._told = now - self._told, now
         return max(0.0, since)
 
@@ -65,12 +71,12 @@ class Meter:
 
     @pytest.hookimpl(wrapper=True)
     def pytest_fixture_setup(self, fixturedef: pytest.FixtureDef[Any]) -> Generator[None, object, object]:
-        began = spent_s(os.getpid())
+        began = _now_s()
         self._depth.append(0.0)
         try:
             return (yield)
         finally:
-            took = spent_s(os.getpid()) - began
+            took = _now_s() - began
             inner = self._depth.pop()
             if self._depth:
                 self._depth[-1] += took

@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -134,6 +135,36 @@ pool = WorkerPool("tests", size=1, spare=0)
 print(pool.call(os.getpid), pool.call(os.getpgrp), pool.call(time.sleep, 0), flush=True)
 sys.stdin.read()
 """
+
+
+SHARES = """
+import subprocess, sys
+from functools import partial
+from pathlib import Path
+from tests import forked
+everybodys, kept = forked.share(), forked._TEMPLATE
+forked._TEMPLATE = forked._Template()
+forked.shared(everybodys)
+child = forked.popen([sys.executable, "-c", "import signal; signal.pause()"])
+for process in (everybodys, forked.template(), child.pid):
+    print(process, Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[1])
+print(forked.aside()[0], flush=True)
+sys.stdin.read()
+"""
+
+
+def test_a_template_of_ones_own_is_forked_from_the_shared_one_and_all_end_with_who_uses_them() -> None:
+    asked = [sys.executable, "-c", SHARES]
+    with subprocess.Popen(
+        asked, stdin=subprocess.PIPE, stdout=subprocess.PIPE, cwd=ROOT, text=True
+    ) as process:
+        assert process.stdout is not None
+        lines = [process.stdout.readline().split() for _ in range(4)]
+        (everybodys, _), (own, above), (child, above_child), [aside] = lines
+        assert (above, above_child, aside) == (everybodys, own, own)
+        process.kill()
+    for one in (child, own, everybodys):
+        until(partial(lambda pid: not alive(pid), int(one)), "it has ended")
 
 
 def test_the_worker_of_a_forked_process_is_forked_and_ends_with_it() -> None:

@@ -6,6 +6,8 @@ import ast
 from collections.abc import Iterator
 from pathlib import Path
 
+from tests import waiting
+
 TESTS = Path(__file__).parent
 
 LOOK_S = 0.2
@@ -59,3 +61,10 @@ def test_a_sleep_without_a_reason_is_found() -> None:
         if not allowed(call, looks, lines[call.lineno - 1])
     ]
     assert refused == [2]
+
+
+def test_who_looks_does_so_a_quarter_of_the_time_at_most_and_soon_again() -> None:
+    assert waiting.look_s(0.0) == waiting.LOOK_S
+    assert waiting.look_s(100.0) == waiting.SELDOM_S
+    assert waiting.look_s(100.0, took_s=0.04) == 3 * 0.04
+    assert waiting.look_s(0.0, took_s=100.0) == waiting.MOST_S

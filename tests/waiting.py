@@ -15,18 +15,29 @@ SELDOM_S = 0.05
 that others need to get there."""
 
 
-def look_s(waited_s: float) -> float:
-    """Return how long to wait for the next look: a tenth of what was waited, within bounds."""
-    return min(max(LOOK_S, waited_s / 10), SELDOM_S)
+SHARE = 3
+"""So many times as long as a look took nobody looks: some read all of /proc and ask a service."""
+
+MOST_S = 0.25
+"""Between two looks, however long they take."""
+
+
+def look_s(waited_s: float, took_s: float = 0.0) -> float:
+    """Return how long to wait for the next look: a tenth of what was waited, within bounds, but no less
+    than `SHARE` times what the look before `took_s`.
+    """
+    return max(min(max(LOOK_S, waited_s / 10), SELDOM_S), min(SHARE * took_s, MOST_S))
 
 
 def until(true: Callable[[], object], what: str, timeout_s: float = 30.0, *, closely: bool = False) -> None:
     """Wait until something holds; `closely`: it will not for long."""
-    began = time.monotonic()
+    began = looked = time.monotonic()
     while not true():
-        waited_s = time.monotonic() - began
+        now = time.monotonic()
+        waited_s, took_s = now - began, now - looked
         assert waited_s < timeout_s, f"waited {timeout_s:g} s in vain: {what}"
-        time.sleep(LOOK_S / 2 if closely else look_s(waited_s))  # until the next look
+        time.sleep(LOOK_S / 2 if closely else look_s(waited_s, took_s))  # until the next look
+        looked = time.monotonic()
 
 
 async def eventually(true: Callable[[], object], what: str, timeout_s: float = 30.0) -> None:

@@ -31,6 +31,8 @@ PLACES = {
     "plot": "suite-first.svg",
 }
 
+SIGN_OUT = ("DELETE", "/api/v1/session")
+
 STREAMS = {"/api/v1/events", "/api/v1/robots/{robot}/events"}
 
 
@@ -43,6 +45,7 @@ class Keyed:
         service.with_robot("r2")
         service.repairs.owners.update({"r-1:0": "r1", "r-2:0": "r2"})
         self.keys = {role: service.key(role, "r1" if role is Role.ROBOT else None) for role in Role}
+        self._cookies: dict[Role, str] = {}
 
     def ask(self, method: str, path: str, role: Role | None, way: str = "key") -> int:
         """Return the status of a request; of a stream, only its head is read."""
@@ -50,11 +53,18 @@ class Keyed:
             headers = {}
         elif way == "key":
             headers = {"Authorization": f"Bearer {self.keys[role]}"}
-        else:  # signed in anew each time: one of the requests is the sign-out
-            cookie = sign_in(self.service, self.keys[role]).headers["set-cookie"].partition(";")[0]
-            headers = {"Cookie": cookie, "Origin": self.service.url}
+        else:
+            headers = {"Cookie": self._signed_in(role), "Origin": self.service.url}
+            if (method, path) == SIGN_OUT:
+                del self._cookies[role]
         with self.service.http.stream(method, path, headers=headers) as answer:
             return answer.status_code
+
+    def _signed_in(self, role: Role) -> str:
+        if role not in self._cookies:
+            answer = sign_in(self.service, self.keys[role])
+            self._cookies[role] = answer.headers["set-cookie"].partition(";")[0]
+        return self._cookies[role]
 
 
 @pytest.fixture(scope="module")

@@ -22,7 +22,7 @@ from typing import Any
 from tests.clients.running_agent import alive
 from tests.forked import popen
 from tests.repairs.robot import MODEL as SMALL
-from tests.waiting import until
+from tests.waiting import look_s, until
 
 from robomend.model.components import ComponentModel
 from robomend.model.loading import load_text
@@ -238,16 +238,15 @@ class DrilledRobot:
     ) -> dict[str, Any]:
         """Return a drill once it is as wanted; the service may be away in between."""
         seen: dict[str, Any] = {}
-        deadline = time.monotonic() + timeout_s
-        while time.monotonic() < deadline:
-            try:
-                with self.client as client:
-                    seen = client.drill(drill)
-            except ClientError:
-                pass
+        began = looked = time.monotonic()
+        while looked - began < timeout_s:
+            with contextlib.suppress(ClientError), self.client as client:
+                seen = client.drill(drill)
             if seen and wanted(seen):
                 return seen
-            time.sleep(0.02)
+            now = time.monotonic()
+            time.sleep(look_s(now - began, now - looked))  # until the next look
+            looked = time.monotonic()
         raise AssertionError(f"waited {timeout_s} s; the drill is {seen}")
 
     def ended(self, drill: str) -> dict[str, Any]:

@@ -12,6 +12,7 @@ import random
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
@@ -20,6 +21,7 @@ from typing import Any
 
 from tests.forked import popen
 from tests.repairs.robot import CONFIG, MODEL, Robot
+from tests.waiting import look_s
 
 from robomend_client.actions import OK, ActionResult
 from robomend_client.rest import NEVER, ApiError, AsyncClient, ClientError
@@ -218,9 +220,11 @@ async def latest(
 ) -> dict[str, Any]:
     """Return the robot's latest repair as soon as it is as wanted."""
     seen: dict[str, Any] = {}
+    began = time.monotonic()
     try:
         async with asyncio.timeout(timeout_s):
             while True:
+                looked = time.monotonic()
                 for service in running:
                     if service.client is not None:
                         page = await _whatever(service.client.repairs(robot, limit=1))
@@ -229,7 +233,8 @@ async def latest(
                             if wanted(seen):
                                 return seen
                         break
-                await asyncio.sleep(0.03)
+                now = time.monotonic()
+                await asyncio.sleep(look_s(now - began, now - looked))  # until the next look
     except TimeoutError:
         raise AssertionError(f"waited {timeout_s} s; the latest repair is {seen}") from None
 

@@ -15,6 +15,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from tests.waiting import look_s
+
 from robomend.api.runtime import Runtime
 from robomend.oneshots.oneshots import OneShots
 from robomend.planning.planner_pool import PlannerPool
@@ -211,6 +213,7 @@ async def the_repair(
     runtime: Runtime, robot: str = "r1", *, ended: bool = True, timeout_s: float = 60.0
 ) -> dict[str, Any]:
     """Return the robot's latest repair, once it has ended (or awaits approval)."""
+    began = time.monotonic()
     async with asyncio.timeout(timeout_s):
         while True:
             repairs = await runtime.repairs.repairs(robot, before=None, limit=1)
@@ -218,4 +221,4 @@ async def the_repair(
                 repair = dict(repairs[0])
                 if (repair["finished_ns"] is not None) if ended else repair["state"] == "awaiting-approval":
                     return repair
-            await asyncio.sleep(0.02)
+            await asyncio.sleep(look_s(time.monotonic() - began))  # until the next look

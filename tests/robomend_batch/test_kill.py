@@ -6,6 +6,7 @@ import json
 import os
 import signal
 import subprocess
+import sys
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from robomend_batch.logs import text
 
 LOGS = 12
 
-LONG = 600_000
+LONG = 200_000
 
 
 def many_logs(folder: Path, lines: int = 8000) -> Path:
@@ -47,7 +48,7 @@ def long_log(file: Path, lines: int = LONG) -> Path:
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, bytes]]:
     folder = tmp_path_factory.mktemp("kill")
-    logs = many_logs(folder / "logs", 24_000)
+    logs = many_logs(folder / "logs", 12_000)
     assert batch_run(folder / "out", logs) == 0
     return logs, tree(folder / "out")
 
@@ -94,12 +95,16 @@ def test_a_run_that_is_killed_is_finished_by_the_same_command(
     assert tree(out) == expected
 
 
+OFTEN = "from robomend_batch import main, unfinished; unfinished.EVERY_S = 0.1; main.main()"
+"""The command, which notes how far it is so often that a log of a second is long."""
+
+
 def test_of_a_long_log_only_what_was_in_hand_is_lost(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     log = long_log(tmp_path / "long.ndjson")
     for attempt in range(10):
         out = tmp_path / str(attempt)
-        line = [*PROGRAM, "run", str(log), "--model", TEDUSAR, "-o", str(out), "--quiet"]
-        if killed_in_the_middle(line, out, "*.state", 1):
+        run = ["run", str(log), "--model", TEDUSAR, "-o", str(out), "--quiet", "--workers", "0"]
+        if killed_in_the_middle([sys.executable, "-c", OFTEN, *run], out, "*.state", 1):
             break
     else:
         pytest.fail("it was always faster")

@@ -179,7 +179,7 @@ def test_a_broken_connection_is_told_to_all_who_wait() -> None:
 
 
 def test_the_stop_is_measured_while_every_role_attacks() -> None:
-    small = ["--seconds", "3", "--attackers", "4"]
+    small = ["--seconds", "1", "--attackers", "4"]
     answer = CliRunner().invoke(command, ["--only", "stop-under-attack", "--format", "json", *small])
     assert answer.exit_code == 0, answer.output
     found = json.loads(answer.stdout)["stop-under-attack"]
@@ -265,7 +265,7 @@ def test_the_service_is_measured_beside_a_bare_handler_in_turns(service: Served)
 
 def test_ctrl_c_while_repairs_act_leaves_no_program_board_or_file(tmp_path: Path) -> None:
     where = {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
-    with Terminal("robomend-bench service --only stop --moments 400", tmp_path, where) as begun:
+    with Terminal("robomend-bench service --only stop --robots 2 --moments 400", tmp_path, where) as begun:
         until(lambda: acts(begun), "a program of an action runs", 120)
         begun.ends_by_ctrl_c()
 

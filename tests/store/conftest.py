@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 
 import pytest
-from tests.postgres import postgres_server, postgres_url
+from tests.postgres import empty_database, postgres_laid, postgres_server, postgres_url
 
 from robomend.store import Store
 
-__all__ = ["postgres_server", "postgres_url"]  # fixtures
+__all__ = ["postgres_laid", "postgres_server", "postgres_url"]  # fixtures
 
 
 @pytest.fixture(params=["sqlite", "postgresql"])
-def url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
-    """An empty database of either kind."""
+def url(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[str]:
+    """An empty database of either kind; on PostgreSQL with the schema, where a test wants a started store."""
     if request.param == "sqlite":
-        return f"sqlite:///{tmp_path}/robomend.db"
-    return str(request.getfixturevalue("postgres_url"))
+        yield f"sqlite:///{tmp_path}/robomend.db"
+    elif "store" in request.fixturenames:
+        server, laid = (request.getfixturevalue(name) for name in ("postgres_server", "postgres_laid"))
+        with empty_database(server, laid) as url:
+            yield url
+    else:
+        yield request.getfixturevalue("postgres_url")
 
 
 @pytest.fixture
