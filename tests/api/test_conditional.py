@@ -39,6 +39,17 @@ def test_an_answer_that_the_client_has_is_a_304(service: Service, path: str) -> 
     assert other.json() == first.json()
 
 
+def test_the_openapi_document_tells_of_names_where_there_are_some(service: Service) -> None:
+    paths = service.http.get("/openapi.json").json()["paths"]
+    gets = {path: operations["get"]["responses"] for path, operations in paths.items() if "get" in operations}
+    told = {path for path, answers in gets.items() if "304" in answers}
+    assert told == {path for path, answers in gets.items() if "ETag" in answers["200"].get("headers", {})}
+    for path in ("/api/v1/robots", "/api/v1/stop", "/healthz", "/readyz"):
+        answer = service.http.get(path)
+        assert answer.status_code == 200
+        assert ("etag" in answer.headers) == (path in told), path
+
+
 def test_news_is_no_304(service: Service) -> None:
     service.with_robot("news")
     before = service.api("GET", "/robots/news/observations").headers["etag"]

@@ -6,6 +6,7 @@ import asyncio
 import http.client
 import json
 import socket
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -19,6 +20,7 @@ from tests.api.conftest import Service, StartService
 from tests.waiting import until
 
 from robomend.api import loop_watch, readiness, urgent
+from robomend.api.control_lane import HURRY_S, ControlLane
 from robomend.errors import StoreFull
 from robomend.store import Transaction
 
@@ -59,6 +61,25 @@ def hanging_writes(service: Service) -> Iterator[None]:
     finally:
         release.set()
         until(writing.done, "the write did not end")
+
+
+def test_the_interpreters_lock_is_handed_over_soon_only_until_it_is_known_whose_a_connection_is(
+    service: Service, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    usual = 0.005  # Python's own
+    seen: list[float] = []
+    look = ControlLane._look
+    until(lambda: sys.getswitchinterval() == pytest.approx(usual), "it is handed over soon already")
+
+    def looked(lane: ControlLane, connection: socket.socket, timeout_s: float | None = None) -> None:
+        seen.append(sys.getswitchinterval())
+        look(lane, connection, timeout_s)
+
+    monkeypatch.setattr(ControlLane, "_look", looked)
+    assert fresh(service, "GET", "/api/v1").status_code == 200  # not the lane's own
+    assert pytest.approx(HURRY_S) in seen  # one that comes back from the service is looked at as usual
+    assert fresh(service, "GET", "/healthz").status_code == 200
+    until(lambda: sys.getswitchinterval() == pytest.approx(usual), "it is handed over soon for ever")
 
 
 def test_a_service_that_cannot_write_is_not_ready_while_its_loop_is_held_either(

@@ -24,7 +24,7 @@ import re
 import socket
 import sys
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import structlog
 import uvicorn
@@ -153,6 +153,10 @@ class ControlLane:
                 connection.close()
 
     def _accept(self, listener: socket.socket) -> None:
+        with self._soon():
+            self._accept_all(listener)
+
+    def _accept_all(self, listener: socket.socket) -> None:
         assert self._loop is not None
         for _ in range(ACCEPTED):
             try:
@@ -175,7 +179,7 @@ class ControlLane:
         assert self._loop is not None
         if connection not in self._quiet:
             self._quiet[connection] = self._loop.call_later(timeout_s, self._give_up, connection)
-            self._loop.add_reader(connection, self._look, connection)
+            self._loop.add_reader(connection, self._look_soon, connection)
 
     def _forget(self, connection: socket.socket) -> None:
         assert self._loop is not None
@@ -214,6 +218,10 @@ class ControlLane:
             self._forget(connection)
             self._hand_over(connection)
 
+    def _look_soon(self, connection: socket.socket) -> None:
+        with self._soon():
+            self._look(connection)
+
     def _look_again(self, connection: socket.socket) -> None:
         if connection in self._quiet:
             self._look(connection)
@@ -235,8 +243,21 @@ class ControlLane:
         self._answering.add(task)
         task.add_done_callback(self._answering.discard)
 
+    @contextlib.contextmanager
+    def _soon(self) -> Iterator[None]:
+        """Have the interpreter's lock handed over sooner while it is not known whose a connection is.
+
+        To accept it and to look at it takes the lock three times, each time behind all who want it.
+        """
+        sys.setswitchinterval(HURRY_S)
+        try:
+            yield
+        finally:
+            if self._hurrying is None:
+                sys.setswitchinterval(self._usual_s)
+
     def _hurry(self) -> None:
-        """Have the interpreter's lock handed over sooner for a while.
+        """Have it handed over sooner for a while.
 
         Whoever holds it keeps it for 5 ms, and an answer takes it a dozen times.
         """
@@ -244,7 +265,11 @@ class ControlLane:
         sys.setswitchinterval(HURRY_S)
         if self._hurrying is not None:
             self._hurrying.cancel()
-        self._hurrying = self._loop.call_later(HURRIED_S, sys.setswitchinterval, self._usual_s)
+        self._hurrying = self._loop.call_later(HURRIED_S, self._calm)
+
+    def _calm(self) -> None:
+        self._hurrying = None
+        sys.setswitchinterval(self._usual_s)
 
     def _protocol(self) -> asyncio.Protocol:
         protocol_class = self._config.http_protocol_class

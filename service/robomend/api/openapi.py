@@ -64,12 +64,24 @@ def complete(document: dict[str, Any]) -> dict[str, Any]:
                 operation["security"] = [{"key": []}, {"cookie": []}, {}]
             answers = operation.get("responses", {})
             if method == "get" and "application/json" in answers.get("200", {}).get("content", {}):
-                answers["304"] = {"description": "If-None-Match names this version: the client has it"}
                 lists.describe(operation)
+                if path.startswith(API):  # robomend.api.conditional
+                    answers["200"].setdefault("headers", {})["ETag"] = _ETAG
+                    answers["304"] = {
+                        "description": "If-None-Match names this version: the client has it",
+                        "headers": {"ETag": _ETAG},
+                    }
             for status, response in answers.items():
                 if status[0] in "45":
                     _as_problem(response)
     return document
+
+
+_ETAG = {
+    "description": "the name of this version, for If-None-Match",
+    "schema": {"type": "string"},
+    "example": '"4f1d6a"',
+}
 
 
 def _as_problem(response: dict[str, Any]) -> None:
