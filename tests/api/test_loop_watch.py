@@ -27,7 +27,8 @@ def run(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Call
         raise AssertionError("frames of other threads are looked at, which may end the process")
 
     monkeypatch.setattr(sys, "_current_frames", broken)
-    return request.param  # type: ignore[no-any-return]
+    run: Callable[[Any], Any] = request.param
+    return run
 
 
 def in_bytecode() -> None:
