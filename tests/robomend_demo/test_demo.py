@@ -6,6 +6,7 @@ import contextlib
 import json
 import os
 import random
+import re
 import signal
 import socket
 import time
@@ -127,12 +128,9 @@ def test_a_dead_lidar_is_replaced_by_its_spare_once_nothing_else_is_left(
     printed, report = broken_devices
     dead = scenario(printed, "dead-lidar")
     assert dead["repaired"] is True
-    # It hung a moment ago, when to restart its driver was no help: that is not tried again.
-    assert [done["diagnosis"]["bad"] for done in dead["rounds"]] == [["hokuyo"], ["hokuyo"]]
-    assert [done["plan"] for done in dead["rounds"]] == [
-        [*CYCLE_LIDAR, *RESTART_LIDAR],
-        ["switch_to_spare(hokuyo, hokuyo_b)", *RESTART_LIDAR],
-    ]
+    # It hung a moment ago: to restart its driver was no help, and its power cycle did not last.
+    assert dead["diagnosis"]["bad"] == ["hokuyo"]
+    assert dead["plan"] == ["switch_to_spare(hokuyo, hokuyo_b)", *RESTART_LIDAR]
     text = "".join(ET.parse(report / "dead-lidar.svg").getroot().itertext())
     assert "switch_to_spare(hokuyo, hokuyo_b)" in text
     assert "hokuyo_b" in text
@@ -144,7 +142,7 @@ def test_the_account_of_each_repair_is_told_after_it(broken_devices: tuple[dict[
     for one in printed["scenarios"]:
         account = one["account"]
         assert "repair r-" in account[0]
-        assert any("chosen: hokuyo: helps with probability 0." in line for line in account)
+        assert any(re.search("chosen: hokuyo: helps (with|whichever)", line) for line in account)
         assert account[-1].endswith("repaired: every observation is what a healthy robot would show")
         assert all(f"    {line}\n" in said for line in account)
 

@@ -25,7 +25,8 @@ intervals scatter much.
 
 Messages that a busy computer held up come all at once, and a window that begins among them is too short for
 its messages, though none came too many. So a rate is only called too fast if it is too fast over longer
-windows, too, by as many messages as can have been held up for `held_s`.
+windows, too, by as many messages as can have been held up for `held_s`; right after the start, once there are
+as many more.
 
     held up     |   |   |   |          ||||   |   |   |   |   |
                                          └─── too fast ───┘     its own window
@@ -228,15 +229,21 @@ class GeneralObserver:
         f = intervals * SECOND / span_ns if span_ns else inf
         if self._lowest_hz < f < self._highest_hz:
             return True
-        if f >= self._highest_hz and self._held and self._reach(tuple(counted), have - 1, intervals):
-            return True
-        if have < size and span_ns:
+        chance = False
+        if f >= self._highest_hz and self._held:
+            if self._reach(tuple(counted), have - 1, intervals):
+                return True
+            rest = have - 1 - self._held  # so far: were the first ones held up?
+            if rest < intervals:
+                span_rest_ns = counted[-1] - counted[-1 - rest] if rest >= self._intervals else 0
+                chance = not span_rest_ns or rest * SECOND / span_rest_ns < self._highest_hz
+        if have < size and span_ns and not chance:
             if f < expected.rate_hz:  # so far: were messages lost?
                 chance = (intervals + expected.lost) * SECOND / span_ns >= self._lowest_hz
             else:  # was the first one late?
                 chance = (intervals - 1) * SECOND / span_ns <= self._highest_hz
-            if chance:
-                return True if self._good_before() is not None else None
+        if chance:
+            return True if self._good_before() is not None else None
         return expected.test == "student_t" and not self._significant(intervals)
 
     def _reach(self, counted: tuple[int, ...], last: int, intervals: int) -> int:

@@ -95,10 +95,11 @@ def test_a_pause_is_longer_than_an_interval() -> None:
 def test_a_burst_may_be_faster_than_a_rate_may_be_slower() -> None:
     rate = Rate(rate_hz=10, tolerance_hz=1, tolerance_above_hz=10, window=11, settle=10, silence_s=0.5)
     assert verdict(fed(rate, *beats(0, 11, 19.5)), 0.6) is True
-    assert verdict(fed(rate, *beats(0, 11, 20.5)), 0.6) is False
+    assert verdict(fed(rate, *beats(0, 15, 20.5)), 0.8) is None  # the first five may have been held up
+    assert verdict(fed(rate, *beats(0, 16, 20.5)), 0.8) is False
     assert verdict(fed(rate, *beats(0, 11, 9.2)), 1.2) is True
     assert verdict(fed(rate, *beats(0, 11, 8.8)), 1.2) is False
-    assert verdict(fed(Rate(10, 1, window=11, silence_s=0.5), *beats(0, 11, 19.5)), 0.6) is False
+    assert verdict(fed(Rate(10, 1, window=11, silence_s=0.5), *beats(0, 16, 19.5)), 0.9) is False
     with pytest.raises(ValueError, match="tolerance_above_hz must be above 0"):
         Rate(tolerance_above_hz=0)
 
@@ -198,7 +199,18 @@ def test_a_first_message_that_is_late_is_no_fault_and_twice_the_rate_is() -> Non
         seen.append(verdict(observer, time_s))
     assert False not in seen
     assert seen[-1] is True
-    assert verdict(fed(Rate(), *beats(0, 6, hz=20)), 0.25) is False
+    assert verdict(fed(Rate(), *beats(0, 9, hz=20)), 0.4) is None
+    assert verdict(fed(Rate(), *beats(0, 11, hz=20)), 0.5) is False
+
+
+def test_what_waited_while_an_agent_began_is_no_rate_that_is_too_fast() -> None:
+    observer = GeneralObserver("scan", Rate(10, 8, silence_s=3))
+    seen = []
+    for time_s in [*(1 + 0.0001 * number for number in range(10)), *beats(1.1, 40)]:
+        observer.feed("scan", ns(time_s))
+        seen.append(verdict(observer, time_s))
+    assert False not in seen
+    assert seen[-1] is True
 
 
 def test_once_ok_a_message_lost_while_the_window_fills_leaves_it_ok() -> None:
@@ -342,10 +354,21 @@ def naive(rate: Rate, times_ns: list[int], now_ns: int) -> bool | None:
         return False
     starts = [i for i in range(1, len(seen)) if seen[i] - seen[i - 1] >= silence_ns]
     run = seen[starts[-1] :] if starts else seen[1:]
+    if right(rate, run):
+        return True
+    unsaid = False if starts else None
     if len(run) < rate.messages:
-        return False if starts else None
-    window = run[-rate.messages :]
-    f = hertz(window)
+        return unsaid
+    if hertz(run[-rate.messages :]) >= rate.highest_hz and rate.held and len(run) < rate.messages + rate.held:
+        return True if any(right(rate, run[:n]) for n in range(len(run))) else unsaid
+    return False
+
+
+def right(rate: Rate, run: list[int]) -> bool:
+    """Whether the rate of the newest window is right, or too fast only because messages were held up."""
+    if len(run) < rate.messages:
+        return False
+    f = hertz(run[-rate.messages :])
     if f < rate.highest_hz:
         return f > rate.lowest_hz
     longer = (run[-n:] for n in range(rate.messages + 1, min(len(run), rate.messages + rate.held) + 1))
