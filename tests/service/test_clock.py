@@ -6,7 +6,7 @@ import time
 from typing import Any
 
 import pytest
-from tests.api.conftest import StartService, bad_sets
+from tests.api.conftest import Service, StartService, bad_sets
 from tests.api.conftest import start as start  # the fixture
 from tests.waiting import until
 
@@ -67,10 +67,8 @@ def test_what_is_observed_after_the_clock_went_back_counts(
     assert bad_sets(service.diagnosis(after=1, wait_s=20)) == [{"hokuyo"}, {"hokuyo_node"}]
 
 
-@pytest.mark.parametrize("restarted", [False, True])
-def test_after_it_was_a_day_ahead_correct_stamps_count_again(
-    start: StartService, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], restarted: bool
-) -> None:
+def begun_a_day_ahead(start: StartService, monkeypatch: pytest.MonkeyPatch) -> Service:
+    """Return a service that began while the computer's clock was a day ahead; it is right again."""
     real = time.time_ns
     with monkeypatch.context() as ahead:
         ahead.setattr(time, "time_ns", lambda: real() + DAY_NS)
@@ -78,6 +76,15 @@ def test_after_it_was_a_day_ahead_correct_stamps_count_again(
         service = start()
         service.with_robot()
         service.observe("ok(scan)", "ok(map)")  # without a time: by the service's clock
+    return service
+
+
+@pytest.mark.parametrize("restarted", [False, True])
+def test_after_it_was_a_day_ahead_correct_stamps_count_again(
+    start: StartService, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], restarted: bool
+) -> None:
+    real = time.time_ns
+    service = begun_a_day_ahead(start, monkeypatch)
     if restarted:
         with_a_clock_of_its_own(monkeypatch)
         service = start()
@@ -98,12 +105,7 @@ def test_an_agents_clock_that_goes_on_from_a_day_ahead_as_ours_does_is_no_fault(
     start: StartService, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     real = time.time_ns
-    with monkeypatch.context() as ahead:
-        ahead.setattr(time, "time_ns", lambda: real() + DAY_NS)
-        with_a_clock_of_its_own(monkeypatch)
-        service = start()
-        service.with_robot()
-        service.observe("ok(scan)", "ok(map)")
+    service = begun_a_day_ahead(start, monkeypatch)
     answer = service.observe("not ok(scan)", time=real() + DAY_NS)
     assert answer.json()["changed"] == ["not ok(scan)"]
 
