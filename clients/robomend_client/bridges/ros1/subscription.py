@@ -98,6 +98,7 @@ class Subscription:
         self.add(on_message, keep, on_link)
         self._wanted: frozenset[str] = frozenset()
         self._links: dict[str, asyncio.Task[None]] = {}
+        self._closed = False
 
     def add(self, on_message: OnMessage, keep: bool, on_link: OnLink | None) -> None:
         """Somebody else wants the topic, too: before the first connection."""
@@ -108,11 +109,14 @@ class Subscription:
 
     def publishers(self, uris: Iterable[str]) -> None:
         """The topic has these publishers now."""
+        if self._closed:  # the master goes on telling while the node takes its leave
+            return
         self._wanted = frozenset(list(dict.fromkeys(uris))[:MOST_PUBLISHERS])
         for uri in self._wanted - self._links.keys():
             self._links[uri] = asyncio.create_task(self._link(uri), name=f"{self.topic} from {uri}")
 
     async def close(self) -> None:
+        self._closed = True
         self._wanted = frozenset()
         await end(list(self._links.values()))
 
