@@ -68,9 +68,9 @@ def draft_model(
     """
     nodes = dict(publishers)
     listeners: dict[str, set[str]] = {}
-    for delay in links.delays:
+    for delay, answering in _guessed(publishers, links):
         for heard in (delay.in_topic, *delay.more):
-            listeners.setdefault("/" + heard, set()).update(publishers[delay.out_topic])
+            listeners.setdefault("/" + heard, set()).update(answering)
     own = frozenset(node for found in publishers.values() for node in found)  # the recorder listens to all
     for topic in publishers:
         heard_by = links.live.subscribers.get(f"/{topic}", frozenset())
@@ -95,6 +95,14 @@ def declared_topics(model: str) -> frozenset[str]:
     )
 
 
+def _guessed(
+    publishers: Mapping[str, frozenset[str]], links: Links
+) -> list[tuple[DelayFound, frozenset[str]]]:
+    """Return what answers what by times, and the nodes of which nobody knows better what they listen to."""
+    of_delays = [(delay, publishers[delay.out_topic] - links.live.nodes) for delay in links.delays]
+    return [(delay, answering) for delay, answering in of_delays if answering]
+
+
 def _questions(publishers: Mapping[str, frozenset[str]], links: Links) -> list[str]:
     lines = [
         "",
@@ -114,9 +122,10 @@ def _questions(publishers: Mapping[str, frozenset[str]], links: Links) -> list[s
     if links.together:
         lines += ["#", "# Sent within a moment of each other: are they of one node?"]
         lines += [f"#   {comment(first)}, {comment(second)}" for first, second in links.together]
-    if links.delays:
+    guessed = _guessed(publishers, links)
+    if guessed:
         lines += ["#", "# Who listens to what? Seen from times alone; is it so?"]
-        for one in links.delays:
+        for one, _ in guessed:
             heard = ", ".join((one.in_topic, *one.more))
             lines.append(
                 f"#   {comment(one.out_topic)} answers {comment(heard)} after {one.usual_s * 1000:.3g} ms "
