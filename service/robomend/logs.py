@@ -5,9 +5,9 @@ Everything that is not ours (uvicorn, the board link) logs through the standard 
 same way.
 
 Of entries of one kind only so many are written in a second: in an overload, or under somebody who tries
-keys, there would be a line for each request that is refused. A line costs more than the refusal, and to write
-it lets go of the interpreter's lock, for which a stop then waits as well. The next one that is written tells
-how many were left out; /metrics counts all of them.
+keys, there would be a line for each request that is refused, and to write one lets go of the interpreter's
+lock and queues for it again. The next one that is written tells how many were left out; /metrics counts all
+requests by status.
 """
 
 from __future__ import annotations
