@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import logging
+import time
 from collections.abc import Iterator
 
 import pytest
 import structlog
 
-from robomend.logs import configure
+from robomend.logs import MOST_A_SECOND, configure
 from robomend.security import new_key
 
 
@@ -41,3 +42,29 @@ def test_a_level_leaves_out_what_is_below(capsys: pytest.CaptureFixture[str]) ->
     shown = capsys.readouterr().err
     assert "loud" in shown
     assert "quiet" not in shown
+
+
+def test_of_a_crowd_of_entries_a_few_are_written_and_the_rest_is_told_by_number(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = [7.0]
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    configure("info", "json")
+    log = structlog.get_logger()
+    for _ in range(500):
+        log.info("request", status=401, principal=None)
+    log.info("request", status=403, principal="anna")  # of another kind: it does not go under
+    log.error("unforeseen")
+    now[0] = 8.0
+    log.info("request", status=401, principal=None)
+    log.info("request", status=401, principal=None)
+    told = [json.loads(line) for line in capsys.readouterr().err.splitlines()]
+    assert [entry.get("status") for entry in told] == [401] * MOST_A_SECOND + [403, None, 401, 401]
+    assert [entry.get("left_out", 0) for entry in told[-2:]] == [500 - MOST_A_SECOND, 0]
+
+
+def test_what_was_asked_for_is_written_however_much_it_is(capsys: pytest.CaptureFixture[str]) -> None:
+    configure("debug", "json")
+    for _ in range(5 * MOST_A_SECOND):
+        structlog.get_logger().debug("request", status=200)
+    assert len(capsys.readouterr().err.splitlines()) == 5 * MOST_A_SECOND

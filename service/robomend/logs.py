@@ -3,6 +3,11 @@ Secrets are cut out before writing.
 
 Everything that is not ours (uvicorn, the board link) logs through the standard library and comes out the
 same way.
+
+Of entries of one kind only so many are written in a second: in an overload, or under somebody who tries
+keys, there would be a line for each request that is refused, and to write one lets go of the interpreter's
+lock and queues for it again. The next one that is written tells how many were left out; /metrics counts all
+requests by status.
 """
 
 from __future__ import annotations
@@ -10,6 +15,8 @@ from __future__ import annotations
 import logging
 import re
 import sys
+import threading
+import time
 from collections.abc import MutableMapping
 from typing import Any
 
@@ -17,6 +24,12 @@ import structlog
 
 KEY_TEXT = re.compile(r"rm_[A-Za-z0-9_-]{43}")
 PASSWORD = re.compile(r"(://[^:/@\s]+:)[^@\s]+(@)")
+
+MOST_A_SECOND = 10
+"""Entries of one kind; those of level debug, which was asked for, are all written."""
+
+KINDS = 1000
+"""Counted at a time."""
 
 Entry = MutableMapping[str, Any]
 
@@ -27,6 +40,37 @@ _least = logging.DEBUG
 def debugging() -> bool:
     """Return whether debug entries are written: making one that is dropped costs a request 0.01 ms."""
     return _least <= logging.DEBUG
+
+
+class Crowds:
+    """Drops what is too many in a second: entries of one event, status, code and principal."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._second = 0
+        self._written: dict[tuple[Any, ...], int] = {}  # in this second
+        self._left_out: dict[tuple[Any, ...], int] = {}  # not yet told
+
+    def __call__(self, _: Any, method: str, entry: Entry) -> Entry:
+        """Return an entry that is to be written."""
+        if method == "debug":
+            return entry
+        kind = (entry.get("event"), entry.get("status"), entry.get("code"), entry.get("principal"))
+        with self._lock:
+            second = int(time.monotonic())
+            if second != self._second:
+                self._second = second
+                self._written.clear()
+            written = self._written[kind] = self._written.get(kind, 0) + 1
+            if written > MOST_A_SECOND:
+                if len(self._left_out) > KINDS:
+                    self._left_out.clear()
+                self._left_out[kind] = self._left_out.get(kind, 0) + 1
+                raise structlog.DropEvent
+            left_out = self._left_out.pop(kind, 0)
+        if left_out:
+            entry["left_out"] = left_out
+        return entry
 
 
 def without_secrets(_: Any, __: str, entry: Entry) -> Entry:
@@ -54,7 +98,7 @@ def configure(level: str, form: str) -> None:
         else structlog.dev.ConsoleRenderer(colors=sys.stderr.isatty())
     )
     structlog.configure(
-        processors=[*shared, renderer],
+        processors=[Crowds(), *shared, renderer],
         wrapper_class=structlog.make_filtering_bound_logger(number),
         logger_factory=structlog.PrintLoggerFactory(sys.stderr),
         cache_logger_on_first_use=False,  # tests and commands configure more than once
