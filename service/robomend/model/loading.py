@@ -71,8 +71,10 @@ def load_text(
     keys = tree.items.keys() if format is None and isinstance(tree, Mapping) else ()
     if format == "component" or "robomend" in keys:
         return compile_robot(read_model(tree, name, file), source=text, file=file, most=most)
-    of_robots = any(kind.section in keys for kind in KINDS)  # both formats have rules
-    if format == "five-key" or (any(key in keys for key in KEYS) and not of_robots):
+    found = {key for key in KEYS if key in keys}
+    if found == {"rules"} and any(kind.section in keys for kind in KINDS):
+        found.clear()  # a component model has rules, too
+    if format == "five-key" or found:
         return system_of(read_five_key(tree, file), name=name or "model", source=text, file=file)
     raise ModelError(
         "no model: a component model begins with `robomend: 1`, a five-key model has the keys "
