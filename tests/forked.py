@@ -7,10 +7,11 @@ fresh interpreters, in tests/api/test_process.py; what a test puts on PYTHONPATH
 needs one as well, and so do lines that coverage counts.
 
 The workers of a service (robomend.workers) are such programs, too: to load the planners takes seconds, and
-each service begins with a worker that few tests need. tests/workers/ has fresh ones.
+each service begins with a worker that few tests need. tests/workers/ has fresh ones. So are the services that
+`robomend serve --workers` starts, if it was forked itself.
 
-Each of xdist's workers has a template of its own, which is forked in turn: from one that all of them share
-and that loads the code when the first of them needs it.
+xdist's workers are forked as well (tests/forked_worker.py), from a template that all of them share; each has
+another of its own, which is forked in turn.
 
     process = popen([sys.executable, "-m", "robomend", "serve", …], stdout=subprocess.PIPE, text=True)
 """
@@ -18,6 +19,7 @@ and that loads the code when the first of them needs it.
 from __future__ import annotations
 
 import array
+import asyncio
 import contextlib
 import json
 import os
@@ -155,6 +157,27 @@ def popen(command: list[str], **options: Any) -> Any:
     return Forked(pid, ends, (os.fdopen(read, "r" if options.get("text") else "rb") if piped else None))
 
 
+class Awaited:
+    """A process, with as much of asyncio.subprocess.Process as `robomend serve --workers` uses."""
+
+    def __init__(self, process: Forked) -> None:
+        self.pid = process.pid
+        self.terminate = process.terminate
+        self.kill = process.kill
+        self._process = process
+
+    async def wait(self) -> int:
+        """Wait for its end, and return what `Forked.poll` does."""
+        return await asyncio.to_thread(self._process.wait)
+
+
+async def program(*command: str, **options: Any) -> Any:
+    """Start a program as asyncio.create_subprocess_exec does, or, where `popen` can, from the template."""
+    process = popen(list(command), **options)
+    assert isinstance(process, Forked)
+    return Awaited(process)
+
+
 def at_once(monkeypatch: pytest.MonkeyPatch, module: types.ModuleType) -> None:
     """Let a module of ours that starts programs start them so."""
     monkeypatch.setattr(module, "subprocess", types.SimpleNamespace(**{**vars(subprocess), "Popen": popen}))
@@ -248,6 +271,8 @@ def share() -> int:
 
 def shared(process: int) -> None:
     """Have the template of this process forked from the one that others use, too, once it is needed."""
+    global _TEMPLATE
+    _TEMPLATE = _Template()  # this process may be forked itself, from that one
     _TEMPLATE.shared = process
 
 

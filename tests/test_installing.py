@@ -120,8 +120,8 @@ def steps() -> list[tuple[str, str]]:
 def test_the_steps_of_the_container_give_a_service_that_refuses_to_stand_open(tmp_path: Path) -> None:
     """The build's RUN and the ENTRYPOINT with its CMD, as they stand, in a folder instead of /opt/robomend.
 
-    Dependencies are those of this environment: tests/test_packaging.py installs them for real. What is not
-    tested is what needs a registry or a container: FROM, COPY --from, USER, VOLUME.
+    Dependencies are those of this environment: tests/test_packaging.py installs them for real, with --long.
+    What is not tested is what needs a registry or a container: FROM, COPY --from, USER, VOLUME.
     """
     given = steps()
     source, installed, data = tmp_path / "src", tmp_path / "robomend", tmp_path / "data"

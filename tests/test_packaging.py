@@ -7,9 +7,11 @@ import json
 import subprocess
 import sys
 import zipfile
+from importlib.metadata import Distribution, distribution
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
 from tests.once import made_once
 from tests.release import looked_into
 
@@ -47,14 +49,52 @@ def pip(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     return [str(folder / "bin" / "pip"), *options]
 
 
-def installed(pip: list[str], folder: Path, *wheels: Path) -> Path:
-    """Install wheels into an empty environment; return its Python."""
+def installed(pip: list[str], folder: Path, wheels: list[Path], long: bool) -> Path:
+    """Install wheels, and what they require, into an empty environment; return its Python.
+
+    pip takes most of its time for a search in the index that was made before: the environment of these
+    tests has what the same requirements asked for. So what the wheels require is linked from there, and
+    nothing else is; with --long it comes from the index.
+    """
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", str(folder)], check=True, timeout=120)
     python = folder / "bin" / "python"
     # Nothing is compiled beforehand: most of what is installed is not imported here.
-    install = [*pip, str(python), "install", "--quiet", "--no-compile"]
+    install = [*pip, str(python), "install", "--quiet", "--no-compile", *([] if long else ["--no-deps"])]
     subprocess.run([*install, *map(str, wheels)], check=True, timeout=500)
+    if not long:
+        (packages,) = folder.glob("lib/python*/site-packages")
+        link_required(packages)
     return python
+
+
+def link_required(packages: Path) -> None:
+    """Link to what is installed there all that it requires, and what that requires, from this environment.
+
+    Only what is required without an extra, unless the extra is asked for: as an installer does.
+    """
+    there = {one.name.lower().replace("-", "_"): one for one in Distribution.discover(path=[str(packages)])}
+    waiting = [(one, "") for one in there.values()]
+    seen = set(waiting)
+    while waiting:
+        one, extra = waiting.pop()
+        for requirement in map(Requirement, one.requires or ()):
+            if requirement.marker is not None and not requirement.marker.evaluate({"extra": extra}):
+                continue
+            name = requirement.name.lower().replace("-", "_")
+            if name not in there:
+                there[name] = distribution(requirement.name)
+                link(there[name], packages)
+            found = there[name]
+            assert requirement.specifier.contains(found.version, prereleases=True), requirement
+            more = {(found, wanted) for wanted in ("", *requirement.extras)} - seen
+            seen |= more
+            waiting += more
+
+
+def link(one: Distribution, packages: Path) -> None:
+    """Link the modules of a distribution, and what is said about it."""
+    for name in {file.parts[0] for file in one.files or ()} - {"..", "__pycache__"}:
+        (packages / name).symlink_to(Path(str(one.locate_file(name))))
 
 
 def names(wheel: Path) -> set[str]:
@@ -94,9 +134,9 @@ def test_encodings_is_never_a_python_package() -> None:
 
 @pytest.mark.timeout(600)
 def test_the_wheels_diagnose_in_an_empty_environment(
-    wheels: dict[str, Path], pip: list[str], tmp_path: Path
+    wheels: dict[str, Path], pip: list[str], tmp_path: Path, long: bool
 ) -> None:
-    python = installed(pip, tmp_path / "venv", *wheels.values())
+    python = installed(pip, tmp_path / "venv", list(wheels.values()), long)
     model = tmp_path / "tedusar.yaml"
     model.write_text((ROOT / "examples" / "tedusar.yaml").read_text())
     command = [str(python.parent / "robomend"), "diagnose", str(model), "--format", "json"]
@@ -107,9 +147,9 @@ def test_the_wheels_diagnose_in_an_empty_environment(
 
 @pytest.mark.timeout(300)
 def test_the_robot_s_side_installs_alone_and_small(
-    wheels: dict[str, Path], pip: list[str], tmp_path: Path
+    wheels: dict[str, Path], pip: list[str], tmp_path: Path, long: bool
 ) -> None:
-    python = installed(pip, tmp_path / "venv", wheels["robomend_client"])
+    python = installed(pip, tmp_path / "venv", [wheels["robomend_client"]], long)
     asked = [str(python.parent / "robomend-agent"), "--help"]
     done = subprocess.run(asked, check=True, capture_output=True, timeout=60)
     assert b"usage" in done.stdout

@@ -31,6 +31,8 @@ def test_what_it_is_said_to_be_it_must_be(format: str, other: str) -> None:
 def test_what_is_no_model_is_told_what_models_begin_with() -> None:
     with pytest.raises(ModelError, match=r"begins with `robomend: 1`.*INPUT"):
         load_text("a: 1\n", file="x.yaml")
+    with pytest.raises(ModelError, match="begins with `robomend: 1`"):  # not a five-key model with odd keys
+        load_text("nodes: {n: {}}\nrules: []\n")
     with pytest.raises(ModelError, match="no model format is named `yaml`; there are component, five-key"):
         load_text("robomend: 1\n", format="yaml")
 

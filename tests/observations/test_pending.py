@@ -176,3 +176,11 @@ def test_what_rests_on_something_that_is_back_may_be_back_too() -> None:
     assert pending_at(21 * S, 20 * S + 1, {"scan": 20 * S}) == {}
     assert pending_at(21 * S, 15 * S, {"pose": 20 * S}) == {}
     assert returning([], {"scan": 20 * S}, lambda _: {}, lambda _: 2 * S, 21 * S) == {}
+
+
+def test_what_rests_on_two_topics_that_came_back_is_judged_anew_after_the_later_one() -> None:
+    needs = {"map": {"scan", "pose"}}
+    symptom = bad(MAP, time=19 * S, onset=15 * S)
+    risen = {"scan": 20 * S, "pose": 21 * S}
+    found = returning([symptom], risen, lambda _: needs, lambda _: 2 * S, 22 * S)
+    assert found == {MAP: 23 * S + SLACK_NS}

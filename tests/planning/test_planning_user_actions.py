@@ -121,3 +121,33 @@ def test_an_action_is_refused_for_what_it_switches_off_whatever_else_it_changes(
     assert "unwire(base, arm)" in texts(plan_for(robot, [], ["base"], options))
     safe = plan_for(robot, [], ["base"], replace(options, protected=("arm",)))
     assert texts(safe) == []
+
+
+LENS = """
+(define (domain robot-repair)
+  (:predicates (left ?h - hardware) (right ?h - hardware))
+  (:action turn_left
+    :parameters (?h - hardware)
+    :precondition (bad ?h)
+    :effect (and (left ?h) (not (right ?h)) (increase (total-cost) 1)))
+  (:action turn_right
+    :parameters (?h - hardware)
+    :precondition (bad ?h)
+    :effect (and (right ?h) (not (left ?h)) (increase (total-cost) 1)))
+  (:action hold
+    :parameters (?h - hardware)
+    :precondition (and (left ?h) (right ?h))
+    :effect (and (good ?h) (not (bad ?h)) (increase (total-cost) 1)))
+  (:action wipe
+    :parameters (?h - hardware ?arm - hardware)
+    :precondition (and (bad ?h) (fed_by ?h ?arm) (left ?arm))
+    :effect (and (good ?h) (not (bad ?h)) (increase (total-cost) 1))))
+"""
+
+
+def test_what_nothing_brings_back_is_not_blamed_on_what_is_brought_back_beside_it(planner: str) -> None:
+    """What the arm needs excludes each other, in two steps; the camera's repair shares one of them."""
+    robot = ComponentModel("r", {"arm": Hardware("arm"), "cam": Hardware("cam", fed_by=("arm",))}, {}, {})
+    plan = plan_for(robot, [], ["arm", "cam"], PlanOptions(planner=planner, domain=LENS))
+    assert plan.unreachable == ("arm: no sequence of known actions makes it good",)
+    assert texts(plan) == ["turn_left(arm)", "wipe(cam, arm)"]

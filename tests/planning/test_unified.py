@@ -33,3 +33,15 @@ def test_whoever_imports_config_space_afterwards_gets_the_real_one() -> None:
     pytest.importorskip("ConfigSpace", reason="it comes with Unified Planning 1.3")
     then = "import ConfigSpace; ConfigSpace.ConfigurationSpace({'a': (0, 1)})"
     assert "scipy" in loaded("pyperplan", then=then)
+
+
+@pytest.mark.parametrize(("before", "after"), [("NOTSET", "WARNING"), ("ERROR", "ERROR")])
+def test_the_planner_that_logs_each_step_of_its_search_says_only_what_is_worth_a_warning(
+    before: str, after: str
+) -> None:
+    then = (
+        "import logging; from robomend.planning.planners.pyperplan import Pyperplan; "
+        f"logging.root.setLevel({before!r}); Pyperplan(); "
+        f"assert logging.getLevelName(logging.root.level) == {after!r}"
+    )
+    loaded("pyperplan", then=then)

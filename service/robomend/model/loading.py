@@ -10,6 +10,7 @@ from robomend.model.bench import circuit
 from robomend.model.budget import MODEL_STEPS
 from robomend.model.compiling import compile_robot
 from robomend.model.component_yaml import read_model
+from robomend.model.components import KINDS
 from robomend.model.five_key import KEYS, read_five_key, system_of
 from robomend.model.system import System
 from robomend_client.yaml_tree import Mapping, YamlError, read_tree
@@ -70,7 +71,10 @@ def load_text(
     keys = tree.items.keys() if format is None and isinstance(tree, Mapping) else ()
     if format == "component" or "robomend" in keys:
         return compile_robot(read_model(tree, name, file), source=text, file=file, most=most)
-    if format == "five-key" or any(key in keys for key in KEYS):
+    found = {key for key in KEYS if key in keys}
+    if found == {"rules"} and any(kind.section in keys for kind in KINDS):
+        found.clear()  # a component model has rules, too
+    if format == "five-key" or found:
         return system_of(read_five_key(tree, file), name=name or "model", source=text, file=file)
     raise ModelError(
         "no model: a component model begins with `robomend: 1`, a five-key model has the keys "
