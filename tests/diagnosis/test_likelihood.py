@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from robomend.diagnosis.engines import make_engine
-from robomend.diagnosis.likelihood import likelihood
+from robomend.diagnosis.likelihood import likelihood, works_in_part
 from robomend.diagnosis.result import Options
 from robomend.model.loading import load_text
 from robomend.model.system import System
@@ -37,6 +37,18 @@ def test_what_works_speaks_against_whoever_would_have_silenced_it() -> None:
     # a is not observed: of the probe's outputs two are, and both are good.
     assert fit(PLAIN, SEEN, "probe_d") == fit(PLAIN, SEEN, "probe") == pytest.approx(0.2 / 4)
     assert fit(PLAIN, SEEN, "agg") == pytest.approx(0.8 + 0.2 / 4)
+
+
+def test_of_what_is_blamed_that_works_in_part_of_which_an_output_is_good() -> None:
+    def works(sentences: str, *bad: str) -> set[str]:
+        return set(works_in_part(PLAIN.cnf, read(PLAIN, sentences), bad))
+
+    assert works(SEEN, "probe") == {"probe"}
+    assert works(SEEN, "probe", "probe_d") == {"probe", "probe_d"}
+    assert works(SEEN, "agg") == set()
+    assert works("ok(x), not ok(y)", "agg", "probe") == {"agg"}
+    assert works("not ok(b), not ok(c), not ok(x), not ok(y)", "probe") == set()
+    assert works("running(agg)", "probe", "agg") == set()
 
 
 def test_without_observed_outputs_nothing_is_weighed() -> None:

@@ -114,6 +114,44 @@ def test_a_supply_that_is_off_takes_five_acts_and_comes_first() -> None:
     ]
 
 
+PROBE = load_text(
+    """
+robomend: 1
+hardware: {probe: {channel: 1}}
+nodes:
+  probe_d: {drives: [probe], publishes: [a, b, c]}
+  agg: {publishes: {x: [a], y: [a]}}
+"""
+)
+
+
+def test_a_device_that_is_seen_to_work_keeps_its_power_when_what_rests_on_it_stays_broken() -> None:
+    """Nobody watches a; whatever is restarted, x and y stay silent."""
+    running = (holds("on", "probe"), holds("running", "probe_d"), holds("running", "agg"))
+    silent = (fails("ok", "x"), fails("ok", "y"))
+
+    def repaired(*others: Literal) -> list[tuple[str, ...]]:
+        """Return what is repaired in vain, round by round, until power is cut or a person is called."""
+        tried: list[Attempt] = []
+        for _ in range(5):
+            choice = chosen(PROBE, *running, *silent, *others, tried=tuple(tried))
+            if choice.plan is None or choice.diagnosis is None:
+                break
+            bad = frozenset(choice.diagnosis.bad)
+            tried.append(Attempt(bad, bad, 0, effect_seen=True, helped=False, actions=tuple(steps(choice))))
+            if power_cuts(choice.plan):
+                break
+        return [tuple(one.bad) for one in tried]
+
+    well = (holds("ok", "b"), holds("ok", "c"))
+    found = repaired(*well)
+    assert found[0] == ("agg",)
+    assert ("probe",) not in found
+    # Of a probe of which nothing is seen to work, or all is silent, power is cut in the end.
+    assert repaired()[-1] == ("probe",)
+    assert repaired(*(-literal for literal in well))[-1] == ("probe",)
+
+
 def test_on_the_shipped_manipulator_the_first_plan_powers_the_supply() -> None:
     """The 12 V supply is off; all relays behind it are where they were, and what it feeds is silent."""
     system = load_model(Path(__file__).parents[2] / "examples" / "mobile_manipulator.yaml")

@@ -57,6 +57,15 @@ def test_each_power_cycle_of_a_plan_is_a_chance_of_its_own() -> None:
     assert cured(plan_for(TEDUSAR, [], ["hokuyo", "jaguar"]), ["hokuyo", "jaguar"]) == 0.25
 
 
+def test_a_device_that_works_in_part_does_not_hang() -> None:
+    plan = plan_for(TEDUSAR, [], ["hokuyo", "jaguar"])
+    partly = CURES[Cure.CYCLE_OF_WORKING]
+    assert partly < CURES[Cure.POWER_CYCLE]
+    assert cured(plan, ["hokuyo"], works=["hokuyo"]) == partly
+    assert cured(plan, ["hokuyo", "jaguar"], works=["hokuyo"]) == partly * CURES[Cure.POWER_CYCLE]
+    assert cured(plan, ["hokuyo_node"], works=["hokuyo_node"]) == 1.0
+
+
 def test_to_switch_on_what_is_off_is_no_power_cycle() -> None:
     plan = plan_for(TEDUSAR, [fails("on", "hokuyo")], ["hokuyo"])
     assert "power_up(hokuyo)" in texts(plan)

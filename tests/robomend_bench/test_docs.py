@@ -101,7 +101,7 @@ def test_the_score_s_page_names_every_class_stretch_and_robot_with_its_share() -
 
 def test_the_score_s_page_gives_the_bounds_as_they_are() -> None:
     page = " ".join((DOCS / "score.md").read_text().split())
-    published, fast = (PRESETS[name].delay_s for name in ("published", "fast"))
+    published, fast = (PRESETS[name].delay_s() for name in ("published", "fast"))
     assert f"{published:g} s published, {fast:g} s fast" in page
     assert f"more than {LATE_S:g} s late" in page
     assert f"more than {MOST_STATES} states" in page

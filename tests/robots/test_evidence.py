@@ -190,3 +190,20 @@ def test_since_when_things_hold_is_not_kept_of_ever_more_of_them(monkeypatch: py
         assert sight.seen_off(stopped.atom)
     assert len(sight._rose) + len(sight._fell) <= 11
     assert len(sight._off) <= 11
+
+
+@pytest.mark.parametrize(
+    ("source", "after_ms", "seen"),
+    [("board", 1, True), ("board", -1, False), ("agent", 1, False), ("agent", 51, True)],
+)
+def test_the_board_s_readings_need_no_room_for_clocks_that_differ(
+    source: str, after_ms: int, seen: bool
+) -> None:
+    held = Obs()
+    sight = Sight(cast(Any, SimpleNamespace(id="r1", obs=held)))
+    on = Literal(Atom("on", ("lidar",)))
+    held.update([Entry(-on, source, NOW - S, None, NOW - S)])
+    sight.acted({on.atom}, NOW, (), NOW + S // 100)
+    entry = Entry(on, source, NOW + after_ms * S // 1000, None, NOW + after_ms * S // 1000)
+    sight.hear([entry], held.update([entry]))
+    assert (on.atom not in sight.unconfirmed) is seen

@@ -24,7 +24,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from robomend_bench.faults.bench import LATE_S, run_trials
 from robomend_bench.faults.classes import BY_NAME, CLASSES
 from robomend_bench.faults.kept import Kept, OtherTerms
-from robomend_bench.faults.observing import PRESETS
+from robomend_bench.faults.observing import PRESETS, SLOWEST_HZ
 from robomend_bench.faults.record import Record, Trial, parse_trial
 from robomend_bench.faults.report import Report
 from robomend_bench.faults.robot import find_robot, robot_names
@@ -95,6 +95,11 @@ def _trial(context: click.Context, parameter: click.Parameter, value: str | None
     show_default=True,
     help="fast: checked at 10 Hz, silent after 0.5 s, settled after 5 intervals.",
 )
+@click.option(
+    "--topics-hz",
+    type=click.FloatRange(SLOWEST_HZ, 50),
+    help="One rate for every topic of every robot, instead of each its own; all else stays the same.",
+)
 @click.option("--load", type=click.IntRange(0, 64), default=0, show_default=True, help="Busy loops beside.")
 @click.option(
     "--jobs",
@@ -137,6 +142,7 @@ def command(
     robots: tuple[str, ...],
     classes: tuple[str, ...],
     observers: str,
+    topics_hz: float | None,
     load: int,
     jobs: int | None,
     agent: str,
@@ -155,6 +161,7 @@ def command(
     robomend-bench faults --trials 330 --observers fast --out report/
     robomend-bench faults --classes mute-successor --trials 100
     robomend-bench faults --classes boot --stretches 20
+    robomend-bench faults --observers fast --topics-hz 10
     robomend-bench faults --load 4                     on a busy computer
     robomend-bench faults --agent perfect              what can be reached
     robomend-bench faults --only-trial base/hung-node/1.17
@@ -162,12 +169,13 @@ def command(
 
     What each figure means: docs/score.md.
     """
-    terms = Terms(observers, accounts=verbose or only_trial is not None, boots=boots)
+    terms = Terms(observers, accounts=verbose or only_trial is not None, boots=boots, topics_hz=topics_hz)
     wanted = [only_trial] if only_trial else list(choose(trials, stretches, seed, robots, classes))
     if not wanted:
         raise click.UsageError("none of these robots takes part in any of these classes")
     jobs = jobs or (3 if load else 8)
     setting = {"observers": observers, "agent": agent, "load": load, **({"boots": True} if boots else {})}
+    setting |= {} if topics_hz is None else {"topics_hz": topics_hz}
     kept = None if keep is None else _kept(keep, setting)
     names = [str(trial) for trial in wanted]
     earlier = {} if kept is None else {name: kept.scores[name] for name in names if name in kept.scores}
@@ -182,7 +190,8 @@ def command(
         scores=[*earlier.values()],
         late=[],
         errors=[],
-        again=lambda trial: _again(trial, observers, agent, boots),
+        again=lambda trial: _again(trial, terms, agent),
+        topics_hz=topics_hz,
     )
 
     def take_in(record: Record) -> None:
@@ -266,7 +275,7 @@ def judge(records: Sequence[Record], report: Report) -> None:
         elif (late_s := max(record.late_s, 0.0 if report.load else record.starved_s)) > LATE_S:
             report.late.append((str(record.trial), late_s))
         else:
-            report.scores.append(score(record, find_robot(record.trial.robot)))
+            report.scores.append(score(record, find_robot(record.trial.robot, report.topics_hz)))
 
 
 def _kept(path: Path, terms: dict[str, Any]) -> Kept:
@@ -333,10 +342,11 @@ def _run(work: Coroutine[Any, Any, T]) -> T:
     return uvloop.run(work)
 
 
-def _again(trial: str, observers: str, agent: str, boots: bool) -> str:
-    options = [] if observers == "published" else ["--observers", observers]
+def _again(trial: str, terms: Terms, agent: str) -> str:
+    options = [] if terms.observers == "published" else ["--observers", terms.observers]
+    options += [] if terms.topics_hz is None else ["--topics-hz", f"{terms.topics_hz:g}"]
     options += [] if agent == "service" else ["--agent", agent]
-    options += ["--boots"] if boots else []
+    options += ["--boots"] if terms.boots else []
     return shlex.join(["robomend-bench", "faults", "--only-trial", trial, *options])
 
 

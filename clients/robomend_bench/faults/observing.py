@@ -38,6 +38,10 @@ DRAIN_S = 0.02
 """After a time in which it was held up, an agent lets in what has waited before it judges."""
 
 
+SLOWEST_HZ = 5.0
+"""No topic of the bench is slower."""
+
+
 @dataclass(frozen=True, slots=True)
 class Preset:
     """How the observers of topics are set; rate and tolerance are each topic's own."""
@@ -53,14 +57,10 @@ class Preset:
         """From the last message to the verdict that the topic is silent, at most."""
         return self.rate.silence + self.rate.check_s
 
-    @property
-    def delay_s(self) -> float:
+    def delay_s(self, slowest_hz: float = SLOWEST_HZ) -> float:
         """From any change to the verdict that rests on it alone, at most: a whole window of the slowest."""
-        return max(self.silence_s, self.rate.messages / SLOWEST_HZ + self.rate.check_s)
+        return max(self.silence_s, self.rate.messages / slowest_hz + self.rate.check_s)
 
-
-SLOWEST_HZ = 5.0
-"""No topic of the bench is slower."""
 
 PRESETS: Mapping[str, Preset] = {
     "published": Preset("published", Rate.published()),

@@ -35,6 +35,7 @@ class Report:
     ticks: list[float] = field(default_factory=list)
     seconds: float = 0.0
     not_begun: int = 0  # trials for which no time was left
+    topics_hz: float | None = None  # the rate of every topic; None: each its own
     again: Callable[[str], str] = lambda trial: trial  # the command that plays one trial again
 
     def group(self, name: str) -> list[Score]:
@@ -97,9 +98,10 @@ class Report:
             if self.ticks
             else ""
         )
+        every_topic = "" if self.topics_hz is None else f", every topic at {self.topics_hz:g} Hz"
         not_begun = f", {self.not_begun} not begun" if self.not_begun else ""
         return (
-            f"{self.agent}, {self.observers} observers, {self.jobs} robots side by side, "
+            f"{self.agent}, {self.observers} observers{every_topic}, {self.jobs} robots side by side, "
             f"{self.load} busy loops beside, {self.seconds / 60:.0f} minutes; {len(self.scores)} trials, "
             f"{len(self.late)} left out as the bench was late, {len(self.errors)} errors{not_begun}{ticks}."
         )
@@ -127,6 +129,7 @@ class Report:
             "command": self.command,
             "agent": self.agent,
             "observers": self.observers,
+            "topics_hz": self.topics_hz,
             "load": self.load,
             "jobs": self.jobs,
             "seconds": round(self.seconds, 1),

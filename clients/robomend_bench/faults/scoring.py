@@ -79,26 +79,30 @@ def score(record: Record, robot: Robot) -> Score:
     """Return the score of a record without error."""
     described = BY_NAME.get(record.trial.cls)
     if described is None:
-        return _healthy(record)
+        return _healthy(record, _delay_s(record, robot))
     found = Score(str(record.trial), record.trial.cls, "apart" if described.apart else "faults", record.end_s)
     return _Scoring(record, robot, found).score()
 
 
-def _healthy(record: Record) -> Score:
+def _delay_s(record: Record, robot: Robot) -> float:
+    return PRESETS[record.observers].delay_s(robot.slowest_hz)
+
+
+def _healthy(record: Record, delay_s: float) -> Score:
     found = Score(str(record.trial), record.trial.cls, "healthy", record.end_s)
     found.acts = len(record.acts)
     found.wrong = [f"{act.at_s:.2f} s: {act.act}" for act in record.acts]
-    found.alarms = _alarms(record, record.diagnoses)
+    found.alarms = _alarms(record, record.diagnoses, delay_s)
     found.points = max(-1.0, 1.0 - 0.5 * found.acts - 0.1 * found.alarms)
     return found
 
 
-def _alarms(record: Record, diagnoses: Iterable[Diagnosed]) -> int:
+def _alarms(record: Record, diagnoses: Iterable[Diagnosed], delay_s: float) -> int:
     """Return how often a diagnosis turned from healthy, or nothing, to not, and nothing was broken then.
 
     What an observer may just have seen is no false alarm: at boot, every process is stopped for a moment.
     """
-    count, well, delay_s = 0, True, PRESETS[record.observers].delay_s
+    count, well = 0, True
     for each in diagnoses:
         if well and not each.healthy and not each.fault:
             count += not any(state for _, state in record.states_between(each.at_s - delay_s, each.at_s))
@@ -112,7 +116,7 @@ class _Scoring:
         self.robot = robot
         self.anatomy = robot.anatomy
         self.found = found
-        self.delay_s = PRESETS[record.observers].delay_s
+        self.delay_s = _delay_s(record, robot)
         self.acts = [acted for acted in record.acts if acted.at_s >= 0]
         self.decision = _decision(record)
         planted = dict.fromkeys(fault for _, fault in record.faults)
@@ -141,7 +145,7 @@ class _Scoring:
 
     def _detection(self) -> None:
         found, record = self.found, self.record
-        found.alarms = _alarms(record, (each for each in record.diagnoses if each.at_s < 0))
+        found.alarms = _alarms(record, (each for each in record.diagnoses if each.at_s < 0), self.delay_s)
         at_s = [d.at_s for d in record.diagnoses if d.at_s >= 0 and not d.healthy and not d.fault]
         if not record.faults:
             found.alarms += len(at_s[:1])

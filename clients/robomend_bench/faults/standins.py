@@ -36,7 +36,7 @@ STANDINS = ("perfect", "sighted", "knowing", "idle")
 def play_with(standin: str, trial: Trial, terms: Terms) -> Record:
     """Play a trial with a stand-in; stretches are undisturbed."""
     agents = dict(zip(STANDINS, (_Perfect, _Sighted, _Knowing, _Idle), strict=True))
-    return _Play(find_robot(trial.robot), trial, terms, agents[standin]).run()
+    return _Play(find_robot(trial.robot, terms.topics_hz), trial, terms, agents[standin]).run()
 
 
 class _Play:

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 from robomend_bench.faults.classes import Planted, Scenario, draw
 from robomend_bench.faults.consistency import contradictions
 from robomend_bench.faults.live import LiveRobot
-from robomend_bench.faults.observing import PRESETS, Preset
+from robomend_bench.faults.observing import PRESETS, SLOWEST_HZ, Preset
 from robomend_bench.faults.record import ENDED, Record, Trial
 from robomend_bench.faults.robot import find_robot
 from robomend_bench.faults.stretches import STRETCH_BY_NAME, Stretch, boot
@@ -50,6 +50,7 @@ class Terms:
     most_s: float = 60.0  # of a trial, from its first fault
     accounts: bool = False  # whether the service is asked for its account of each repair
     boots: bool = False  # whether the service sees the robot being switched on before its fault
+    topics_hz: float | None = None  # the rate of all topics of all robots; None: each its own
 
     @property
     def preset(self) -> Preset:
@@ -58,7 +59,8 @@ class Terms:
     @property
     def quiet_s(self) -> float:
         """A trial is over when nothing has happened for so long: anything would be noticed by then."""
-        return self.preset.delay_s + 2.0
+        slowest_hz = SLOWEST_HZ if self.topics_hz is None else self.topics_hz
+        return self.preset.delay_s(slowest_hz) + 2.0
 
 
 @cache
@@ -80,7 +82,7 @@ async def play(trial: Trial, terms: Terms, around: Bench, number: int) -> Record
                 await stack.enter_async_context(AsyncClient(around.url, timeout_s=TIMEOUT_S))
                 for _ in range(2)
             ]
-            robot = find_robot(trial.robot)
+            robot = find_robot(trial.robot, terms.topics_hz)
             id = f"{robot.name}.{trial.cls}.{number}"
             live = LiveRobot(
                 robot,

@@ -39,6 +39,7 @@ class Combined:
         self._lenient = frozenset(lenient)
         self._standing: dict[Atom, Literal] = {}
         self._settling: dict[Atom, int] = {}
+        self._unseen: set[Atom] = set()  # those of which it was told that there is nothing to see so far
 
     @property
     def atoms(self) -> tuple[Atom, ...]:
@@ -50,8 +51,12 @@ class Combined:
         return self._speakers.get(atom, ())
 
     def settle(self, n: int, atom: Atom) -> None:
-        """The next change of the atom that rests on nothing from before carries `n`."""
+        """The next verdict on the atom that rests on nothing from before carries `n`.
+
+        So does that there is nothing to see, until it is; that alone tells nobody how the atom is.
+        """
         self._settling[atom] = n
+        self._unseen.discard(atom)
 
     def standing(self) -> list[Verdict]:
         """Return what holds, with the evidence that its observers gave last."""
@@ -63,11 +68,7 @@ class Combined:
         for atom in touched:
             speakers = self._speakers[atom]
             value = self._value(atom, speakers)
-            n = self._settling.get(atom) if self._settling else None
-            if n is not None and self._settled(atom, speakers):
-                del self._settling[atom]
-            else:
-                n = None
+            n = self._answer(atom, value, speakers) if self._settling else None
             before = self._standing.get(atom)
             if value is before and n is None:
                 continue
@@ -105,6 +106,18 @@ class Combined:
                 if found is not None and found.literal.positive is wins:
                     return True  # whatever the others will say
         return not any(atom in state.waiting for state in speakers)
+
+    def _answer(self, atom: Atom, value: Literal | None, speakers: Sequence[ObserverState]) -> int | None:
+        """Return the number of the `settle` that this value answers, or None."""
+        n = self._settling.get(atom)
+        if n is None or not self._settled(atom, speakers) or (value is None and atom in self._unseen):
+            return None
+        if value is None:
+            self._unseen.add(atom)
+        else:
+            del self._settling[atom]
+            self._unseen.discard(atom)
+        return n
 
     def _evidence(self, atom: Atom, value: Literal) -> Evidence:
         """Return what a combined verdict rests on: of what decides alone, the youngest; else all."""

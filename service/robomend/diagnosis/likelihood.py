@@ -55,6 +55,18 @@ def likelihoods(
     return [likelihood(cnf, observed, bad) for bad in diagnoses]
 
 
+def works_in_part(cnf: HealthCnf, observed: Iterable[Literal], bad: Iterable[str]) -> frozenset[str]:
+    """Return what is blamed although an output of it is good that nobody else may have put out."""
+    seen = {literal.atom: literal.positive for literal in observed}
+    blamed = frozenset(bad)
+    return frozenset(
+        component
+        for component in blamed
+        for output in cnf.puts_out.get(component, ())
+        if seen.get(output.atom) and not _entailed(cnf, seen, blamed, output, True)
+    )
+
+
 def _entailed(
     cnf: HealthCnf, seen: Mapping[Atom, bool], blamed: Collection[str], output: Output, sign: bool
 ) -> bool:

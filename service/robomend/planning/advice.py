@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from robomend.diagnosis.likelihood import likelihoods
+from robomend.diagnosis.likelihood import likelihoods, works_in_part
 from robomend.diagnosis.onsets import onset_fit
 from robomend.diagnosis.probes import ProbeResult
 from robomend.diagnosis.result import Diagnosis, DiagnosisResult
@@ -81,6 +81,10 @@ class Situation:
         known = unbroken_fits(blamed, ended, self.cnf.priors, self.patience)
         return [fit * factor for fit, factor in zip(fits, known, strict=True)]
 
+    def _works(self, diagnosis: Diagnosis) -> frozenset[str]:
+        """Return what a diagnosis blames although something of it is seen to work."""
+        return frozenset() if self.cnf is None else works_in_part(self.cnf, self.observed, diagnosis.bad)
+
     def helpful(self, plan: Plan, diagnosis: Diagnosis) -> Plan:
         """Return the plan, or one without steps where what it leaves broken explains all that is observed."""
         return helpful(plan, diagnosis, self.result.diagnoses, self.model)
@@ -89,7 +93,8 @@ class Situation:
         """Return the choice, given a plan for each of `wanted`."""
         diagnoses = self.leading
         pairs = [
-            Candidate(one, self.helpful(plan, one)) for one, plan in zip(self.wanted, plans, strict=True)
+            Candidate(one, self.helpful(plan, one), self._works(one))
+            for one, plan in zip(self.wanted, plans, strict=True)
         ]
         candidates, shared = pairs[: len(diagnoses)], pairs[len(diagnoses) :]
         choice = choose(

@@ -55,6 +55,7 @@ class Candidate:
 
     diagnosis: Diagnosis
     plan: Plan
+    works: frozenset[str] = frozenset()  # what it blames and of which something is seen to work
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,9 +171,9 @@ def _helps(
     for one, chance in zip(candidates, chances, strict=True):
         bad = frozenset(one.diagnosis.bad)
         if bad <= repaired:
-            total += chance * cured(plan, bad)
+            total += chance * cured(plan, bad, one.works)
         elif one.diagnosis is own and bad & repaired:
-            total += chance * cured(plan, bad & repaired) * len(bad & repaired) / len(bad)
+            total += chance * cured(plan, bad & repaired, one.works) * len(bad & repaired) / len(bad)
     return total
 
 
@@ -364,8 +365,11 @@ def _costs(
 
 def _shares(plan: Plan, candidates: Sequence[Candidate]) -> list[float]:
     """Return how probably the plan helps if it is this diagnosis, for each."""
-    repaired, blamed = repaired_by(plan), [one.diagnosis.bad for one in candidates]
-    return [cured(plan, bad) if repaired.issuperset(bad) else 0.0 for bad in blamed]
+    repaired = repaired_by(plan)
+    return [
+        cured(plan, one.diagnosis.bad, one.works) if repaired.issuperset(one.diagnosis.bad) else 0.0
+        for one in candidates
+    ]
 
 
 def _best_look(

@@ -20,27 +20,38 @@ class Cure(StrEnum):
     """What is done to make a component good."""
 
     POWER_CYCLE = "power cycle"  # of a device that has power
+    CYCLE_OF_WORKING = "power cycle of what works in part"  # of a device of which something is seen ok
     OTHER = "other"  # it is switched on, restarted, replaced, or whatever a user's action does
 
 
-CURES: Mapping[Cure, float] = {Cure.POWER_CYCLE: 0.5, Cure.OTHER: 1.0}
+CURES: Mapping[Cure, float] = {
+    Cure.POWER_CYCLE: 0.5,
+    Cure.CYCLE_OF_WORKING: 0.1,
+    Cure.OTHER: 1.0,
+}
 """P(it helps | its diagnosis is right), by default.
 
 Whether a device that has power and says nothing hangs or is broken, nobody has told robomend: 0.5 prefers
-neither. The rest counts as its domain says. Whoever knows his robot better says so in his actions' costs: a
-spare comes after the power cycle where it costs more than twice as much.
+neither. What hangs is silent: a device that goes on with a part of what it does may have failed in the rest,
+and seldom because it hangs. The rest counts as its domain says. Whoever knows his robot better says so in his
+actions' costs: a spare comes after the power cycle where it costs more than twice as much.
 """
 
 Avoided = tuple[tuple[str, str], ...]
 """Ground actions as text that must not be used, each with the reason."""
 
 
-def cured(plan: Plan, bad: Collection[str]) -> float:
-    """Return the probability that the plan cures these, if they are what is wrong and it repairs them."""
+def cured(plan: Plan, bad: Collection[str], works: Collection[str] = ()) -> float:
+    """Return the probability that the plan cures these, if they are what is wrong and it repairs them.
+
+    Args:
+        works: those of them of which something is seen to work.
+    """
     probability = CURES[Cure.OTHER]
     for _, names in _power_cycles(plan):
-        if not names.isdisjoint(bad):
-            probability *= CURES[Cure.POWER_CYCLE]
+        if cycled_here := names.intersection(bad):
+            hangs = not cycled_here.issubset(works)
+            probability *= CURES[Cure.POWER_CYCLE if hangs else Cure.CYCLE_OF_WORKING]
     return probability
 
 

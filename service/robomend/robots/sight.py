@@ -7,7 +7,7 @@ Also what that takes: the clocks of those who report, and how fast the robot's a
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Set
 from dataclasses import replace
 from math import inf
 from typing import TYPE_CHECKING
@@ -25,6 +25,7 @@ from robomend.robots.evidence import Dating
 from robomend.robots.source_clocks import SourceClocks
 from robomend.robots.start_ups import StartUps
 from robomend_client.literals import Atom, Literal
+from robomend_client.observers import BOARD
 
 if TYPE_CHECKING:
     from robomend.robots.robot import Robot
@@ -173,7 +174,7 @@ class Sight:
 
     # --- what happens
 
-    def acted(self, facts: Collection[Atom], sent_ns: int, rest: Collection[Atom], answer_ns: int) -> int:
+    def acted(self, facts: Set[Atom], sent_ns: int, rest: Collection[Atom], answer_ns: int) -> int:
         """An act has answered. Return the settle number with which it is confirmed.
 
         Args:
@@ -183,7 +184,10 @@ class Sight:
         self._settle = max(self._settle + 1, answer_ns // 1_000_000)
         held = {atom: self._robot.obs.get(atom) for atom in facts}
         young = {a for a, entry in held.items() if entry and entry.since_ns and entry.since_ns > sent_ns}
-        self.unconfirmed.touch((atom for atom in facts if atom not in young), Act(self._settle, sent_ns))
+        # What the board says is dated by the clock that dated the sending.
+        ours = {atom for atom, entry in held.items() if entry and entry.source == BOARD}
+        for atoms, from_ns in ((facts - ours, sent_ns), (ours, sent_ns - GUARD_NS)):
+            self.unconfirmed.touch(atoms - young, Act(self._settle, from_ns))
         self.unconfirmed.touch((atom for atom in rest if atom not in held), Act(self._settle, answer_ns))
         return self._settle
 

@@ -140,6 +140,26 @@ def test_what_sees_nothing_within_its_settling_time_is_unknown() -> None:
     assert [(c.value, c.settled) for c in driver.advance(ns(4))] == [(None, 3)]
 
 
+def test_what_is_seen_only_later_is_still_judged_anew() -> None:
+    driver = Driver([Told("a", settling_s=2)], 0)
+    driver.sample("a", ns(1), 1, ns(1))
+    driver.settle(3, [SCAN])
+    assert [(c.value, c.settled) for c in driver.advance(ns(20))] == [(None, 3)]
+    said = [
+        change
+        for at_s, value in ((21, 1), (22, 1), (23, 0))
+        for change in driver.sample("a", ns(at_s), value, ns(at_s))
+    ]
+    assert [(str(c.value), c.settled) for c in said] == [("ok(scan)", 3), ("not ok(scan)", None)]
+    # Unknown is told once, with the number that it answers; a later one is answered by itself.
+    driver.settle(4, [SCAN])
+    driver.settle(5, [SCAN])
+    assert [(c.value, c.settled) for c in driver.advance(ns(40))] == [(None, 5)]
+    driver.settle(6, [SCAN])
+    assert [(c.value, c.settled) for c in driver.advance(ns(60))] == [(None, 6)]
+    assert [c.settled for c in driver.sample("a", ns(61), 0, ns(61))] == [6]
+
+
 def test_samples_from_before_do_not_settle_anything() -> None:
     driver = Driver([Told("a")], 0)
     driver.advance(ns(5))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from tests.board.linking import END_S, emulated, link_to, on, until
 
 from robomend.board.link import LinkState
 from robomend.errors import BoardError, BoardRefused, BoardTimeout, BoardUnreachable
@@ -18,6 +19,8 @@ class Board:
     def __init__(self, failure: BoardError | None = None) -> None:
         self.failure = failure
         self.told: list[tuple[int, bool]] = []
+        self.asked: list[tuple[int, bool]] = []  # what was told before, each time measurements were asked for
+        self.deaf: BoardError | None = None  # what comes of asking
         self.state = LinkState.CONNECTED
 
     async def wait_connected(self, timeout_s: float) -> None:
@@ -27,6 +30,11 @@ class Board:
         if self.failure is not None:
             raise self.failure
         self.told.append((channel, on))
+
+    async def request(self, timeout_s: float | None = None) -> None:
+        self.asked += self.told[-1:]
+        if self.deaf is not None:
+            raise self.deaf
 
 
 def quiet(code: int, message: str) -> None:
@@ -84,3 +92,32 @@ async def test_whoever_watches_hears_that_the_link_is_waited_for() -> None:
     board.state = LinkState.CONNECTED
     await executor(board).execute(action, lambda _, message: heard.append(message))
     assert heard == []
+
+
+async def test_what_was_switched_on_is_looked_at_at_once_and_what_is_off_stays_off_for_a_moment() -> None:
+    board = Board()
+    assert (await executor(board).execute(Action("r-1:0", "shutdown", ("jaguar",), 1.0), quiet)).ok
+    assert board.asked == []
+    assert (await executor(board).execute(Action("r-1:1", "power_up", ("jaguar",), 1.0), quiet)).ok
+    assert board.asked == [(7, True)]
+
+
+@pytest.mark.parametrize(
+    "error", [BoardRefused("an older board"), BoardTimeout("late"), BoardUnreachable("gone")]
+)
+async def test_a_board_that_cannot_be_asked_has_switched_all_the_same(error: BoardError) -> None:
+    board = Board()
+    board.deaf = error
+    done = await executor(board).execute(Action("r-1:0", "power_up", ("jaguar",), 1.0), quiet)
+    assert (done.code, board.told) == (OK, [(7, True)])
+
+
+async def test_a_real_link_knows_after_a_power_up_that_it_is_on() -> None:
+    # With one broadcast a second, the next one would hardly be there by chance.
+    async with emulated() as emulator, link_to(emulator.port, broadcast_hz=1) as link:
+        await until(lambda: link.snapshot.channels is not None)
+        done = await BoardExecutor(link, {"jaguar": 7}, {}).execute(
+            Action("r-1:0", "power_up", ("jaguar",), END_S), quiet
+        )
+        assert done.ok
+        assert on(link.snapshot, 7)

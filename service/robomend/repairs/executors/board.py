@@ -1,7 +1,13 @@
-"""power_up and shutdown by the power board; both are idempotent, a channel that is on stays on."""
+"""power_up and shutdown by the power board; both are idempotent, a channel that is on stays on.
+
+What came of it is seen in the board's measurements. After a power_up they are asked for at once: what follows
+waits for nothing else. After a shutdown they come with the next broadcast: a device that is to begin anew
+should be without power for a moment.
+"""
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping
 from typing import Any, Protocol
 
@@ -27,6 +33,9 @@ SWITCHES = {"power_up": True, "shutdown": False}
 CONNECT_S = 2.0
 """How long an action waits for a link that is just coming up."""
 
+LOOK_S = 1.0
+"""How long measurements that were asked for are waited for; without them the next broadcast tells."""
+
 
 class Switch(Protocol):
     """What this executor needs of a board link."""
@@ -36,6 +45,8 @@ class Switch(Protocol):
     async def wait_connected(self, timeout_s: float) -> None: ...
 
     async def switch(self, channel: int, on: bool, timeout_s: float | None = None) -> None: ...
+
+    async def request(self, timeout_s: float | None = None) -> object: ...
 
 
 def make(action: str, options: Mapping[str, Any], around: Surroundings) -> Executor | None:
@@ -93,4 +104,7 @@ class BoardExecutor:
             return ActionResult(UNREACHABLE, str(error))
         except BoardError as error:
             return ActionResult(FAILED, str(error))
+        if on:
+            with contextlib.suppress(BoardError):  # it has switched, whether or not it can be asked
+                await self._link.request(LOOK_S)
         return ActionResult(OK, f"channel {channel} is {'on' if on else 'off'}")
