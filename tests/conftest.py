@@ -56,8 +56,6 @@ def pytest_xdist_setupnodes(config: pytest.Config, specs: list[Any]) -> None:
     """Fork the workers, too: what they all import is imported once."""
     if config.getoption("cov_source", None):  # lines that run on import have to be counted
         return
-    if config.getoption("--quick"):  # two workers gain little
-        return
     program = [sys.executable, "-IS", str(Path(__file__).with_name("forked_worker.py")), str(share())]
     for spec in specs:
         spec.python = shlex.join(program)
