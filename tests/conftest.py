@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import gc
 import importlib
-import shlex
-import sys
 from collections.abc import Iterator
 from functools import cache
 from importlib.util import find_spec
-from pathlib import Path
 from typing import Any
 
 import httpx
@@ -49,16 +46,6 @@ def pytest_configure(config: pytest.Config) -> None:
         settings.load_profile("long")
     elif config.getoption("--quick"):
         settings.load_profile("quick")
-
-
-@pytest.hookimpl(optionalhook=True)  # of xdist
-def pytest_xdist_setupnodes(config: pytest.Config, specs: list[Any]) -> None:
-    """Fork the workers, too: what they all import is imported once."""
-    if config.getoption("cov_source", None):  # lines that run on import have to be counted
-        return
-    program = [sys.executable, "-IS", str(Path(__file__).with_name("forked_worker.py")), str(share())]
-    for spec in specs:
-        spec.python = shlex.join(program)
 
 
 @pytest.hookimpl(optionalhook=True)  # of xdist

@@ -10,8 +10,8 @@ The workers of a service (robomend.workers) are such programs, too: to load the 
 each service begins with a worker that few tests need. tests/workers/ has fresh ones. So are the services that
 `robomend serve --workers` starts, if it was forked itself.
 
-xdist's workers are forked as well (tests/forked_worker.py), from a template that all of them share; each has
-another of its own, which is forked in turn.
+Each of xdist's workers has a template of its own, which is forked in turn: from one that all of them share
+and that loads the code when the first of them needs it.
 
     process = popen([sys.executable, "-m", "robomend", "serve", …], stdout=subprocess.PIPE, text=True)
 """
@@ -271,8 +271,6 @@ def share() -> int:
 
 def shared(process: int) -> None:
     """Have the template of this process forked from the one that others use, too, once it is needed."""
-    global _TEMPLATE
-    _TEMPLATE = _Template()  # this process may be forked itself, from that one
     _TEMPLATE.shared = process
 
 

@@ -53,12 +53,7 @@ def run(template: int, module: str) -> NoReturn:
     """Be the command, in the small program."""
     forked.use(template)
     code = f"import sys; from {module} import main; sys.exit(main())"
-    stand_for([sys.executable, "-c", code, *sys.argv[1:]])
-
-
-def stand_for(command: list[str]) -> NoReturn:
-    """Have a program forked, and be what others see of it: hand on signals, end as it does."""
-    process = forked.popen(command)
+    process = forked.popen([sys.executable, "-c", code, *sys.argv[1:]])
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda number, _: process.send_signal(number))
     ended = process.wait()
