@@ -5,7 +5,8 @@ Use it from a conftest.py: `from tests.browser import browser, chromium`. Where 
 installed, tests that need it are skipped with the reason; in CI (`CI` in the environment) that is a failure.
 
 Playwright's sync API leaves an event loop in the thread while it is open, in which no other can run: keep
-tests that use `browser` in modules of their own, since it is open for a module.
+tests that use `browser` in modules of their own. It stays open from module to module, as its start takes more
+than a second of the processor, until a test of another module has no use for it (tests/conftest.py).
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import signal
 import subprocess
 import tempfile
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -77,18 +79,43 @@ def chromium() -> Iterator[str]:
         until(lambda: port.exists() and port.read_text().count("\n"), "Chromium listens", 60)
         yield f"http://127.0.0.1:{port.read_text().splitlines()[0]}"
     finally:
+        HELD.close()
         os.killpg(process.pid, signal.SIGKILL)
         process.wait(30)
         shutil.rmtree(folder, ignore_errors=True)
 
 
-@pytest.fixture(scope="module")
-def browser(chromium: str) -> Iterator[Browser]:
+class Held:
+    """The session's browser as Playwright knows it, while it is open."""
+
+    def __init__(self) -> None:
+        self._browser: Browser | None = None
+        self._stack = ExitStack()
+        self._user: Path | None = None
+
+    def open(self, address: str, user: Path) -> Browser:
+        """Return it for a test of the module `user`."""
+        self._user = user
+        if self._browser is None:
+            playwright = self._stack.enter_context(sync_playwright())
+            self._browser = playwright.chromium.connect_over_cdp(address, timeout=PATIENCE_MS)
+            self._stack.callback(self._browser.close)
+        return self._browser
+
+    def close(self, but_for: Path | None = None) -> None:
+        """Let it go, unless a test of the module `but_for` was the last to use it."""
+        if self._browser is not None and self._user != but_for:
+            self._browser = None
+            self._stack.close()
+
+
+HELD = Held()
+
+
+@pytest.fixture
+def browser(chromium: str, request: pytest.FixtureRequest) -> Browser:
     """The session's browser, as Playwright knows it."""
-    with sync_playwright() as playwright:
-        connected = playwright.chromium.connect_over_cdp(chromium, timeout=PATIENCE_MS)
-        yield connected
-        connected.close()
+    return HELD.open(chromium, request.path)
 
 
 class Watched:

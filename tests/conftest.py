@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import importlib
+import sys
 from collections.abc import Iterator
 from functools import cache
 from importlib.util import find_spec
@@ -74,6 +75,14 @@ def pytest_collection_finish() -> None:
     gc.freeze()
     gc.set_threshold(20_000, 50, 100)
     gc.enable()
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Let go of the browser before a test in which an event loop may run."""
+    loaded = sys.modules.get("tests.browser")
+    if loaded is not None and "browser" not in getattr(item, "fixturenames", ()):
+        loaded.HELD.close(item.path)
 
 
 @pytest.fixture(scope="session")

@@ -54,7 +54,9 @@ def test_every_robot_is_told_with_its_state_its_diagnosis_and_what_it_waits_for(
     assert re.search(r"unhealthy\s+jaguar\s+a person: its policy is to observe only", row(page, "looked-at"))
     assert re.search(r"healthy\s+–\s+–", row(page, "works"))
     assert re.search(r"unknown\s+–\s+–", row(page, "never-reported"))
-    persons = [each.locator("td.person").count() for each in page.locator("tbody tr").all()]
+    # In one look: the list is put in its order anew with each change that comes in.
+    rows = page.locator("tbody tr")
+    persons = rows.evaluate_all("all => all.map(one => one.querySelectorAll('td.person').length)")
     assert persons == sorted(persons, reverse=True), "who waits for a person comes first"
 
 
