@@ -63,6 +63,7 @@ REFUSED = {
     "a closing bracket first": (")", 1, "without its"),
     "words outside": ("domain robot-repair", 1, "outside of any bracket"),
     "nothing at all": ("; only a comment", 1, "no (define"),
+    "no define": ("(domain (define robot-repair))", 1, "expected (define (domain NAME) …)"),
     "no domain": ("(define (problem p) (:domain robot-repair))", 1, "expected (domain NAME)"),
     "another domain's name": (extension("", "robot"), 1, "actions are added to 'robot-repair'"),
     "an unknown section": (extension("(:axiom (on ?h))"), 2, "unknown section ':axiom'"),
