@@ -109,6 +109,7 @@ REFUSED = {
         2,
         "neither a variable (?jaguar) nor in (:constants",
     ),
+    "a number in init": (extension("(:init (= (battery) 3))"), 2, "only function is (total-cost)"),
     "a fact without brackets": (extension("(:init jaguar)"), 2, "expected a fact such as"),
     "a fact without a name": (extension("(:init ())"), 2, "expected a fact such as"),
     "a name and nothing else": (extension("(:action a)"), 2, "has no :effect"),
