@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 import itertools
 import re
+from collections.abc import Iterator
 
 import pytest
 from tests.board.linking import (
@@ -228,6 +229,23 @@ async def test_a_dropped_connection_is_unknown_and_comes_back() -> None:
         await fault(emulator, "drop")
         await until(lambda: any(snapshot.channels is None for snapshot in snapshots))
         await until(lambda: link.snapshot.channels is not None)
+
+
+async def test_after_a_connection_that_worked_the_waits_between_attempts_begin_anew(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    begun: list[tuple[float, float]] = []
+
+    def counted(first_s: float, most_s: float) -> Iterator[float]:
+        begun.append((first_s, most_s))
+        return backoff(first_s, most_s)
+
+    monkeypatch.setattr("robomend.board.link.backoff", counted)
+    async with emulated() as emulator, link_to(emulator.port) as link:
+        await until(lambda: link.snapshot.channels is not None)
+        assert len(begun) == 1
+        await fault(emulator, "drop")
+        await until(lambda: len(begun) == 2)
 
 
 async def test_a_board_that_refuses_connections_is_reached_when_it_accepts_them_again() -> None:

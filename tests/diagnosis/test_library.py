@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
+from random import Random
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.diagnosis.systems import ATOMS, systems
+from tests.diagnosis.systems import ATOMS, model, systems
 from tests.examples import examples
 
 from robomend.diagnosis.engines import make_engine
 from robomend.diagnosis.library import Library
+from robomend.diagnosis.oracle import Deadline, OutOfTime
 from robomend.diagnosis.result import DiagnosisResult, Minimal, Options
 from robomend.errors import ContradictoryModel, OptionRefused
 from robomend.model.cnf import HealthCnf
@@ -208,6 +212,40 @@ def test_a_bound_that_is_over_before_the_search_begins_is_an_answer_too() -> Non
     library = Library(cnf, tuple(literal.atom for literal in seen), replace(PLAIN, timeout_s=1e-9))
     found = result(library, *seen)
     assert (found.diagnoses, found.complete, found.stopped_by) == ((), False, "time")
+
+
+def breaking_off(last: int) -> Callable[[Deadline], None]:
+    """Return a clock's `check` whose time is up at the last of so many looks."""
+    looks = count(1)
+
+    def check(_: Deadline) -> None:
+        if next(looks) == last:
+            raise OutOfTime
+
+    return check
+
+
+def test_a_search_that_is_broken_off_anywhere_spoils_no_row_that_shares_its_part(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """What a broken search would go on with says, asked again, that there is nothing more."""
+    chance = Random("triples")
+    blamed = [*(chance.sample(range(1, 13), 3) for _ in range(24)), [13, 14]]
+    cnf = model(14, [(*(-c for c in one), 14 + i) for i, one in enumerate(blamed, 1)], atoms=len(blamed))
+    asked = replace(PLAIN, limit=None)
+    part = [Literal(atom, False) for atom in cnf.atoms[:-1]]
+    shared = [*part, Literal(cnf.atoms[-1], False)]
+    for last in count(1):
+        library = Library(cnf, cnf.atoms, asked)
+        with monkeypatch.context() as patch:
+            patch.setattr(Deadline, "check", breaking_off(last))
+            found = result(library, *part)
+        agree(library, [shared], asked)
+        library.close()
+        if found.complete:
+            break
+        assert found.stopped_by == "time"
+    assert last > 3  # it was broken off within the search, too
 
 
 def test_circuits_are_answered_by_the_engine() -> None:

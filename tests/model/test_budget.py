@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from robomend.errors import ModelError, ObservationError
-from robomend.model.budget import StepCount
+from robomend.model.budget import StepCount, scheme_steps
+from robomend.model.components import ComponentModel, Hardware
 from robomend.model.loading import load_text
 from robomend.model.sentences import parse
 from robomend.model.vocabulary import Vocabulary
@@ -90,3 +91,8 @@ def test_what_the_schemes_multiply_counts_as_well(text: str) -> None:
     )
     with pytest.raises(ModelError, match=r"the clause schemes take [\d,]+ steps; at most 50,000"):
         load_text(f"robomend: 1\nname: wide\n{filled}", most=50_000)
+
+
+def test_what_components_of_other_kinds_say_counts_as_well() -> None:
+    lamps = {name: Hardware(name) for name in ("head", "back", "left")}
+    assert scheme_steps(ComponentModel("r", {}, {}, {}, others={"lamps": lamps})) == 2 * len(lamps)

@@ -33,3 +33,10 @@ def test_a_sentence_is_nested_so_deep_and_no_deeper() -> None:
     for deep in ("not " * 10 * MAX_DEPTH + "p", "(" * 10 * MAX_DEPTH + "p" + ")" * 10 * MAX_DEPTH):
         with pytest.raises(ObservationError, match=f"nested deeper than {MAX_DEPTH}"):
             parse(deep)
+
+
+def test_what_stands_side_by_side_is_no_nesting() -> None:
+    beside = " and ".join(["not not p"] * MAX_DEPTH)
+    assert conjuncts(parse(beside)) == (P,) * MAX_DEPTH
+    with pytest.raises(ObservationError, match=f"nested deeper than {MAX_DEPTH}"):
+        parse(f"{beside} and {'not ' * (MAX_DEPTH + 1)}p")

@@ -80,6 +80,7 @@ def test_reads_every_spelling(sentence: str, literals: list[Literal]) -> None:
         ("ok(odom) §", 9, "unexpected character"),
         ("ok(odom) and not ok(odom)", 0, "both ok(odom) and not ok(odom)"),
         ("ok(odom) or ok(map)", 0, "give it a name"),
+        ("true", 0, "give it a name"),
         ("ab(base)", 0, "what a diagnosis decides"),
         ("not AB(base)", 4, "what a diagnosis decides"),
     ],

@@ -184,3 +184,11 @@ def test_what_rests_on_two_topics_that_came_back_is_judged_anew_after_the_later_
     risen = {"scan": 20 * S, "pose": 21 * S}
     found = returning([symptom], risen, lambda _: needs, lambda _: 2 * S, 22 * S)
     assert found == {MAP: 23 * S + SLACK_NS}
+
+
+def test_how_long_a_verdict_is_pending_is_a_matter_of_its_own_observer() -> None:
+    symptoms = [bad(MAP, time=19 * S, onset=15 * S), bad(ODOM, time=19 * S, onset=15 * S)]
+    needs = {"map": {"scan"}, "odom": {"scan"}}
+    settling_ns = {MAP: 1 * S, ODOM: 3 * S}.__getitem__
+    found = returning(symptoms, {"scan": 20 * S}, lambda _: needs, settling_ns, 21 * S + SLACK_NS)
+    assert found == {ODOM: 23 * S + SLACK_NS}

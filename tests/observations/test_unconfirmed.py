@@ -69,3 +69,11 @@ def test_who_speaks_on_change_only_confirms_by_saying_nothing_for_as_long_as_obs
     assert unconfirmed.how(on_change, delay, ACT.from_ns + delay - 1) is Confirmed.NOT
     assert unconfirmed.how(on_change, delay, ACT.from_ns + delay) is Confirmed.BY_SILENCE
     assert unconfirmed.how(repeated, delay, ACT.from_ns + 10 * delay) is Confirmed.NOT
+
+
+def test_what_is_cleared_or_forgotten_needs_no_evidence() -> None:
+    unconfirmed = after_act()
+    unconfirmed.forget([SCAN])
+    assert list(unconfirmed.acts) == [MAP]
+    unconfirmed.clear()
+    assert not unconfirmed.acts

@@ -168,3 +168,13 @@ def test_bindings_are_never_more_than_were_counted(data: st.DataObject) -> None:
     static = StaticFacts(domain, problem)
     made = [tuple(sorted(found.items())) for found in static.bindings(variables, guards, env)]
     assert len(set(made)) <= static.most_bindings(variables, guards, env)
+
+
+def test_where_one_of_several_conditions_always_holds_the_others_make_no_actions() -> None:
+    text = SHAPES.replace("(held wrench) (and", "(and (= ?n ?n) (= hammer hammer)) (held wrench) (and", 1)
+    robot = ComponentModel("r", {}, {name: Node(name, restartable=False) for name in "ab"}, {})
+    domain = load_domain(text)
+    problem = repair_problem(robot, domain, (), ("a",))
+    grounder = Grounder(domain, problem)
+    actions = ground(grounder, [grounder.number(fact) for fact in problem.goal]).actions
+    assert [str(action) for action in actions] == ["hit(a)"]

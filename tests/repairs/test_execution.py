@@ -146,6 +146,7 @@ async def test_feedback_of_an_action_under_way_is_reported_with_its_step_and_sta
 
     here = setting(robot)
     executors = {**here.executors, "power_up": Speaking()}
+    before = asyncio.all_tasks()
     async with asyncio.timeout(60):
         done = await execute(POWER_LOST, replace(here, executors=executors, report=report))
     assert done.ending is Ending.DONE
@@ -156,3 +157,4 @@ async def test_feedback_of_an_action_under_way_is_reported_with_its_step_and_sta
     assert (latest.code, len(latest.message)) == (90, MOST_FEEDBACK)
     assert latest.time_ns > first.time_ns
     assert done.steps[1].feedback is None
+    assert asyncio.all_tasks() == before  # nothing is told after the end

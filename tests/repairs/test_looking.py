@@ -80,6 +80,20 @@ async def test_an_effect_is_given_up_before_the_time_out_where_earlier_starts_we
     assert within.endswith(LONGER)
 
 
+async def test_an_effect_is_awaited_longer_than_the_time_out_where_its_observer_may_need_longer() -> None:
+    class Slow(Robot):
+        def settling_s(self, atom: Atom) -> float:
+            return 600.0
+
+        async def changed(self, revision: int, timeout_s: float) -> int:
+            self.obs[SCAN] = True
+            return revision + 1
+
+    here = replace(setting(Slow(obs={SCAN: False})), observed=frozenset({SCAN}))
+    here.prediction.expected = lambda: frozenset({WANTED})  # type: ignore[method-assign]  # of no plan
+    assert (await Looking(here).effect([WANTED], 0.0, 0))[:2] == ((WANTED,), ())
+
+
 async def test_what_rests_on_an_effect_that_is_missing_is_awaited_no_longer() -> None:
     map_ = Atom("ok", ("map",))
     described = replace(CNF, atoms=(*CNF.atoms, map_), clauses=(*CNF.clauses, (-5, 6)), variables=6)

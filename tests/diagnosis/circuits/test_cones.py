@@ -131,6 +131,19 @@ def test_parities_of_any_width_are_gates(kind: str, width: int) -> None:
         assert eval(gate.expression.format(*values), {"M": 1}) == (ones % 2 == (kind == "XOR"))
 
 
+def test_a_gate_that_is_true_for_half_of_its_inputs_need_not_be_a_parity() -> None:
+    made = bench(["s", "a", "b"], ["y = AND(s, a, b)"])
+    s, a, b, y = (made.atom_variable[Atom("v", (name,))] for name in "saby")
+    choice = ((-1, -s, -a, y), (-1, -s, a, -y), (-1, s, -b, y), (-1, s, b, -y))  # a where s holds, else b
+    netlist = recover(replace(made, clauses=choice, origins=made.origins[:1] * len(choice)))
+    assert netlist is not None
+    (gate,) = netlist.gates
+    for values in product((0, 1), repeat=3):
+        of = dict(zip((s, a, b), values, strict=True))
+        told = eval(gate.expression.format(*(of[net] for net in gate.inputs)), {"M": 1})
+        assert told == (of[a] if of[s] else of[b])
+
+
 @pytest.mark.parametrize("spoilt", ["a clause less", "another sign", "an auxiliary variable of two gates"])
 def test_what_only_looks_like_a_parity_is_no_netlist(spoilt: str) -> None:
     names = [f"x{i}" for i in range(8)]

@@ -110,6 +110,14 @@ def test_a_trend_that_is_suggested_tells_a_node_from_its_rivals() -> None:
     assert asked(after, "ok(image)", str(trend.watch)).matrix[index][rival] == "~"
 
 
+def test_the_order_of_the_values_keeps_no_trend_from_being_suggested() -> None:
+    pan, distance = ("  pan: {topic: image, field: pan}\n", "  range: {topic: scan, field: range}\n")
+    text = CAMERA.replace("RULES", "").replace("RELATED", "").replace(pan + distance, distance + pan)
+    system = load_text(text)
+    group = Ambiguity((("camera_driver",),), (), further=None)
+    assert "related: [[pan, range]]" in [one.add for one in suggestions(group, system)]
+
+
 @pytest.mark.parametrize(
     ("atom", "words"),
     [
