@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import sys
 
-INTERRUPTED = 130
+from robomend.cli.main import interruptible
 
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line and exit with its code."""
-    try:
+
+    def program() -> int:
         from robomend.cli.commands import run
         from robomend_batch.commands import batch
         from robomend_batch.garbage import collect_less
 
         collect_less()
-        code = run(sys.argv[1:] if arguments is None else arguments, batch)
-    except KeyboardInterrupt:  # while the rest was being imported; `run` has the others
-        code = INTERRUPTED
-    sys.exit(code)
+        return run(sys.argv[1:] if arguments is None else arguments, batch)
+
+    sys.exit(interruptible(program))

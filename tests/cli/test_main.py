@@ -115,3 +115,46 @@ main(["--version"])
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, timeout=60, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (130, b"", b"")
+
+
+@pytest.mark.parametrize("program", ["robomend.cli.main", "robomend_batch.main"])
+def test_an_interrupt_that_comes_inside_a_finalizer_is_not_lost(program: str) -> None:
+    code = f"""
+import signal, sys, time
+
+class Dropped:
+    def __del__(self):
+        signal.raise_signal(signal.SIGINT)
+
+class Interrupt:
+    def find_spec(self, name, *_):
+        if name == "click":
+            Dropped()
+            time.sleep(60)
+
+sys.meta_path.insert(0, Interrupt())
+from {program} import main
+main(["--version"])
+"""
+    done = subprocess.run(
+        ["env", "--default-signal=INT", sys.executable, "-c", code],
+        capture_output=True,
+        timeout=30,
+        check=False,
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (130, b"", b"")
+
+
+def test_what_else_fails_inside_a_finalizer_is_told_as_python_tells_it() -> None:
+    code = """
+class Failing:
+    def __del__(self):
+        1 / 0
+
+from robomend.cli.main import interruptible
+interruptible(lambda: [Failing(), 0].pop())
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, timeout=60, check=False)
+    assert done.returncode == 0
+    assert b"Exception ignored in: <function Failing.__del__" in done.stderr
+    assert b"ZeroDivisionError" in done.stderr

@@ -2,17 +2,51 @@
 
 from __future__ import annotations
 
+import signal
 import sys
+import threading
+import time
+from collections.abc import Callable
 
 INTERRUPTED = 130
+
+SOON_S = 0.01
+"""Until a Ctrl-C that was lost is sent again: what swallowed it is a few instructions long."""
 
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line and exit with its code."""
-    try:
+
+    def program() -> int:
         from robomend.cli.commands import run
 
-        code = run(sys.argv[1:] if arguments is None else arguments)
+        return run(sys.argv[1:] if arguments is None else arguments)
+
+    sys.exit(interruptible(program))
+
+
+def interruptible(program: Callable[[], int]) -> int:
+    """Run a program and return its exit code; 130 after Ctrl-C, which is never lost.
+
+    Python prints and forgets an exception that comes inside a finalizer or the callback of a weak reference,
+    and imports are full of them: one early Ctrl-C in some hundreds did nothing.
+    """
+    sys.unraisablehook = _lost
+    try:
+        return program()
     except KeyboardInterrupt:  # while the rest was being imported; `run` has the others
-        code = INTERRUPTED
-    sys.exit(code)
+        return INTERRUPTED
+
+
+def _lost(unraisable: sys.UnraisableHookArgs) -> None:
+    """Send a Ctrl-C again that was dropped; tell of everything else as Python does."""
+    if unraisable.exc_type is KeyboardInterrupt:
+        threading.Thread(target=_interrupt_soon, daemon=True).start()  # here it would be dropped again
+    else:
+        sys.__unraisablehook__(unraisable)
+
+
+def _interrupt_soon() -> None:
+    time.sleep(SOON_S)
+    if (main_thread := threading.main_thread().ident) is not None:
+        signal.pthread_kill(main_thread, signal.SIGINT)
