@@ -9,6 +9,7 @@ import random
 import re
 import signal
 import socket
+import subprocess
 import time
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
@@ -196,7 +197,8 @@ def test_ctrl_c_at_any_moment_leaves_nothing_behind(tmp_path: Path, request: pyt
     draw = random.Random(os.urandom(8))
     for number in range(moments):
         after_s = draw.uniform(0.3, 9.0)
-        with playing(tmp_path / str(number)) as demo:
+        start = popen if number % 3 else subprocess.Popen  # a fresh one is ended while it is loaded, too
+        with playing(tmp_path / str(number), start=start) as demo:
             time.sleep(after_s)  # a random moment
             demo.process.send_signal(signal.SIGINT)
             assert demo.process.wait(END_S) in {130, 0}, (after_s, demo.said())
