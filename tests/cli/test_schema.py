@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -26,14 +27,18 @@ from robomend.model.json_schema import component_schema
 from robomend_client.observers.schema import kind_schema
 
 EXAMPLES = ROOT / "examples"
-VALIDATORS = {file: Draft202012Validator(schema_of(file)) for file in FILES}
+
+
+@cache  # not while tests are collected: every worker would make them all
+def validator(file: str) -> Draft202012Validator:
+    return Draft202012Validator(schema_of(file))
 
 
 def complaint(file: str, text: str, folder: Path) -> str:
     """Return what a schema finds wrong with a text, as an editor would read it (YAML 1.2); empty: nothing."""
     path = folder / "text.yaml"
     path.write_text(text, encoding="utf-8")
-    error = next(iter(VALIDATORS[file].iter_errors(read_robot(path))), None)
+    error = next(iter(validator(file).iter_errors(read_robot(path))), None)
     return "" if error is None else str(error.message)
 
 
@@ -232,15 +237,15 @@ def keys_of(schema: dict[str, Any], place: str) -> Iterator[tuple[str, dict[str,
                     yield from keys_of(one, place)
 
 
-KEYS = {file: list(keys_of(json.loads(schema_text(file)), file)) for file in FILES}
 UNITS = {"_s": "second", "_hz": "per second", "_a": "amperes", "mb": "megabytes", "_per_hour": "in an hour"}
 """By how a key ends, how its unit is called."""
 
 
 @pytest.mark.parametrize("file", FILES)
 def test_of_every_key_an_editor_shows_what_it_is_with_unit_and_default(file: str) -> None:
-    assert len(KEYS[file]) > 25
-    for place, schema in KEYS[file]:
+    keys = list(keys_of(json.loads(schema_text(file)), file))
+    assert len(keys) > 25
+    for place, schema in keys:
         description = schema.get("description", "")
         assert description, place
         for end, unit in UNITS.items():

@@ -15,9 +15,12 @@ from robomend_bench.faults.generator import made
 from robomend_bench.faults.kinds import NODE_KINDS, Fault, begun
 from robomend_bench.faults.live import knows
 from robomend_bench.faults.policy import COSTS
-from robomend_bench.faults.robot import find_robot, robot_names
+from robomend_bench.faults.robot import Robot, find_robot, robot_names
 
-ROBOTS = {name: find_robot(name) for name in robot_names()}
+
+def robots() -> dict[str, Robot]:
+    """Return all robots by name, which are read once, and not while tests are collected."""
+    return {name: find_robot(name) for name in robot_names()}
 
 
 def test_shares_are_percent_and_faulty_observers_come_on_top() -> None:
@@ -27,26 +30,26 @@ def test_shares_are_percent_and_faulty_observers_come_on_top() -> None:
 
 @pytest.mark.parametrize("described", CLASSES, ids=lambda each: each.name)
 def test_each_class_is_played_on_some_robots(described: FaultClass) -> None:
-    able = [name for name, robot in ROBOTS.items() if described.faults(robot.anatomy)]
+    able = [name for name, robot in robots().items() if described.faults(robot.anatomy)]
     assert len(able) >= (1 if described.name == "spare" else 2)
     for name in able:
-        anatomy = ROBOTS[name].anatomy
+        anatomy = find_robot(name).anatomy
         scenario = draw(described.name, anatomy, random.Random(7))
         assert scenario == draw(described.name, anatomy, random.Random(7))
         assert scenario.faults or scenario.blind is not None
         for fault in scenario.faults:
             assert abnormal(anatomy, begun(anatomy, fault)), fault
             if not described.apart:
-                assert fault in ROBOTS[name].universe.weights, fault
+                assert fault in find_robot(name).universe.weights, fault
 
 
 def test_every_kind_of_fault_is_planted_by_some_class() -> None:
-    kinds = {fault.kind for robot in ROBOTS.values() for fault in robot.universe.weights}
+    kinds = {fault.kind for robot in robots().values() for fault in robot.universe.weights}
     assert kinds == {*NODE_KINDS, "off", "off for ever", "broken"}
 
 
 def test_both_faults_of_a_double_can_be_seen() -> None:
-    anatomy = ROBOTS["base"].anatomy
+    anatomy = find_robot("base").anatomy
     for number in range(50):
         first, second = draw("double", anatomy, random.Random(number)).faults
         shows = [abnormal(anatomy, begun(anatomy, fault)) for fault in (first, second)]
@@ -54,9 +57,9 @@ def test_both_faults_of_a_double_can_be_seen() -> None:
         assert shows[1] - shows[0]
 
 
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("name", robot_names())
 def test_the_model_is_accepted_and_no_fault_contradicts_it(name: str) -> None:
-    robot = ROBOTS[name]
+    robot = find_robot(name)
     system = load_text(robot.model, name=name)
     assert set(system.cnf.components) == {*robot.anatomy.devices, *robot.anatomy.nodes}
     engine = make_engine("sat", system.cnf)
@@ -72,7 +75,7 @@ def test_the_model_is_accepted_and_no_fault_contradicts_it(name: str) -> None:
 
 
 def test_a_healthy_robot_s_agents_know_what_its_repairs_need() -> None:
-    for name, robot in ROBOTS.items():
+    for name, robot in robots().items():
         acts = set().union(*(knows(robot, host) for host in robot.anatomy.hosts))
         assert {act.name for act in acts} <= COSTS.keys(), name
         for fault in robot.universe.shows:
@@ -91,5 +94,5 @@ def test_generated_robots_are_the_same_for_the_same_number() -> None:
 
 
 def test_a_protected_or_fixed_part_is_not_broken() -> None:
-    assert Fault("archive", "hung") not in ROBOTS["pipeline"].universe.shows  # it publishes nothing
-    assert BY_NAME["hung-device"].faults(ROBOTS["drone"].anatomy) == []  # nothing can cut its power
+    assert Fault("archive", "hung") not in find_robot("pipeline").universe.shows  # it publishes nothing
+    assert BY_NAME["hung-device"].faults(find_robot("drone").anatomy) == []  # nothing can cut its power
