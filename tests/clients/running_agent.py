@@ -79,3 +79,12 @@ def marked(mark: str) -> list[int]:
             if mark.encode() in command and alive(int(entry.name)):
                 found.append(int(entry.name))
     return found
+
+
+def kept_s(process: int) -> float:
+    """Return how long the kernel has kept the threads of a process from a processor, in sum.
+
+    As robomend.starvation does; where these tests run there need be no service.
+    """
+    told = [(thread / "schedstat").read_text().split() for thread in Path(f"/proc/{process}/task").iterdir()]
+    return sum(int(waited_ns) for _, waited_ns, _ in told) / 1e9
