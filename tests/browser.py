@@ -20,10 +20,11 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 from urllib.parse import urlsplit
 
 import pytest
-from playwright.sync_api import Browser, BrowserContext, Page, Request, sync_playwright
+from playwright.sync_api import Browser, BrowserContext, Error, Page, Request, Response, sync_playwright
 from tests import packages
 from tests.waiting import until
 
@@ -155,6 +156,26 @@ class Watched:
         ]
         assert foreign == []
         assert self.complaints == []
+
+
+GOTO = Page.goto
+
+
+def _goto(page: Page, url: str, **options: Any) -> Response | None:
+    """Go there; again where Chromium gave up since an interface of this computer came or went.
+
+    Tests of networks that split make and remove some meanwhile (other_computer.py).
+    """
+    for _ in range(3):
+        try:
+            return GOTO(page, url, **options)
+        except Error as error:
+            if "ERR_NETWORK_CHANGED" not in str(error):
+                raise
+    return GOTO(page, url, **options)
+
+
+Page.goto = _goto  # type: ignore[assignment, method-assign]  # of all pages, however one was opened
 
 
 def keep(page: Page, name: str) -> None:
