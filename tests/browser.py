@@ -162,16 +162,23 @@ GOTO = Page.goto
 
 
 def _goto(page: Page, url: str, **options: Any) -> Response | None:
-    """Go there; again where Chromium gave up since an interface of this computer came or went.
+    """Go there; again where Chromium gave up the page or its script, as a network interface came or went.
 
     Tests of networks that split make and remove some meanwhile (other_computer.py).
     """
+    changed = "ERR_NETWORK_CHANGED"
+    failed: list[str] = []
+    page.on("requestfailed", lambda request: failed.append(str(request.failure)))
     for _ in range(3):
+        failed.clear()
         try:
-            return GOTO(page, url, **options)
+            answer = GOTO(page, url, **options)
         except Error as error:
-            if "ERR_NETWORK_CHANGED" not in str(error):
+            if changed not in str(error):
                 raise
+        else:
+            if not any(changed in why for why in failed):
+                return answer
     return GOTO(page, url, **options)
 
 
