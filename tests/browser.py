@@ -20,12 +20,11 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
 from urllib.parse import urlsplit
 
 import pytest
-from playwright.sync_api import Browser, BrowserContext, Error, Page, Request, Response, sync_playwright
-from tests import packages
+from playwright.sync_api import Browser, BrowserContext, Page, Request, sync_playwright
+from tests import network, packages
 from tests.waiting import until
 
 FLAGS = (
@@ -114,9 +113,10 @@ HELD = Held()
 
 
 @pytest.fixture
-def browser(chromium: str, request: pytest.FixtureRequest) -> Browser:
-    """The session's browser, as Playwright knows it."""
-    return HELD.open(chromium, request.path)
+def browser(chromium: str, request: pytest.FixtureRequest) -> Iterator[Browser]:
+    """The session's browser, as Playwright knows it, on a network that nobody changes meanwhile."""
+    with network.still():
+        yield HELD.open(chromium, request.path)
 
 
 class Watched:
@@ -156,33 +156,6 @@ class Watched:
         ]
         assert foreign == []
         assert self.complaints == []
-
-
-GOTO = Page.goto
-
-
-def _goto(page: Page, url: str, **options: Any) -> Response | None:
-    """Go there; again where Chromium gave up the page or its script, as a network interface came or went.
-
-    Tests of networks that split make and remove some meanwhile (other_computer.py).
-    """
-    changed = "ERR_NETWORK_CHANGED"
-    failed: list[str] = []
-    page.on("requestfailed", lambda request: failed.append(str(request.failure)))
-    for _ in range(3):
-        failed.clear()
-        try:
-            answer = GOTO(page, url, **options)
-        except Error as error:
-            if changed not in str(error):
-                raise
-        else:
-            if not any(changed in why for why in failed):
-                return answer
-    return GOTO(page, url, **options)
-
-
-Page.goto = _goto  # type: ignore[assignment, method-assign]  # of all pages, however one was opened
 
 
 def keep(page: Page, name: str) -> None:

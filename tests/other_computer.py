@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 import pytest
+from tests import network
 from tests.packages import IPROUTE
 
 
@@ -52,13 +53,15 @@ def other_computer() -> Iterator[OtherComputer]:
     except subprocess.CalledProcessError as error:
         pytest.skip(f"the kernel refuses a network namespace: {error.stderr.strip()}")
     try:
-        try:
-            there = ("peer", "name", f"{found.name}b", "netns", found.name)
-            _ip("link", "add", f"{found.name}a", "type", "veth", *there)
-        except subprocess.CalledProcessError as error:
-            pytest.skip(f"the kernel refuses a cable between namespaces: {error.stderr.strip()}")
-        _ip("addr", "add", f"{found.here}/30", "dev", f"{found.name}a")
-        _ip("link", "set", f"{found.name}a", "up")
+        with network.changing():
+            try:
+                there = ("peer", "name", f"{found.name}b", "netns", found.name)
+                _ip("link", "add", f"{found.name}a", "type", "veth", *there)
+            except subprocess.CalledProcessError as error:
+                pytest.skip(f"the kernel refuses a cable between namespaces: {error.stderr.strip()}")
+            _ip("link", "set", f"{found.name}a", "addrgenmode", "none")  # or an address comes a second later
+            _ip("addr", "add", f"{found.here}/30", "dev", f"{found.name}a")
+            _ip("link", "set", f"{found.name}a", "up")
         inside = ("-n", found.name)
         _ip(*inside, "addr", "add", f"{found.there}/30", "dev", f"{found.name}b")
         _ip(*inside, "link", "set", f"{found.name}b", "up")
@@ -66,7 +69,8 @@ def other_computer() -> Iterator[OtherComputer]:
         try:
             yield found
         finally:
-            _ip("link", "del", f"{found.name}a")  # it would go with the namespace, but only a little later
+            with network.changing():  # it would go with the namespace, but only a little later
+                _ip("link", "del", f"{found.name}a")
     finally:
         _ip("netns", "del", found.name)
 
