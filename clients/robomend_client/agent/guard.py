@@ -4,7 +4,9 @@ A parent-death signal (prctl) reaches only the process that the agent started, n
 turn, and a process may ignore SIGTERM. The guard hears of the agent's death by the end of its standard input,
 which no kill -9 can prevent, and then ends the groups it was told about:
 
-    +4711       process group 4711 was started
+    ?4711       process group 4711 is about to be started: told by itself, before its program runs
+    ?           that could not be done
+    +4711       it was started
     -4711       it is gone
 
 It imports next to nothing (it starts in 10 ms and holds 8 MB) and touches no group that it was not told
@@ -22,13 +24,17 @@ GRACE_S = 1.0
 def watch() -> set[int]:
     """Return the groups that are left when the agent ends."""
     groups: set[int] = set()
+    begun: set[int] = set()  # at most one: the agent starts one after another
     for line in sys.stdin:
-        number = int(line[1:])
-        if line[0] == "+":
-            groups.add(number)
+        sign, told = line[0], {int(number) for number in line[1:].split()}
+        if sign == "?":
+            begun = told
+        elif sign == "+":
+            begun -= told
+            groups |= told
         else:
-            groups.discard(number)
-    return groups
+            groups -= told
+    return groups | begun
 
 
 def send(groups: set[int], number: int) -> set[int]:

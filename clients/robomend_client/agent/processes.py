@@ -64,6 +64,7 @@ class SupervisedProcess:
         on_change: Callable[[SupervisedProcess], None],
         dies_with_agent: bool = True,
         output: OutputFile | None = None,
+        guard: Callable[[], int | None] = lambda: None,
     ) -> None:
         self.spec = spec
         self.phase = Phase.STOPPED
@@ -73,6 +74,7 @@ class SupervisedProcess:
         self._on_change = on_change
         self._dies_with_agent = dies_with_agent
         self._output = output
+        self._guard = guard
         self._turn = asyncio.Lock()
         self._ready = asyncio.Event()
         self._ended = asyncio.Event()
@@ -204,7 +206,14 @@ class SupervisedProcess:
             output_to = None if self._dies_with_agent else self._output.open()
         try:
             self._hold(
-                spawn(self.spec.command, self.spec.directory, environment, self._dies_with_agent, output_to)
+                spawn(
+                    self.spec.command,
+                    self.spec.directory,
+                    environment,
+                    self._dies_with_agent,
+                    output_to,
+                    self._guard(),
+                )
             )
         finally:
             if output_to is not None:

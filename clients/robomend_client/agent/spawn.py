@@ -12,6 +12,7 @@ import os
 import signal
 import subprocess
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -62,10 +63,13 @@ def spawn(
     environment: Mapping[str, str],
     dies_with_agent: bool,
     output_to: int | None = None,
+    guard: int | None = None,
 ) -> Handle:
     """Start `command`; its output comes back through the handle, unless it is meant to outlive us.
 
-    Then it goes to `output_to`, or nowhere: a pipe would break with the agent.
+    Then it goes to `output_to`, or nowhere: a pipe would break with the agent. `guard` is where guard.py is
+    told of what is to die with the agent: of this process, before its program runs, so that it is known
+    however soon the agent is killed.
     """
     try:
         child = subprocess.Popen(
@@ -80,9 +84,12 @@ def spawn(
             else output_to,
             stderr=subprocess.STDOUT,
             start_new_session=True,
-            preexec_fn=_die_with(os.getpid()) if dies_with_agent else None,
+            preexec_fn=_die_with(os.getpid(), guard) if dies_with_agent else None,
         )
     except (OSError, ValueError, subprocess.SubprocessError) as error:
+        if guard is not None:
+            with suppress(OSError):  # the guard is gone: the supervisor says so
+                os.write(guard, b"?\n")  # or it would end whoever gets this number next
         raise NotStarted(f"{command[0]}: {error}") from error
     output = None
     if child.stdout is not None:
@@ -125,9 +132,14 @@ def boot_id() -> str:
     return Path("/proc/sys/kernel/random/boot_id").read_text().strip()
 
 
-def _die_with(parent: int) -> Callable[[], None]:
+def _die_with(parent: int, guard: int | None) -> Callable[[], None]:
     def in_child() -> None:
         _libc.prctl(PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
+        if guard is not None:
+            signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # of a guard that is gone
+            with suppress(OSError):
+                os.write(guard, b"?%d\n" % os.getpid())
+            signal.signal(signal.SIGPIPE, signal.SIG_DFL)
         if os.getppid() != parent:  # the agent died before prctl: no signal will come
             os._exit(1)
 

@@ -41,7 +41,9 @@ class Supervisor:
     ) -> None:
         environment = dict(os.environ) | {BUS: bus}
         self.processes = {
-            spec.name: SupervisedProcess(spec, environment, self._changed, not keep, _output(spec, state_dir))
+            spec.name: SupervisedProcess(
+                spec, environment, self._changed, not keep, _output(spec, state_dir), self._guard_pipe
+            )
             for spec in specs
         }
         self._booting = {name for name, process in self.processes.items() if process.spec.start}
@@ -144,11 +146,16 @@ class Supervisor:
             self._write_table()
         self._on_change()
 
+    def _guard_pipe(self) -> int | None:
+        """Return where the guard is told, if there is one."""
+        pipe = self._guard.stdin if self._guard is not None else None
+        return None if pipe is None or pipe.closed else pipe.fileno()
+
     def _tell_guard(self, line: str) -> None:
-        if self._guard is None or self._guard.stdin is None:
+        if (pipe := self._guard_pipe()) is None:
             return
         try:
-            os.write(self._guard.stdin.fileno(), line.encode())
+            os.write(pipe, line.encode())
         except OSError as error:
             log.error("the guard is gone (%s): processes get only their parent-death signal", error)
             self._guard = None
