@@ -101,6 +101,8 @@ def read_tree(text: str, *, aliases: bool = False) -> Tree:
             raise YamlError(f"not YAML: character #x{ord(found[0]):02x} is not allowed", line) from error
         if mark is not None and _at(text, mark.line, mark.column) == "\t":
             problem = "a tab; lines are indented with spaces"
+        if "nesting depth" in problem:  # libyaml 0.2.6 reads ahead of our bound up to one of its own
+            raise YamlError(f"nested deeper than {MAX_NESTING}", mark.line + 1 if mark else None) from error
         raise YamlError(f"not YAML: {problem}", mark.line + 1 if mark else None) from error
     except (OverflowError, RecursionError) as error:
         raise YamlError(f"not YAML: {error}") from error

@@ -117,10 +117,19 @@ main(["--version"])
     assert (done.returncode, done.stdout, done.stderr) == (130, b"", b"")
 
 
+@pytest.mark.parametrize("kept_s", [0.0, 0.5])  # from the processor, while it is seen that one was dropped
 @pytest.mark.parametrize("program", ["robomend.cli.main", "robomend_batch.main"])
-def test_an_interrupt_that_comes_inside_a_finalizer_is_not_lost(program: str) -> None:
+def test_an_interrupt_that_comes_inside_a_finalizer_is_not_lost(program: str, kept_s: float) -> None:
     code = f"""
-import signal, sys, time
+import signal, sys, threading, time
+
+start = threading.Thread.start
+
+def slowly(thread):
+    start(thread)
+    time.sleep({kept_s})
+
+threading.Thread.start = slowly
 
 class Dropped:
     def __del__(self):

@@ -47,6 +47,17 @@ def _lost(unraisable: sys.UnraisableHookArgs) -> None:
 
 
 def _interrupt_soon() -> None:
+    main_thread = threading.main_thread().ident
+    assert main_thread is not None  # it has begun
     time.sleep(SOON_S)
-    if (main_thread := threading.main_thread().ident) is not None:
-        signal.pthread_kill(main_thread, signal.SIGINT)
+    while _inside_lost(main_thread):  # kept from the processor: there it would be dropped again, and not told
+        time.sleep(SOON_S)
+    signal.pthread_kill(main_thread, signal.SIGINT)
+
+
+def _inside_lost(thread: int) -> bool:
+    """Return whether a thread is still in `_lost`, or in what that calls."""
+    frame = sys._current_frames().get(thread)
+    while frame is not None and frame.f_code is not _lost.__code__:
+        frame = frame.f_back
+    return frame is not None
