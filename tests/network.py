@@ -8,25 +8,21 @@ from __future__ import annotations
 
 import fcntl
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
 NETWORK, NEXT = Path(__file__), Path(__file__).with_name("other_computer.py")
 """Locks of this checkout: of the network, and of whoever gets it next: pages cannot keep it for ever."""
 
 
-@contextmanager
-def still() -> Iterator[None]:
+def still() -> AbstractContextManager[None]:
     """Nobody changes the network meanwhile; many may want that at a time, but none who changes it."""
-    with _held(fcntl.LOCK_SH):
-        yield
+    return _held(fcntl.LOCK_SH)
 
 
-@contextmanager
-def changing() -> Iterator[None]:
+def changing() -> AbstractContextManager[None]:
     """Nobody needs it to be still meanwhile."""
-    with _held(fcntl.LOCK_EX):
-        yield
+    return _held(fcntl.LOCK_EX)
 
 
 @contextmanager

@@ -16,6 +16,9 @@ from tests.clients.service_double import eventually
 from tests.forked import popen
 
 SLEEPER = [sys.executable, "-c", "import time; time.sleep(1000)"]
+WRITES_PID = "import os, sys, time; open(sys.argv[1], 'w').write(str(os.getpid())); "
+DEAF = "import signal; signal.signal(signal.SIGTERM, signal.SIG_IGN); " + WRITES_PID + "time.sleep(1000)"
+"""The beginning of a program that writes its number into the file given to it; one that ignores SIGTERM."""
 
 
 def config(tmp_path: Path, url: str, processes: dict[str, Any], **more: Any) -> Path:

@@ -12,15 +12,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.clients.running_agent import SLEEPER, agent, alive, config, marked, pid_file
+from tests.clients.running_agent import DEAF, SLEEPER, WRITES_PID, agent, alive, config, marked, pid_file
 from tests.clients.service_double import ServiceDouble, eventually, service_double
 
-WRITES_PID = "import os, sys, time; open(sys.argv[1], 'w').write(str(os.getpid())); "
 FAMILY = (
     WRITES_PID + "import subprocess; "
     "subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(1000)', sys.argv[1]]); time.sleep(1000)"
 )
-DEAF = "import signal; signal.signal(signal.SIGTERM, signal.SIG_IGN); " + WRITES_PID + "time.sleep(1000)"
 
 
 @pytest.fixture

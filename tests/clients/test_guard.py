@@ -11,18 +11,12 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from tests.clients.running_agent import SLEEPER, alive, marked
+from tests.clients.running_agent import DEAF, SLEEPER, alive, marked
 from tests.clients.service_double import eventually
 
 from robomend_client.agent import guard
 from robomend_client.agent.spawn import NotStarted, spawn
 
-DEAF = """
-import pathlib, signal, sys, time
-signal.signal(signal.SIGTERM, signal.SIG_IGN)
-pathlib.Path(sys.argv[1]).touch()
-time.sleep(1000)
-"""
 KILLED_AGENT = """
 import os, pathlib, signal, sys, time
 from robomend_client.agent.spawn import spawn

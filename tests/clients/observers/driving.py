@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from robomend_client.literals import Atom, Literal
-from robomend_client.observers import Change, Driver, Evidence, Rate, ns
+from robomend_client.observers import Change, Driver, Evidence, GeneralObserver, Rate, ns
 
 SCAN = Atom("ok", ("scan",))
 RATE = Rate(window=11, settle=5, silence_s=0.5, check_s=0.1)
+DEMO = Rate(rate_hz=10, tolerance_hz=1, window=11, settle=5, silence_s=0.5, check_s=0.1)
 
 
 class Told:
@@ -54,3 +55,9 @@ def beat(driver: Driver, source: str, first_s: float, count: int, hz: float = 10
         at_ns = ns(first_s + k / hz)
         changes += driver.sample(source, at_ns, now_ns=at_ns)
     return changes
+
+
+def verdict(observer: GeneralObserver, now_s: float) -> bool | None:
+    """Return the sign of the topic's literal, or None if it is unknown."""
+    literals = observer.check(ns(now_s))
+    return literals[0].positive if literals else None
