@@ -261,6 +261,8 @@ def test_the_service_is_measured_beside_a_bare_handler_in_turns(service: Served)
     assert found.errors == 0
     assert len(found.service_ms) == len(found.bare_ms) == 2
     assert min(*found.service_ms, *found.bare_ms) >= 0
+    assert [turn.count for turn in (*found.service_answers, *found.bare_answers)] == [15] * 4
+    assert all(0 < turn.p50_ms <= turn.p99_ms for turn in (*found.service_answers, *found.bare_answers))
 
 
 def test_ctrl_c_while_repairs_act_leaves_no_program_board_or_file(tmp_path: Path) -> None:

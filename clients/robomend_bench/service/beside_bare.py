@@ -1,7 +1,7 @@
-"""Processor time a change, beside that of a bare handler with the same group commit, in turns.
+"""Processor time a change and the time to its answer, beside a bare handler with the same group commit.
 
 On a machine that others use, times of the wall say little; processor time says more, and its ratio in turns
-the most: what slows one down slows down the other.
+the most: what slows one down slows down the other. Times to the answer count from when a change was due.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from robomend_bench.service.fleet import prepare
-from robomend_bench.service.measure import cpu_s
+from robomend_bench.service.measure import Latency, cpu_s
 from robomend_bench.service.process import Served
 from robomend_bench.service.robots import SimulatedRobot, body
 from robomend_bench.service.wire import Connection, connect, follow, request
@@ -28,11 +28,13 @@ ANSWERS_S = 30.0
 
 @dataclass(frozen=True, slots=True)
 class BesideBare:
-    """Milliseconds of the processor a change, in each turn."""
+    """What each turn showed: milliseconds of the processor a change, and times to the acknowledgement."""
 
     asked_per_s: float
     service_ms: tuple[float, ...]
     bare_ms: tuple[float, ...]
+    service_answers: tuple[Latency, ...]
+    bare_answers: tuple[Latency, ...]
     errors: int
 
     @property
@@ -68,6 +70,7 @@ async def run_beside_bare(
     await prepare(served.url, fleet)
     stream = await follow(served.url, lambda _: None)  # diagnoses are published to somebody
     found: dict[bool, list[float]] = {True: [], False: []}
+    answers: dict[bool, list[Latency]] = {True: [], False: []}
     errors = 0
     with bare(database) as (url, pid):
         sides = {True: (served.url, served.pid), False: (url, pid)}
@@ -75,36 +78,44 @@ async def run_beside_bare(
         for turn in range(turns + 1):
             for side in (True, False) if turn % 2 else (False, True):
                 before = cpu_s(sides[side][1])
-                count, bad = await _post(fleet, connections[side], rate_hz, seconds)
+                took_s, bad = await _post(fleet, connections[side], rate_hz, seconds)
                 await asyncio.sleep(0.2)
                 errors += bad
                 if turn:  # the first warms up
-                    found[side].append(1e3 * (cpu_s(sides[side][1]) - before) / max(1, count))
+                    found[side].append(1e3 * (cpu_s(sides[side][1]) - before) / max(1, len(took_s)))
+                    answers[side].append(Latency.of(took_s))
         for each in (*connections[True], *connections[False]):
             each.close()
     stream.close()
-    return BesideBare(robots * rate_hz, tuple(found[True]), tuple(found[False]), errors)
+    times = (found[True], found[False], answers[True], answers[False])
+    return BesideBare(robots * rate_hz, *map(tuple, times), errors=errors)
 
 
 async def _post(
     fleet: list[SimulatedRobot], connections: list[Connection], rate_hz: float, seconds: float
-) -> tuple[int, int]:
-    """Post changes on time; return how many were accepted, and how many not."""
-    answers = {True: 0, False: 0}
+) -> tuple[list[float], int]:
+    """Post changes on time; return after how many seconds each was accepted, and how many were not."""
+    accepted: list[float] = []
+    refused = 0
     every_s = 1 / (rate_hz * len(fleet))
     asked = round(seconds / every_s)
     began = time.perf_counter()
     for number in range(asked):
-        while (left := began + number * every_s - time.perf_counter()) > 0:
+        due = began + number * every_s
+        while (left := due - time.perf_counter()) > 0:
             await asyncio.sleep(left)
         robot = fleet[number % len(fleet)]
         wire = request("POST", robot.path, body(robot.change()))
 
-        def answered(status: int, _: bytes) -> None:
-            answers[status == 200] += 1
+        def answered(status: int, _: bytes, due: float = due) -> None:
+            nonlocal refused
+            if status == 200:
+                accepted.append(time.perf_counter() - due)
+            else:
+                refused += 1
 
         connections[number % len(fleet)].send(wire, answered)
     async with asyncio.timeout(ANSWERS_S):
-        while sum(answers.values()) < asked:
+        while len(accepted) + refused < asked:
             await asyncio.sleep(0.01)
-    return answers[True], answers[False]
+    return accepted, refused

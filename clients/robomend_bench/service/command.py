@@ -34,6 +34,7 @@ PARTS = (
     "overload",
     "growth",
     "beside-bare",
+    "fleet-beside-bare",
 )
 
 

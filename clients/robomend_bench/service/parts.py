@@ -13,7 +13,7 @@ from typing import Any
 import click
 
 from robomend_bench.service.attack import make_keys, run_attack
-from robomend_bench.service.beside_bare import run_beside_bare
+from robomend_bench.service.beside_bare import BesideBare, run_beside_bare
 from robomend_bench.service.durable import run_ndjson, run_posts
 from robomend_bench.service.fleet import FleetResult, prepare, run_fleet, run_single
 from robomend_bench.service.floods import drip, run_floods
@@ -265,25 +265,50 @@ BARE_PER_S = 150.0
 
 
 async def _beside_bare(url: str, process: Served | None, wish: dict[str, Any]) -> Measured:
-    if process is None:
-        raise click.UsageError("part beside-bare needs a service of its own; leave out --url")
-    await asyncio.sleep(WARM_UP_S)
     robots = min(wish["robots"], 100)
+    found = await _in_turns(process, wish, "beside-bare", robots, BARE_PER_S / robots)
+    return asdict(found) | {"ratio": found.ratio}, [_processor_beside_bare(found)]
+
+
+async def _fleet_beside_bare(url: str, process: Served | None, wish: dict[str, Any]) -> Measured:
+    found = await _in_turns(process, wish, "fleet-beside-bare", wish["robots"], wish["rate"])
+    name = f"{wish['robots']} robots, {found.asked_per_s:g} changes/s, to the acknowledgement"
+    rows = [_processor_beside_bare(found)]
+    for what, goal in (("p50_ms", "×1.5"), ("p99_ms", "×1.3")):
+        service, bare = (
+            [getattr(turn, what) for turn in turns] for turns in (found.service_answers, found.bare_answers)
+        )
+        ratio = statistics.median(s / b for s, b in zip(service, bare, strict=True))
+        middle = f"{statistics.median(service):.1f} and {statistics.median(bare):.1f} ms: ×{ratio:.2f}"
+        rows.append((f"{name}, {what[:3]}: the service, and a bare handler", middle, goal))
+    return asdict(found), rows
+
+
+async def _in_turns(
+    process: Served | None, wish: dict[str, Any], part: str, robots: int, rate_hz: float
+) -> BesideBare:
+    if process is None:
+        raise click.UsageError(f"part {part} needs a service of its own; leave out --url")
+    await asyncio.sleep(WARM_UP_S)
     found = await run_beside_bare(
         process,
         robots=robots,
-        rate_hz=BARE_PER_S / robots,
+        rate_hz=rate_hz,
         seconds=min(wish["seconds"], 60.0) / BARE_TURNS,
         turns=BARE_TURNS,
         seed=wish["seed"],
         database=wish["database"] or "",
     )
     if not all(found.bare_ms):
-        raise click.UsageError("part beside-bare needs more --seconds: a turn took no tick of the processor")
+        raise click.UsageError(f"part {part} needs more --seconds: a turn took no tick of the processor")
+    return found
+
+
+def _processor_beside_bare(found: BesideBare) -> tuple[str, str, str]:
     service, bare = (statistics.median(times) for times in (found.service_ms, found.bare_ms))
     shown = f"{service:.2f} and {bare:.2f} ms: ×{found.ratio:.2f} ({found.errors} errors)"
     name = f"processor time a change at {found.asked_per_s:g}/s: the service, and a bare handler"
-    return asdict(found) | {"ratio": found.ratio}, [(name, shown, "×1.5; PostgreSQL ×2")]
+    return name, shown, "×1.5; PostgreSQL ×2"
 
 
 STOP_ROBOTS = 4
@@ -328,4 +353,5 @@ MEASURES: dict[str, Measure] = {
     "overload": _overload,
     "growth": _growth,
     "beside-bare": _beside_bare,
+    "fleet-beside-bare": _fleet_beside_bare,
 }
