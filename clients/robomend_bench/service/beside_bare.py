@@ -87,8 +87,12 @@ async def run_beside_bare(
         for each in (*connections[True], *connections[False]):
             each.close()
     stream.close()
-    times = (found[True], found[False], answers[True], answers[False])
-    return BesideBare(robots * rate_hz, *map(tuple, times), errors=errors)
+    return BesideBare(
+        robots * rate_hz,
+        *(tuple(found[True]), tuple(found[False])),
+        *(tuple(answers[True]), tuple(answers[False])),
+        errors=errors,
+    )
 
 
 async def _post(
