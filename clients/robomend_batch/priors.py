@@ -23,7 +23,7 @@ from pathlib import Path
 from statistics import NormalDist
 
 from robomend.errors import InputError
-from robomend_batch.logs.export import ExportEnd, export_rows
+from robomend_batch.logs.export import ExportEnd, batch_rows
 from robomend_batch.logs.text import Line, csv_lines, ndjson_lines
 from robomend_client.observers.base import SECOND
 
@@ -89,11 +89,11 @@ def of_export(file: Path) -> Confirmed:
     days: set[str] = set()
     faults: dict[str, set[str]] = {}
     end = ExportEnd()
-    for _, table, row in export_rows(file, frozenset({"observations", "tried"}), end):
+    for _, batch, row in batch_rows(file, frozenset({"tried"}), end):
         day = f"{row['robot']} {row['time_ns'] // DAY_NS}"
         days.add(day)
         # A drill's fault was planted: it says nothing of how often a component breaks.
-        if table == "tried" and row["helped"] and json.loads(row["data"]).get("drill") is None:
+        if batch is None and row["helped"] and json.loads(row["data"]).get("drill") is None:
             for component in json.loads(row["bad"]):
                 faults.setdefault(component, set()).add(day)
     if not end.whole:

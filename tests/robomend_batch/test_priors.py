@@ -88,7 +88,7 @@ def test_what_was_observed_during_a_drill_is_no_fault_of_the_robot(history: Path
 
 def test_a_history_that_is_cut_off_is_diagnosed_up_to_there(history: Path, tmp_path: Path) -> None:
     lines = history.read_text().splitlines(keepends=True)
-    at = next(number for number, line in enumerate(lines) if '"observations"' in line)
+    at = next(number for number, line in enumerate(lines) if '"table":"events"' in line)
     cut = tmp_path / "cut.ndjson"
     cut.write_text("".join(lines[: at + 1]) + lines[at + 1][:40])
     assert batch_run(tmp_path / "out", cut) == 2

@@ -90,17 +90,23 @@ def wide_parquet(file: Path) -> None:
     pl.DataFrame(table).write_parquet(file, row_group_size=150)
 
 
-def history(file: Path) -> None:
+def history(file: Path, table: str = "events", text: str = "batch") -> None:
     """As `robomend export` writes it."""
-    lines: list[dict[str, Any]] = [{"robomend_export": 1, "schema": "0007"}]
+    lines: list[dict[str, Any]] = [{"robomend_export": 1, "schema": "0009"}]
+    lines.append({"table": table, "row": {"robot": "r1", text: None, "kind": "robot"}})
     for number, (time_ns, said, lifetime_s) in enumerate(rows(500)):
         predicate, _, name = said.removeprefix("not ").removesuffix(")").partition("(")
         expires_ns = None if lifetime_s is None else time_ns + round(lifetime_s * SECOND)
         entry = [predicate, [name], not said.startswith("not"), "", time_ns, expires_ns]
-        row = {"robot": f"r{number % 2}", "data": json.dumps({"e": [entry]})}
-        lines.append({"table": "observations", "row": row})
-    lines.append({"end": True, "rows": 500})
+        row = {"robot": f"r{number % 2}", text: json.dumps({"e": [entry]})}
+        lines.append({"table": table, "row": row})
+    lines.append({"end": True, "rows": 501})
     file.write_text("".join(json.dumps(line) + "\n" for line in lines))
+
+
+def old_history(file: Path) -> None:
+    """As it was written up to schema 0008."""
+    history(file, "observations", "data")
 
 
 def agents(file: Path) -> None:
@@ -164,6 +170,7 @@ LOGS: dict[str, Callable[[Path], None]] = {
     "long.parquet": long_parquet,
     "wide.parquet": wide_parquet,
     "history.ndjson": history,
+    "old_history.ndjson": old_history,
     "agent.jsonl": agents,
     "whole.bag": recording,
     "whole.db3": recording,
@@ -244,10 +251,12 @@ def test_what_is_done_is_not_read_again(tmp_path: Path, monkeypatch: pytest.Monk
     assert read == 600
 
 
-@pytest.mark.parametrize("key", ["robot", "data"])
-def test_a_row_of_a_history_that_lacks_something_is_refused_with_its_line(key: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("write", "key"), [(history, "robot"), (history, "batch"), (old_history, "data")])
+def test_a_row_of_a_history_that_lacks_something_is_refused_with_its_line(
+    write: Callable[[Path], None], key: str, tmp_path: Path
+) -> None:
     log = tmp_path / "history.ndjson"
-    history(log)
+    write(log)
     lines = log.read_text().splitlines(keepends=True)
     lines[7] = lines[7].replace(f'"{key}"', '"x"')
     log.write_text("".join(lines))

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from robomend.api.views import accepted_response
 from robomend.errors import ObservationError
-from robomend.robots.batches import Acknowledged, told
+from robomend.robots.batches import Acknowledged
+from robomend.store.batch_text import told
 from robomend_client.literals import Atom
 
 TEXTS = st.lists(st.text(), max_size=3)

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from sqlalchemy import select
 
 from robomend.entry import Entry
 from robomend.store import Store, Transaction, View, journal, models, observations, robots, schema
 from robomend.store.records import Intent
-from robomend_client.events import Kind
 from robomend_client.literals import Atom, Literal
 
 
@@ -52,16 +49,8 @@ async def with_robots(store: Store, *names: str) -> None:
 
 
 async def observe(store: Store, robot: str, *entries: Entry, expected: int | None = None) -> int:
-    """Accept a batch, with its event, and return the revision."""
-
-    def accept(tx: Transaction) -> int:
-        revision = observations.observe(tx, robot, accepted=entries, changed=entries, expected=expected)
-        tx.emit(Kind.OBSERVATIONS, robot, {"revision": revision, "changed": texts(entries)})
-        return revision
-
-    return await store.write(accept, robots=(robot,))
-
-
-def texts(entries: Sequence[Entry]) -> list[str]:
-    """Return the literals as they are written."""
-    return [str(e.atom) if e.positive else f"not {e.atom}" for e in entries]
+    """Accept a batch, and return the revision."""
+    return await store.write(
+        lambda tx: observations.observe(tx, robot, accepted=entries, changed=entries, expected=expected),
+        robots=(robot,),
+    )

@@ -20,7 +20,6 @@ from tests.store.examples import entry, with_robots
 from robomend.errors import Fenced
 from robomend.store import Store, Transaction, journal, observations, repairs, robots
 from robomend.store.records import IdempotencyKey
-from robomend_client.events import Kind
 
 WRITERS = 16
 ROBOTS = tuple(f"w{number}" for number in range(8))
@@ -55,9 +54,7 @@ def accept(robot: str, marker: str) -> Callable[[Transaction], int]:
 
     def change(tx: Transaction) -> int:
         entries = [entry(marker)]
-        revision = observations.observe(tx, robot, accepted=entries, changed=[entry("last", source=marker)])
-        tx.emit(Kind.OBSERVATIONS, robot, {"marker": marker})
-        return revision
+        return observations.observe(tx, robot, accepted=entries, changed=[entry("last", source=marker)])
 
     return change
 

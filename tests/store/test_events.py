@@ -7,9 +7,10 @@ from functools import partial
 from typing import Any
 
 import pytest
+from tests.store.examples import entry, with_robots
 from tests.waiting import eventually
 
-from robomend.store import Store, Transaction, View, events
+from robomend.store import Store, Transaction, View, diagnoses, events, observations
 from robomend.store.records import EventRange
 from robomend.store.tail import Tail
 from robomend_client.events import Event, Kind
@@ -190,3 +191,25 @@ async def test_a_commit_is_not_under_way_any_more_when_it_is_told(store: Store) 
     await emit(store, "a")
     assert seen  # the instance may have written something of its own as well
     assert not any(seen)
+
+
+async def test_a_page_may_end_between_the_two_events_of_a_change(store: Store) -> None:
+    await with_robots(store, "r1")
+
+    def change(tx: Transaction) -> None:
+        revision = observations.observe(tx, "r1", accepted=[entry("scan")], changed=[entry("scan")])
+        diagnoses.record(tx, "r1", revision, {"revision": revision})
+
+    for _ in range(2):
+        await store.write(change)
+    whole = await store.read(events.after, 0)
+    assert [(event.id, event.kind, event.data["revision"]) for event in whole] == [
+        (1, Kind.OBSERVATIONS, 1),
+        (2, Kind.DIAGNOSIS, 1),
+        (3, Kind.OBSERVATIONS, 2),
+        (4, Kind.DIAGNOSIS, 2),
+    ]
+    for robot in (None, "r1"):
+        for first in range(4):
+            assert await store.read(events.after, first, robot=robot, limit=1) == whole[first : first + 1]
+            assert await store.read(events.after, first, robot=robot, limit=2) == whole[first : first + 2]

@@ -164,7 +164,7 @@ async def fill(store: Store, url: str) -> None:
                 " RAISE EXCEPTION 'could not extend file: No space left on device' USING ERRCODE = '53100';"
                 " END $$"
             )
-            admin.execute("CREATE TRIGGER t BEFORE INSERT ON observations EXECUTE FUNCTION full_disk()")
+            admin.execute("CREATE TRIGGER t BEFORE INSERT ON events EXECUTE FUNCTION full_disk()")
 
 
 async def make_room(store: Store, url: str) -> None:
@@ -177,7 +177,7 @@ async def make_room(store: Store, url: str) -> None:
         await store.write(more_pages)
     else:
         with psycopg.connect(url, autocommit=True) as admin:
-            admin.execute("DROP TRIGGER t ON observations")
+            admin.execute("DROP TRIGGER t ON events")
 
 
 async def test_a_full_disk_refuses_writes_and_reading_goes_on(

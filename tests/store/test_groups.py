@@ -13,9 +13,8 @@ from hypothesis import strategies as st
 from tests.store.examples import entry, with_robots
 
 from robomend.entry import Entry
-from robomend.store import Store, Transaction, View, diagnoses, events, observations
+from robomend.store import Store, Transaction, View, diagnoses, events, observations, robots
 from robomend.store.records import IdempotencyKey, StoredAssertion
-from robomend_client.events import Kind
 from robomend_client.literals import Literal
 
 pytestmark = pytest.mark.anyio
@@ -55,15 +54,15 @@ class Oracle:
 
     def apply(self, change: Change) -> int:
         for step in change.steps:
-            if step.what == "observe":
+            if step.what in {"observe", "forget", "assert"}:
                 self.revision += 1
-                self.obs[step.name] = step.positive
+            if step.what != "read":
                 self.emitted += 1
+            if step.what == "observe":
+                self.obs[step.name] = step.positive
             elif step.what == "forget":
-                self.revision += 1
                 self.obs.pop(step.name, None)
             elif step.what == "assert":
-                self.revision += 1
                 self.assertions.add(step.name)
             elif step.what == "diagnose":
                 self.diagnoses.append(self.revision)
@@ -95,13 +94,12 @@ def run(tx: Transaction, robot: str, change: Change) -> int:
         if step.what == "observe":
             entries = [Entry(Literal(atom, step.positive), "test", 1)]
             observations.observe(tx, robot, accepted=entries, changed=entries)
-            tx.emit(Kind.OBSERVATIONS, robot, {})
         elif step.what == "forget":
             observations.observe(tx, robot, forgotten=[atom])
         elif step.what == "assert":
             observations.observe(tx, robot, asserted=[StoredAssertion(step.name, "true", "test", 1)])
         elif step.what == "read":
-            observations.obs(tx, robot)
+            robots.page(tx)
         elif step.what == "diagnose":
             diagnoses.record(tx, robot, observations.revision(tx, robot), {})
     if change.fails:

@@ -6,7 +6,6 @@ import re
 from functools import partial
 
 import pytest
-from sqlalchemy import select
 from tests.store.examples import entry, observe, with_robots
 from tests.store.test_results import announce, kept
 
@@ -110,5 +109,5 @@ async def test_a_robot_that_is_deleted_is_not_known_any_more(store: Store) -> No
     await store.write(lambda tx: tx.change(gone))
     with pytest.raises(Exception, match="no robot 'r1'"):
         await observe(store, "r1", entry("scan"))
-    rows = await store.read(lambda view: view.rows(select(schema.observations)))
-    assert [row.revision for row in rows] == [1]
+    kept = await store.read(observations.history, "r1")
+    assert [batch.revision for batch in kept.items] == [1]

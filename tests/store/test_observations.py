@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import pytest
+from sqlalchemy import select
 from tests.store.examples import entry, observe, with_robots
 
 from robomend.errors import InputError, NotFound, RobomendError, StateConflict
-from robomend.store import Store, Transaction, audit, diagnoses, events, observations, robots
+from robomend.store import Store, Transaction, View, audit, diagnoses, events, observations, robots, schema
 from robomend.store.records import AuditEntry, IdempotencyKey, Paging, StoredAssertion, StoredBatch
 from robomend_client.events import Kind
 from robomend_client.literals import Atom, Literal
@@ -133,7 +134,7 @@ async def test_a_change_that_fails_takes_nobody_with_it_and_leaves_nothing(store
     def created_and_used(tx: Transaction) -> int:
         robots.put(tx, "r9", {}, expected=None)
         observations.observe(tx, "r9", changed=[entry("good")])
-        return len(observations.obs(tx, "r9").entries)
+        return observations.revision(tx, "r9")
 
     changes = [good, raises_late, no_such_robot, good, too_large, bad_text, created_and_used, good]
     results = await asyncio.gather(*(store.write(c) for c in changes), return_exceptions=True)
@@ -149,7 +150,7 @@ async def test_a_change_that_fails_takes_nobody_with_it_and_leaves_nothing(store
     ]
     obs = await store.read(observations.obs, "r1")
     assert [e.atom.args for e in obs.entries] == [("good",)]
-    assert await store.read(events.after, 0) == ()
+    assert [event.kind for event in await store.read(events.after, 0)] == [Kind.OBSERVATIONS] * 4
     assert (await store.read(audit.page)).items == ()
     with pytest.raises(NotFound):
         await store.read(robots.get, "half")
@@ -163,8 +164,8 @@ async def test_a_row_that_the_database_refuses_fails_alone(store: Store) -> None
         observations.observe(tx, "r2", changed=[entry("x", source=object())])  # type: ignore[arg-type]  # on purpose
 
     def sneaky(tx: Transaction) -> None:
-        diagnoses.record(tx, "r2", 1, {}, model_version="v")
-        tx._own.diagnoses[-1]["revision"] = object()  # type: ignore[attr-defined]  # no method lets this pass
+        diagnoses.record(tx, "r2", 1, {})
+        tx.waiting.log[-1].revision = object()  # type: ignore[assignment]  # no method lets this pass
 
     good = [observe(store, "r1", entry("a")), observe(store, "r1")]
     calls = [good[0], store.write(culprit), store.write(sneaky), good[1]]
@@ -223,7 +224,7 @@ async def test_diagnoses_are_kept_with_the_revision_they_explain(store: Store) -
 
     async def diagnose(revision: int, *bad: str) -> None:
         result = {"diagnoses": [{"bad": list(bad)}]}
-        await store.write(lambda tx: diagnoses.record(tx, "r1", revision, result, model_version="v1"))
+        await store.write(lambda tx: diagnoses.record(tx, "r1", revision, result))
 
     await diagnose(1, "jaguar")
     await diagnose(4)
@@ -240,11 +241,22 @@ async def test_a_change_sees_its_own_writes_and_those_before_it_in_the_group(sto
     await with_robots(store, "r1")
 
     def write_then_read(tx: Transaction) -> tuple[int, int, int]:
-        revision = observations.observe(tx, "r1", accepted=[entry("a")], changed=[entry("a")])
-        return revision, observations.revision(tx, "r1"), len(observations.history(tx, "r1").items)
+        night = StoredAssertion("night", "ok(scan)", "ada", 5)
+        revision = observations.observe(tx, "r1", accepted=[entry("a")], asserted=[night])
+        kept = tx.rows(select(schema.assertions))
+        return revision, observations.revision(tx, "r1"), len(kept)
 
     calls = [observe(store, "r1", entry("b")), store.write(write_then_read), observe(store, "r1", entry("c"))]
-    assert await asyncio.gather(*calls) == [1, (2, 2, 2), 3]
+    assert await asyncio.gather(*calls) == [1, (2, 2, 1), 3]
+
+
+@pytest.mark.parametrize("read", [observations.obs, observations.history, diagnoses.page, robots.newest])
+async def test_a_change_is_not_told_of_a_log_that_lacks_what_it_wrote(
+    store: Store, read: Callable[[View, str], object]
+) -> None:
+    await with_robots(store, "r1")
+    with pytest.raises(RuntimeError, match="written at the end of a group"):
+        await store.write(lambda tx: read(tx, "r1"))
 
 
 async def test_a_cancelled_caller_takes_nothing_back(store: Store) -> None:

@@ -52,8 +52,9 @@ async def with_everything(store: Store) -> None:
 
     def fill(tx: Transaction) -> None:
         observations.observe(tx, "r1", asserted=[StoredAssertion("night", "ok(x) or ok(y)", "ada", 1)])
-        diagnoses.record(tx, "r1", 1, {"diagnoses": []})
         diagnoses.record(tx, "r1", 2, Encoded.around({"a": 1, "b": 2}, '{"a":1,', Common('"b":2'), "}"))
+        diagnoses.record(tx, "r1", 1, {"diagnoses": []})
+        tx.bring_up("r1")
         repair = repairs.create(tx, "r1", state="running", data={"é": "∪"}, fence=fence).id
         repairs.ask(tx, repair, "cancel", by="ada", reason="")
         repairs.put_step(tx, repair, 0, state="done", data={}, fence=fence)
@@ -101,7 +102,12 @@ async def test_an_export_holds_everything_and_comes_back_on_either_kind(
     assert await other.ownership.acquire("r1") is not None
     assert (await other.read(owner, "r1"))[1] == 2
     assert await observe(other, "r1", entry("scan")) == 3
-    assert [e.id for e in await other.read(events.after, 0)] == [1, 2]
+    assert [e.id for e in await other.read(events.after, 0)] == [1, 2, 3, 4, 5]
+    assert [batch.revision for batch in (await other.read(observations.history, "r1")).items] == [3, 2, 1]
+    assert {e.atom.args[0]: e.positive for e in (await other.read(observations.obs, "r1")).entries} == {
+        "scan": True,
+        "odom": False,
+    }
     await other.close()
 
 

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import asyncio
 import time
+from dataclasses import replace
 
 import pytest
 from tests.store.examples import entry, intents, observe, with_robots
 
 from robomend.store import Store, Transaction, diagnoses, events, journal, observations, pruning, repairs
 from robomend.store.pruning import Keys, Pace, prune
-from robomend.store.records import AuditEntry, EventRange, IdempotencyKey, Pruned, Retention
+from robomend.store.records import AuditEntry, EventRange, IdempotencyKey, Paging, Pruned, Retention
+from robomend_client.events import Kind
 
 pytestmark = pytest.mark.anyio
 
@@ -40,9 +42,9 @@ async def test_what_is_old_goes_and_what_is_young_stays(
 
         await store.write(rest)
     pruned = await prune(store, EVERYTHING, slice=2)
-    assert (pruned.observations, pruned.events, pruned.diagnoses, pruned.audit) == (3, 3, 3, 3)
+    assert (pruned.observations, pruned.events, pruned.diagnoses, pruned.audit) == (3, 0, 3, 3)
     assert [b.revision for b in (await store.read(observations.history, "r1")).items] == [4]
-    assert await store.read(events.kept) == EventRange(4, 4)
+    assert await store.read(events.kept) == EventRange(7, 8)
     assert len((await store.read(observations.obs, "r1")).entries) == 1
     assert await prune(store, EVERYTHING) == Pruned()
 
@@ -81,8 +83,79 @@ async def test_a_log_is_cut_from_its_beginning_only(store: Store, monkeypatch: p
     for days_ago in (5, 0, 3, 0):
         at(monkeypatch, days_ago)
         await observe(store, "r1", entry("scan"))
-    assert (await prune(store, EVERYTHING)).events == 1
+    assert (await prune(store, EVERYTHING)).observations == 1
     assert await store.read(events.kept) == EventRange(2, 4)
+
+
+async def test_obs_outlives_the_batches_that_made_it(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    at(monkeypatch, 5)
+    await with_robots(store, "r1", "r2")
+    for name in ("scan", "odom", "map"):
+        await observe(store, "r1", entry(name))
+    await observe(store, "r2", entry("scan"))
+    at(monkeypatch, 0)
+    await observe(store, "r2", entry("odom"))
+    before = await store.read(lambda db: [observations.obs(db, robot) for robot in ("r1", "r2")])
+    assert (await prune(store, EVERYTHING)).observations == 4
+    assert before == await store.read(lambda db: [observations.obs(db, robot) for robot in ("r1", "r2")])
+    assert await observe(store, "r1", entry("late")) == 4
+    assert await store.read(events.kept) == EventRange(5, 6)
+
+
+async def test_an_id_is_not_given_twice_though_its_row_is_gone(store: Store, second: Store) -> None:
+    await with_robots(store, "r1")
+    await observe(store, "r1", entry("scan"))
+    await store.write(lambda tx: tx.emit(Kind.ROBOT, "r1", {}))
+    await prune(store, replace(EVERYTHING, events_days=-1, observations_days=-1))
+    assert await store.read(events.kept) == EventRange(3, 2)
+    assert await store.read(events.after, 0) == ()
+    await observe(second, "r1", entry("odom"))
+    assert [event.id for event in await store.read(events.after, 0)] == [3]
+
+
+async def test_a_history_may_be_longer_than_the_log_of_events(
+    store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    await with_robots(store, "r1")
+    for days_ago in (5, 3, 0):
+        at(monkeypatch, days_ago)
+
+        def change(tx: Transaction) -> None:
+            revision = observations.observe(tx, "r1", accepted=[entry("scan")], changed=[entry("scan")])
+            diagnoses.record(tx, "r1", revision, {"revision": revision})
+            tx.emit(Kind.ROBOT, "r1", {})
+
+        await store.write(change)
+    pruned = await prune(store, replace(EVERYTHING, events_days=1, observations_days=4, diagnoses_days=2))
+    assert (pruned.observations, pruned.diagnoses, pruned.events) == (1, 0, 2)
+    assert await store.read(events.kept) == EventRange(7, 9)
+    assert [event.id for event in await store.read(events.after, 0)] == [7, 8, 9]
+    assert [event.id for event in await store.read(events.after, 0, robot="r1")] == [7, 8, 9]
+    assert [batch.revision for batch in (await store.read(observations.history, "r1")).items] == [3, 2]
+    assert [one.revision for one in (await store.read(diagnoses.page, "r1")).items] == [3, 2]
+
+
+async def test_what_was_the_latest_diagnosis_goes_once_it_is_not(
+    store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    await with_robots(store, "r1")
+
+    async def diagnose(days_ago: float, revision: int) -> None:
+        at(monkeypatch, days_ago)
+        await store.write(lambda tx: diagnoses.record(tx, "r1", revision, {}))
+        await store.write(lambda tx: tx.emit(Kind.ROBOT, None, {}))  # something behind it
+
+    async def pruned(days_ago: float) -> list[int]:
+        at(monkeypatch, days_ago)
+        await prune(store, EVERYTHING)
+        return [one.revision for one in (await store.read(diagnoses.page, "r1", Paging(limit=9))).items]
+
+    await diagnose(9, 1)
+    assert await pruned(7) == [1]
+    await diagnose(6.5, 2)
+    assert await pruned(6) == [2, 1]  # which nothing looks for before the next of the robot is old
+    await diagnose(4, 3)
+    assert await pruned(2.5) == [3]
 
 
 async def test_nothing_goes_that_is_kept_for_ever(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,7 +15,7 @@ from robomend.store import Store, agent_actions, api_keys, global_stop, journal,
 from robomend.store.database import Database
 from robomend.store.portable import export, load
 
-OLDER = ("0001", "0002", "0003", "0005", "0006", "0007")
+OLDER = ("0001", "0002", "0003", "0005", "0006", "0007", "0008")
 
 
 def differences(connection: Connection) -> list[object]:
@@ -40,6 +40,35 @@ def everything(database: Database) -> dict[str, list[dict[str, Any]]]:
         }
 
 
+def check_log(before: dict[str, list[dict[str, Any]]], after: dict[str, list[dict[str, Any]]]) -> None:
+    """Check that one log has what were three; from the cut on its events are what they were."""
+
+    def those(rows: list[dict[str, Any]], *keys: str) -> list[tuple[Any, ...]]:
+        return sorted((tuple(row[key] for key in keys) for row in rows), key=str)
+
+    log, same = after["events"], ("robot", "revision", "time_ns")
+    batches = [row for row in log if row["batch"] is not None]
+    assert those(batches, *same, "batch") == those(before["observations"], *same, "data")
+    diagnosed = [row for row in log if row["kind"] == "diagnosis"]
+    assert those(diagnosed, *same, "data") == those(before["diagnoses"], *same, "result")
+    for kept, common in zip(those(diagnosed, *same), those(before["diagnoses"], *same), strict=True):
+        assert kept == common
+    [cut] = [row["value"] for row in after["counters"] if row["name"] == "events-cut"]
+    after["counters"] = [row for row in after["counters"] if row["name"] != "events-cut"]
+    told, as_it_was = ("id", "time_ns", "kind", "robot"), those(before["events"], "id")
+    events = [row for row in log if row["id"] > cut]
+    assert those(events, *told) == those(before["events"], *told)
+    assert not as_it_was or min(as_it_was)[0] == cut + 1
+    others = [row for row in before["events"] if row["kind"] != "diagnosis"]
+    assert those([row for row in events if row["kind"] != "diagnosis"], *told, "data") == those(
+        others, *told, "data"
+    )
+    of_robot: dict[str, list[int]] = {}
+    for row in sorted(batches, key=lambda row: row["id"]):
+        of_robot.setdefault(row["robot"], []).append(row["revision"])
+    assert all(of_robot[robot] == sorted(of_robot[robot]) for robot in of_robot.keys() & {"r8", "r9"})
+
+
 @pytest.mark.parametrize("version", OLDER)
 def test_an_older_database_is_brought_up_to_date_and_nothing_is_lost(url: str, version: str) -> None:
     lay(url, version)
@@ -49,10 +78,12 @@ def test_an_older_database_is_brought_up_to_date_and_nothing_is_lost(url: str, v
     database.prepare()
     after = everything(database)
     assert after.pop("alembic_version") == [{"version_num": schema.HEAD}]
-    for name in before.keys() - {"alembic_version"}:
+    check_log(before, after)
+    for name in before.keys() - {"alembic_version", "observations", "diagnoses", "events"}:
         known = before[name][0].keys()
         assert [{key: row[key] for key in known} for row in after[name]] == before[name], name
-        assert all(row[key] is None for row in after[name] for key in row.keys() - known), name
+    assert all(row["folded"] == row["revision"] for row in after["robot_state"])
+    assert all(row["revision"] == 0 for row in after["obs"])
     with database.reading() as connection:
         assert differences(connection) == []
     database.dispose()
@@ -154,4 +185,5 @@ def test_every_file_of_the_migrations_is_in_the_package() -> None:
         "0006_results.py",
         "0007_batch_jobs.py",
         "0008_start_ups.py",
+        "0009_one_log.py",
     ]

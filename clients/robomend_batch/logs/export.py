@@ -1,13 +1,13 @@
 """The service's own history: the observations in a file of `robomend export`, each robot a log of its own.
 
-    {"robomend_export": 1, "schema": "0003"}
-    {"table": "observations", "row": {"robot": "r1", "revision": 7, "time_ns": …, "data": "{\"e\": […]}"}}
+    {"robomend_export": 1, "schema": "0009"}
+    {"table": "events", "row": {"robot": "r1", "revision": 7, "time_ns": …, "batch": "{\"e\": […]}", …}}
     …
     {"end": true, "rows": 4711}
 
 What was observed while a drill was open is left out: its fault was planted. The rows are those of the store
-(robomend.store.portable, and encoding.py for `data`); the store itself is not imported, as that would need a
-database's libraries.
+(robomend.store.portable, and batch_text.py for `batch`); the store itself is not imported, as that would need
+a database's libraries. Up to schema 0008 batches were rows of `observations`, with their text in `data`.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from robomend_client.literals import Atom, Literal
 
 MAGIC = b'{"robomend_expor'
 FORMAT = 1
+_WITH_BATCHES = frozenset({"observations", "events"})
 
 
 @dataclass
@@ -70,6 +71,26 @@ def export_rows(
                 raise LogRefused(f"no line of an export: {error!r}", place) from error
 
 
+def batch_rows(
+    path: Path, tables: frozenset[str], end: ExportEnd, begun: Lines | None = None
+) -> Iterator[tuple[str, str | None, dict[str, Any]]]:
+    """Yield place, text and row of each batch, and those of other tables with None for the text.
+
+    Raises:
+        LogRefused: as `export_rows`.
+    """
+    for place, table, row in export_rows(path, tables | _WITH_BATCHES, end, begun):
+        if table in tables:
+            yield place, None, row
+            continue
+        try:
+            text = row["data" if table == "observations" else "batch"]
+        except KeyError as error:
+            raise LogRefused(f"no batch of observations: {error!r}", place) from error
+        if text is not None:
+            yield place, str(text), row
+
+
 def drilled_spans(path: Path) -> dict[str, list[tuple[int, float]]]:
     """Return from and until which nanosecond each robot had drills; they come after what is observed."""
     found: dict[str, list[tuple[int, float]]] = {}
@@ -92,11 +113,11 @@ def read_export(path: Path, opened: Opened) -> Blocks:
     size = max(1, path.stat().st_size)
     end = ExportEnd()
     rows = 0
-    for place, _, row in export_rows(path, frozenset({"observations"}), end, lines):
+    for place, text, row in batch_rows(path, frozenset(), end, lines):
         try:
-            robot, entries = _entries(row)
+            robot, entries = str(row["robot"]), _entries(text or "")
         except (ValueError, KeyError, TypeError) as error:
-            raise LogRefused(f"no row of observations: {error!r}", place) from error
+            raise LogRefused(f"no batch of observations: {error!r}", place) from error
         if robot not in gathered and len(gathered) >= MOST_LOGS:
             raise LogRefused(f"more than {MOST_LOGS} robots", place)
         words, into = opened.words(robot), gathered.setdefault(robot, Gathered())
@@ -116,14 +137,14 @@ def read_export(path: Path, opened: Opened) -> Blocks:
         opened.ended_early = True
 
 
-def _entries(row: dict[str, Any]) -> tuple[str, list[tuple[Literal, int, int]]]:
-    """Return the robot of a row, and its literals with their times and when they expire."""
+def _entries(batch: str) -> list[tuple[Literal, int, int]]:
+    """Return the literals of a batch with their times and when they expire."""
     found = []
-    for predicate, arguments, positive, _, time_ns, *rest in json.loads(row["data"])["e"]:
+    for predicate, arguments, positive, _, time_ns, *rest in json.loads(batch)["e"]:
         expires_ns = rest[0] if rest and rest[0] is not None else FOREVER
         literal = Literal(Atom(str(predicate), tuple(map(str, arguments))), bool(positive))
         found.append((literal, _ns(time_ns), _ns(expires_ns)))
-    return str(row["robot"]), found
+    return found
 
 
 def _ns(value: object) -> int:

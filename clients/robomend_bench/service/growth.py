@@ -82,7 +82,7 @@ def _sizes(path: Path) -> tuple[int, dict[str, int], int]:
         database.execute("PRAGMA wal_checkpoint(TRUNCATE)")
         [pages] = database.execute("PRAGMA page_count").fetchone()
         [size] = database.execute("PRAGMA page_size").fetchone()
-        [batches] = database.execute("SELECT count(*) FROM observations").fetchone()
+        [batches] = database.execute("SELECT count(*) FROM events WHERE batch IS NOT NULL").fetchone()
         of_index = dict(database.execute("SELECT name, tbl_name FROM sqlite_master"))
         tables: dict[str, int] = {}
         try:

@@ -7,9 +7,8 @@ Each is another type because it means something else; nothing is copied from one
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from json.encoder import encode_basestring_ascii
 
 import structlog
 
@@ -26,7 +25,6 @@ from robomend.robots.configuration import RobotConfig
 from robomend.robots.evidence import Dating
 from robomend.robots.readers import Readers
 from robomend.settings import Settings
-from robomend.store.encoding import Encoded
 from robomend.store.records import StoredAssertion, StoredModel
 from robomend.turns import Turns
 from robomend_client.literals import Atom
@@ -243,12 +241,3 @@ async def stored_assertion(
     except ObservationError as error:
         log.warning("assertion set aside", robot=robot, assertion=record.name, detail=str(error))
         return None
-
-
-def told(revision: int, changed: list[str], forgotten: Iterable[Atom], accepted_ns: int) -> Encoded:
-    """Return the event of a batch. The encoder would take several times as long for its text."""
-    atoms = [*map(str, forgotten)]
-    event = {"revision": revision, "changed": changed, "forgotten": atoms, "accepted_ns": accepted_ns}
-    new, gone = ",".join(map(encode_basestring_ascii, changed)), ",".join(map(encode_basestring_ascii, atoms))
-    text = f'"revision":{revision},"changed":[{new}],"forgotten":[{gone}],"accepted_ns":{accepted_ns}'
-    return Encoded(event, f"{{{text}}}")

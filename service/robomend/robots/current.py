@@ -12,7 +12,6 @@ from robomend.robots.diagnoser import Diagnosed
 from robomend.store import Transaction, diagnoses
 from robomend.store.encoding import Common, Encoded, to_json
 from robomend.store.records import StoredDiagnosis
-from robomend_client.events import Kind
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,9 +74,7 @@ class Current:
 
     def announce(self, robot: str, tx: Transaction) -> None:
         """Write it, with its event."""
-        data = self.event_data()
-        diagnoses.record(tx, robot, self.revision, data, model_version=self.model_version)
-        tx.emit(Kind.DIAGNOSIS, robot, data)
+        diagnoses.record(tx, robot, self.revision, self.event_data())
 
     def event_data(self) -> Encoded:
         """Return what table and event hold of it; equal answers have all but revision and time in common."""

@@ -14,6 +14,7 @@ import asyncio
 import time
 from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 from robomend.entry import Entry
 from robomend.model.clauses import Assertion
@@ -29,7 +30,7 @@ from robomend.robots.states import HELD, SEARCH, Held, HeldTrigger, Search, Sear
 from robomend.robots.turnstile import Turnstile
 from robomend.store import records
 from robomend.transitions import after
-from robomend_client.literals import Literal
+from robomend_client.literals import Atom, Literal
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,16 +190,17 @@ class Robot:
     # --- OBS ⊕ o
 
     def apply(self, update: Update) -> tuple[Sequence[Entry], Sequence[Entry]]:
-        """Take an update into OBS. Return the entries that changed what is known, and all that the store must
-        keep: a renewed lifetime must survive a restart as well. ObservationError if OBS would grow too large.
+        """Take an update into OBS. Return the entries that changed what is known, and those that only renewed
+        a lifetime, which must survive a restart as well. ObservationError if OBS would grow too large.
         """
         changed = self.obs.update(update.entries) if update.entries else ()
-        kept = {entry.literal.atom: entry for entry in changed}
-        for given in update.entries:
-            if given.expires_ns is not None:
-                for entry in consequences(given):
-                    if self.obs.get(entry.atom) == entry:
-                        kept[entry.atom] = entry
+        mortal = [entry for entry in update.entries if entry.expires_ns is not None]
+        renewed: dict[Atom, Entry] = {}
+        if mortal:
+            new = {entry.atom for entry in changed}
+            for entry in chain.from_iterable(map(consequences, mortal)):
+                if entry.atom not in new and self.obs.get(entry.atom) == entry:
+                    renewed[entry.atom] = entry
         for assertion, record in update.asserted:
             self.obs.add(assertion)
             self.assertion_records[assertion.name] = record
@@ -211,7 +213,7 @@ class Robot:
             self._circles.hear(update.entries)
         self.sight.hear(update.entries, changed)
         self.sight.start_ups.hear(changed, self.system.parts, self.sight)
-        return changed, tuple(kept.values())
+        return changed, tuple(renewed.values())
 
     # --- what happens to what is held
 

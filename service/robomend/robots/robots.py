@@ -20,7 +20,7 @@ from robomend.errors import InputError, NotFound, ObservationError, Overloaded, 
 from robomend.metrics import Metrics
 from robomend.robots import configuring
 from robomend.robots.background import Background
-from robomend.robots.batches import Acknowledged, Batch, Update, read_batches, told
+from robomend.robots.batches import Acknowledged, Batch, Update, read_batches
 from robomend.robots.boards import SOURCE, Boards, WiredBoard, board_update
 from robomend.robots.clock import CLOCK
 from robomend.robots.configuration import RobotConfig
@@ -141,11 +141,11 @@ class Robots:
         """Take an update into OBS in memory, and write it with its event and, if possible, its diagnosis."""
         accepted_ns = time.time_ns()
         try:
-            changed, to_store = state.apply(update)
+            changed, renewed = state.apply(update)
         except InputError:
             state.half_applied()
             raise
-        if not changed and (same := await self._renewing.keep(state, update, to_store, by, once)) is not None:
+        if not changed and (same := await self._renewing.keep(state, update, renewed, by, once)) is not None:
             return same
         before, started = state.head, state.sight.start_ups.unwritten()
         reports = self._reports.due(state.id, by, update)
@@ -155,19 +155,19 @@ class Robots:
                 tx,
                 state.id,
                 accepted=update.entries,
-                changed=to_store,
+                changed=changed,
+                renewed=renewed,
                 forgotten=update.forgotten,
                 asserted=[record for _, record in update.asserted],
                 withdrawn=update.withdrawn,
                 expected=before,
                 by=by.name,
+                accepted_ns=accepted_ns,
             )
             note(tx, state.id, by, update, revision, reports)
             if started:
                 start_ups.keep(tx, state.id, started)
-            literals = [str(entry.literal) for entry in changed]
-            tx.emit(Kind.OBSERVATIONS, state.id, told(revision, literals, update.forgotten, accepted_ns))
-            return {"revision": revision, "changed": literals}
+            return {"revision": revision, "changed": [str(entry.literal) for entry in changed]}
 
         written = await self.diagnosing.write(state, batch, once)
         self._reports.noted(state.id, by, update)

@@ -7,9 +7,10 @@
     schema.py        the tables;  encoding.py  values to columns;  migrations/  older databases
     view.py          View: what a query reads;  transaction.py  Transaction: what a change writes
     group.py         the database transaction that changes share;  rows.py  what waits in memory until its end
+    events.py        the log: batches, diagnoses and all other events, as they are read
+    batch_text.py    a batch in it;  folding.py  OBS: rows, and the batches that came since
     models.py, robots.py, observations.py, start_ups.py, diagnoses.py, repairs.py, journal.py, attempts.py,
-    drills.py, batch_jobs.py, agent_actions.py, api_keys.py, global_stop.py, events.py, audit.py,
-    notifications.py
+    drills.py, batch_jobs.py, agent_actions.py, api_keys.py, global_stop.py, audit.py, notifications.py
                      each subject: functions of a View that read it, of a Transaction that write it
     results.py       what diagnoses say, once for all rows that say the same
     preconditions.py what the writer of a model or robot has seen of it

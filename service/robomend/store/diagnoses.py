@@ -3,28 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
-from sqlalchemy import select
-
-from robomend.store import results, schema
-from robomend.store.encoding import checked, checked_ns, from_json
+from robomend.store import results
+from robomend.store.encoding import checked_ns, from_json
 from robomend.store.records import FIRST_PAGE, Json, Page, Paging, StoredDiagnosis
+from robomend.store.rows import DIAGNOSED, DIAGNOSES, OBSERVED, Logged
 from robomend.store.transaction import Transaction
 from robomend.store.view import AnyRow, View
+from robomend_client.events import Kind
 
-_DIAGNOSES = schema.diagnoses
+_ONE = Paging(limit=1)
 
 
 def latest(view: View, robot: str) -> StoredDiagnosis | None:
     """Return the latest diagnosis."""
-    of_robot = select(_DIAGNOSES).where(_DIAGNOSES.c.robot == checked(robot))
-    row = view.first(of_robot.order_by(_DIAGNOSES.c.number.desc()))
-    return None if row is None else _diagnoses(view, [row])[0]
+    return next(iter(page(view, robot, _ONE).items), None)
 
 
 def page(view: View, robot: str, paging: Paging = FIRST_PAGE) -> Page[StoredDiagnosis]:
     """Return the diagnoses, newest first."""
-    rows = view.newest_first(_DIAGNOSES, _as_it_is, paging, _DIAGNOSES.c.robot == checked(robot))
+    rows = view.newest_of_log(robot, DIAGNOSES, _as_it_is, paging)
     return Page(_diagnoses(view, rows.items), rows.next)
 
 
@@ -35,32 +34,36 @@ def between(
 
     And whether these are all: where there are more, it is the newest that are returned.
     """
-    of_robot = select(_DIAGNOSES).where(
-        _DIAGNOSES.c.robot == checked(robot), _DIAGNOSES.c.time_ns < checked_ns(end_ns)
-    )
-    newest = view.rows(of_robot.order_by(_DIAGNOSES.c.number.desc()).limit(most))
+    before_end = Paging(limit=most, until_ns=checked_ns(end_ns))
+    newest = view.newest_of_log(robot, DIAGNOSES, _as_it_is, before_end).items
     rows = [row for row in newest if row.time_ns >= start_ns]
     complete = len(rows) < len(newest) or len(newest) < most
     rows += newest[len(rows) : len(rows) + 1]
     return _diagnoses(view, rows[::-1]), complete
 
 
-def record(tx: Transaction, robot: str, revision: int, result: Json, *, model_version: str = "") -> None:
-    """Keep a diagnosis that differs from the one before."""
+def record(tx: Transaction, robot: str, revision: int, result: Json) -> None:
+    """Keep a diagnosis that differs from the one before, with its event; that of a batch which was kept just
+    before, in its row.
+    """
     tx.existing(robot)
-    waiting = tx.waiting
-    of_revision = (robot, checked_ns(revision), checked(model_version), tx.now_ns)
-    waiting.diagnoses.append((*of_revision, *waiting.kept(result)))
+    log = tx.waiting.log
+    own, digest = tx.waiting.kept(result)
+    row = Logged(DIAGNOSED, robot, checked_ns(revision), None, own, digest, ((Kind.DIAGNOSIS, result),))
+    before = log[-1] if log else row
+    if before.kind == OBSERVED and before.robot == robot and before.revision == revision:
+        before.diagnosed(row)
+    else:
+        log.append(row)
 
 
 def _diagnoses(view: View, rows: Sequence[AnyRow]) -> tuple[StoredDiagnosis, ...]:
     text = results.texts_of(view, rows)
-    return tuple(
-        StoredDiagnosis(
-            row.robot, row.revision, row.model_version, row.time_ns, from_json(text(row.result, row.common))
-        )
-        for row in rows
-    )
+    return tuple(_diagnosis(row, from_json(text(row.data, row.common))) for row in rows)
+
+
+def _diagnosis(row: AnyRow, result: dict[str, Any]) -> StoredDiagnosis:
+    return StoredDiagnosis(row.robot, row.revision, result.get("model_version") or "", row.time_ns, result)
 
 
 def _as_it_is(row: AnyRow) -> AnyRow:

@@ -1,18 +1,20 @@
-"""Values to columns and back: JSON text, atoms, ETags, and the limits of what a database column can hold."""
+"""Values to columns and back: JSON text, atoms, ETags, and the limits of what a database column can hold.
+
+An accepted batch has a module of its own, batch_text.py.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import secrets
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import lru_cache
-from typing import Any, cast
+from typing import Any
 
-from robomend.entry import Entry
 from robomend.errors import InputError
-from robomend.store.records import Json, StoredAssertion
-from robomend_client.literals import Atom, Literal
+from robomend.store.records import Json
+from robomend_client.literals import Atom
 
 _COMPACT = json.JSONEncoder(separators=(",", ":"), allow_nan=False)
 _CANONICAL = json.JSONEncoder(separators=(",", ":"), allow_nan=False, sort_keys=True)
@@ -139,35 +141,3 @@ def atom_from_text(text: str) -> Atom:
     """Return the atom of a JSON array."""
     predicate, *arguments = json.loads(text)
     return Atom(predicate, tuple(arguments))
-
-
-def batch_to_text(
-    entries: Sequence[Entry], asserted: Sequence[StoredAssertion], withdrawn: Sequence[str], by: str
-) -> str:
-    """Return one accepted batch as JSON: arrays, as names would take most of the space."""
-    rows: dict[str, Any] = {"b": checked(by), "e": [_entry_row(entry) for entry in entries]}
-    if asserted:
-        rows["a"] = [[a.name, a.sentence, a.source, a.time_ns, a.expires_ns] for a in asserted]
-    if withdrawn:
-        rows["w"] = list(withdrawn)
-    return to_json(rows)
-
-
-def _entry_row(entry: Entry) -> list[Any]:
-    """Return an entry as an array, without the values at its end that it has not got."""
-    (predicate, args), positive = entry.literal
-    row = [predicate, args, positive, entry.source, entry.time_ns]
-    row += [entry.expires_ns, entry.since_ns, entry.onset_ns, entry.settled]
-    while row[-1] is None:
-        row.pop()
-    return row
-
-
-def batch_from_text(text: str) -> tuple[tuple[Entry, ...], tuple[StoredAssertion, ...], tuple[str, ...], str]:
-    """Return entries, assertions, withdrawn names and the reporter of a batch."""
-    rows = cast(dict[str, Any], json.loads(text))
-    entries = tuple(
-        Entry(Literal(Atom(p, tuple(args)), positive), *rest) for p, args, positive, *rest in rows["e"]
-    )
-    asserted = tuple(StoredAssertion(*row) for row in rows.get("a", ()))
-    return entries, asserted, tuple(rows.get("w", ())), rows.get("b", "")

@@ -1,12 +1,12 @@
 """One database transaction for a group of changes; transaction.py is what each of them sees of it.
 
-    change ──► rows in memory (observations, events, audit, idempotency keys) ──┐
-           ──► anything else: at once, inside a savepoint of its own            │
-                                                                                ▼
-    group: lock the robots ─► change ─► change ─► … ─► all rows, one statement a table ─► ids ─► COMMIT
+    change ──► rows in memory (log, audit, idempotency keys) ─────────────┐
+           ──► anything else: at once, inside a savepoint of its own      │
+                                                                          ▼
+    group: lock the robots ─► change ─► change ─► … ─► ids ─► all rows, one statement a table ─► COMMIT
 
 The hot path, observations, thus costs no statement of its own: a group of a hundred costs the statements of
-one. A change that asks the database something first has the rows put there, so it sees them.
+one.
 
 Locks are taken in one order by every instance, so that none waits in a circle: robots by name, then what the
 changes touch, then the counters of audit and events. The counters come last because they stop every other
@@ -16,18 +16,19 @@ writer until the COMMIT: that is what makes event ids gapless and committed in t
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Sequence
+from functools import partial
 from typing import Any, TypeVar
 
-from sqlalchemy import Connection, Executable, Table, bindparam, select, text
+from sqlalchemy import Connection, bindparam, select, text
 
 from robomend.errors import StateConflict
-from robomend.store import results, schema
+from robomend.store import folding, results, schema
 from robomend.store.driver import DriverConnection
 from robomend.store.encoding import checked, from_json, to_json
 from robomend.store.known import KnownRows
 from robomend.store.prepared import Prepared
 from robomend.store.records import IdempotencyKey
-from robomend.store.rows import DIAGNOSES, EVENTS, HISTORY, OBS, LockedRobot, Row, Rows, upsert
+from robomend.store.rows import BATCHES, LOG, NEWEST_EVENT, LockedRobot, Logged, Rows, upsert
 from robomend.store.transaction import Transaction
 from robomend_client.events import Event
 
@@ -36,43 +37,34 @@ T = TypeVar("T")
 CHANNEL = "robomend_events"
 """PostgreSQL's notification channel; the payload is the newest id."""
 
-_FORGET = schema.obs.delete().where(
-    schema.obs.c.robot == bindparam("of_robot"), schema.obs.c.atom == bindparam("of_atom")
-)
-
-
-def _revise(kind: str) -> Executable:
-    """Return the statement that moves a robot's revision on; of SQLite's, one with many VALUES moves many."""
-    if kind == "sqlite":
-        return text(
-            "WITH revised (robot, revision) AS (VALUES (:of_robot, :to_revision))"
-            " UPDATE robot_state SET revision = revised.revision FROM revised"
-            " WHERE robot_state.robot = revised.robot"
-        )
-    table = schema.robot_state
-    of_robot = table.c.robot == bindparam("of_robot")
-    return table.update().where(of_robot).values(revision=bindparam("to_revision"))
-
-
-def _inserts(table: Table, columns: Sequence[str]) -> Prepared:
-    return Prepared(lambda _: table.insert(), columns)
-
-
 # Made once: building a statement costs several times as much as running it.
-_KEEP_BATCH = _inserts(schema.observations, HISTORY)
-_KEEP_DIAGNOSIS = _inserts(schema.diagnoses, DIAGNOSES)
-_KEEP_EVENT = _inserts(schema.events, EVENTS)
-_KEEP_OBS = Prepared(lambda kind: upsert(kind, schema.obs), OBS)
-_KEEP_REVISION = Prepared(_revise, ("of_robot", "to_revision"))
+_KEEP_ROW = Prepared(lambda _: schema.events.insert(), LOG)
+_KEEP_REVISION = Prepared(
+    lambda _: (
+        schema.robot_state.update()
+        .where(schema.robot_state.c.robot == bindparam("of_robot"))
+        .values(revision=bindparam("to_revision"))
+    ),
+    ("of_robot", "to_revision"),
+)
 _KEEP_AUDIT = schema.audit.insert()
-_LOOK_AT_ROBOTS = """
-    SELECT robot_state.robot, revision, fence, owner, robots.id IS NOT NULL
-    FROM robot_state LEFT JOIN robots ON robots.id = robot_state.robot
-"""
+_NEWEST_BATCHES = ", ".join(
+    "coalesce((SELECT revision FROM events WHERE events.robot = robot_state.robot"
+    f" AND kind = '{kind}' ORDER BY events.id DESC LIMIT 1), 0)"
+    for kind in BATCHES
+)
 _STATES = {
-    "sqlite": f"{_LOOK_AT_ROBOTS} WHERE robot_state.robot IN ({{keys}}) ORDER BY robot_state.robot",
-    "postgresql": f"{_LOOK_AT_ROBOTS} WHERE robot_state.robot = ANY($1) ORDER BY robot_state.robot"
-    " FOR UPDATE OF robot_state",
+    "sqlite": f"""
+        SELECT robot_state.robot, max(revision, {_NEWEST_BATCHES}), fence, owner, robots.id IS NOT NULL
+        FROM robot_state LEFT JOIN robots ON robots.id = robot_state.robot
+        WHERE robot_state.robot IN ({{keys}}) ORDER BY robot_state.robot
+    """,
+    # Read again once they are locked, so that what is in the log would be from before.
+    "postgresql": """
+        SELECT robot_state.robot, revision, fence, owner, robots.id IS NOT NULL
+        FROM robot_state LEFT JOIN robots ON robots.id = robot_state.robot
+        WHERE robot_state.robot = ANY($1) ORDER BY robot_state.robot FOR UPDATE OF robot_state
+    """,
 }
 _REMOVALS = f"SELECT value FROM counters WHERE name = '{results.REMOVALS}'"
 _ANSWERS = select(schema.idempotency).where(
@@ -93,12 +85,12 @@ _TELL = """
 _NEXT_TOLD = Prepared(
     lambda _: text(_TELL), ("counter", "by", "channel")
 )  # the others hear of it at the COMMIT
-_KEEP_NEXT_EVENT = Prepared(
+_KEEP_NEXT_ROW = Prepared(
     lambda _: text(
-        "INSERT INTO events (id, time_ns, kind, robot, data, common)"
-        " SELECT value - :id, :time_ns, :kind, :robot, :data, :common FROM counters WHERE name = 'event'"
+        f"INSERT INTO events ({', '.join(LOG)})"
+        f" SELECT value - :id, {', '.join(f':{name}' for name in LOG[1:])} FROM counters WHERE name = 'event'"
     ),
-    EVENTS,
+    LOG,
 )
 """In place of its id stands how far it is below the counter, which only the server knows yet."""
 
@@ -120,7 +112,7 @@ class Group:
         self.now_ns = now_ns
         self.rows = Rows()
         self._numbers: dict[str, int] = {}  # of results that this group found or wrote, by digest
-        self._last: Callable[[], int] = lambda: 0  # the id of the newest event, once that is known
+        self._last: Callable[[], int] | None = None  # returns the id of its newest event, if it has any
         self._known = known
         self.rows.states = self._begin(robots, now_ns // results.DAY_NS)
         self.answers = self._answers(onces) if onces else {}
@@ -191,71 +183,69 @@ class Group:
         return answers
 
     def flush(self, rows: Rows) -> None:
-        """Write the rows that have no id yet to get: all but audit and events."""
-        driver = self.driver
-        if rows.history:
-            _KEEP_BATCH.run(driver, rows.history)
-            rows.history = []
+        """Write the rows that have no id yet to get: all but audit and log."""
         if rows.obs:
-            kept = [values for values in rows.obs.values() if values is not None]
-            if kept:
-                _KEEP_OBS.run(driver, kept)
-            if len(kept) < len(rows.obs):
-                gone = [key for key, values in rows.obs.items() if values is None]
-                self.connection.execute(
-                    _FORGET, [{"of_robot": robot, "of_atom": atom} for robot, atom in gone]
-                )
+            folding.KEEP.run(self.driver, [*rows.obs.values()])
             rows.obs = {}
-        if rows.revised:
-            states = rows.states
-            _KEEP_REVISION.run(driver, [(robot, states[robot].revision) for robot in sorted(rows.revised)])
-            rows.revised = set()
-        if rows.common:
-            self._give_numbers(rows.common)
-        if rows.diagnoses:
-            _KEEP_DIAGNOSIS.run(driver, [self._numbered(row) for row in rows.diagnoses])
-            rows.diagnoses = []
         if rows.once:
             self.connection.execute(upsert(self.kind, schema.idempotency), list(rows.once.values()))
             rows.once = {}
 
     def finish(self) -> None:
         """Write what is left, and give the ids. The COMMIT comes next, and then `events`."""
-        self.flush(self.rows)
-        audit, pending = self.rows.audit, self.rows.events
-        if audit:
-            last = self._count("audit", len(audit))
-            for id_, values in enumerate(audit, last - len(audit) + 1):
+        rows = self.rows
+        self.flush(rows)
+        if rows.revised and self.kind == "postgresql":
+            states = rows.states
+            revised = [(robot, states[robot].revision) for robot in sorted(rows.revised)]
+            _KEEP_REVISION.run(self.driver, revised)
+        if rows.audit:
+            last = self._count("audit", len(rows.audit))
+            for id_, values in enumerate(rows.audit, last - len(rows.audit) + 1):
                 values["id"] = id_
-            self.connection.execute(_KEEP_AUDIT, audit)
-        if not pending:
-            if self.rows.turn and self.kind == "postgresql":  # on SQLite it is the transaction's own
-                self._count("event", 0)
-            return
-        count, now_ns = len(pending), self.now_ns
+            self.connection.execute(_KEEP_AUDIT, rows.audit)
+        if rows.log:
+            if rows.common:
+                self._give_numbers(rows.common)
+            self._keep_log(rows.log)
+        elif rows.turn and self.kind == "postgresql":  # on SQLite it is the transaction's own
+            self._count("event", 0)
+        for robot in sorted(rows.folding):
+            folding.bring_up(self.driver, robot, rows.states[robot].revision)
+
+    def _keep_log(self, log: list[Logged]) -> None:
+        """Write the rows of the log; each has the id of the last of its events."""
+        count, now_ns = sum([len(row.told) for row in log]), self.now_ns
         if self.kind == "postgresql":
             self._last = _NEXT_TOLD.later(self.driver, ("event", count, CHANNEL))
-            places, keep = range(count - 1, -1, -1), _KEEP_NEXT_EVENT
+            place, keep, step = count, _KEEP_NEXT_ROW, -1
         else:
-            last = self._count("event", count)
-            self._last = lambda: last
-            places, keep = range(last - count + 1, last + 1), _KEEP_EVENT
-        rows = [
-            self._numbered((place, now_ns, str(kind), robot, own, digest))
-            for place, (kind, robot, _, own, digest) in zip(places, pending, strict=True)
-        ]
+            place, keep, step = self._newest(), _KEEP_ROW, 1
+            self._last = partial(int, place + count)
+        rows = []
+        for row in log:
+            place += step * len(row.told)
+            common = None if row.digest is None else self._number(row.digest)
+            rows.append((place, now_ns, row.kind, row.robot, row.revision, row.batch, row.data, common))
         keep.run(self.driver, rows)
+
+    def _number(self, digest: str) -> int:
+        """Return the number of a result that is kept."""
+        number = self._known.numbers.get(digest)
+        return self._numbers[digest] if number is None else number
+
+    def _newest(self) -> int:
+        """Return the id of the newest event, on SQLite, where nobody else writes meanwhile."""
+        newest = self._known.newest
+        return int(self.driver.execute(NEWEST_EVENT).fetchone()[0]) if newest is None else newest
 
     def events(self) -> tuple[Event, ...]:
         """Return the events of the group, which is finished and committed."""
-        pending = self.rows.events
-        first = self._last() - len(pending) + 1
-        return tuple(
-            [
-                Event(id_, self.now_ns, kind, robot, data)
-                for id_, (kind, robot, data, _, _) in enumerate(pending, first)
-            ]
-        )
+        if self._last is None:
+            return ()
+        told = [(kind, row.robot, data) for row in self.rows.log for kind, data in row.told]
+        first, now_ns = self._last() - len(told) + 1, self.now_ns
+        return tuple([Event(id_, now_ns, *event) for id_, event in enumerate(told, first)])
 
     def _give_numbers(self, common: dict[str, str]) -> None:
         """Keep the results that are not yet, and learn their numbers."""
@@ -264,26 +254,16 @@ class Group:
         if new:
             self._numbers.update(results.number(self.driver, new, self.now_ns))
 
-    def _numbered(self, row: Row) -> Row:
-        """Return a row of which the last column is the number of its result, in place of its digest."""
-        digest = row[-1]
-        if digest is None:
-            return row
-        number = self._numbers.get(digest)
-        return (*row[:-1], self._known.numbers[digest] if number is None else number)
-
     def otherwise(self) -> None:
         """Something is changed by a statement of its own: what is known may not be so any more."""
         self._known.forget()
 
     def learned(self) -> None:
         """The transaction was committed."""
-        states = self.rows.states if self.kind == "sqlite" else {}  # no longer locked
-        self._known.learn(states, self._numbers)
-
-    def forget_numbers(self) -> None:
-        """Some of the results were taken back."""
-        self._numbers.clear()
+        if self.kind == "sqlite":
+            self._known.learn(self.rows.states, self._numbers, None if self._last is None else self._last())
+        else:  # the robots' rows are no longer locked
+            self._known.learn({}, self._numbers, None)
 
     def _count(self, counter: str, by: int) -> int:
         return int(_NEXT.value(self.driver, (counter, by)))

@@ -6,18 +6,19 @@ from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from sqlalchemy import Table, func, select
+from sqlalchemy import func, select
 
 from robomend.store import schema
 from robomend.store.records import Retention
 from robomend.store.results import DAY_NS
+from robomend.store.rows import CHANGE, DIAGNOSED, OBSERVED
 from robomend.store.view import View
 
 LOOK = 20_000
-"""Rows of each log that are looked at, the newest."""
+"""Rows of the log that are looked at, the newest."""
 
-ROW = 40
-"""Bytes that a row takes beside its texts, with its places in indexes, about."""
+ROW = 70
+"""Bytes that a row takes beside its texts, with its place in the index, about."""
 
 LEAST_DAYS = 1 / 144
 """Ten minutes: a shorter history says nothing of a day."""
@@ -29,7 +30,7 @@ class Growth:
 
     days: float  # how much of a day the figures are of
     robots: Mapping[str, float]  # of each that something was written about
-    logs: Mapping[str, float]  # of each log, and of the results that diagnoses share
+    logs: Mapping[str, float]  # of each kind of row of the log, and of the results that diagnoses share
 
     @property
     def bytes_a_day(self) -> float:
@@ -38,16 +39,18 @@ class Growth:
 
     def kept(self, retention: Retention) -> float | None:
         """Return how large the logs become until what is written is what goes; None: without an end."""
-        both = _longer(retention.diagnoses_days, retention.events_days)
+        batches = _longer(retention.observations_days, retention.events_days)
+        diagnoses = _longer(retention.diagnoses_days, retention.events_days)
+        changes = _longer(batches, diagnoses)
         days = {
-            "observations": retention.observations_days,
-            "diagnoses": retention.diagnoses_days,
-            "events": retention.events_days,
-            "results": both,
+            OBSERVED: batches,
+            DIAGNOSED: diagnoses,
+            CHANGE: changes,
+            "results": changes,
         }
         total = 0.0
         for log, bytes_a_day in self.logs.items():
-            kept = days[log]
+            kept = days.get(log, retention.events_days)
             if kept is None:
                 return None
             total += bytes_a_day * kept
@@ -60,44 +63,24 @@ def measure(view: View, now_ns: int) -> Growth:
     Robots of one model share results, so what a result takes is not any robot's; all that were met count, as
     if none had been there before.
     """
+    log = schema.events.c
+    sizes = [func.coalesce(func.length(column), 0) for column in (log.batch, log.data)]
+    columns = (log.robot, log.kind, log.time_ns, log.common, (sizes[0] + sizes[1]).label("size"))
+    rows = view.rows(select(*columns).order_by(log.id.desc()).limit(LOOK))
+    if not rows:
+        return Growth(0.0, {}, {})
+    end_ns = now_ns if now_ns - rows[0].time_ns < DAY_NS else rows[0].time_ns
+    young = [row for row in rows if row.time_ns > end_ns - DAY_NS]
+    days = 1.0 if len(young) < len(rows) else (end_ns - rows[-1].time_ns) / DAY_NS
+    days = max(LEAST_DAYS, min(1.0, days))
     robots: defaultdict[str, float] = defaultdict(float)
-    logs: dict[str, float] = {}
-    newest_ns = max(_newest_ns(view, table) for table in _LOGS)
-    end_ns = now_ns if now_ns - newest_ns < DAY_NS else newest_ns
-    longest = 0.0
-    for table, text in _LOGS.items():
-        size = func.length(table.c[text]).label("size")
-        common = table.c.common if "common" in table.c else None
-        columns = [table.c.robot, table.c.time_ns, size, *([] if common is None else [common])]
-        key = next(iter(table.primary_key))
-        rows = view.rows(select(*columns).order_by(key.desc()).limit(LOOK))
-        young = [row for row in rows if row.time_ns > end_ns - DAY_NS]
-        whole_day = len(young) < len(rows)
-        days = 1.0 if whole_day or not rows else (end_ns - rows[-1].time_ns) / DAY_NS
-        days = max(LEAST_DAYS, min(1.0, days))
-        longest = max(longest, days if rows else 0.0)
-        for row in young:
-            if row.robot is not None:
-                robots[row.robot] += (row.size + ROW) / days
-        logs[table.name] = sum(row.size + ROW for row in young) / days
-        if common is not None:
-            shared = _bytes_of(view, {row.common for row in young if row.common is not None}) / days
-            logs["results"] = max(logs.get("results", 0.0), shared)
-    return Growth(longest, dict(robots), logs)
-
-
-_LOGS: Mapping[Table, str] = {
-    schema.observations: "data",
-    schema.diagnoses: "result",
-    schema.events: "data",
-}
-"""And the text that a row of it has."""
-
-
-def _newest_ns(view: View, table: Table) -> int:
-    key = next(iter(table.primary_key))
-    row = view.first(select(table.c.time_ns).order_by(key.desc()))
-    return 0 if row is None else int(row.time_ns)
+    logs: defaultdict[str, float] = defaultdict(float)
+    for row in young:
+        logs[row.kind] += (row.size + ROW) / days
+        if row.robot is not None:
+            robots[row.robot] += (row.size + ROW) / days
+    logs["results"] = _bytes_of(view, {row.common for row in young if row.common is not None}) / days
+    return Growth(days, dict(robots), dict(logs))
 
 
 def _bytes_of(view: View, results: set[int]) -> float:

@@ -3,21 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from sqlalchemy import select
 
 from robomend.entry import Entry
 from robomend.errors import NotFound, StateConflict
-from robomend.store import schema
-from robomend.store.encoding import (
-    INT64,
-    atom_from_text,
-    atom_to_text,
-    batch_from_text,
-    batch_to_text,
-    checked,
-    checked_ns,
-)
+from robomend.store import folding, schema
+from robomend.store.batch_text import batch_of, batch_to_text, told
+from robomend.store.encoding import atom_to_text, checked, checked_ns
 from robomend.store.records import (
     FIRST_PAGE,
     Page,
@@ -26,49 +20,35 @@ from robomend.store.records import (
     StoredBatch,
     StoredObs,
 )
-from robomend.store.rows import LockedRobot
+from robomend.store.rows import BATCHES, OBSERVED, LockedRobot, Logged
 from robomend.store.transaction import Transaction
 from robomend.store.view import AnyRow, View
-from robomend_client.literals import Atom, Literal
+from robomend_client.events import Kind
+from robomend_client.literals import Atom
 
 
 def revision(view: View, robot: str) -> int:
     """Return how many batches were accepted; 0 for an unknown robot."""
-    table = schema.robot_state
-    row = view.first(select(table.c.revision).where(table.c.robot == checked(robot)))
-    return 0 if row is None else int(row.revision)
+    if isinstance(view, Transaction):
+        state = view.state(checked(robot))
+        return 0 if state is None else state.revision
+    return folding.revision(view, robot)
 
 
 def obs(view: View, robot: str) -> StoredObs:
     """Return OBS now, expired entries included: freshness is judged by whoever reads it."""
-    entries, assertions = schema.obs, schema.assertions
-    return StoredObs(
-        revision(view, robot),
-        tuple(
-            Entry(
-                Literal(atom_from_text(row.atom), row.positive),
-                row.source,
-                row.time_ns,
-                row.expires_ns,
-                row.since_ns,
-                row.onset_ns,
-                row.settled,
-            )
-            for row in view.rows(select(entries).where(entries.c.robot == robot).order_by(entries.c.atom))
-        ),
-        tuple(
-            StoredAssertion(row.name, row.sentence, row.source, row.time_ns, row.expires_ns)
-            for row in view.rows(
-                select(assertions).where(assertions.c.robot == robot).order_by(assertions.c.name)
-            )
-        ),
+    assertions = schema.assertions
+    of_robot = select(assertions).where(assertions.c.robot == checked(robot)).order_by(assertions.c.name)
+    made = tuple(
+        StoredAssertion(row.name, row.sentence, row.source, row.time_ns, row.expires_ns)
+        for row in view.rows(of_robot)
     )
+    return replace(folding.obs(view, robot), assertions=made)
 
 
 def history(view: View, robot: str, paging: Paging = FIRST_PAGE) -> Page[StoredBatch]:
     """Return the accepted batches, newest first."""
-    table = schema.observations
-    return view.newest_first(table, _batch, paging, table.c.robot == checked(robot), key="revision")
+    return view.newest_of_log(robot, BATCHES, _batch, paging, schema.events.c.batch.is_not(None))
 
 
 def observe(
@@ -77,16 +57,19 @@ def observe(
     *,
     accepted: Sequence[Entry] = (),
     changed: Sequence[Entry] = (),
+    renewed: Sequence[Entry] = (),
     forgotten: Sequence[Atom] = (),
     asserted: Sequence[StoredAssertion] = (),
     withdrawn: Sequence[str] = (),
     expected: int | None = None,
     by: str = "",
+    accepted_ns: int | None = None,
 ) -> int:
-    """Keep one batch and return the robot's new revision, one higher than before.
+    """Keep one batch, with its event, and return the robot's new revision, one higher than before.
 
-    `accepted` goes into the history; `changed` and `forgotten` are what OBS ⊕ accepted changes in OBS
-    (the store knows nothing of ⊕); `asserted` and `withdrawn` are named assertions; `by` is the reporter.
+    `accepted` goes into the history. `changed`, `renewed` and `forgotten` are what OBS ⊕ accepted changes in
+    OBS (the store knows nothing of ⊕); of `changed` the event tells, `renewed` only lives on. `asserted` and
+    `withdrawn` are named assertions; `by` is the reporter; `accepted_ns` is when it came, if not just now.
 
     Raises:
         NotFound: no such robot.
@@ -94,12 +77,31 @@ def observe(
             instance was faster; load OBS again.
     """
     state = _at(tx, robot, expected)
-    rows, revision = tx.waiting, state.revision + 1
-    rows.history.append((robot, revision, tx.now_ns, batch_to_text(accepted, asserted, withdrawn, by)))
-    _hold(tx, robot, changed)
-    for gone in forgotten:
-        rows.obs[robot, atom_to_text(gone)] = None
-    rows.revised.add(robot)
+    waiting, revision, now_ns = tx.waiting, state.revision + 1, tx.now_ns
+    if accepted_ns is None:
+        accepted_ns = now_ns
+    large = len(accepted) + len(changed) + len(renewed) > folding.LARGE
+    for held in (changed, renewed):
+        rows = [folding.obs_row(robot, entry, revision) for entry in held]  # what no column takes is refused
+        if large:
+            waiting.obs.update(((robot, row[1]), row) for row in rows)
+    batch = batch_to_text(
+        accepted,
+        changed,
+        renewed,
+        forgotten,
+        asserted,
+        withdrawn,
+        by=by,
+        took_ns=now_ns - accepted_ns,
+        in_rows=large,
+    )
+    event = told(revision, [str(entry.literal) for entry in changed], forgotten, accepted_ns)
+    tell = ((Kind.OBSERVATIONS, event),)
+    waiting.log.append(Logged(OBSERVED, robot, revision, batch, None, None, tell))
+    waiting.revised.add(robot)
+    if folding.due(robot, revision):
+        waiting.folding.add(robot)
     tx.now_is(robot, LockedRobot(revision, *state[1:]))
     if asserted or withdrawn:
         _assert(tx, robot, asserted, withdrawn)
@@ -119,7 +121,8 @@ def renew(tx: Transaction, robot: str, renewed: Sequence[Entry], *, expected: in
     _at(tx, robot, expected)
     if tx.worked_on(robot):
         return False
-    _hold(tx, robot, renewed)
+    for entry in renewed:
+        tx.waiting.obs[robot, atom_to_text(entry.atom)] = folding.obs_row(robot, entry, expected)
     return True
 
 
@@ -131,18 +134,6 @@ def _at(tx: Transaction, robot: str, expected: int | None) -> LockedRobot:
         error.code = "stale-revision"
         raise error
     return state
-
-
-def _hold(tx: Transaction, robot: str, entries: Sequence[Entry]) -> None:
-    obs = tx.waiting.obs
-    for entry in entries:
-        atom, positive = entry.literal
-        times = (entry.time_ns, entry.expires_ns, entry.since_ns, entry.onset_ns, entry.settled)
-        for time_ns in times:
-            if time_ns is not None and time_ns not in INT64:
-                checked_ns(time_ns)
-        key = atom_to_text(atom)
-        obs[robot, key] = (robot, key, positive, checked(entry.source), *times)
 
 
 def _assert(
@@ -168,4 +159,4 @@ def _assert(
 
 
 def _batch(row: AnyRow) -> StoredBatch:
-    return StoredBatch(row.robot, row.revision, row.time_ns, *batch_from_text(row.data))
+    return batch_of(row.batch, row.robot, row.revision, row.time_ns)

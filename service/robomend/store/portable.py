@@ -25,10 +25,11 @@ from typing import Any
 from sqlalchemy import Connection, Table, func, select, text
 
 from robomend.errors import InputError, OptionRefused, StateConflict, StoreError
-from robomend.store import schema
+from robomend.store import events, schema
 from robomend.store.database import Database, translated
 from robomend.store.encoding import from_json, to_json
 from robomend.store.records import Json
+from robomend.store.view import View
 
 FORMAT = 1
 _CHUNK = 1000
@@ -42,9 +43,7 @@ TABLES: tuple[Table, ...] = (
     schema.robot_state,
     schema.obs,
     schema.assertions,
-    schema.observations,
     schema.results,
-    schema.diagnoses,
     schema.repairs,
     schema.repair_requests,
     schema.repair_steps,
@@ -75,7 +74,7 @@ def export(database: Database, cover: Callable[[Json], Json] = dict) -> Iterator
     database.prepare()
     with database.reading() as connection:
         yield _line({"robomend_export": FORMAT, "schema": schema.HEAD})
-        count = 0
+        count, newest = 0, events.kept(View(connection)).newest
         for table in TABLES:
             query = select(table).order_by(*table.primary_key.columns)
             with connection.execution_options(yield_per=_CHUNK).execute(query) as result:
@@ -83,6 +82,8 @@ def export(database: Database, cover: Callable[[Json], Json] = dict) -> Iterator
                     values = dict(row)
                     if table is schema.robot_state:
                         values["owner"] = None
+                    if table is schema.counters and values["name"] == "event":
+                        values["value"] = newest
                     for column in CONFIGURATIONS.get(table, ()):
                         if values[column] is not None:
                             values[column] = to_json(cover(from_json(values[column])))

@@ -81,6 +81,13 @@ class Prepared:
         cursor = driver.execute(made.text, row if made.given is None else made.given(row))
         return lambda: cursor.fetchone()[0]
 
+    def rows(self, driver: DriverConnection, row: Row) -> Callable[[], list[Any]]:
+        """Execute it, and return what returns the rows that it finds, as `later`."""
+        made = self._made.get(driver.kind) or self._in_words(driver)
+        cursor = driver.execute(made.text, row if made.given is None else made.given(row))
+        found: Callable[[], list[Any]] = cursor.fetchall
+        return found
+
     def _run(self, itself: Any, made: _Made, given: Sequence[Any]) -> None:
         if made.one is None:
             itself.executemany(made.text, given)

@@ -8,24 +8,28 @@
 in the middle would be a lie. If the clock once jumped ahead, the log is kept longer; if back, nothing younger
 goes. What is current stays: OBS, the latest diagnosis of a robot, open drills, open repairs and
 their journal.
+
+The log of events is several: batches, diagnoses, batches with their diagnosis, and others, each kept for its
+time, and at least as long as events are. A counter for each has the id up to which it was looked through.
 """
 
 from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import AsyncIterator, Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-from sqlalchemy import ColumnElement, Table, exists, select
+from sqlalchemy import ColumnElement, Table, func, select
 
-from robomend.store import results, schema
-from robomend.store.records import Pruned, Retention
+from robomend.store import events, results, schema
+from robomend.store.records import Paging, Pruned, Retention
+from robomend.store.rows import BATCHES, CHANGE, DIAGNOSED, DIAGNOSES, OBSERVED
 from robomend.store.store import Store
 from robomend.store.transaction import Transaction
-from robomend.store.view import View
+from robomend.store.view import AnyRow, View
 
 DAY_NS = results.DAY_NS
 
@@ -40,6 +44,15 @@ FIRST = 50
 
 LOOK = 2000
 """Records looked for at once."""
+
+STRETCH = 20_000
+"""Ids of the log that are looked through at once."""
+
+AT_ONCE = 8
+"""Robots of which OBS is brought up to the log in one transaction."""
+
+_FIRST = -(2**62)
+"""An id before all others: what an older version kept of before its log has ids below 1."""
 
 Keys = Sequence[Any]
 Find = Callable[[View, int], Keys]
@@ -56,9 +69,23 @@ async def prune(store: Store, retention: Retention, *, slice: int | None = None)
     now = time.time_ns()
     pace = Pace(slice)
     pruned = Pruned()
+    for cut, what, kinds, days in _parts_of_log(retention):
+        if days is not None:
+            before = now - int(days * DAY_NS)
+            while stretch := await store.read(_old_of_log, cut, kinds, before):
+                await _bring_up(store, stretch.unfolded)
+                gone = await pace.remove(store, stretch.old, partial(_remove_of_log, cut))
+                await store.write(partial(_count_to, cut, stretch.last))
+                pruned = replace(pruned, **{what: getattr(pruned, what) + gone})
+    days = _longest(retention.observations_days, retention.diagnoses_days, retention.events_days)
+    if days is not None:
+        unused_since = now // DAY_NS - int(days) - 2
+        if await store.read(_unused_results, unused_since):
+            await _still_used(store, now // DAY_NS)
+        while keys := await store.read(_unused_results, unused_since):
+            gone = await pace.remove(store, keys, partial(_remove_unused, unused_since))
+            pruned = replace(pruned, results=pruned.results + gone)
     work: tuple[tuple[str, Find, Remove, float | None], ...] = (
-        ("observations", *_log(schema.observations, "number"), retention.observations_days),
-        ("events", *_log(schema.events, "id"), retention.events_days),
         ("repairs", _old_repairs, _remove_repairs, retention.repairs_days),
         ("tried", *_log(schema.tried, "number"), retention.tried_days),
         ("tried", *_log(schema.attempts, "number"), retention.tried_days),
@@ -75,17 +102,6 @@ async def prune(store: Store, retention: Retention, *, slice: int | None = None)
         while keys := await store.read(find, before):
             count = await pace.remove(store, keys, remove)
             pruned = replace(pruned, **{what: getattr(pruned, what) + count})
-    if retention.diagnoses_days is not None:
-        before = now - int(retention.diagnoses_days * DAY_NS)
-        async for old, current in _old_diagnoses(store, before):
-            await pace.remove(store, current, partial(_still_used, now // DAY_NS))
-            count = await pace.remove(store, old, partial(_remove, schema.diagnoses, "number"))
-            pruned = replace(pruned, diagnoses=pruned.diagnoses + count)
-        if retention.events_days is not None:
-            unused_since = now // DAY_NS - int(max(retention.diagnoses_days, retention.events_days)) - 2
-            while keys := await store.read(_unused_results, unused_since):
-                count = await pace.remove(store, keys, partial(_remove_unused, unused_since))
-                pruned = replace(pruned, results=pruned.results + count)
     return pruned
 
 
@@ -150,42 +166,133 @@ def _notifications() -> tuple[Find, Remove]:
     return _rows(table, "created_ns", table.c.due_ns.is_(None))
 
 
-async def _old_diagnoses(store: Store, before: int) -> AsyncIterator[tuple[Keys, Keys]]:
-    """Yield old diagnoses, some at a time: numbers of those that go, and results of those that stay.
-
-    What stays is the latest of each robot that is there.
-    """
-
-    def look(view: View, after: int) -> tuple[list[int], list[int], int]:
-        table = schema.diagnoses
-        newer = table.alias("newer")
-        current = exists().where(schema.robots.c.id == table.c.robot) & ~exists().where(
-            newer.c.robot == table.c.robot, newer.c.number > table.c.number
-        )
-        query = select(table.c.number, table.c.time_ns, table.c.common, current.label("current"))
-        old: list[int] = []
-        used: list[int] = []
-        last = 0
-        for row in view.rows(query.where(table.c.number > after).order_by(table.c.number).limit(LOOK)):
-            if row.time_ns >= before:
-                return old, used, 0
-            last = row.number
-            if not row.current:
-                old.append(row.number)
-            elif row.common is not None:
-                used.append(row.common)
-        return old, used, last
-
-    after = -1
-    while after != 0:
-        old, used, after = await store.read(look, after)
-        yield old, used
+_LOG = schema.events
+OTHERS = tuple(kind for kind in events.KINDS if kind not in {*BATCHES, *DIAGNOSES})
 
 
-def _still_used(today: int, tx: Transaction, keys: Keys) -> None:
+def _parts_of_log(retention: Retention) -> tuple[tuple[str, str, Sequence[str], float | None], ...]:
+    """Return the parts of the log, each with its counter, what is counted of it, and how long it is kept."""
+    batches, diagnoses, others = retention.observations_days, retention.diagnoses_days, retention.events_days
+    return (
+        (events.CUT, "events", OTHERS, others),
+        ("observations-cut", "observations", (OBSERVED,), _longest(batches, others)),
+        ("diagnoses-cut", "diagnoses", (DIAGNOSED,), _longest(diagnoses, others)),
+        ("changes-cut", "observations", (CHANGE,), _longest(batches, diagnoses, others)),
+    )
+
+
+def _longest(*days: float | None) -> float | None:
+    """Return the longest of several times; None is for ever."""
+    known = [one for one in days if one is not None]
+    return max(known) if len(known) == len(days) else None
+
+
+@dataclass(frozen=True, slots=True)
+class _Stretch:
+    """A stretch of the log that is old."""
+
+    last: int  # the id of its last row
+    old: Keys  # of the rows that go
+    unfolded: Sequence[str]  # robots of which OBS rests on some of these
+
+
+def _old_of_log(view: View, cut: str, kinds: Sequence[str], before: int) -> _Stretch | None:
+    """Return the next stretch of the log, as far as it is older, and its rows of these kinds that may go."""
+    reached = view.first(select(schema.counters.c.value).where(schema.counters.c.name == cut))
+    behind = _LOG.c.id > (_FIRST if reached is None else reached.value)
+    start = view.first(select(_LOG.c.id).where(behind).order_by(_LOG.c.id))
+    if start is None:
+        return None
+    within = behind & (_LOG.c.id < start.id + STRETCH)
+    young = view.first(select(_LOG.c.id).where(within, _LOG.c.time_ns >= before).order_by(_LOG.c.id))
+    if young is not None:
+        within &= _LOG.c.id < young.id
+    last = view.rows(select(func.max(_LOG.c.id)).where(within))[0][0]
+    if last is None:
+        return None
+    states = schema.robot_state
+    query = (
+        select(_LOG.c.id, _LOG.c.kind, _LOG.c.robot, _LOG.c.revision, states.c.folded)
+        .outerjoin_from(_LOG, states, states.c.robot == _LOG.c.robot)
+        .where(within, _LOG.c.kind.in_(kinds))
+        .order_by(_LOG.c.id)
+        .limit(LOOK)
+    )
+    rows = view.rows(query)
+    last = last if len(rows) < LOOK else rows[-1].id
+    old = {row.id for row in rows}
+    for robot in {row.robot for row in rows if row.kind in DIAGNOSES}:
+        old |= _left(view, robot, kinds, last)
+        old -= _current(view, robot)
+    unfolded = {row.robot for row in rows if row.kind in BATCHES and (row.folded or 0) < (row.revision or 0)}
+    return _Stretch(last, sorted(old), sorted(unfolded))
+
+
+def _left(view: View, robot: str, kinds: Sequence[str], until: int) -> set[int]:
+    """Return the robot's rows of these kinds up to an id: those that were its latest diagnosis, too."""
+    of_robot = (_LOG.c.robot == robot, _LOG.c.kind.in_(kinds), _LOG.c.id <= until)
+    return {row.id for row in view.rows(select(_LOG.c.id).where(*of_robot).order_by(_LOG.c.id).limit(LOOK))}
+
+
+def _current(view: View, robot: str) -> set[int]:
+    """Return the row of the robot's latest diagnosis, if the robot is there."""
+    if view.first(select(schema.robots.c.id).where(schema.robots.c.id == robot)) is None:
+        return set()
+    return {row.id for row in view.newest_of_log(robot, DIAGNOSES, _as_it_is, Paging(limit=1)).items}
+
+
+def _as_it_is(row: AnyRow) -> AnyRow:
+    return row
+
+
+async def _bring_up(store: Store, robots: Sequence[str]) -> None:
+    """Bring OBS of robots up to the log, a few at a time."""
+    for start in range(0, len(robots), AT_ONCE):
+        some = robots[start : start + AT_ONCE]
+
+        def bring_up(tx: Transaction, some: Sequence[str] = some) -> None:
+            for robot in some:
+                tx.bring_up(robot)
+
+        await store.write(bring_up, robots=some)
+        await asyncio.sleep(REST_S)
+
+
+def _remove_of_log(cut: str, tx: Transaction, ids: Keys) -> None:
+    counters = schema.counters
+    newest = select(func.max(_LOG.c.id)).scalar_subquery()  # an id is not given twice
+    tx.change(
+        counters.update().where(counters.c.name == "event", counters.c.value < newest).values(value=newest)
+    )
+    tx.change(_LOG.delete().where(_LOG.c.id.in_(ids)))
+    _count_to(cut, ids[-1], tx)
+
+
+def _count_to(cut: str, last: int, tx: Transaction) -> None:
+    """Note how far the log was looked through."""
+    row = tx.first(select(schema.counters.c.value).where(schema.counters.c.name == cut))
+    if row is None or row.value < last:
+        tx.replace(schema.counters, {"name": cut, "value": last})
+
+
+async def _still_used(store: Store, today: int) -> None:
+    """Mark the results of rows that stay though they are old."""
+
+    def look(view: View) -> list[int]:
+        used: set[int] = set()
+        for cut, _, kinds, _ in _parts_of_log(Retention()):
+            behind = select(_LOG.c.common).where(
+                _LOG.c.id <= events.counter(view, cut), _LOG.c.kind.in_(kinds), _LOG.c.common.is_not(None)
+            )
+            used.update(row.common for row in view.rows(behind))
+        return sorted(used)
+
     table = schema.results
-    used = table.update().where(table.c.number.in_(keys), table.c.used_day < today)
-    tx.change(used.values(used_day=today))
+    numbers = await store.read(look)
+    for start in range(0, len(numbers), LOOK):
+        some = table.c.number.in_(numbers[start : start + LOOK])
+        used = table.update().where(some, table.c.used_day < today).values(used_day=today)
+        await store.write(partial(Transaction.change, statement=used))
 
 
 def _unused_results(view: View, since: int) -> Keys:

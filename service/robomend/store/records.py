@@ -420,10 +420,10 @@ class Retention:
 class Pruned:
     """How many records a pruning removed."""
 
-    observations: int = 0
-    diagnoses: int = 0
+    observations: int = 0  # batches, and those of changes
+    diagnoses: int = 0  # on their own; that of a change goes with its batch
     results: int = 0
-    events: int = 0
+    events: int = 0  # others
     repairs: int = 0
     tried: int = 0
     audit: int = 0

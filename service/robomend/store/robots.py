@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from sqlalchemy import select
+from sqlalchemy import bindparam, select
 
-from robomend.errors import InputError, StateConflict
-from robomend.store import preconditions, schema
+from robomend.errors import InputError, NotFound, StateConflict
+from robomend.store import folding, preconditions, schema
 from robomend.store.encoding import checked, etag, from_json, to_json
 from robomend.store.records import ANY, FIRST_PAGE, Json, Newest, Page, Paging, StoredRobot
 from robomend.store.rows import LockedRobot
@@ -16,7 +16,12 @@ _ROBOTS, _STATES = schema.robots, schema.robot_state
 
 # Made once: it is asked for each robot that is not in memory, and building it costs more than running it.
 _NEWEST = (
-    select(_STATES.c.revision, _ROBOTS.c.etag, schema.model_versions.c.version)
+    select(
+        _STATES.c.revision,
+        *folding.newest_batches(_STATES.c.robot),
+        _ROBOTS.c.etag,
+        schema.model_versions.c.version,
+    )
     .join_from(_ROBOTS, _STATES, _STATES.c.robot == _ROBOTS.c.id)
     .outerjoin(schema.models, schema.models.c.name == _ROBOTS.c.model)
     .outerjoin(
@@ -24,6 +29,7 @@ _NEWEST = (
         (schema.model_versions.c.name == schema.models.c.name)
         & (schema.model_versions.c.number == schema.models.c.current),
     )
+    .where(_ROBOTS.c.id == bindparam("of_robot"))
 )
 
 _CLEARED = (
@@ -53,8 +59,10 @@ def page(view: View, paging: Paging = FIRST_PAGE, *, model: str | None = None) -
 
 def newest(view: View, robot: str) -> Newest:
     """Return the versions of all that a robot's diagnosis rests on."""
-    row = view.one(_NEWEST.where(_ROBOTS.c.id == checked(robot)), f"robot {robot!r}")
-    return Newest(row.revision, row.etag, row.version)
+    rows = view.of_log(_NEWEST, {"of_robot": checked(robot)})
+    if not rows:
+        raise NotFound(f"there is no robot {robot!r}")
+    return Newest(folding.newest(rows[0]), rows[0].etag, rows[0].version)
 
 
 def put(tx: Transaction, robot: str, config: Json, *, expected: str | None) -> StoredRobot:
@@ -83,7 +91,8 @@ def put(tx: Transaction, robot: str, config: Json, *, expected: str | None) -> S
         tx.change(_ROBOTS.update().where(_ROBOTS.c.id == robot), values)
     if state is None:
         state = LockedRobot(0, 0, None, exists=True)
-        tx.change(_STATES.insert(), {"robot": robot, "revision": 0, "fence": 0, "owner": None})
+        new = {"robot": robot, "revision": 0, "folded": 0, "fence": 0, "owner": None}
+        tx.change(_STATES.insert(), new)
     tx.now_is(robot, state._replace(exists=True))
     return made
 
@@ -108,7 +117,8 @@ def delete(tx: Transaction, robot: str, *, expected: str | None = ANY) -> None:
     tx.change(_ROBOTS.delete().where(_ROBOTS.c.id == robot))
     for table in _CLEARED:
         tx.change(table.delete().where(table.c.robot == robot))
-    tx.change(_STATES.update().where(_STATES.c.robot == robot).values(owner=None))
+    at = {"owner": None, "revision": state.revision, "folded": state.revision}  # no batch of before is OBS
+    tx.change(_STATES.update().where(_STATES.c.robot == robot), at)
     tx.now_is(robot, state._replace(owner=None, exists=False))
 
 

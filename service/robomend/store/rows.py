@@ -5,6 +5,7 @@ A row is a tuple in the order of its columns, as it goes to the driver; the colu
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -18,7 +19,7 @@ from robomend_client.events import Kind
 Values = dict[str, Any]
 Row = tuple[Any, ...]
 
-HISTORY = ("robot", "revision", "time_ns", "data")
+LOG = ("id", "time_ns", "kind", "robot", "revision", "batch", "data", "common")
 OBS = (
     "robot",
     "atom",
@@ -29,9 +30,39 @@ OBS = (
     "since_ns",
     "onset_ns",
     "settled",
+    "revision",
 )
-DIAGNOSES = ("robot", "revision", "model_version", "time_ns", "result", "common")
-EVENTS = ("id", "time_ns", "kind", "robot", "data", "common")
+
+OBSERVED, DIAGNOSED = str(Kind.OBSERVATIONS), str(Kind.DIAGNOSIS)
+CHANGE = "change"
+"""The kind of a row that is a batch and its diagnosis, and two events."""
+BATCHES = (OBSERVED, CHANGE)
+DIAGNOSES = (DIAGNOSED, CHANGE)
+
+
+@dataclass(slots=True)
+class Logged:
+    """A row of the log that waits for its id, and the events that it is."""
+
+    kind: str
+    robot: str | None
+    revision: int | None
+    batch: str | None
+    data: str | None
+    digest: str | None  # of the result that has the rest of the data
+    told: tuple[tuple[Kind, Json], ...]
+
+    def diagnosed(self, diagnosis: Logged) -> None:
+        """Become the row of the batch that it is and of its diagnosis."""
+        self.kind = CHANGE
+        self.data, self.digest = diagnosis.data, diagnosis.digest
+        self.told += diagnosis.told
+
+
+NEWEST_EVENT = (
+    "SELECT max(value, coalesce((SELECT max(id) FROM events), 0)) FROM counters WHERE name = 'event'"
+)
+"""Of SQLite's: returns the id of the newest event. The counter is brought up to it when rows are removed."""
 
 
 class LockedRobot(NamedTuple):
@@ -46,41 +77,28 @@ class LockedRobot(NamedTuple):
 class Rows:
     """Rows that wait in memory, and what is known of the locked robots."""
 
-    __slots__ = (
-        "audit",
-        "common",
-        "diagnoses",
-        "events",
-        "history",
-        "obs",
-        "once",
-        "revised",
-        "states",
-        "turn",
-    )
+    __slots__ = ("audit", "common", "folding", "log", "obs", "once", "revised", "states", "turn")
 
     def __init__(self) -> None:
         self.states: dict[str, LockedRobot] = {}
         self.revised: set[str] = set()
-        self.history: list[Row] = []
-        self.obs: dict[tuple[str, str], Row | None] = {}  # None: forgotten
+        self.folding: set[str] = set()  # robots of which OBS is to be brought up to the log
+        self.log: list[Logged] = []
+        self.obs: dict[tuple[str, str], Row] = {}  # that are not taken from the log
         self.once: dict[tuple[str, str], Values] = {}
-        self.diagnoses: list[Row] = []  # in place of a result's number stands its digest yet
         self.audit: list[Values] = []
-        self.events: list[tuple[Kind, str | None, Json, str, str | None]] = []  # text and digest of the data
-        self.common: dict[str, str] = {}  # digest -> text, of what the rows above have
+        self.common: dict[str, str] = {}  # digest -> text, of what rows of the log have
         self.turn = False  # somebody asks only whether there is a turn to write
 
     def absorb(self, other: Rows) -> None:
         """Take over the rows of a change that went well."""
         self.states |= other.states
         self.revised |= other.revised
-        self.history += other.history
+        self.folding |= other.folding
+        self.log += other.log
         self.obs |= other.obs
         self.once |= other.once
-        self.diagnoses += other.diagnoses
         self.audit += other.audit
-        self.events += other.events
         self.common |= other.common
         self.turn |= other.turn
 

@@ -2,9 +2,12 @@
 
 - JSON is text: the store never looks inside, and it is the same text on both databases.
 - An atom is the JSON array of its predicate and arguments, so that no parser stands between OBS and the disk.
-- Ids of events and audit entries come from `counters`, in the transaction that writes them: they have no
-  gaps and are committed in their order (a database sequence promises neither). Other numbers are the
-  database's own.
+- Ids of events and audit entries have no gaps and are committed in their order (a database sequence promises
+  neither). They come from `counters`, in the transaction that writes them; on SQLite, where one transaction
+  writes at a time, those of events from the log itself, and their counter may be behind it.
+- A change is one row: a batch, its diagnosis and their two events are one row of `events`. OBS and, on
+  SQLite, a robot's revision are behind the log by some batches of each robot; folding.py has the rules.
+- Other numbers are the database's own.
 - A row of `robot_state` outlives its robot: revisions and fencing numbers never go back.
 
 A change here needs a migration in migrations/versions/ and HEAD set to it; a test compares the two.
@@ -28,11 +31,10 @@ from sqlalchemy import (
     Table,
     Text,
     TypeDecorator,
-    UniqueConstraint,
     text,
 )
 
-HEAD = "0008"
+HEAD = "0009"
 """The schema version that this program reads and writes."""
 
 metadata = MetaData()
@@ -88,7 +90,7 @@ def _time(column: str, *, nullable: bool = False) -> Column[int]:
     return Column(column, BigInteger, nullable=nullable)
 
 
-def _numbered(table: str, *parts: Column[Any] | Index | UniqueConstraint, key: str = "number") -> Table:
+def _numbered(table: str, *parts: Column[Any] | Index, key: str = "number") -> Table:
     """A table that the database numbers; a number is not used twice, even after its row was removed."""
     number = Column(key, _NUMBER, primary_key=True, autoincrement=True)
     return Table(table, metadata, number, *parts, sqlite_autoincrement=True)
@@ -132,18 +134,10 @@ robot_state = Table(
     "robot_state",
     metadata,
     _name("robot", primary_key=True),
-    _time("revision"),
+    _time("revision"),  # on SQLite no newer than `folded`: newer ones are in the log
+    _time("folded"),  # the revision up to which `obs` has all batches
     _time("fence"),
     _name("owner", index=True),  # the instance, None when nobody owns it
-)
-
-observations = _numbered(
-    "observations",
-    _name("robot", nullable=False),
-    _time("revision"),
-    _time("time_ns"),
-    _name("data", nullable=False),
-    UniqueConstraint("robot", "revision", name="uq_observations_robot_revision"),
 )
 
 obs = Table(
@@ -158,6 +152,7 @@ obs = Table(
     _time("since_ns", nullable=True),
     _time("onset_ns", nullable=True),
     _time("settled", nullable=True),
+    _time("revision"),  # the latest that the row has: batches of older ones do not change it any more
     sqlite_with_rowid=False,
 )
 
@@ -173,17 +168,6 @@ assertions = Table(
     sqlite_with_rowid=False,
 )
 
-diagnoses = _numbered(
-    "diagnoses",
-    _name("robot", nullable=False),
-    _time("revision"),
-    _name("model_version", nullable=False),
-    _time("time_ns"),
-    _name("result", nullable=False),  # with a hole where `common` goes, if there is one
-    Column("common", BigInteger),  # a number of `results`
-    Index("ix_diagnoses_robot", "robot", "number"),
-)
-
 results = _numbered(
     "results",
     Column("digest", _Hex(), nullable=False, unique=True),  # of data
@@ -194,13 +178,15 @@ results = _numbered(
 events = Table(
     "events",
     metadata,
-    Column("id", _NUMBER, primary_key=True, autoincrement=False),
+    Column("id", _NUMBER, primary_key=True, autoincrement=False),  # of the last event that the row is
     _time("time_ns"),
-    _name("kind", nullable=False),
+    _name("kind", nullable=False),  # of the event, or `change`: a batch and its diagnosis, two events
     _name("robot"),
-    _name("data", nullable=False),  # with a hole where `common` goes, if there is one
+    _time("revision", nullable=True),  # of OBS, where it is a batch or a diagnosis
+    _name("batch"),  # what was accepted
+    _name("data"),  # of a diagnosis, or any other event; with a hole where `common` goes, if there is one
     Column("common", BigInteger),  # a number of `results`
-    Index("ix_events_robot", "robot", "id"),
+    Index("ix_events_robot", "robot", "kind", "id"),
 )
 
 audit = Table(

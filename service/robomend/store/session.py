@@ -43,6 +43,7 @@ from robomend.end_sign import EndSign
 from robomend.errors import StoreError
 from robomend.starvation import OwnSilence, waited_s
 from robomend.store.group import CHANNEL
+from robomend.store.rows import NEWEST_EVENT
 
 POLL_S = 0.05
 """SQLite: how late an event of another process may come."""
@@ -309,7 +310,7 @@ class SqliteSession(InstanceSession):
                 # data_version changes with every commit of another connection; it costs no disk access.
                 version = connection.execute("PRAGMA data_version").fetchone()
                 if version != seen:
-                    row = connection.execute("SELECT value FROM counters WHERE name = 'event'").fetchone()
+                    row = connection.execute(NEWEST_EVENT).fetchone()
                     seen = version
                     self._on_sign(row[0] if row else 0)
                 self._closing.wait(POLL_S)

@@ -1,8 +1,8 @@
 """What one change sees of its group's transaction (group.py): a snapshot that it can change.
 
-Rows of observations, events, audit and idempotency keys wait in memory, to be written with the group's, one
-statement a table. A change that asks the database something has them put there first, so it sees them; from
-then on it is inside a savepoint of its own.
+Rows of the log, of audit and idempotency keys wait in memory, to be written with the group's, one statement a
+table. A change that asks the database something has those put there first that need no id, so it sees them;
+from then on it is inside a savepoint of its own.
 """
 
 from __future__ import annotations
@@ -10,14 +10,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from sqlalchemy import Delete, Insert, Select, Table, Update, bindparam, exists, or_, select, text
+from sqlalchemy import Delete, Executable, Insert, Table, Update, bindparam, exists, or_, select, text
 
 from robomend.errors import Fenced, NotFound
 from robomend.store import schema
 from robomend.store.encoding import checked, checked_or_none, optional_json
 from robomend.store.prepared import Prepared
 from robomend.store.records import AuditEntry, Fence, IdempotencyKey, Json
-from robomend.store.rows import LockedRobot, Rows, Values, upsert
+from robomend.store.rows import LockedRobot, Logged, Rows, Values, upsert
 from robomend.store.view import AnyRow, View
 from robomend_client.events import Kind
 
@@ -47,7 +47,7 @@ class Transaction(View):
         super().__init__(group.connection)
         self._group = group
         self.waiting = Rows()
-        """Observations, diagnoses, events and the like: written with the group's, one statement a table."""
+        """What is written with the group's, one statement a table."""
         self.repeatable = False
         """Whether doing it again is harmless: then the key of the request need not be kept."""
         self._saved = False  # whether the savepoint is there
@@ -58,9 +58,13 @@ class Transaction(View):
         return self._group.now_ns
 
     def emit(self, kind: Kind, robot: str | None, data: Json) -> None:
-        """Append to the event log; the id is given at the commit."""
-        waiting = self.waiting
-        waiting.events.append((kind, checked_or_none(robot), data, *waiting.kept(data)))
+        """Append to the event log; the id is given at the commit.
+
+        Not what observations.py and diagnoses.py write, which is more than its event.
+        """
+        own, digest = self.waiting.kept(data)
+        row = Logged(kind, checked_or_none(robot), None, None, own, digest, ((kind, data),))
+        self.waiting.log.append(row)
 
     def note(self, entry: AuditEntry) -> None:
         """Append to the audit log; id and time are filled in."""
@@ -83,9 +87,12 @@ class Transaction(View):
 
     # --- statements
 
-    def rows(self, query: Select[Any]) -> list[AnyRow]:
+    def rows(self, query: Executable, values: Mapping[str, Any] | None = None) -> list[AnyRow]:
         self._put_waiting()
-        return super().rows(query)
+        return super().rows(query, values)
+
+    def of_log(self, query: Executable, values: Mapping[str, Any] | None = None) -> list[AnyRow]:
+        raise RuntimeError("the log is written at the end of a group: read it before the change, or after it")
 
     def change(self, statement: Insert | Update | Delete, values: Mapping[str, Any] | None = None) -> int:
         """Run a statement now and return how many rows it touched."""
@@ -138,6 +145,11 @@ class Transaction(View):
         """Return whether a repair or a drill of the robot is open."""
         return bool(_WORKED_ON.value(self._group.driver, (robot,)))
 
+    def bring_up(self, robot: str) -> None:
+        """Have the robot's rows of OBS brought up to the log, at the group's end."""
+        if self.state(robot) is not None:
+            self.waiting.folding.add(robot)
+
     def now_is(self, robot: str, state: LockedRobot) -> None:
         """Tell those who come after, in this transaction, what the robot's row has become."""
         self.waiting.states[robot] = state
@@ -175,6 +187,5 @@ class Transaction(View):
     def undo(self) -> None:
         """Take back what was written at once; the rows in memory go with this object."""
         if self._saved:
-            self._group.forget_numbers()
             self._connection.exec_driver_sql("ROLLBACK TO SAVEPOINT change")
             self._connection.exec_driver_sql("RELEASE SAVEPOINT change")

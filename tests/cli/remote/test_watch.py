@@ -69,6 +69,7 @@ def test_what_happens_is_told_live_and_over_a_lost_connection(shared: Shared, ro
         line.mend()
         assert f" {robot} observed ok(scan)" in lines.get(timeout=END_S)
         assert f" {robot} no fault: " in lines.get(timeout=END_S)
+        until(lambda: len(said) == 3, "that it is back is told")  # by another pipe, which may come later
         assert said[2] == "connected again"
 
 

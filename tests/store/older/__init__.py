@@ -4,6 +4,8 @@
     0005.sqlite.sql, 0005.postgresql.sql   the same, brought up to date and written to by a later one
     0006.sqlite.sql, 0006.postgresql.sql   the same once more, with a result that rows have in common
     0007.sqlite.sql, 0007.postgresql.sql   what the next one has beside that: a batch
+    0008.sqlite.sql, 0008.postgresql.sql   what the one after has beside that: changes of two robots,
+                                           with a log of events that begins later than the history
     0007.drills.sqlite.sql                 rows of another of that version, in place of its own: drills that
                                            ended, and three under way
 
@@ -27,7 +29,7 @@ EVIDENCE = "".join(
 CHANGES = {"0003": f"{EVIDENCE} UPDATE alembic_version SET version_num = '0003';"}
 """What the migration to a later version wrote into such a database."""
 
-BESIDE = {"0007": "0006"}
+BESIDE = {"0007": "0006", "0008": "0007"}
 """Versions of which only what they add is here -> what they add it to."""
 
 BEFORE_SIGN_INS = "DROP TABLE sign_ins; UPDATE alembic_version SET version_num = '0001';"
@@ -36,7 +38,9 @@ BEFORE_SIGN_INS = "DROP TABLE sign_ins; UPDATE alembic_version SET version_num =
 def lay(url: str, version: str) -> None:
     """Put the database of that schema at the URL, which is an empty one."""
     left = version if (HERE / f"{version}.sqlite.sql").exists() else "0002"
-    files = [BESIDE[left], left] if left in BESIDE else [left]
+    files = [left]
+    while files[0] in BESIDE:
+        files.insert(0, BESIDE[files[0]])
     change = BEFORE_SIGN_INS if version == "0001" else CHANGES.get(version, "")
     kind = "sqlite" if url.startswith("sqlite") else "postgresql"
     script = "".join((HERE / f"{one}.{kind}.sql").read_text(encoding="utf-8") for one in files) + change

@@ -1,0 +1,208 @@
+"""OBS is rows, and batches of the log that came since: who reads it finds what was accepted, always."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+from collections import Counter
+from dataclasses import dataclass, replace
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from sqlalchemy import select
+from tests.store.examples import entry, observe, with_robots
+
+from robomend.entry import Entry
+from robomend.observations.obs import Obs, consequences
+from robomend.store import Store, Transaction, View, events, folding, observations, robots, schema
+from robomend.store.encoding import Encoded, atom_to_text
+from robomend_client.events import Event
+from robomend_client.literals import Atom, Literal
+
+pytestmark = pytest.mark.anyio
+
+EXAMPLE = itertools.count()
+ATOMS = [Atom("ok", ("scan",)), Atom("on", ("laser",)), Atom("inc", ("yaw",)), Atom("dec", ("yaw",))]
+
+
+@pytest.fixture
+def often(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every third batch brings the rows up to the log, and five entries are a large batch."""
+    monkeypatch.setattr(folding, "EVERY", 3)
+    monkeypatch.setattr(folding, "LARGE", 4)
+
+
+@dataclass(frozen=True)
+class Step:
+    """A batch, a renewal of lifetimes, or somebody who brings the rows up to the log."""
+
+    what: str  # batch, renew, bring-up
+    literals: tuple[tuple[int, bool], ...]
+    forgotten: tuple[int, ...]
+
+
+STEPS = st.lists(
+    st.builds(
+        Step,
+        st.sampled_from(["batch", "batch", "batch", "renew", "bring-up"]),
+        st.lists(st.tuples(st.integers(0, 3), st.booleans()), max_size=3).map(tuple),
+        st.lists(st.integers(0, 3), max_size=1).map(tuple),
+    ),
+    max_size=14,
+)
+
+
+async def accept(store: Store, robot: str, obs: Obs, step: Step, time_ns: int) -> None:
+    """Take a batch into OBS, and write it as a robot does."""
+    given = [Entry(Literal(ATOMS[n], sign), "general", time_ns, time_ns + 9) for n, sign in step.literals]
+    changed = obs.update(given)
+    new = {one.atom for one in changed}
+    renewed = {
+        one.atom: one
+        for each in given
+        for one in consequences(each)
+        if one.atom not in new and obs.get(one.atom) == one
+    }
+    forgotten = [ATOMS[n] for n in step.forgotten]
+    obs.forget(forgotten)
+
+    def batch(tx: Transaction) -> int:
+        return observations.observe(
+            tx, robot, accepted=given, changed=changed, renewed=[*renewed.values()], forgotten=forgotten
+        )
+
+    await store.write(batch, robots=(robot,))
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(steps=STEPS)
+async def test_obs_is_what_was_accepted(store: Store, second: Store, often: None, steps: list[Step]) -> None:
+    robot, obs = f"r{next(EXAMPLE)}", Obs()
+    await with_robots(store, robot)
+    for time_ns, step in enumerate(steps, 1):
+        who = (store, second)[time_ns % 2]
+        if step.what == "bring-up":
+            await who.write(lambda tx: tx.bring_up(robot))
+        elif step.what == "batch":
+            await accept(who, robot, obs, step, time_ns)
+        else:
+            held = [replace(one, expires_ns=time_ns + 99) for one in obs.entries()]
+            held = [one for one in held if consequences(one) == (one,)]  # else it may be more than a renewal
+            obs.update(held)
+            at = await who.read(observations.revision, robot)
+
+            def renew(tx: Transaction, held: list[Entry] = held, at: int = at) -> bool:
+                return observations.renew(tx, robot, held, expected=at)
+
+            assert await who.write(renew, robots=(robot,))
+        kept = (await store.read(observations.obs, robot)).entries
+        assert {one.atom: one for one in kept} == {one.atom: one for one in obs.entries()}
+        assert [*kept] == sorted(kept, key=lambda one: atom_to_text(one.atom))
+
+
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(steps=STEPS)
+async def test_the_log_tells_what_was_told(store: Store, often: None, steps: list[Step]) -> None:
+    robot, obs, told = f"r{next(EXAMPLE)}", Obs(), list[Event]()
+    await with_robots(store, robot)
+    before = (await store.read(events.kept)).newest
+    end = store.subscribe(told.extend)
+    for time_ns, step in enumerate(steps, 1):
+        await accept(store, robot, obs, step, time_ns)
+    end()
+    log = await store.read(events.after, before)
+    assert [*log] == told
+    for event, live in zip(log, told, strict=True):
+        assert isinstance(event.data, Encoded)
+        assert isinstance(live.data, Encoded)
+        assert event.data.text == live.data.text
+    assert await store.read(events.after, before, robot=robot) == log
+
+
+async def rows_of(store: Store, robot: str) -> tuple[int, int, list[str]]:
+    """Return the revision of the robot's row, the one up to which the rows of OBS have all, their atoms."""
+
+    def look(view: View) -> tuple[int, int, list[str]]:
+        states, obs = schema.robot_state, schema.obs
+        state = view.one(select(states).where(states.c.robot == robot), "state")
+        held = view.rows(select(obs.c.atom).where(obs.c.robot == robot).order_by(obs.c.atom))
+        return state.revision, state.folded, [row.atom for row in held]
+
+    return await store.read(look)
+
+
+async def test_few_batches_write_the_rows_of_obs(store: Store, url: str) -> None:
+    await with_robots(store, "r1")
+    written = list[int]()
+    for number in range(3 * folding.EVERY):
+        revision = await observe(store, "r1", entry("scan", number % 2 == 0))
+        at, folded, atoms = await rows_of(store, "r1")
+        assert at == folded or (at == revision and url.startswith("postgresql"))
+        assert folded <= revision < folded + folding.EVERY
+        assert atoms == ([] if folded == 0 else ['["ok","scan"]'])
+        written += [folded] if folded and folded not in written else []
+    assert len(written) == 3
+
+
+async def test_a_large_batch_is_in_the_rows_at_once_and_older_ones_leave_it(store: Store) -> None:
+    await with_robots(store, "r1")
+    await observe(store, "r1", entry("t1", False), entry("lone"))
+    many = [entry(f"t{number}", time_ns=2) for number in range(folding.LARGE)]
+    await observe(store, "r1", *many)
+    _, folded, atoms = await rows_of(store, "r1")
+    assert (folded, len(atoms)) == (0, folding.LARGE)
+    await observe(store, "r1", entry("t2", False, time_ns=3))
+    obs = {one.atom.args[0]: one.positive for one in (await store.read(observations.obs, "r1")).entries}
+    assert obs == {"lone": True} | {f"t{n}": n != 2 for n in range(folding.LARGE)}
+
+
+async def test_robots_that_began_together_do_not_write_together() -> None:
+    due = Counter(
+        next(revision for revision in range(1, folding.EVERY + 1) if folding.due(f"r{robot}", revision))
+        for robot in range(64 * folding.EVERY)
+    )
+    assert max(due.values()) < 2 * 64
+
+
+async def test_what_was_known_of_a_robot_that_is_made_again_is_gone(store: Store) -> None:
+    await with_robots(store, "r1")
+    await observe(store, "r1", entry("scan"), entry("odom"))
+    await store.write(lambda tx: robots.delete(tx, "r1"))
+    await with_robots(store, "r1")
+    obs = await store.read(observations.obs, "r1")
+    assert (obs.revision, obs.entries) == (1, ())
+    await observe(store, "r1", entry("map"))
+    obs = await store.read(observations.obs, "r1")
+    assert (obs.revision, [one.atom.args for one in obs.entries]) == (2, [("map",)])
+
+
+async def test_a_robot_that_is_deleted_and_made_again_in_one_group_keeps_what_came_after(
+    store: Store,
+) -> None:
+    await with_robots(store, "r1")
+    await observe(store, "r1", entry("scan"))
+
+    def anew(tx: Transaction) -> int:
+        observations.observe(tx, "r1", accepted=[entry("late")], changed=[entry("late")])
+        robots.delete(tx, "r1")
+        robots.put(tx, "r1", {"model": "tedusar"}, expected=None)
+        return observations.observe(tx, "r1", accepted=[entry("map")], changed=[entry("map")])
+
+    assert await store.write(anew) == 3
+    await store.write(lambda tx: tx.bring_up("r1"))
+    obs = await store.read(observations.obs, "r1")
+    assert (obs.revision, [one.atom.args for one in obs.entries]) == (3, [("map",)])
+
+
+async def test_the_rows_are_brought_up_by_whichever_instance_it_falls_to(
+    store: Store, second: Store, often: None
+) -> None:
+    await with_robots(store, "r1")
+    for number in range(12):
+        await observe((store, second)[number % 2], "r1", entry(f"t{number % 5}", number % 3 == 0))
+    both = await asyncio.gather(*(each.read(observations.obs, "r1") for each in (store, second)))
+    assert both[0] == both[1]
+    assert {one.atom.args[0]: one.positive for one in both[0].entries} == {
+        f"t{number % 5}": number % 3 == 0 for number in range(12)
+    }
