@@ -188,8 +188,12 @@ class Settings(BaseModel):
     )
     graceful_s: float = Field(5.0, gt=0, description="for requests to end at shutdown")
 
-    observations_days: float = Field(30.0, gt=0, description="accepted batches are kept this long, and as long as events")
-    diagnoses_days: float = Field(30.0, gt=0, description="diagnoses are kept this long, and as long as events")
+    observations_days: float = Field(
+        30.0, gt=0, description="accepted batches are kept this long, and as long as events"
+    )
+    diagnoses_days: float = Field(
+        30.0, gt=0, description="diagnoses are kept this long, and as long as events"
+    )
     events_days: float = Field(7.0, gt=0, description="events are kept this long: how far streams replay")
     repairs_days: float = Field(365.0, gt=0, description="repairs that ended are kept this long")
     log_level: Literal["debug", "info", "warning", "error"] = "info"

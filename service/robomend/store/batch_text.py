@@ -19,16 +19,20 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Sequence
+from functools import lru_cache
 from json.encoder import encode_basestring_ascii
 from operator import is_not
 from typing import Any
 
 from robomend.entry import Entry
-from robomend.store.encoding import Encoded, checked, to_json
+from robomend.store.encoding import INT64, Encoded, atom_to_text, checked, checked_ns, to_json
 from robomend.store.records import StoredAssertion, StoredBatch
 from robomend_client.literals import Atom, Literal
 
-_IN_ROWS = '{"o":1,'
+Held = tuple[bool, str, int, int | None, int | None, int | None, int | None]
+"""The columns of a row of OBS from `positive` to `settled`."""
+
+_IN_ROWS = '"o":1,'
 
 
 def batch_to_text(
@@ -43,24 +47,29 @@ def batch_to_text(
     took_ns: int,
     in_rows: bool,
 ) -> str:
-    """Return one accepted batch as JSON. `in_rows`: what OBS holds of it is written beside it."""
-    rows: dict[str, Any] = {"o": 1} if in_rows else {}
-    rows["b"] = checked(by)
-    rows["e"] = [_entry_row(entry) for entry in accepted]
-    held = [*changed, *renewed]
+    """Return one accepted batch as JSON. InputError: of an entry that no row of OBS takes.
+
+    It is written by hand: the encoder would take several times as long, for each change of each robot.
+
+    Args:
+        in_rows: what OBS holds of it is written beside it.
+    """
+    entries = [*map(_entry_text, accepted)]
+    text = f'{{{_IN_ROWS if in_rows else ""}"b":{_string(by)},"e":[{",".join(entries)}]'
+    held = [*changed, *renewed] if renewed else changed
     if len(held) != len(accepted) or any(map(is_not, held, accepted)):
-        places = {id(entry): place for place, entry in enumerate(accepted)}
-        rows["h"] = [places[id(entry)] if id(entry) in places else _entry_row(entry) for entry in held]
+        places = {id(entry): str(place) for place, entry in enumerate(accepted)}
+        text += f',"h":[{",".join([places.get(id(entry)) or _entry_text(entry) for entry in held])}]'
     if renewed:
-        rows["c"] = len(changed)
-    if forgotten:
-        rows["f"] = forgotten
-    if asserted:
-        rows["a"] = [[a.name, a.sentence, a.source, a.time_ns, a.expires_ns] for a in asserted]
-    if withdrawn:
-        rows["w"] = list(withdrawn)
-    rows["n"] = took_ns
-    return to_json(rows)
+        text += f',"c":{len(changed)}'
+    if forgotten or asserted or withdrawn:
+        more: dict[str, Any] = {"f": forgotten} if forgotten else {}
+        if asserted:
+            more["a"] = [[a.name, a.sentence, a.source, a.time_ns, a.expires_ns] for a in asserted]
+        if withdrawn:
+            more["w"] = withdrawn
+        text += f",{to_json(more)[1:-1]}"
+    return f'{text},"n":{took_ns}}}'
 
 
 def batch_of(text: str, robot: str, revision: int, time_ns: int) -> StoredBatch:
@@ -81,13 +90,14 @@ def event_of(text: str, revision: int, time_ns: int) -> Encoded:
     return told(revision, changed, forgotten, time_ns - rows.get("n", 0))
 
 
-def held_of(text: str) -> tuple[list[Entry], list[Atom]]:
-    """Return the entries that OBS holds since the batch, and the atoms that it forgot with it."""
-    if text.startswith(_IN_ROWS) and '"f":' not in text:  # a quote inside a string has a backslash before it
+def held_of(text: str) -> tuple[list[tuple[str, Held]], list[str]]:
+    """Return what OBS holds since the batch, as columns of its rows, and what it forgot: atoms as texts."""
+    in_rows = text.startswith(_IN_ROWS, 1)
+    if in_rows and '"f":' not in text:  # a quote inside a string has a backslash before it
         return [], []
     rows = json.loads(text)
-    held = [] if "o" in rows else [_entry(row) for row in _held_rows(rows)]
-    return held, [Atom(predicate, tuple(args)) for predicate, args in rows.get("f", ())]
+    held = [] if in_rows else [(_atom_text(row[0], row[1]), _columns(*row)) for row in _held_rows(rows)]
+    return held, [_atom_text(predicate, args) for predicate, args in rows.get("f", ())]
 
 
 def told(revision: int, changed: list[str], forgotten: Iterable[Atom], accepted_ns: int) -> Encoded:
@@ -106,14 +116,49 @@ def _held_rows(rows: dict[str, Any]) -> list[list[Any]]:
     return [accepted[row] if type(row) is int else row for row in rows["h"]]
 
 
-def _entry_row(entry: Entry) -> list[Any]:
+@lru_cache(maxsize=16384)
+def _atom(atom: Atom) -> str:
+    """Return an atom as it begins an entry: its predicate and its arguments."""
+    return f"{encode_basestring_ascii(atom.predicate)},{to_json(atom.args)}"
+
+
+@lru_cache(maxsize=1024)
+def _string(text: str) -> str:
+    """Return a string as JSON. InputError: no column takes it."""
+    return encode_basestring_ascii(checked(text))
+
+
+def _atom_text(predicate: str, args: list[str]) -> str:
+    return atom_to_text(Atom(predicate, tuple(args)))
+
+
+def _entry_text(entry: Entry) -> str:
     """Return an entry as an array, without the values at its end that it has not got."""
-    (predicate, args), positive = entry.literal
-    row = [predicate, args, positive, entry.source, entry.time_ns]
-    row += [entry.expires_ns, entry.since_ns, entry.onset_ns, entry.settled]
-    while row[-1] is None:
-        row.pop()
-    return row
+    atom, positive = entry.literal
+    text = f"[{_atom(atom)},{'true' if positive else 'false'},{_string(entry.source)},{_ns(entry.time_ns)}"
+    more: tuple[int | None, ...] = (entry.expires_ns, entry.since_ns, entry.onset_ns, entry.settled)
+    while more and more[-1] is None:
+        more = more[:-1]
+    return f"{text}{''.join([f',{_ns(value)}' for value in more])}]"
+
+
+def _ns(value: int | None) -> str:
+    return "null" if value is None else str(value if value in INT64 else checked_ns(value))
+
+
+def _columns(
+    _predicate: str,
+    _args: Sequence[str],
+    positive: bool,
+    source: str,
+    time_ns: int,
+    expires_ns: int | None = None,
+    since_ns: int | None = None,
+    onset_ns: int | None = None,
+    settled: int | None = None,
+) -> Held:
+    """Return the columns of an entry as it is in the text."""
+    return positive, source, time_ns, expires_ns, since_ns, onset_ns, settled
 
 
 def _entry(row: list[Any]) -> Entry:

@@ -17,6 +17,7 @@ from robomend.store.transaction import Transaction
 from robomend.store.view import AnyRow, View
 
 _DRILLS = schema.drills
+_OPEN_ONES = select(_DRILLS).where(_DRILLS.c.open)  # each second: made once
 
 
 def get(view: View, drill: str) -> StoredDrill:
@@ -39,7 +40,7 @@ def open_of(view: View, robot: str) -> StoredDrill | None:
 
 def open_ones(view: View) -> tuple[StoredDrill, ...]:
     """Return the open drills of all robots."""
-    return tuple(_drill(row) for row in view.rows(select(_DRILLS).where(_DRILLS.c.open)))
+    return tuple(_drill(row) for row in view.rows(_OPEN_ONES))
 
 
 def between(view: View, robot: str, first_ns: int, last_ns: int) -> tuple[StoredDrill, ...]:

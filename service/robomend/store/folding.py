@@ -155,13 +155,12 @@ def fold(robot: str, of: Mapping[str, int], batches: Iterable[Sequence[Any]]) ->
     rows: dict[str, Row | None] = {}
     for revision, batch in sorted((revision, batch) for revision, batch in batches):
         held, forgotten = held_of(batch)
-        for entry in held:
-            atom = atom_to_text(entry.atom)
+        for atom, columns in held:
             if of.get(atom, 0) < revision:
-                rows[atom] = obs_row(robot, entry, revision)
-        for gone in map(atom_to_text, forgotten):  # after it held what it holds
-            if of.get(gone, 0) <= revision:
-                rows[gone] = None
+                rows[atom] = (robot, atom, *columns, revision)
+        for atom in forgotten:  # after it held what it holds
+            if of.get(atom, 0) <= revision:
+                rows[atom] = None
     return rows
 
 

@@ -16,14 +16,14 @@ from robomend.store.records import Stop
 from robomend.store.transaction import Transaction
 from robomend.store.view import View
 
+_STOP = select(schema.settings.c.value).where(schema.settings.c.name == "stop")  # each second: made once
 _LOCK = 0x73746F70  # "stop": PostgreSQL's advisory lock
 
 
 def get(view: View) -> Stop:
     """Return the stop as it is on disk."""
-    table = schema.settings
-    row = view.first(select(table.c.value).where(table.c.name == "stop"))
-    return Stop() if row is None else Stop(**from_json(row.value))
+    rows = view.rows(_STOP)
+    return Stop(**from_json(rows[0].value)) if rows else Stop()
 
 
 def hold(tx: Transaction) -> Stop:

@@ -81,10 +81,9 @@ def observe(
     if accepted_ns is None:
         accepted_ns = now_ns
     large = len(accepted) + len(changed) + len(renewed) > folding.LARGE
-    for held in (changed, renewed):
-        rows = [folding.obs_row(robot, entry, revision) for entry in held]  # what no column takes is refused
-        if large:
-            waiting.obs.update(((robot, row[1]), row) for row in rows)
+    if large:
+        for entry in (*changed, *renewed):
+            waiting.obs[robot, atom_to_text(entry.atom)] = folding.obs_row(robot, entry, revision)
     batch = batch_to_text(
         accepted,
         changed,

@@ -29,7 +29,7 @@ from functools import partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from sqlalchemy import Connection, or_, select
+from sqlalchemy import Connection, bindparam, or_, select
 
 from robomend.errors import Fenced, RobomendError, StoreError
 from robomend.store import schema
@@ -216,6 +216,20 @@ class Ownership:
 
 # --- the rows
 
+# Asked each second: made once.
+_OWNERS = select(schema.robot_state.c.owner).distinct()
+_ORPHANS = (
+    select(schema.robot_state.c.robot)
+    .join(schema.robots, schema.robots.c.id == schema.robot_state.c.robot)
+    .where(
+        or_(
+            schema.robot_state.c.owner.is_(None),
+            schema.robot_state.c.owner.in_(bindparam("dead", expanding=True)),
+        )
+    )
+    .order_by(schema.robot_state.c.robot)
+    .limit(MAX_ORPHANS)
+)
 
 Lives = Callable[[str, Connection], bool]
 """Whether an instance holds its lock."""
@@ -283,14 +297,6 @@ def instances(view: View, lives: Lives) -> tuple[Instance, ...]:
 
 def orphans(view: View, instance: str | None, lives: Lives) -> tuple[str, ...]:
     """Return up to MAX_ORPHANS robots whose owner is dead or nobody, by name."""
-    states, robots = schema.robot_state, schema.robots
-    owners = {row.owner for row in view.rows(select(states.c.owner).distinct())}
+    owners = {row.owner for row in view.rows(_OWNERS)}
     dead = [name for name in owners - {None, instance} if not lives(name, view.connection)]
-    query = (
-        select(states.c.robot)
-        .join(robots, robots.c.id == states.c.robot)
-        .where(or_(states.c.owner.is_(None), states.c.owner.in_(dead)))
-        .order_by(states.c.robot)
-        .limit(MAX_ORPHANS)
-    )
-    return tuple(row.robot for row in view.rows(query))
+    return tuple(row.robot for row in view.rows(_ORPHANS, {"dead": dead}))
