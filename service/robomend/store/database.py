@@ -46,6 +46,12 @@ MIGRATION_S = 3600.0
 FULL_S = 10.0
 """A write that was refused for want of room tells of the disk for so long: a smaller one may still fit."""
 
+LOG_PAGES = 4000
+"""SQLite: the write-ahead log is moved into the file when it has so many, 16 MB."""
+
+WRITER_CACHE_KIB = 16_000
+"""SQLite: pages that the writer keeps; with a thousand robots each change touches another one."""
+
 TURN_S = 0.001
 """How often it looks whether it is its turn."""
 
@@ -121,8 +127,10 @@ class Database:
         """Return a connection whose transactions may write; on SQLite they lock out other writers at once."""
         with translated():
             connection = self._engine.connect().execution_options(robomend_writes=True)
-            if self.path is None:
-                itself: Any = connection.connection.driver_connection
+            itself: Any = connection.connection.driver_connection
+            if self.path is not None:
+                itself.execute(f"PRAGMA cache_size=-{WRITER_CACHE_KIB}")
+            else:
                 # pipeline.py prepares. The driver forgets what it had prepared at its next rollback, and
                 # has the server forget everything then: now, while there is nothing of ours.
                 itself.prepare_threshold = None
@@ -266,6 +274,8 @@ def _sqlite_engine(url: URL) -> Engine:
             "journal_mode=WAL",
             "synchronous=FULL",
             "cache_size=-4000",  # KiB a connection
+            # A page of the log that robots' rows share is then moved into the file once for some of them.
+            f"wal_autocheckpoint={LOG_PAGES}",
             "journal_size_limit=67108864",
             "temp_store=MEMORY",
         ):
