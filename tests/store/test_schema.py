@@ -13,7 +13,9 @@ from tests.store.older import lay
 from robomend.errors import StoreError
 from robomend.store import Store, agent_actions, api_keys, global_stop, journal, observations, repairs, schema
 from robomend.store.database import Database
+from robomend.store.encoding import digest
 from robomend.store.portable import export, load
+from robomend.store.records import IdempotencyKey
 
 OLDER = ("0001", "0002", "0003", "0005", "0006", "0007", "0008")
 
@@ -79,7 +81,9 @@ def test_an_older_database_is_brought_up_to_date_and_nothing_is_lost(url: str, v
     after = everything(database)
     assert after.pop("alembic_version") == [{"version_num": schema.HEAD}]
     check_log(before, after)
-    for name in before.keys() - {"alembic_version", "observations", "diagnoses", "events"}:
+    digests = [digest(IdempotencyKey(row["scope"], row["key"], "").whole) for row in before["idempotency"]]
+    assert [row["digest"].hex() for row in after["idempotency"]] == digests
+    for name in before.keys() - {"alembic_version", "observations", "diagnoses", "events", "idempotency"}:
         known = before[name][0].keys()
         assert [{key: row[key] for key in known} for row in after[name]] == before[name], name
     assert all(row["folded"] == row["revision"] for row in after["robot_state"])
@@ -97,6 +101,8 @@ async def test_a_service_goes_on_with_an_older_database(url: str, version: str) 
     await store.start()
     try:
         assert (await store.read(observations.obs, "r1")).revision == 2
+        answered = IdempotencyKey("ada POST /robots/r1/observations", "key-1", "digest")
+        assert await store.write(lambda tx: observations.observe(tx, "r1"), once=answered) == 1
         assert await observe(store, "r1", entry("scan")) == 3
         [running] = (await store.read(repairs.page, "r1", open_only=True)).items
         assert running.state == "executing"

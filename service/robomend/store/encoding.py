@@ -57,12 +57,17 @@ class Common:
 
     def __init__(self, text: str) -> None:
         self.text = text
-        self.digest = hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
+        self.digest = digest(text)
 
 
 def filled(own: str, common: str) -> str:
     """Return the text of an `Encoded` from what its row keeps and the piece that others have as well."""
     return own.replace(HOLE, common, 1)
+
+
+def digest(text: str) -> str:
+    """Return sixteen bytes, as hexadecimal digits, that no other text has."""
+    return hashlib.blake2b(text.encode(errors="surrogatepass"), digest_size=16).hexdigest()
 
 
 def to_json(value: object) -> str:

@@ -19,20 +19,24 @@ from collections.abc import Callable, Collection, Iterable, Sequence
 from functools import partial
 from typing import Any, TypeVar
 
-from sqlalchemy import Connection, bindparam, select, text
+from sqlalchemy import Connection, Executable, bindparam, text
+from sqlalchemy.dialects import postgresql
 
 from robomend.errors import StateConflict
 from robomend.store import folding, results, schema
 from robomend.store.driver import DriverConnection
-from robomend.store.encoding import checked, from_json, to_json
+from robomend.store.encoding import checked, digest, from_json, to_json
 from robomend.store.known import KnownRows
 from robomend.store.prepared import Prepared
 from robomend.store.records import IdempotencyKey
-from robomend.store.rows import BATCHES, LOG, NEWEST_EVENT, LockedRobot, Logged, Rows, upsert
+from robomend.store.rows import BATCHES, LOG, NEWEST_EVENT, ONCE, LockedRobot, Logged, Rows
 from robomend.store.transaction import Transaction
 from robomend_client.events import Event
 
 T = TypeVar("T")
+
+Answers = dict[str, tuple[str, str]]
+"""Digest of an idempotency key -> digest of the request, answer."""
 
 CHANNEL = "robomend_events"
 """PostgreSQL's notification channel; the payload is the newest id."""
@@ -67,10 +71,25 @@ _STATES = {
     """,
 }
 _REMOVALS = f"SELECT value FROM counters WHERE name = '{results.REMOVALS}'"
-_ANSWERS = select(schema.idempotency).where(
-    schema.idempotency.c.key.in_(bindparam("keys", expanding=True)),
-    schema.idempotency.c.expires_ns > bindparam("now_ns"),
-)
+_LOOK_AT_ANSWERS = "SELECT digest, request, response, expires_ns FROM idempotency WHERE digest"
+_ANSWERS = {
+    "sqlite": f"{_LOOK_AT_ANSWERS} IN ({{keys}})",
+    "postgresql": f"{_LOOK_AT_ANSWERS} = ANY($1)",
+}
+
+
+def _answer(kind: str) -> Executable:
+    """Return the statement that keeps an answer; a key that is used again, after its time, counts as new."""
+    if kind == "sqlite":
+        return schema.idempotency.insert().prefix_with("OR REPLACE")
+    insert = postgresql.insert(schema.idempotency)
+    names = ("number", *ONCE[1:])
+    return insert.on_conflict_do_update(
+        index_elements=["digest"], set_={name: insert.excluded[name] for name in names}
+    )
+
+
+_KEEP_ANSWER = Prepared(_answer, ONCE)
 _COUNT = (
     schema.counters.update()
     .where(schema.counters.c.name == bindparam("counter"))
@@ -114,8 +133,7 @@ class Group:
         self._numbers: dict[str, int] = {}  # of results that this group found or wrote, by digest
         self._last: Callable[[], int] | None = None  # returns the id of its newest event, if it has any
         self._known = known
-        self.rows.states = self._begin(robots, now_ns // results.DAY_NS)
-        self.answers = self._answers(onces) if onces else {}
+        self.rows.states, self.answers = self._begin(robots, onces, now_ns // results.DAY_NS)
 
     @property
     def connection(self) -> Connection:
@@ -124,9 +142,9 @@ class Group:
 
     def run(self, change: Callable[[Transaction], T], once: IdempotencyKey | None) -> T:
         """Run one change; if it raises, nothing of it is left."""
-        if once is not None and (answer := self.answers.get((once.scope, once.key))) is not None:
+        if once is not None and (answer := self.answers.get(digest(once.whole))) is not None:
             request, response = answer
-            if request != once.request:
+            if request != digest(once.request):
                 error = StateConflict(
                     f"the idempotency key {once.key!r} was used for another request; take a new one"
                 )
@@ -146,18 +164,20 @@ class Group:
         tx.done()
         return result
 
-    def _begin(self, robots: Collection[str], day: int) -> dict[str, LockedRobot]:
-        """Lock the robots, once it is clear whether what is known still stands; PostgreSQL is told to begin,
-        and asked for both, at once.
+    def _begin(
+        self, robots: Collection[str], onces: Sequence[IdempotencyKey], day: int
+    ) -> tuple[dict[str, LockedRobot], Answers]:
+        """Lock the robots, once it is clear whether what is known still stands, and find what was answered
+        already; PostgreSQL is told to begin, and asked for all, at once.
         """
         if self.kind == "sqlite":
             self._known.look(self.driver, day)
-            return self.lock(robots)
+            return self.lock(robots), self._answered(self._look_at_answers(onces))
         with self.driver.together():
             removals = self.driver.execute(_REMOVALS)
-            looks = self._look_at(robots)
+            looks, answers = self._look_at(robots), self._look_at_answers(onces)
         self._known.is_at(removals.fetchall(), day)
-        return _locked(looks)
+        return _locked(looks), self._answered(answers)
 
     def lock(self, robots: Collection[str]) -> dict[str, LockedRobot]:
         """Lock robots, in the order of their names, and return what is known of them."""
@@ -173,14 +193,19 @@ class Group:
             self.driver.select_in(_STATES, names[start : start + 500]) for start in range(0, len(names), 500)
         ]
 
-    def _answers(self, onces: Sequence[IdempotencyKey]) -> dict[tuple[str, str], tuple[str, str]]:
-        keys = sorted({checked(once.key) for once in onces})
-        answers = {}
-        for start in range(0, len(keys), 500):
-            some = {"keys": keys[start : start + 500], "now_ns": self.now_ns}
-            for row in self.connection.execute(_ANSWERS, some):
-                answers[row.scope, row.key] = (row.request, row.response)
-        return answers
+    def _look_at_answers(self, onces: Sequence[IdempotencyKey]) -> list[Any]:
+        keys = sorted({bytes.fromhex(digest(once.whole)) for once in onces})
+        return [
+            self.driver.select_in(_ANSWERS, keys[start : start + 500]) for start in range(0, len(keys), 500)
+        ]
+
+    def _answered(self, looks: Iterable[Any]) -> Answers:
+        return {
+            key.hex(): (request.hex(), response)
+            for look in looks
+            for key, request, response, expires_ns in look.fetchall()
+            if expires_ns > self.now_ns
+        }
 
     def flush(self, rows: Rows) -> None:
         """Write the rows that have no id yet to get: all but audit and log."""
@@ -188,7 +213,8 @@ class Group:
             folding.KEEP.run(self.driver, [*rows.obs.values()])
             rows.obs = {}
         if rows.once:
-            self.connection.execute(upsert(self.kind, schema.idempotency), list(rows.once.values()))
+            kept = [(bytes.fromhex(key), bytes.fromhex(row[0]), *row[1:]) for key, row in rows.once.items()]
+            _KEEP_ANSWER.run(self.driver, kept)
             rows.once = {}
 
     def finish(self) -> None:

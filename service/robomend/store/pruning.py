@@ -20,6 +20,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import takewhile
 from typing import Any
 
 from sqlalchemy import ColumnElement, Table, func, select
@@ -90,7 +91,7 @@ async def prune(store: Store, retention: Retention, *, slice: int | None = None)
         ("tried", *_log(schema.tried, "number"), retention.tried_days),
         ("tried", *_log(schema.attempts, "number"), retention.tried_days),
         ("audit", *_log(schema.audit, "id"), retention.audit_days),
-        ("idempotency", _expired_keys, _remove_expired_keys, 0.0),
+        ("idempotency", _expired_keys, partial(_remove, schema.idempotency, "number"), 0.0),
         ("agent_actions", *_rows(schema.agent_actions, "queued_ns"), retention.repairs_days),
         ("notifications", *_notifications(), retention.events_days),
         ("drills", *_rows(schema.drills, "updated_ns", ~schema.drills.c.open), retention.repairs_days),
@@ -325,15 +326,8 @@ def _remove_repairs(tx: Transaction, ids: Keys) -> None:
 
 def _expired_keys(view: View, before: int) -> Keys:
     table = schema.idempotency
-    old = select(table.c.scope, table.c.key, table.c.expires_ns).where(table.c.expires_ns < before)
-    return [tuple(row) for row in view.rows(old.order_by(table.c.expires_ns).limit(LOOK))]
-
-
-def _remove_expired_keys(tx: Transaction, keys: Keys) -> None:
-    table = schema.idempotency
-    for scope, key, expires_ns in keys:  # a key that was used again since has another end
-        of_key = (table.c.scope == scope, table.c.key == key, table.c.expires_ns == expires_ns)
-        tx.change(table.delete().where(*of_key))
+    oldest = select(table.c.number, table.c.expires_ns).order_by(table.c.number).limit(LOOK)
+    return [row.number for row in takewhile(lambda row: row.expires_ns < before, view.rows(oldest))]
 
 
 def _remove(table: Table, key: str, tx: Transaction, values: Keys) -> None:

@@ -403,6 +403,11 @@ class IdempotencyKey:
     request: str
     ttl_s: float = 86400.0
 
+    @property
+    def whole(self) -> str:
+        """Scope and key, as one text that no other scope and key have."""
+        return f"{len(self.scope)} {self.scope}{self.key}"
+
 
 @dataclass(frozen=True, slots=True)
 class Retention:

@@ -33,6 +33,8 @@ OBS = (
     "revision",
 )
 
+ONCE = ("digest", "request", "response", "expires_ns")
+
 OBSERVED, DIAGNOSED = str(Kind.OBSERVATIONS), str(Kind.DIAGNOSIS)
 CHANGE = "change"
 """The kind of a row that is a batch and its diagnosis, and two events."""
@@ -85,7 +87,7 @@ class Rows:
         self.folding: set[str] = set()  # robots of which OBS is to be brought up to the log
         self.log: list[Logged] = []
         self.obs: dict[tuple[str, str], Row] = {}  # that are not taken from the log
-        self.once: dict[tuple[str, str], Values] = {}
+        self.once: dict[str, Row] = {}  # digest of a key -> digest of the request, answer, expiry
         self.audit: list[Values] = []
         self.common: dict[str, str] = {}  # digest -> text, of what rows of the log have
         self.turn = False  # somebody asks only whether there is a turn to write

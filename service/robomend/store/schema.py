@@ -207,12 +207,13 @@ audit = Table(
 idempotency = Table(
     "idempotency",
     metadata,
-    _name("scope", primary_key=True),
-    _name("key", primary_key=True),
-    _name("request", nullable=False),
+    Column(
+        "number", _NUMBER, primary_key=True, autoincrement=True
+    ),  # a key that is used again gets a new one
+    Column("digest", _Hex(), nullable=False, unique=True),  # of scope and key
+    Column("request", _Hex(), nullable=False),  # its digest
     _name("response", nullable=False),
     _time("expires_ns"),
-    Index("ix_idempotency_expires", "expires_ns"),
 )
 
 repairs = _numbered(

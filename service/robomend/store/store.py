@@ -168,9 +168,6 @@ class Store:
         names = tuple(robots)
         for robot in names:
             checked(robot)
-        if once is not None:  # a text that no column takes must not reach the group
-            for part in (once.scope, once.key, once.request):
-                checked(part)
         future: asyncio.Future[T] = self._running().create_future()
         self._writer.submit(Job(change, names, once, future, time.monotonic()))
         return await future

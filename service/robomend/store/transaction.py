@@ -14,7 +14,7 @@ from sqlalchemy import Delete, Executable, Insert, Table, Update, bindparam, exi
 
 from robomend.errors import Fenced, NotFound
 from robomend.store import schema
-from robomend.store.encoding import checked, checked_or_none, optional_json
+from robomend.store.encoding import checked, checked_or_none, digest, optional_json
 from robomend.store.prepared import Prepared
 from robomend.store.records import AuditEntry, Fence, IdempotencyKey, Json
 from robomend.store.rows import LockedRobot, Logged, Rows, Values, upsert
@@ -168,20 +168,15 @@ class Transaction(View):
 
     def answer_once(self, once: IdempotencyKey, response: str) -> None:
         """Keep the answer of an idempotent change beside its effect."""
-        self.waiting.once[once.scope, once.key] = {
-            "scope": checked(once.scope),
-            "key": checked(once.key),
-            "request": checked(once.request),
-            "response": response,
-            "expires_ns": self.now_ns + int(once.ttl_s * 1e9),
-        }
+        expires_ns = self.now_ns + int(once.ttl_s * 1e9)
+        self.waiting.once[digest(once.whole)] = (digest(once.request), response, expires_ns)
 
     def done(self) -> None:
         """Hand the rows on to the group."""
         if self._saved:
             self._connection.exec_driver_sql("RELEASE SAVEPOINT change")
-        for key, values in self.waiting.once.items():
-            self._group.answers[key] = (values["request"], values["response"])
+        for key, (request, response, _) in self.waiting.once.items():
+            self._group.answers[key] = (request, response)
         self._group.rows.absorb(self.waiting)
 
     def undo(self) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+
 import sqlalchemy as sa
 from alembic import op
 
@@ -80,6 +82,41 @@ LOG = (
 )
 
 
+def _digest(text: str) -> bytes:
+    return hashlib.blake2b(text.encode(errors="surrogatepass"), digest_size=16).digest()
+
+
+def _digest_keys(connection: sa.Connection) -> None:
+    """Keep of idempotency keys what tells them apart, in the order in which they expire."""
+    op.rename_table("idempotency", "idempotency_before")
+    op.drop_index("ix_idempotency_expires", "idempotency_before")
+    if connection.dialect.name == "postgresql":
+        op.execute("ALTER INDEX idempotency_pkey RENAME TO idempotency_before_pkey")
+    made = op.create_table(
+        "idempotency",
+        sa.Column("number", NUMBER, primary_key=True, autoincrement=True),
+        sa.Column("digest", sa.LargeBinary(), nullable=False, unique=True),
+        sa.Column("request", sa.LargeBinary(), nullable=False),
+        sa.Column("response", TEXT, nullable=False),
+        sa.Column("expires_ns", sa.BigInteger(), nullable=False),
+    )
+    before = sa.text(
+        "SELECT scope, key, request, response, expires_ns FROM idempotency_before ORDER BY expires_ns"
+    )
+    for some in connection.execute(before).partitions(1000):
+        rows = [
+            {
+                "digest": _digest(f"{len(row.scope)} {row.scope}{row.key}"),
+                "request": _digest(row.request),
+                "response": row.response,
+                "expires_ns": row.expires_ns,
+            }
+            for row in some
+        ]
+        connection.execute(made.insert(), rows)
+    op.drop_table("idempotency_before")
+
+
 def upgrade() -> None:
     """Move batches and diagnoses into the log; it takes a while, as all of it is written anew."""
     op.add_column("obs", sa.Column("revision", sa.BigInteger(), nullable=False, server_default="0"))
@@ -106,6 +143,7 @@ def upgrade() -> None:
         connection.execute(sa.text(statement))
     cut = sa.text("INSERT INTO counters (name, value) VALUES ('events-cut', :cut)")
     connection.execute(cut, {"cut": first - 1})
+    _digest_keys(connection)
     for table in ("placed", "before_log", "events", "observations", "diagnoses"):
         op.drop_table(table)
     op.rename_table("log", "events")
