@@ -35,12 +35,17 @@ class Atom(NamedTuple):
     args: tuple[str, ...] = ()
 
     def __str__(self) -> str:
-        if not self.args:
-            return quote(self.predicate)
-        return f"{quote(self.predicate)}({','.join(map(quote, self.args))})"
+        return _shown(self)
 
     def __reduce__(self) -> tuple[type[Atom], tuple[str, tuple[str, ...]]]:
         return Atom, (self.predicate, self.args)  # models of thousands of them travel to workers
+
+
+@lru_cache(maxsize=4096)
+def _shown(atom: Atom) -> str:
+    if not atom.args:
+        return quote(atom.predicate)
+    return f"{quote(atom.predicate)}({','.join(map(quote, atom.args))})"
 
 
 class Literal(NamedTuple):

@@ -8,7 +8,7 @@ from typing import Any
 from robomend.store import results
 from robomend.store.encoding import checked_ns, from_json
 from robomend.store.records import FIRST_PAGE, Json, Page, Paging, StoredDiagnosis
-from robomend.store.rows import DIAGNOSED, DIAGNOSES, OBSERVED, Logged
+from robomend.store.rows import DIAGNOSED, DIAGNOSES, Logged
 from robomend.store.transaction import Transaction
 from robomend.store.view import AnyRow, View
 from robomend_client.events import Kind
@@ -46,15 +46,14 @@ def record(tx: Transaction, robot: str, revision: int, result: Json) -> None:
     """Keep a diagnosis that differs from the one before, with its event; that of a batch which was kept just
     before, in its row.
     """
-    tx.existing(robot)
-    log = tx.waiting.log
+    log, tell = tx.waiting.log, ((Kind.DIAGNOSIS, result),)
     own, digest = tx.waiting.kept(result)
-    row = Logged(DIAGNOSED, robot, checked_ns(revision), None, own, digest, ((Kind.DIAGNOSIS, result),))
-    before = log[-1] if log else row
-    if before.kind == OBSERVED and before.robot == robot and before.revision == revision:
-        before.diagnosed(row)
+    before = log[-1] if log else None
+    if before is not None and before.is_batch(robot, revision):
+        before.diagnosed(own, digest, tell)
     else:
-        log.append(row)
+        tx.existing(robot)
+        log.append(Logged(DIAGNOSED, robot, checked_ns(revision), None, own, digest, tell))
 
 
 def _diagnoses(view: View, rows: Sequence[AnyRow]) -> tuple[StoredDiagnosis, ...]:

@@ -54,11 +54,14 @@ class Logged:
     digest: str | None  # of the result that has the rest of the data
     told: tuple[tuple[Kind, Json], ...]
 
-    def diagnosed(self, diagnosis: Logged) -> None:
+    def is_batch(self, robot: str, revision: int) -> bool:
+        """Return whether it is the batch of this revision, and no more."""
+        return self.kind == OBSERVED and self.robot == robot and self.revision == revision
+
+    def diagnosed(self, own: str, digest: str | None, told: tuple[tuple[Kind, Json], ...]) -> None:
         """Become the row of the batch that it is and of its diagnosis."""
-        self.kind = CHANGE
-        self.data, self.digest = diagnosis.data, diagnosis.digest
-        self.told += diagnosis.told
+        self.kind, self.data, self.digest = CHANGE, own, digest
+        self.told += told
 
 
 NEWEST_EVENT = (

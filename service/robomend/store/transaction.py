@@ -10,7 +10,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from sqlalchemy import Delete, Executable, Insert, Table, Update, bindparam, exists, or_, select, text
+from sqlalchemy import (
+    Connection,
+    Delete,
+    Executable,
+    Insert,
+    Table,
+    Update,
+    bindparam,
+    exists,
+    or_,
+    select,
+    text,
+)
 
 from robomend.errors import Fenced, NotFound
 from robomend.store import schema
@@ -44,13 +56,16 @@ class Transaction(View):
     """
 
     def __init__(self, group: Group) -> None:
-        super().__init__(group.connection)
         self._group = group
         self.waiting = Rows()
         """What is written with the group's, one statement a table."""
         self.repeatable = False
         """Whether doing it again is harmless: then the key of the request need not be kept."""
         self._saved = False  # whether the savepoint is there
+
+    @property
+    def connection(self) -> Connection:
+        return self._group.connection
 
     @property
     def now_ns(self) -> int:
@@ -98,14 +113,14 @@ class Transaction(View):
         """Run a statement now and return how many rows it touched."""
         self._put_waiting()
         self._group.otherwise()
-        result = self._connection.execute(statement, dict(values) if values is not None else None)
+        result = self.connection.execute(statement, dict(values) if values is not None else None)
         return int(result.rowcount)
 
     def insert(self, table: Table, values: Values) -> int:
         """Insert into a numbered table and return the number."""
         self._put_waiting()
         self._group.otherwise()
-        result = self._connection.execute(table.insert(), values)
+        result = self.connection.execute(table.insert(), values)
         key = result.inserted_primary_key
         assert key is not None
         return int(key[0])
@@ -118,7 +133,7 @@ class Transaction(View):
         """Put all rows where a statement sees them, and a savepoint before those of this change."""
         if not self._saved:
             self._group.flush(self._group.rows)
-            self._connection.exec_driver_sql("SAVEPOINT change")
+            self.connection.exec_driver_sql("SAVEPOINT change")
             self._saved = True
         self._group.flush(self.waiting)
 
@@ -174,7 +189,7 @@ class Transaction(View):
     def done(self) -> None:
         """Hand the rows on to the group."""
         if self._saved:
-            self._connection.exec_driver_sql("RELEASE SAVEPOINT change")
+            self.connection.exec_driver_sql("RELEASE SAVEPOINT change")
         for key, (request, response, _) in self.waiting.once.items():
             self._group.answers[key] = (request, response)
         self._group.rows.absorb(self.waiting)
@@ -182,5 +197,5 @@ class Transaction(View):
     def undo(self) -> None:
         """Take back what was written at once; the rows in memory go with this object."""
         if self._saved:
-            self._connection.exec_driver_sql("ROLLBACK TO SAVEPOINT change")
-            self._connection.exec_driver_sql("RELEASE SAVEPOINT change")
+            self.connection.exec_driver_sql("ROLLBACK TO SAVEPOINT change")
+            self.connection.exec_driver_sql("RELEASE SAVEPOINT change")

@@ -34,7 +34,7 @@ class View:
 
     def rows(self, query: Executable, values: Mapping[str, Any] | None = None) -> list[AnyRow]:
         """Every question goes through here; a transaction first puts its own writes where they are seen."""
-        return list(self._connection.execute(query, values))
+        return list(self.connection.execute(query, values))
 
     def of_log(self, query: Executable, values: Mapping[str, Any] | None = None) -> list[AnyRow]:
         """As `rows`, about the log: a transaction, which writes that at its end, refuses it."""
