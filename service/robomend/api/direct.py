@@ -12,17 +12,21 @@ by the same functions (edge.py, express.py): both ways give the same answers. pr
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from http import HTTPStatus
 
 from starlette.responses import Response
 from starlette.types import Scope
 
-from robomend.api.edge import Edge
+from robomend.api.edge import SECURITY_HEADERS, Edge, Header, with_ours
 from robomend.api.express import Express
+from robomend.api.origin import by_name
 from robomend.api.strict_json import AT_ONCE
+from robomend.api.views import AcceptedResponse
+from robomend.metrics import Metrics
 
-Headers = list[tuple[bytes, bytes]]
+Headers = list[Header]
 
 LENGTH = re.compile(rb"[0-9]{1,6}\Z")
 
@@ -44,10 +48,6 @@ ONLY = frozenset(
     }
 )
 """Of a plain request; any other header may mean something."""
-
-_STATUS_LINES = {
-    status.value: b"HTTP/1.1 %d %s\r\n" % (status.value, status.phrase.encode()) for status in HTTPStatus
-}
 
 
 @dataclass(slots=True)
@@ -72,34 +72,70 @@ class Exchange:
 class Direct:
     """Answers plain batches; see the module. Belongs to the service's event loop."""
 
-    def __init__(self, edge: Edge, express: Express, max_body_bytes: int) -> None:
+    def __init__(self, edge: Edge, express: Express, metrics: Metrics, max_body_bytes: int) -> None:
         self._edge = edge
         self._express = express
         self._most = min(max_body_bytes, AT_ONCE)
+        self.held = metrics.held
+        """Takes the longest that an answer held the event loop."""
+        self._usual: Headers = []
+        self._accepted = b""  # the head of an answer up to the first header of its own, with the usual ones
 
     def takes(self, scope: Scope) -> bool:
         """Return whether a request with this head is a plain one; then `scope` knows its robot."""
-        headers = dict(scope["headers"])
+        headers = by_name(scope)
         length = headers.get(b"content-length", b"")
         return (
             len(headers) == len(scope["headers"])
             and headers.keys() <= ONLY
             and LENGTH.match(length) is not None
-            and 0 < int(length) <= self._most
-            and self._express.takes(scope, headers)
+            and self.fits(int(length))
+            and self._express.takes(scope)
         )
 
+    def fits(self, body_bytes: int) -> bool:
+        """Return whether a body of this length is that of a plain batch."""
+        return 0 < body_bytes <= self._most
+
+    def refused(self, scope: Scope, exchange: Exchange, usual: Headers) -> bytes | None:
+        """Take up a plain batch: return why it is refused at once, as `answer` returns an answer, or None."""
+        late = self._edge.begin(scope)
+        return None if late is None else _wire(late, [*usual, *late.raw_headers], exchange)
+
     async def answer(self, scope: Scope, body: bytes, exchange: Exchange, usual: Headers) -> bytes:
-        """Return the whole answer to a plain batch, as it goes over the wire; `usual` are headers of all."""
-        response, headers = await self._edge.direct(scope, body)
-        if not exchange.keep_alive:
-            headers = [*headers, (b"connection", b"close")]
-        return _wire(response, [*usual, *headers])
+        """Return the whole answer to a batch taken up, as it goes over the wire; `usual`: headers of all."""
+        response = await self._edge.direct(scope, body)
+        if isinstance(response, AcceptedResponse) and exchange.keep_alive:
+            return self._acknowledgement(response, scope, usual)
+        return _wire(response, [*usual, *with_ours(response.raw_headers, scope)], exchange)
+
+    def _acknowledgement(self, response: AcceptedResponse, scope: Scope, usual: Headers) -> bytes:
+        """Return the answer that nearly all have, as `_wire` does, with what is always the same made once."""
+        if self._usual is not usual:
+            self._usual = usual
+            self._accepted = b"HTTP/1.1 200 OK\r\n" + _lines(usual)
+        bucket = scope.get("robomend.rate")
+        return b"%b%bx-request-id: %b\r\n%b%b\r\n%b" % (
+            self._accepted,
+            _lines(response.raw_headers),
+            scope["robomend.request_id"].encode(),
+            SECURITY,
+            b"" if bucket is None else _lines(bucket.headers()),
+            bytes(response.body),
+        )
 
 
-def _wire(response: Response, headers: Headers) -> bytes:
-    lines = [_STATUS_LINES[response.status_code]]
-    for name, value in headers:
-        lines += (name, b": ", value, b"\r\n")
-    lines += (b"\r\n", bytes(response.body))
-    return b"".join(lines)
+def _wire(response: Response, headers: Headers, exchange: Exchange) -> bytes:
+    closing = b"" if exchange.keep_alive else b"connection: close\r\n"
+    status = HTTPStatus(response.status_code)
+    return b"HTTP/1.1 %d %b\r\n%b%b\r\n%b" % (
+        *(status.value, status.phrase.encode()),
+        *(_lines(headers), closing, bytes(response.body)),
+    )
+
+
+def _lines(headers: Iterable[Header]) -> bytes:
+    return b"".join([b"%b: %b\r\n" % header for header in headers])
+
+
+SECURITY = _lines(SECURITY_HEADERS)

@@ -22,6 +22,7 @@ from starlette.types import Receive, Scope, Send
 from robomend.api.deps import Parts, reporter_of
 from robomend.api.gate import Admission
 from robomend.api.ingestion import read_batch
+from robomend.api.origin import by_name
 from robomend.api.problems import Problem, answer_to
 from robomend.api.schemas.base import NAME
 from robomend.api.views import accepted_response
@@ -42,8 +43,9 @@ class Express:
         self._gate = gate
         self._route = route
 
-    def takes(self, scope: Scope, headers: dict[bytes, bytes]) -> bool:
+    def takes(self, scope: Scope) -> bool:
         """Return whether this request is a plain one; then `scope` knows its robot."""
+        headers = by_name(scope)
         if scope["method"] != "POST" or headers.get(b"content-type") != b"application/json":
             return False
         found = PATH.match(scope["path"])
@@ -53,21 +55,15 @@ class Express:
         scope["route"] = self._route
         return True
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send, headers: dict[bytes, bytes]) -> None:
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request that `takes` has found to be plain."""
-        response = await self.answer(scope, headers, None, receive)
+        response = await self.answer(scope, None, receive)
         await response(scope, receive, send)
 
-    async def answer(
-        self,
-        scope: Scope,
-        headers: dict[bytes, bytes],
-        body: bytes | None,
-        receive: Receive = empty_receive,
-    ) -> Response:
+    async def answer(self, scope: Scope, body: bytes | None, receive: Receive = empty_receive) -> Response:
         """Return the answer to a plain request; its body is received if it is not there yet."""
         request = Request(scope, receive)
-        key = headers.get(b"idempotency-key")
+        key = by_name(scope).get(b"idempotency-key")
         try:
             principal = await self._gate.admit(request, RULE)
             batch, once = await read_batch(

@@ -16,7 +16,6 @@ from collections.abc import Callable, Coroutine
 from functools import lru_cache
 from typing import Any, Protocol
 
-import structlog
 from fastapi.routing import APIRoute
 from starlette.requests import Request
 from starlette.responses import Response
@@ -29,6 +28,7 @@ from robomend.api.problems import Problem
 from robomend.api.rates import Bucket
 from robomend.api.sign_in import SignIns
 from robomend.errors import RobomendError
+from robomend.logs import PRINCIPAL
 from robomend.metrics import Metrics
 from robomend.security import KEY, LOCAL, RULES, Principal, Role, digest, host_name, loopback
 from robomend.settings import Settings
@@ -131,7 +131,7 @@ class Admission:
             return LOCAL
         principal = await self._authenticate(request)
         request.scope["robomend.principal_name"] = principal.name
-        structlog.contextvars.bind_contextvars(principal=principal.name)
+        PRINCIPAL.set(principal.name)
         _check_role(principal, request, rule)
         request.scope["robomend.rate"] = self._not_too_often(principal)
         return principal

@@ -28,12 +28,15 @@ import os
 import socket
 import weakref
 from collections.abc import Callable
-from typing import Any, NoReturn
+from typing import Any, NoReturn, cast
 
+from starlette.types import Scope
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol, RequestResponseCycle
 
 from robomend.api.direct import MOMENT_S, Direct, Exchange
+from robomend.api.eager import Eager
 from robomend.api.heads import fault_of, too_large
+from robomend.api.known_head import KnownHead
 from robomend.api.problems import Problem
 
 BATCHES = b"/observations"
@@ -111,6 +114,10 @@ class Protocol(HttpToolsProtocol):
         self._timer: asyncio.TimerHandle | None = None
         self._refusal: Problem | None = None
         self._plain: bytearray | None = None  # what came of the body of a plain batch
+        self._known: KnownHead | None = None  # of the latest plain batch
+        self._is_new = False  # the head of a plain batch has just been parsed
+        self._held = b""  # a known head, and of its body what came
+        self._idle_s = 0.0  # since when the connection waits for its next request; the loop's clock
         self._running: RequestResponseCycle | Exchange | None = None  # the request that is answered next
         self._deaf = False  # what came is refused; requests before it have their answers yet to come
 
@@ -139,9 +146,28 @@ class Protocol(HttpToolsProtocol):
         if self.ending or self._deaf:
             self._drop(data, LINGER_BYTES)
             return
-        self._began = int(self._receiving)
-        before = self._body if self._receiving else 0
+        if self._held:
+            data, self._held, self._receiving = self._held + data, b"", False
+        known = self._known
+        if (
+            known is None
+            or self._receiving
+            or not self.cycle.response_complete
+            or not self._take(known, data)
+        ):
+            self._parse(data)
+
+    def _parse(self, data: bytes) -> None:
+        """Take what is not read by a known head."""
+        inside = self._receiving
+        self._began = int(inside)
+        before = self._body if inside else 0
         super().data_received(data)
+        if self._is_new:
+            self._is_new = False
+            self._known = (
+                KnownHead.of(data, cast(Scope, self.scope)) if self._began == 1 and not inside else None
+            )
         if self.ending or self._deaf:
             return
         if not self._receiving:
@@ -218,6 +244,7 @@ class Protocol(HttpToolsProtocol):
             self._refuse_head(fault)
         if self.direct is not None and version == "1.1" and self._is_plain(self.direct):
             self._plain = bytearray()
+            self._is_new = True
             return
         super().on_headers_complete()
         if self.once:
@@ -237,25 +264,36 @@ class Protocol(HttpToolsProtocol):
             super().on_message_complete()
             return
         body, self._plain = bytes(self._plain), None
-        exchange = Exchange(self.parser.should_keep_alive())
-        self.cycle = exchange  # type: ignore[assignment]  # all that uvicorn asks of one
-        self._running = exchange
-        task = self.loop.create_task(self._answer(self.scope, body, exchange))
-        task.add_done_callback(self.tasks.discard)
-        self.tasks.add(task)
+        exchange = self._exchange(keep_alive=self.parser.should_keep_alive())
+        self.loop.call_soon(self._begin, self.scope, body, exchange)  # the parser may be fed more before
 
     def _start_asgi_task(self, cycle: RequestResponseCycle, app: Any) -> None:
         self._running = cycle
         super()._start_asgi_task(cycle, app)
 
     def on_response_complete(self) -> None:
-        super().on_response_complete()
+        self._idle_s = self.loop.time()
+        if self.timeout_keep_alive_task is None or self.transport.is_closing():
+            super().on_response_complete()
+        else:  # the timer of the answer before runs on, as that costs less than a new one
+            self.server_state.total_requests += 1
         if self._deaf:
             return
         if self._receiving and not self.ending:
             self._start_timer(REST_S, self._cut_off)
         elif self.give_back is not None and self.cycle.keep_alive and not self.url.endswith(BATCHES):
             self._give_back(self.give_back)
+
+    def timeout_keep_alive_handler(self) -> None:
+        """The time for the next request is over; or it has come, or is a later one that is waited for."""
+        self.timeout_keep_alive_task = None
+        if not self.cycle.response_complete:
+            return
+        left_s = self._idle_s + self.timeout_keep_alive - self.loop.time()
+        if left_s <= 0:
+            super().timeout_keep_alive_handler()
+        else:
+            self.timeout_keep_alive_task = self.loop.call_later(left_s, self.timeout_keep_alive_handler)
 
     def _give_back(self, give_back: GiveBack) -> None:
         """Let go of the connection, if the next request has not begun and nothing is left to be sent."""
@@ -290,6 +328,42 @@ class Protocol(HttpToolsProtocol):
         scope.update({"method": "POST", "path": path, "raw_path": self.url, "query_string": b""})
         return direct.takes(scope)
 
+    def _take(self, known: KnownHead, data: bytes) -> bool:
+        """Begin to answer a plain batch, or wait for its body; False: its head is to be parsed."""
+        found = known.read(data)
+        if found is None:
+            return False
+        assert self.direct is not None
+        scope, head, body = found
+        missing = head + body - len(data)
+        if missing < 0 or head > self.max_head_bytes or not self.direct.fits(body):
+            return False
+        if missing > 0:
+            self._held, self._receiving = data, True
+            self._unset_keepalive_if_required()
+            if self._timer is None:
+                self._start_timer(MOMENT_S, self._parse_held)
+            return True
+        self._stop_timer()
+        self.url, self._overhead = scope["raw_path"], 0
+        self._begin(scope, data[head:], self._exchange(keep_alive=True))
+        return True
+
+    def _exchange(self, *, keep_alive: bool) -> Exchange:
+        """Return the request that is under way from now on."""
+        exchange = Exchange(keep_alive)
+        self.cycle = self._running = exchange  # type: ignore[assignment]  # all that uvicorn asks of one
+        return exchange
+
+    def _parse_held(self) -> None:
+        """The rest of a body whose head is known does not come: have it awaited like any other."""
+        self._timer = None
+        data, self._held, self._receiving = self._held, b"", False
+        self._parse(data)
+        if self._plain is not None:
+            self._stop_timer()
+            self._begin_as_usual()
+
     def _begin_as_usual(self) -> None:
         """The body does not come: have it awaited like any other."""
         self._timer = None
@@ -299,9 +373,21 @@ class Protocol(HttpToolsProtocol):
             if body:
                 super().on_body(body)
 
+    def _begin(self, scope: Any, body: bytes, exchange: Exchange) -> None:
+        """Begin to answer a plain batch, in a turn of the event loop in which no task runs."""
+        assert self.direct is not None
+        refused = self.direct.refused(scope, exchange, self.server_state.default_headers)
+        if refused is not None:
+            Eager(self._send(refused, exchange), self.loop, self.tasks)
+        else:
+            Eager(self._answer(scope, body, exchange), self.loop, self.tasks, self.direct.held)
+
     async def _answer(self, scope: Any, body: bytes, exchange: Exchange) -> None:
         assert self.direct is not None
         answer = await self.direct.answer(scope, body, exchange, self.server_state.default_headers)
+        await self._send(answer, exchange)
+
+    async def _send(self, answer: bytes, exchange: Exchange) -> None:
         if self.flow.write_paused and not exchange.disconnected:
             await self.flow.drain()
         if exchange.disconnected:

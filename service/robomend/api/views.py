@@ -131,7 +131,7 @@ def robot_out(state: Robot, findings: Sequence[str], drill: Mapping[str, Any] | 
     )
 
 
-class _Accepted(Response):
+class AcceptedResponse(Response):
     """A JSON text as an answer, without what Starlette does for any content that there may be."""
 
     def __init__(self, body: bytes) -> None:
@@ -149,7 +149,7 @@ def accepted_response(outcome: Acknowledged) -> Response:
     ]
     rest = json.dumps(refused) if refused else "[]"
     body = f'{{"revision": {outcome.revision}, "changed": [{changed}], "refused": {rest}}}'
-    return _Accepted(body.encode())
+    return AcceptedResponse(body.encode())
 
 
 def obs_out(state: Robot) -> ObsOut:
