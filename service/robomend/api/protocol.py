@@ -38,6 +38,7 @@ from robomend.api.eager import Eager
 from robomend.api.heads import fault_of, too_large
 from robomend.api.known_head import KnownHead
 from robomend.api.problems import Problem
+from robomend.api.straight import STRAIGHT, Straight
 
 BATCHES = b"/observations"
 """The end of paths that are posted to again and again."""
@@ -74,7 +75,8 @@ class Transport:
 
     def write(self, data: bytes) -> None:
         """Send; nothing where the connection has ended, or is about to."""
-        if not self.is_closing():
+        protocol = self._protocol()
+        if protocol is not None and not protocol.ending and not self._transport.is_closing():
             self._transport.write(data)
 
     def close(self) -> None:
@@ -269,11 +271,12 @@ class Protocol(HttpToolsProtocol):
 
     def _start_asgi_task(self, cycle: RequestResponseCycle, app: Any) -> None:
         self._running = cycle
+        cast(Scope, cycle.scope)[STRAIGHT] = Straight(cycle)
         super()._start_asgi_task(cycle, app)
 
     def on_response_complete(self) -> None:
         self._idle_s = self.loop.time()
-        if self.timeout_keep_alive_task is None or self.transport.is_closing():
+        if self.timeout_keep_alive_task is None or self.ending:
             super().on_response_complete()
         else:  # the timer of the answer before runs on, as that costs less than a new one
             self.server_state.total_requests += 1
