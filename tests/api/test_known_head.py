@@ -25,6 +25,7 @@ from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 from robomend.api import protocol
 from robomend.api.known_head import KnownHead
 from robomend.api.origin import by_name
+from robomend.api.problems import Problem
 from robomend.api.protocol import Protocol
 from robomend.settings import Settings
 from robomend.store import Transaction, api_keys
@@ -175,37 +176,57 @@ def parsed(monkeypatch: pytest.MonkeyPatch) -> list[bytes]:
     return given
 
 
-def test_the_heads_of_a_connection_are_parsed_once(there: Service, parsed: list[bytes]) -> None:
+@contextmanager
+def acquainted(service: Service, *more: str) -> Iterator[socket.socket]:
+    """Yield a connection on which two batches with this head have been answered: the next one's is known."""
+    with connect(service) as connection:
+        for _ in range(2):
+            connection.sendall(head(*more) + BODY)
+            assert read(connection)[0] == 200
+        yield connection
+
+
+def test_the_head_of_an_observer_is_parsed_twice_and_known_then(there: Service, parsed: list[bytes]) -> None:
     with connect(there) as connection:
         revisions = []
-        for number, body in enumerate([BODY, b'{"observations": ["ok(scan)"]}', b"{}", BODY]):
+        for number, body in enumerate([BODY, BODY, b'{"observations": ["ok(scan)"]}', b"{}", BODY]):
             connection.sendall(head(f"Idempotency-Key: once-{number}", length=len(body)) + body)
             status, headers, said = read(connection)
             assert status == 200
             assert headers["content-type"] == "application/json"
             revisions.append(said["revision"])
-    assert parsed == [head("Idempotency-Key: once-0") + BODY]
+    assert parsed == [head(f"Idempotency-Key: once-{number}") + BODY for number in range(2)]
     assert revisions == sorted(revisions)
+
+
+def test_of_who_posts_for_many_robots_over_one_connection_nothing_is_remembered(
+    there: Service, parsed: list[bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = protocols(monkeypatch)
+    with connect(there) as connection:
+        for robot in ("direct", "nobody") * 2:
+            connection.sendall(head(robot=robot) + BODY)
+            assert read(connection)[0] == {"direct": 200, "nobody": 404}[robot]
+    assert len(parsed) == 4
+    assert made[0]._known is None
 
 
 def test_a_repeat_by_a_known_head_has_its_first_answer(there: Service, parsed: list[bytes]) -> None:
     same = head("Idempotency-Key: twice") + b'{"observations": ["not ok(odom)"]}'
-    with connect(there) as connection:
+    with acquainted(there, "Idempotency-Key: first") as connection:
         connection.sendall(same)
         first = read(connection)[2]
         connection.sendall(head("Idempotency-Key: other", length=30) + b'{"observations": ["ok(odom)"]}')
         other = read(connection)[2]
         connection.sendall(same)
         again = read(connection)[2]
-    assert len(parsed) == 1
+    assert len(parsed) == 2
     assert first == again
     assert other["revision"] > first["revision"]
 
 
 def test_a_body_that_comes_behind_a_known_head_is_waited_for(there: Service, parsed: list[bytes]) -> None:
-    with connect(there) as connection:
-        connection.sendall(head() + BODY)
-        read(connection)
+    with acquainted(there) as connection:
         for piece in (head(), BODY[:7], BODY[7:]):
             connection.sendall(piece)
         assert read(connection)[0] == 200
@@ -224,9 +245,7 @@ def test_a_body_that_does_not_come_behind_a_known_head_is_watched_like_any_other
         usual(self)
         begun.set()
 
-    with connect(there) as connection:
-        connection.sendall(head() + BODY)
-        read(connection)
+    with acquainted(there) as connection:
         monkeypatch.setattr(protocol, "MOMENT_S", 0.0)
         monkeypatch.setattr(Protocol, "_begin_as_usual", begin)
         connection.sendall(head() + BODY[:5])
@@ -243,9 +262,7 @@ def test_a_body_that_drips_behind_a_known_head_has_no_more_than_its_moment(
 ) -> None:
     made = protocols(monkeypatch)
     monkeypatch.setattr(protocol, "MOMENT_S", 60.0)
-    with connect(there) as connection:
-        connection.sendall(head() + BODY)
-        read(connection)
+    with acquainted(there) as connection:
         timers = []
         sent = b""
         for piece in (head() + BODY[:5], BODY[5:10], BODY[10:15]):
@@ -278,9 +295,7 @@ def protocols(monkeypatch: pytest.MonkeyPatch) -> list[Protocol]:
 
 
 def test_who_goes_away_behind_a_known_head_harms_nobody(there: Service) -> None:
-    with connect(there) as connection:
-        connection.sendall(head() + BODY)
-        read(connection)
+    with acquainted(there) as connection:
         connection.sendall(head() + BODY[:5])
         connection.shutdown(socket.SHUT_WR)
         assert connection.recv(1) == b""
@@ -290,24 +305,21 @@ def test_who_goes_away_behind_a_known_head_harms_nobody(there: Service) -> None:
 def test_requests_behind_one_with_a_known_head_are_answered_in_their_order(
     there: Service, parsed: list[bytes]
 ) -> None:
-    with connect(there) as connection:
-        connection.sendall(head() + BODY)
-        read(connection)
+    with acquainted(there) as connection:
         other = b"GET /version-info HTTP/1.1\r\nHost: localhost\r\n\r\n"
         connection.sendall(head() + BODY + other)
         assert "revision" in read(connection)[2]
         assert "robomend" in read(connection)[2]
-    assert len(parsed) == 2
+    assert len(parsed) == 3
 
 
 def test_what_a_key_may_is_asked_for_each_request_with_a_known_head(start: StartService) -> None:
     service = start()
     service.with_robot("direct")
     key = service.key("robot", "direct")
-    wire = head(f"Authorization: Bearer {key}") + BODY
-    with connect(service) as connection:
-        connection.sendall(wire)
-        assert read(connection)[0] == 200
+    own = f"Authorization: Bearer {key}"
+    wire = head(own) + BODY
+    with acquainted(service, own) as connection:
         connection.sendall(wire)
         assert read(connection)[0] == 200
         revoke(service)
@@ -335,13 +347,37 @@ def test_requests_with_a_known_head_are_counted_against_their_rate(start: StartS
     assert statuses == [200, 200, 200, 429]
 
 
+def test_an_overload_refuses_what_has_a_known_head_at_once(
+    there: Service, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    parts = there.runtime.parts
+
+    async def held() -> int:
+        """Return how many requests have held the loop; in a turn behind what has been answered."""
+        return sum(parts.metrics.hold_s.counts)
+
+    with acquainted(there) as connection:
+        before = there.run(held())
+        monkeypatch.setattr(parts.shedding, "refusal", lambda: Problem(503, "more come than can be kept"))
+        connection.sendall(head("X-Request-ID: mine") + BODY)
+        refused = read(connection)
+        connection.sendall(head() + BODY)
+        again = read(connection)
+        monkeypatch.undo()
+        assert there.run(held()) == before
+        connection.sendall(head() + BODY)
+        assert read(connection)[0] == 200
+        assert there.run(held()) == before + 1
+    for status, headers, body in (refused, again):
+        assert (status, body["code"], headers["retry-after"]) == (503, "overloaded", "1")
+    assert refused[2]["request_id"] == "mine"
+
+
 def test_a_known_head_beyond_the_limit_is_refused(start: StartService) -> None:
     service = start(max_head_bytes=1024)
     service.with_robot("direct")
     usual = "User-Agent: " + "u" * 780
-    with connect(service) as connection:
-        connection.sendall(head(usual, "Idempotency-Key: k") + BODY)
-        assert read(connection)[0] == 200
+    with acquainted(service, usual, "Idempotency-Key: k") as connection:
         connection.sendall(head(usual, "Idempotency-Key: " + "k" * 180) + BODY)
         assert read(connection)[0] == 431
 
@@ -357,10 +393,7 @@ def test_a_silent_connection_ends_as_long_after_its_last_answer(
         made[0].timeout_keep_alive_handler()
         return made[0].timeout_keep_alive_task is not None
 
-    with connect(there) as connection:
-        for _ in range(2):
-            connection.sendall(head() + BODY)
-            read(connection)
+    with acquainted(there) as connection:
         assert there.run(wait_is_over(29))
         connection.sendall(head() + BODY)
         read(connection)
@@ -382,9 +415,7 @@ def test_a_timer_that_runs_out_under_an_answer_is_set_anew_behind_it(
         return await observe(*given, **more)
 
     timers: list[Any] = []
-    with connect(there) as connection:
-        connection.sendall(head() + BODY)
-        read(connection)
+    with acquainted(there) as connection:
         monkeypatch.setattr(robots, "observe", late)
         connection.sendall(head() + BODY)
         read(connection)
@@ -417,9 +448,7 @@ def held_up(service: Service, monkeypatch: pytest.MonkeyPatch) -> Iterator[HeldU
             raise
         return await usual(*given, **more)
 
-    with connect(service) as connection:
-        connection.sendall(head() + BODY)
-        read(connection)
+    with acquainted(service) as connection:
         monkeypatch.setattr(robots, "observe", observe)
         body = b'{"observations": ["ok(scan)"]}'
         connection.sendall(head(length=len(body)) + body)

@@ -12,9 +12,9 @@ by the same functions (edge.py, express.py): both ways give the same answers. pr
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Coroutine, Iterable
 from http import HTTPStatus
+from typing import Any
 
 from starlette.responses import Response
 from starlette.types import Scope
@@ -22,6 +22,7 @@ from starlette.types import Scope
 from robomend.api.edge import SECURITY_HEADERS, Edge, Header, with_ours
 from robomend.api.express import Express
 from robomend.api.origin import by_name
+from robomend.api.rates import Bucket
 from robomend.api.strict_json import AT_ONCE
 from robomend.api.views import AcceptedResponse
 from robomend.metrics import Metrics
@@ -50,15 +51,19 @@ ONLY = frozenset(
 """Of a plain request; any other header may mean something."""
 
 
-@dataclass(slots=True)
 class Exchange:
     """A request and its answer, as the connection looks at them: uvicorn's cycle of other requests."""
 
-    keep_alive: bool
-    disconnected: bool = False
-    response_started: bool = False
-    response_complete: bool = False
-    more_body: bool = False
+    __slots__ = ("disconnected", "keep_alive", "response_complete")
+
+    more_body = False
+    response_started = False
+    """Also of one that is complete, as whoever asks for it asks for `more_body` as well."""
+
+    def __init__(self, keep_alive: bool) -> None:
+        self.keep_alive = keep_alive
+        self.disconnected = False
+        self.response_complete = False
 
     @property
     def message_event(self) -> Exchange:
@@ -75,11 +80,12 @@ class Direct:
     def __init__(self, edge: Edge, express: Express, metrics: Metrics, max_body_bytes: int) -> None:
         self._edge = edge
         self._express = express
-        self._most = min(max_body_bytes, AT_ONCE)
+        self.most_bytes = min(max_body_bytes, AT_ONCE)
+        """Of the body of a plain batch."""
         self.held = metrics.held
         """Takes the longest that an answer held the event loop."""
         self._usual: Headers = []
-        self._accepted = b""  # the head of an answer up to the first header of its own, with the usual ones
+        self._beginning = b""  # of an answer, up to the first header of its own
 
     def takes(self, scope: Scope) -> bool:
         """Return whether a request with this head is a plain one; then `scope` knows its robot."""
@@ -89,38 +95,37 @@ class Direct:
             len(headers) == len(scope["headers"])
             and headers.keys() <= ONLY
             and LENGTH.match(length) is not None
-            and self.fits(int(length))
+            and 0 < int(length) <= self.most_bytes
             and self._express.takes(scope)
         )
 
-    def fits(self, body_bytes: int) -> bool:
-        """Return whether a body of this length is that of a plain batch."""
-        return 0 < body_bytes <= self._most
+    def refused(self, scope: Scope) -> Response | None:
+        """Take up a plain batch: return why it is refused at once, or None; then `answer` answers it."""
+        return self._edge.begin(scope)
 
-    def refused(self, scope: Scope, exchange: Exchange, usual: Headers) -> bytes | None:
-        """Take up a plain batch: return why it is refused at once, as `answer` returns an answer, or None."""
-        late = self._edge.begin(scope)
-        return None if late is None else _wire(late, [*usual, *late.raw_headers], exchange)
+    def refusal(self, late: Response, exchange: Exchange, usual: Headers) -> bytes:
+        """Return a refusal as it goes over the wire."""
+        return _wire(late, [*usual, *late.raw_headers], exchange)
 
-    async def answer(self, scope: Scope, body: bytes, exchange: Exchange, usual: Headers) -> bytes:
-        """Return the whole answer to a batch taken up, as it goes over the wire; `usual`: headers of all."""
-        response = await self._edge.direct(scope, body)
-        if isinstance(response, AcceptedResponse) and exchange.keep_alive:
-            return self._acknowledgement(response, scope, usual)
-        return _wire(response, [*usual, *with_ours(response.raw_headers, scope)], exchange)
+    def answer(self, scope: Scope, body: bytes) -> Coroutine[Any, Any, Response]:
+        """Return the answer to a plain batch that was taken up; `text` is how it goes over the wire."""
+        return self._edge.direct(scope, body)
 
-    def _acknowledgement(self, response: AcceptedResponse, scope: Scope, usual: Headers) -> bytes:
-        """Return the answer that nearly all have, as `_wire` does, with what is always the same made once."""
+    def text(self, response: Response, scope: Scope, exchange: Exchange, usual: Headers) -> bytes:
+        """Return a whole answer as it goes over the wire; `usual` are headers of all."""
+        if not isinstance(response, AcceptedResponse) or not exchange.keep_alive:
+            return _wire(response, [*usual, *with_ours(response.raw_headers, scope)], exchange)
+        # The answer that nearly all have: the same text, with what is always the same made once.
         if self._usual is not usual:
             self._usual = usual
-            self._accepted = b"HTTP/1.1 200 OK\r\n" + _lines(usual)
-        bucket = scope.get("robomend.rate")
+            self._beginning = b"HTTP/1.1 200 OK\r\n" + _lines(usual)
+        bucket: Bucket | None = scope.get("robomend.rate")
         return b"%b%bx-request-id: %b\r\n%b%b\r\n%b" % (
-            self._accepted,
-            _lines(response.raw_headers),
+            self._beginning,
+            response.lines(),
             scope["robomend.request_id"].encode(),
             SECURITY,
-            b"" if bucket is None else _lines(bucket.headers()),
+            b"" if bucket is None else bucket.lines(),
             bytes(response.body),
         )
 

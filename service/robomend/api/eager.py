@@ -9,10 +9,13 @@ cancellation and context variables work as they do there.
 from __future__ import annotations
 
 import asyncio
-import time
+from asyncio import _enter_task, _leave_task
 from collections.abc import Callable, Coroutine
 from contextvars import copy_context
+from time import thread_time
 from typing import Any
+
+ENDED: Any = object()
 
 
 class Eager:
@@ -68,26 +71,20 @@ class Eager:
 
     def _go_on(self, awaited: asyncio.Future[Any] | None) -> None:
         """Run to the next thing that is waited for; a future itself says in the coroutine what came of it."""
-        asyncio._enter_task(self._loop, self)  # type: ignore[arg-type]  # all that asyncio asks of one
-        began_s = time.thread_time()
-        awaits = failed = None
-        ended = False
+        _enter_task(self._loop, self)  # type: ignore[arg-type]  # all that asyncio asks of one
+        self._awaited = failed = None
+        began_s = thread_time()
         try:
-            self._awaited = None
-            if self._to_cancel:
-                self._to_cancel = False
-                awaits = self._work.throw(asyncio.CancelledError())
-            else:
-                awaits = self._work.send(None)
+            awaits = self._cancelled() if self._to_cancel else self._work.send(None)
         except StopIteration:
-            ended = True
+            awaits = ENDED
         except BaseException as error:  # noqa: BLE001  # as a task has it
-            ended, failed = True, error
-        held_s = time.thread_time() - began_s
+            awaits, failed = ENDED, error
+        held_s = thread_time() - began_s
         if held_s > self._longest_s:
             self._longest_s = held_s
-        asyncio._leave_task(self._loop, self)  # type: ignore[arg-type]  # as above
-        if not ended:
+        _leave_task(self._loop, self)  # type: ignore[arg-type]  # as above
+        if awaits is not ENDED:
             self._await(awaits)
             return
         self._among.discard(self)
@@ -95,6 +92,10 @@ class Eager:
             self._note(self._longest_s)
         if failed is not None:
             self._tell(failed)
+
+    def _cancelled(self) -> Any:
+        self._to_cancel = False
+        return self._work.throw(asyncio.CancelledError())
 
     def _await(self, awaits: asyncio.Future[Any] | None) -> None:
         if awaits is None:  # only a turn of the loop

@@ -116,7 +116,10 @@ class Edge:
             response = await self._express.answer(scope, body)
         except Exception as error:  # noqa: BLE001  # as above
             response = _failed(scope, error, answered=False)
-        self._note(scope, "POST", response.status_code, time.perf_counter() - scope["robomend.began"])
+        status, elapsed_s = response.status_code, time.perf_counter() - scope["robomend.began"]
+        self._metrics.request(*RULE, status, elapsed_s)
+        if status >= 400 or debugging():
+            _tell(scope, "POST", status, elapsed_s)
         return response
 
     def _name(self, scope: Scope) -> str:
@@ -140,17 +143,20 @@ class Edge:
         route = getattr(scope.get("route"), "path_format", "none")
         waited = scope.get("robomend.waits")
         self._metrics.request(method, route, status, None if waited else elapsed_s)
-        if status < 400 and not debugging():
-            return
-        level = log.info if status >= 400 else log.debug
-        level(
-            "request",
-            method=method,
-            path=scope["path"],
-            status=status,
-            ms=round(elapsed_s * 1000, 2),
-            principal=scope.get("robomend.principal_name"),
-        )
+        if status >= 400 or debugging():
+            _tell(scope, method, status, elapsed_s)
+
+
+def _tell(scope: Scope, method: str, status: int, elapsed_s: float) -> None:
+    level = log.info if status >= 400 else log.debug
+    level(
+        "request",
+        method=method,
+        path=scope["path"],
+        status=status,
+        ms=round(elapsed_s * 1000, 2),
+        principal=scope.get("robomend.principal_name"),
+    )
 
 
 def with_ours(own: Iterable[Header], scope: Scope) -> list[Header]:

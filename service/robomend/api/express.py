@@ -13,15 +13,18 @@ and gets its answers: tests/api/test_express.py holds both to the same answers.
 from __future__ import annotations
 
 import re
+import time
+from hashlib import sha256
 
 from starlette.requests import Request, empty_receive
 from starlette.responses import Response
 from starlette.routing import BaseRoute
 from starlette.types import Receive, Scope, Send
 
+from robomend.api import strict_json
 from robomend.api.deps import Parts, reporter_of
 from robomend.api.gate import Admission
-from robomend.api.ingestion import read_batch
+from robomend.api.ingestion import batch_of, once_of, read_batch
 from robomend.api.origin import by_name
 from robomend.api.problems import Problem, answer_to
 from robomend.api.schemas.base import NAME
@@ -62,17 +65,25 @@ class Express:
 
     async def answer(self, scope: Scope, body: bytes | None, receive: Receive = empty_receive) -> Response:
         """Return the answer to a plain request; its body is received if it is not there yet."""
-        request = Request(scope, receive)
-        key = by_name(scope).get(b"idempotency-key")
+        given, parts = by_name(scope).get(b"idempotency-key"), self._parts
+        key = None if given is None else given.decode()
         try:
-            principal = await self._gate.admit(request, RULE)
-            batch, once = await read_batch(
-                request, self._parts, principal, None if key is None else key.decode(), body
-            )
-            with self._parts.shedding.one():
-                outcome = await self._parts.robots.observe(
+            if body is None:
+                request = Request(scope, receive)
+                principal = await self._gate.admit(request, RULE)
+                batch, once = await read_batch(request, parts, principal, key)
+            else:
+                principal = await self._gate.let_in(scope, RULE)  # it will not outlive its key
+                batch = batch_of(strict_json.loads(body, parts.settings.max_nesting))
+                once = None if key is None else once_of(scope, principal, key, sha256(body).hexdigest())
+            shedding, began = parts.shedding, time.perf_counter()
+            place = shedding.begin(began - scope["robomend.began"])
+            try:
+                outcome = await parts.robots.observe(
                     scope["path_params"]["robot"], batch, by=reporter_of(principal), once=once
                 )
+            finally:
+                shedding.end(place, time.perf_counter() - began)
         except (Problem, RobomendError) as error:
-            return answer_to(request, error)
+            return answer_to(Request(scope), error)
         return accepted_response(outcome)

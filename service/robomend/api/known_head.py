@@ -32,13 +32,14 @@ VARYING = {
 class KnownHead:
     """See the module."""
 
-    __slots__ = ("_by_name", "_first", "_rest", "_scope")
+    __slots__ = ("_by_name", "_first", "_headers", "_rest", "_scope")
 
     def __init__(
         self, scope: Scope, first: bytes, rest: Sequence[tuple[int, bytes, re.Pattern[bytes], bytes]]
     ) -> None:
         """Made by `of`. `first` goes up to the first value; `rest`: a header, its form, up to the next."""
         self._scope = dict(scope)
+        self._headers: list[tuple[bytes, bytes]] = scope["headers"]
         self._by_name = by_name(scope)
         self._first = first
         self._rest = rest
@@ -78,7 +79,7 @@ class KnownHead:
         """Return a request's scope, the bytes of its head and of its body; None: its head is another one."""
         if not data.startswith(self._first):
             return None
-        headers, named = self._scope["headers"].copy(), self._by_name.copy()
+        headers, named = self._headers.copy(), self._by_name.copy()
         at = len(self._first)
         for number, name, form, piece in self._rest:
             value = form.match(data, at)

@@ -19,7 +19,10 @@ BY_NAME = "robomend.headers"
 
 
 def by_name(scope: Scope) -> dict[bytes, bytes]:
-    """Return a request's headers by their names in lower case, of a repeated one the first."""
+    """Return a request's headers by their names in lower case, of a repeated one the first.
+
+    Starlette's mapping gives the same, with an exception inside for each that is not there.
+    """
     found: dict[bytes, bytes] | None = scope.get(BY_NAME)
     if found is None:
         found = scope[BY_NAME] = dict(reversed(scope["headers"]))
@@ -29,21 +32,13 @@ def by_name(scope: Scope) -> dict[bytes, bytes]:
 def foreign(scope: Scope) -> str | None:
     """Return the header by which the request is known to come from a page of another origin, or None."""
     headers = by_name(scope)
-    origin = headers.get(b"origin")
+    origin, site = headers.get(b"origin"), headers.get(b"sec-fetch-site")
+    if origin is None and site is None:
+        return None
     if origin is not None:
         kind, _, authority = origin.lower().partition(b"://")
         # A secure page may come through a proxy that ends TLS; a plain one is foreign to a secure service.
         downgraded = kind == b"http" and scope["scheme"] == "https"
         if downgraded or authority != headers.get(b"host", b"").lower():
             return "Origin"
-    site = headers.get(b"sec-fetch-site")
     return None if site is None or site in OURS else "Sec-Fetch-Site"
-
-
-def first(scope: Scope, name: bytes) -> str | None:
-    """Return a header of a request, of a repeated one the first, or None; `name` in lower case.
-
-    Starlette's mapping of headers gives the same, with an exception inside for each that is not there.
-    """
-    found = by_name(scope).get(name)
-    return None if found is None else found.decode("latin-1")

@@ -30,6 +30,7 @@ import weakref
 from collections.abc import Callable
 from typing import Any, NoReturn, cast
 
+from starlette.responses import Response
 from starlette.types import Scope
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol, RequestResponseCycle
 
@@ -116,8 +117,9 @@ class Protocol(HttpToolsProtocol):
         self._timer: asyncio.TimerHandle | None = None
         self._refusal: Problem | None = None
         self._plain: bytearray | None = None  # what came of the body of a plain batch
-        self._known: KnownHead | None = None  # of the latest plain batch
-        self._is_new = False  # the head of a plain batch has just been parsed
+        self._known: KnownHead | None = None  # of plain batches that go to one place
+        self._to_learn = False  # such a head has just been parsed
+        self._place = b""  # where the latest plain batch that was parsed went to
         self._held = b""  # a known head, and of its body what came
         self._idle_s = 0.0  # since when the connection waits for its next request; the loop's clock
         self._running: RequestResponseCycle | Exchange | None = None  # the request that is answered next
@@ -134,7 +136,7 @@ class Protocol(HttpToolsProtocol):
     def connection_lost(self, exc: Exception | None) -> None:
         self._stop_timer()
         super().connection_lost(exc)
-        self.headers = []
+        self.headers, self._known = [], None
 
     def eof_received(self) -> bool:  # type: ignore[override]  # asyncio asks; uvicorn always says no
         """The client sends no more, or is gone: a whole request about the stop is done all the same."""
@@ -165,11 +167,10 @@ class Protocol(HttpToolsProtocol):
         self._began = int(inside)
         before = self._body if inside else 0
         super().data_received(data)
-        if self._is_new:
-            self._is_new = False
-            self._known = (
-                KnownHead.of(data, cast(Scope, self.scope)) if self._began == 1 and not inside else None
-            )
+        if self._to_learn:
+            self._to_learn = False
+            if self._began == 1 and not inside:
+                self._known = KnownHead.of(data, cast(Scope, self.scope))
         if self.ending or self._deaf:
             return
         if not self._receiving:
@@ -246,7 +247,8 @@ class Protocol(HttpToolsProtocol):
             self._refuse_head(fault)
         if self.direct is not None and version == "1.1" and self._is_plain(self.direct):
             self._plain = bytearray()
-            self._is_new = True
+            # Not of the first: whoever posts for many robots over one connection would have each read twice.
+            self._to_learn, self._place = self.url == self._place, self.url
             return
         super().on_headers_complete()
         if self.once:
@@ -267,7 +269,9 @@ class Protocol(HttpToolsProtocol):
             return
         body, self._plain = bytes(self._plain), None
         exchange = self._exchange(keep_alive=self.parser.should_keep_alive())
-        self.loop.call_soon(self._begin, self.scope, body, exchange)  # the parser may be fed more before
+        assert self.direct is not None
+        # Not at once: the parser may be in the middle of what it was fed.
+        self.loop.call_soon(self._begin, self.direct, self.scope, body, exchange)
 
     def _start_asgi_task(self, cycle: RequestResponseCycle, app: Any) -> None:
         self._running = cycle
@@ -333,13 +337,12 @@ class Protocol(HttpToolsProtocol):
 
     def _take(self, known: KnownHead, data: bytes) -> bool:
         """Begin to answer a plain batch, or wait for its body; False: its head is to be parsed."""
-        found = known.read(data)
-        if found is None:
+        direct, found = self.direct, known.read(data)
+        if direct is None or found is None:
             return False
-        assert self.direct is not None
         scope, head, body = found
         missing = head + body - len(data)
-        if missing < 0 or head > self.max_head_bytes or not self.direct.fits(body):
+        if missing < 0 or head > self.max_head_bytes or not 0 < body <= direct.most_bytes:
             return False
         if missing > 0:
             self._held, self._receiving = data, True
@@ -347,9 +350,10 @@ class Protocol(HttpToolsProtocol):
             if self._timer is None:
                 self._start_timer(MOMENT_S, self._parse_held)
             return True
-        self._stop_timer()
+        if self._timer is not None:
+            self._stop_timer()
         self.url, self._overhead = scope["raw_path"], 0
-        self._begin(scope, data[head:], self._exchange(keep_alive=True))
+        self._begin(direct, scope, data[head:], self._exchange(keep_alive=True))
         return True
 
     def _exchange(self, *, keep_alive: bool) -> Exchange:
@@ -376,27 +380,31 @@ class Protocol(HttpToolsProtocol):
             if body:
                 super().on_body(body)
 
-    def _begin(self, scope: Any, body: bytes, exchange: Exchange) -> None:
-        """Begin to answer a plain batch, in a turn of the event loop in which no task runs."""
-        assert self.direct is not None
-        refused = self.direct.refused(scope, exchange, self.server_state.default_headers)
-        if refused is not None:
-            Eager(self._send(refused, exchange), self.loop, self.tasks)
+    def _begin(self, direct: Direct, scope: Any, body: bytes, exchange: Exchange) -> None:
+        """Begin to answer a plain batch, while no task runs."""
+        late = direct.refused(scope)
+        note = direct.held if late is None else None
+        Eager(self._answer(direct, scope, body, exchange, late), self.loop, self.tasks, note)
+
+    async def _answer(
+        self, direct: Direct, scope: Any, body: bytes, exchange: Exchange, late: Response | None
+    ) -> None:
+        if late is None:
+            response = await direct.answer(scope, body)
+            answer = direct.text(response, scope, exchange, self.server_state.default_headers)
         else:
-            Eager(self._answer(scope, body, exchange), self.loop, self.tasks, self.direct.held)
-
-    async def _answer(self, scope: Any, body: bytes, exchange: Exchange) -> None:
-        assert self.direct is not None
-        answer = await self.direct.answer(scope, body, exchange, self.server_state.default_headers)
-        await self._send(answer, exchange)
-
-    async def _send(self, answer: bytes, exchange: Exchange) -> None:
+            answer = direct.refusal(late, exchange, self.server_state.default_headers)
         if self.flow.write_paused and not exchange.disconnected:
             await self.flow.drain()
+        self._send(answer, exchange)
+
+    def _send(self, answer: bytes, exchange: Exchange) -> None:
+        """Send the answer to a plain batch, whole."""
         if exchange.disconnected:
             return
-        self.transport.write(answer)
-        exchange.response_started = exchange.response_complete = True
+        if self._raw is not None and not self.ending and not self._raw.is_closing():
+            self._raw.write(answer)
+        exchange.response_complete = True
         if not exchange.keep_alive:
             self.transport.close()
         self.on_response_complete()

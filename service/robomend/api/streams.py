@@ -138,7 +138,7 @@ class Hub:
             return
         frames = Frames(events)
         for stream in streams.get(None, ()):
-            stream.offer(frames.of(stream.wanted))
+            stream.offer(frames.all() if stream.wants_all else frames.of(stream.wanted))
         if len(streams) > (None in streams):
             for robot in {event.robot for event in events if event.robot is not None}:
                 for stream in streams.get(robot, ()):
@@ -152,15 +152,17 @@ class Frames:
 
     def __init__(self, events: Sequence[Event]) -> None:
         self._events = events
-        self._all: list[Frame] | None = None  # for a stream that wants everything, as most do
+        self._all: list[Frame] | None = None
         self._made: dict[tuple[int, bool], Frame] = {}
 
+    def all(self) -> list[Frame]:
+        """Return those for a stream that wants everything."""
+        if self._all is None:
+            self._all = [(event.id, encode(event)) for event in self._events]
+        return self._all
+
     def of(self, wanted: Wanted, robot: str | None = None) -> list[Frame]:
-        """Return those for a stream; `robot`: only that one's."""
-        if wanted.everything and robot is None:
-            if self._all is None:
-                self._all = [(event.id, encode(event)) for event in self._events]
-            return self._all
+        """Return those for another stream; `robot`: only that one's."""
         events = (event for event in self._events if robot is None or event.robot == robot)
         return [self._frame(event, wanted.brief) for event in events if wanted.covers(event)]
 
@@ -179,16 +181,14 @@ class Wanted:
     about: str | None
     brief: bool
 
-    @property
-    def everything(self) -> bool:
-        """Whether no event is left out, and nothing of one."""
-        return not (self.kinds or self.brief) and self.about is None
-
     def covers(self, event: Event) -> bool:
         """Return whether the client asked for this one."""
         return (not self.kinds or event.kind in self.kinds) and (
             self.about is None or event.robot is None or event.robot == self.about
         )
+
+
+EVERYTHING = Wanted(frozenset(), None, brief=False)
 
 
 class Stream:
@@ -197,6 +197,8 @@ class Stream:
     def __init__(self, hub: Hub, robot: str | None, last_event_id: str | None, wanted: Wanted) -> None:
         self.robot = robot
         self.wanted = wanted
+        self.wants_all = wanted == EVERYTHING
+        """No event is left out, and nothing of one: most streams are of this kind."""
         self.wake = asyncio.Event()
         self._hub = hub
         self._asked = last_event_id
@@ -228,10 +230,12 @@ class Stream:
         """Send frames at once, if nothing is before them; return whether they are."""
         if self._at_once is None or not self._rests or self.wake.is_set():
             return False
-        new = [frame for number, frame in frames if number > self._last]
-        if new and not self._at_once(b"".join(new)):
-            return False
-        self._last = max(self._last, frames[-1][0])
+        if frames[0][0] <= self._last:  # the log has given some of them already
+            frames = [frame for frame in frames if frame[0] > self._last]
+        if frames:
+            if not self._at_once(b"".join([text for _, text in frames])):
+                return False
+            self._last = frames[-1][0]
         self._idle.begin()
         return True
 
