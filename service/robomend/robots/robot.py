@@ -13,7 +13,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from robomend.entry import Entry
 from robomend.model.clauses import Assertion
@@ -32,8 +32,7 @@ from robomend.transitions import after
 from robomend_client.literals import Literal
 
 
-@dataclass(frozen=True, slots=True)
-class Writing:
+class Writing(NamedTuple):
     """A batch on its way to the disk."""
 
     generation: int  # of what was held when it began
@@ -193,12 +192,15 @@ class Robot:
         keep: a renewed lifetime must survive a restart as well. ObservationError if OBS would grow too large.
         """
         changed = self.obs.update(update.entries) if update.entries else ()
-        kept = {entry.literal.atom: entry for entry in changed}
-        for given in update.entries:
-            if given.expires_ns is not None:
+        kept: Sequence[Entry] = changed
+        mortal = [entry for entry in update.entries if entry.expires_ns is not None]
+        if mortal:
+            by_atom = {entry.literal.atom: entry for entry in changed}
+            for given in mortal:
                 for entry in consequences(given):
                     if self.obs.get(entry.atom) == entry:
-                        kept[entry.atom] = entry
+                        by_atom[entry.atom] = entry
+            kept = tuple(by_atom.values())
         for assertion, record in update.asserted:
             self.obs.add(assertion)
             self.assertion_records[assertion.name] = record
@@ -211,7 +213,7 @@ class Robot:
             self._circles.hear(update.entries)
         self.sight.hear(update.entries, changed)
         self.sight.start_ups.hear(changed, self.system.parts, self.sight)
-        return changed, tuple(kept.values())
+        return changed, kept
 
     # --- what happens to what is held
 

@@ -89,7 +89,7 @@ class Robots:
             evidence = state.sight.evidence()
             return await read_batches(state.words, batches, self.readers, evidence, by.name)
 
-        state = await self.memory.robot(robot)
+        state = self.memory.at_hand(robot) or await self.memory.robot(robot)
         generation = state.generation
         try:
             return await self._accept(state, read, by, once)
@@ -170,7 +170,8 @@ class Robots:
             return {"revision": revision, "changed": literals}
 
         written = await self.diagnosing.write(state, batch, once)
-        self._reports.noted(state.id, by, update)
+        if reports:
+            self._reports.noted(state.id, by, update)
         return written
 
     async def _hear_board(self, robot: str, said: frozenset[Literal], time_ns: int) -> None:
