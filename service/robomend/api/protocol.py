@@ -18,7 +18,8 @@ Between two requests a connection is the control lane's again, so that a stop on
 (robomend.api.control_lane); those of busy observers, which send batch after batch, stay here.
 
 The busiest request of all has a way of its own from here on (robomend.api.direct): where its head is that of
-a plain batch, nothing is begun until its body is there, or a moment has passed.
+a plain batch, nothing is begun until its body is there, or a moment has passed. Who posts on and on to one
+place sends one head on and on: the next one is read by what differs (robomend.api.known_head).
 """
 
 from __future__ import annotations

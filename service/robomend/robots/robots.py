@@ -85,9 +85,8 @@ class Robots:
             TooLarge, Overloaded: OBS is full; too many instances write to this robot.
         """
 
-        async def read(state: Robot) -> Update:
-            evidence = state.sight.evidence()
-            return await read_batches(state.words, batches, self.readers, evidence, by.name)
+        def read(state: Robot) -> Awaitable[Update]:
+            return read_batches(state.words, batches, self.readers, state.sight.evidence(), by.name)
 
         state = self.memory.at_hand(robot) or await self.memory.robot(robot)
         generation = state.generation
