@@ -11,7 +11,7 @@ import pytest
 from tests.api.conftest import Service
 from tests.waiting import until
 
-from robomend.api import protocol
+from robomend.api import batch_connection
 from robomend.api.direct import Direct
 from robomend.api.protocol import Protocol
 from robomend.logs import PRINCIPAL, REQUEST
@@ -117,7 +117,7 @@ def test_a_body_that_comes_behind_its_head_is_waited_for(there: Service, answere
 def test_a_body_that_takes_longer_is_watched_like_any_other(
     there: Service, answered: list[bytes], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(protocol, "MOMENT_S", 0.0)
+    monkeypatch.setattr(batch_connection, "MOMENT_S", 0.0)
     begun = threading.Event()
     usual = Protocol._begin_as_usual
 

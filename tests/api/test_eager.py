@@ -38,6 +38,14 @@ async def begun(work: Any, among: set[Any], note: Callable[[float], None] | None
     return await made
 
 
+async def later() -> None:
+    """Return when a callback of the loop has said so."""
+    loop = asyncio.get_running_loop()
+    future: asyncio.Future[None] = loop.create_future()
+    loop.call_soon(future.set_result, None)
+    await future
+
+
 async def ended(eager: Eager, among: set[Any]) -> None:
     async with asyncio.timeout(30):
         while eager in among:
@@ -53,7 +61,6 @@ def test_it_begins_at_once_and_goes_on_when_what_it_waits_for_is_there(run: Run)
             seen.append("began")
             seen.append(await future)
             await asyncio.sleep(0)
-            await asyncio.sleep(0.001)
             seen.append("ended")
 
         loop = asyncio.get_running_loop()
@@ -121,8 +128,9 @@ def test_a_cancelled_one_ends_where_it_waits(turns: int, run: Run) -> None:
 
         async def work() -> None:
             try:
-                while True:
-                    await asyncio.sleep(0 if turns else 30)
+                while turns:
+                    await asyncio.sleep(0)
+                await asyncio.get_running_loop().create_future()
             except asyncio.CancelledError:
                 seen.append("cancelled")
                 raise
@@ -162,7 +170,7 @@ def test_it_has_a_context_of_its_own_to_the_end(run: Run) -> None:
             NAME.set("inside")
             await asyncio.sleep(0)
             seen.append(NAME.get())
-            await asyncio.sleep(0.001)
+            await later()
             seen.append(NAME.get())
 
         await ended(await begun(work(), among), among)

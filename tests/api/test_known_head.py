@@ -22,7 +22,7 @@ from tests.api.test_direct import BODY, ask, connect, head, read
 from tests.waiting import until
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
-from robomend.api import protocol
+from robomend.api import batch_connection
 from robomend.api.known_head import KnownHead
 from robomend.api.origin import by_name
 from robomend.api.problems import Problem
@@ -246,7 +246,7 @@ def test_a_body_that_does_not_come_behind_a_known_head_is_watched_like_any_other
         begun.set()
 
     with acquainted(there) as connection:
-        monkeypatch.setattr(protocol, "MOMENT_S", 0.0)
+        monkeypatch.setattr(batch_connection, "MOMENT_S", 0.0)
         monkeypatch.setattr(Protocol, "_begin_as_usual", begin)
         connection.sendall(head() + BODY[:5])
         assert begun.wait(30)
@@ -261,7 +261,7 @@ def test_a_body_that_drips_behind_a_known_head_has_no_more_than_its_moment(
     there: Service, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made = protocols(monkeypatch)
-    monkeypatch.setattr(protocol, "MOMENT_S", 60.0)
+    monkeypatch.setattr(batch_connection, "MOMENT_S", 60.0)
     with acquainted(there) as connection:
         timers = []
         sent = b""

@@ -17,9 +17,7 @@ moment, as a reset would take the answer away from a client that has not read it
 Between two requests a connection is the control lane's again, so that a stop on it waits for nobody
 (robomend.api.control_lane); those of busy observers, which send batch after batch, stay here.
 
-The busiest request of all has a way of its own from here on (robomend.api.direct): where its head is that of
-a plain batch, nothing is begun until its body is there, or a moment has passed. Who posts on and on to one
-place sends one head on and on: the next one is read by what differs (robomend.api.known_head).
+The busiest request of all has a way of its own from here on: robomend.api.batch_connection.
 """
 
 from __future__ import annotations
@@ -31,19 +29,14 @@ import weakref
 from collections.abc import Callable
 from typing import Any, NoReturn, cast
 
-from starlette.responses import Response
 from starlette.types import Scope
-from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol, RequestResponseCycle
+from uvicorn.protocols.http.httptools_impl import RequestResponseCycle
 
-from robomend.api.direct import MOMENT_S, Direct, Exchange
-from robomend.api.eager import Eager
+from robomend.api.batch_connection import BATCHES, BatchConnection
+from robomend.api.direct import Direct, Exchange
 from robomend.api.heads import fault_of, too_large
-from robomend.api.known_head import KnownHead
 from robomend.api.problems import Problem
 from robomend.api.straight import STRAIGHT, Straight
-
-BATCHES = b"/observations"
-"""The end of paths that are posted to again and again."""
 
 GiveBack = Callable[[socket.socket], None]
 """Takes a connection between two requests."""
@@ -96,34 +89,20 @@ class Transport:
         return getattr(self._transport, name)
 
 
-class Protocol(HttpToolsProtocol):
+class Protocol(BatchConnection):
     """uvicorn's HTTP/1.1, with limits on the head of a request; `limited` makes one with other limits."""
 
-    max_head_bytes = 64 << 10
     head_timeout_s = 30.0
     once = False
-    direct: Direct | None = None
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
         self.give_back: GiveBack | None = None
-        self.ending = False
-        self._raw: asyncio.Transport | None = None
         self._heading = False  # a head has begun and is not whole
-        self._receiving = False  # a message has begun and is not whole
         self._began = 0  # messages that began in the data that is being read
-        self._overhead = 0  # bytes of the message that are no body
         self._body = 0
         self._rest = 0
-        self._timer: asyncio.TimerHandle | None = None
         self._refusal: Problem | None = None
-        self._plain: bytearray | None = None  # what came of the body of a plain batch
-        self._known: KnownHead | None = None  # of plain batches that go to one place
-        self._to_learn = False  # such a head has just been parsed
-        self._place = b""  # where the latest plain batch that was parsed went to
-        self._held = b""  # a known head, and of its body what came
-        self._idle_s = 0.0  # since when the connection waits for its next request; the loop's clock
-        self._running: RequestResponseCycle | Exchange | None = None  # the request that is answered next
         self._deaf = False  # what came is refused; requests before it have their answers yet to come
 
     # --- the connection
@@ -168,10 +147,7 @@ class Protocol(HttpToolsProtocol):
         self._began = int(inside)
         before = self._body if inside else 0
         super().data_received(data)
-        if self._to_learn:
-            self._to_learn = False
-            if self._began == 1 and not inside:
-                self._known = KnownHead.of(data, cast(Scope, self.scope))
+        self._learn(data, whole=self._began == 1 and not inside)
         if self.ending or self._deaf:
             return
         if not self._receiving:
@@ -181,8 +157,7 @@ class Protocol(HttpToolsProtocol):
                     self._refuse(self._too_large())
             return
         if self._plain is not None:
-            if self._timer is None:
-                self._start_timer(MOMENT_S, self._begin_as_usual)
+            self._wait_a_moment(self._begin_as_usual)
             return
         if self._heading and self._timer is None:
             self._start_timer(self.head_timeout_s, self._late)
@@ -246,10 +221,7 @@ class Protocol(HttpToolsProtocol):
             fault = Problem(503, f"more than {PIPELINED} requests wait on this connection")
         if fault is not None:
             self._refuse_head(fault)
-        if self.direct is not None and version == "1.1" and self._is_plain(self.direct):
-            self._plain = bytearray()
-            # Not of the first: whoever posts for many robots over one connection would have each read twice.
-            self._to_learn, self._place = self.url == self._place, self.url
+        if version == "1.1" and self._takes_up():
             return
         super().on_headers_complete()
         if self.once:
@@ -257,22 +229,12 @@ class Protocol(HttpToolsProtocol):
 
     def on_body(self, body: bytes) -> None:
         self._body += len(body)
-        if self._plain is not None:
-            self._plain += body
-        else:
-            super().on_body(body)
+        super().on_body(body)
 
     def on_message_complete(self) -> None:
         self._receiving = False
         self._stop_timer()
-        if self._plain is None:
-            super().on_message_complete()
-            return
-        body, self._plain = bytes(self._plain), None
-        exchange = self._exchange(keep_alive=self.parser.should_keep_alive())
-        assert self.direct is not None
-        # Not at once: the parser may be in the middle of what it was fed.
-        self.loop.call_soon(self._begin, self.direct, self.scope, body, exchange)
+        super().on_message_complete()
 
     def _start_asgi_task(self, cycle: RequestResponseCycle, app: Any) -> None:
         self._running = cycle
@@ -280,28 +242,13 @@ class Protocol(HttpToolsProtocol):
         super()._start_asgi_task(cycle, app)
 
     def on_response_complete(self) -> None:
-        self._idle_s = self.loop.time()
-        if self.timeout_keep_alive_task is None or self.ending:
-            super().on_response_complete()
-        else:  # the timer of the answer before runs on, as that costs less than a new one
-            self.server_state.total_requests += 1
+        super().on_response_complete()
         if self._deaf:
             return
         if self._receiving and not self.ending:
             self._start_timer(REST_S, self._cut_off)
         elif self.give_back is not None and self.cycle.keep_alive and not self.url.endswith(BATCHES):
             self._give_back(self.give_back)
-
-    def timeout_keep_alive_handler(self) -> None:
-        """The time for the next request is over; or it has come, or is a later one that is waited for."""
-        self.timeout_keep_alive_task = None
-        if not self.cycle.response_complete:
-            return
-        left_s = self._idle_s + self.timeout_keep_alive - self.loop.time()
-        if left_s <= 0:
-            super().timeout_keep_alive_handler()
-        else:
-            self.timeout_keep_alive_task = self.loop.call_later(left_s, self.timeout_keep_alive_handler)
 
     def _give_back(self, give_back: GiveBack) -> None:
         """Let go of the connection, if the next request has not begun and nothing is left to be sent."""
@@ -322,94 +269,6 @@ class Protocol(HttpToolsProtocol):
         """Answer what is no HTTP; uvicorn's own answer is plain text."""
         self._refuse(self._refusal or Problem(400, "this is no HTTP request", code="bad-request"))
 
-    # --- plain batches
-
-    def _is_plain(self, direct: Direct) -> bool:
-        """Return whether the head that has come is that of a plain batch, with nothing before it."""
-        busy = self.cycle is not None and not self.cycle.response_complete
-        if busy or not self.url.endswith(b"/observations") or self.parser.get_method() != b"POST":
-            return False
-        if self.parser.should_upgrade():
-            return False
-        scope: Any = self.scope  # as an ASGI server fills it
-        path = self.url.decode("ascii", "replace")
-        scope.update({"method": "POST", "path": path, "raw_path": self.url, "query_string": b""})
-        return direct.takes(scope)
-
-    def _take(self, known: KnownHead, data: bytes) -> bool:
-        """Begin to answer a plain batch, or wait for its body; False: its head is to be parsed."""
-        direct, found = self.direct, known.read(data)
-        if direct is None or found is None:
-            return False
-        scope, head, body = found
-        missing = head + body - len(data)
-        if missing < 0 or head > self.max_head_bytes or not 0 < body <= direct.most_bytes:
-            return False
-        if missing > 0:
-            self._held, self._receiving = data, True
-            self._unset_keepalive_if_required()
-            if self._timer is None:
-                self._start_timer(MOMENT_S, self._parse_held)
-            return True
-        if self._timer is not None:
-            self._stop_timer()
-        self.url, self._overhead = scope["raw_path"], 0
-        self._begin(direct, scope, data[head:], self._exchange(keep_alive=True))
-        return True
-
-    def _exchange(self, *, keep_alive: bool) -> Exchange:
-        """Return the request that is under way from now on."""
-        exchange = Exchange(keep_alive)
-        self.cycle = self._running = exchange  # type: ignore[assignment]  # all that uvicorn asks of one
-        return exchange
-
-    def _parse_held(self) -> None:
-        """The rest of a body whose head is known does not come: have it awaited like any other."""
-        self._timer = None
-        data, self._held, self._receiving = self._held, b"", False
-        self._parse(data)
-        if self._plain is not None:
-            self._stop_timer()
-            self._begin_as_usual()
-
-    def _begin_as_usual(self) -> None:
-        """The body does not come: have it awaited like any other."""
-        self._timer = None
-        if self._plain is not None:
-            body, self._plain = bytes(self._plain), None
-            super().on_headers_complete()
-            if body:
-                super().on_body(body)
-
-    def _begin(self, direct: Direct, scope: Any, body: bytes, exchange: Exchange) -> None:
-        """Begin to answer a plain batch, while no task runs."""
-        late = direct.refused(scope)
-        note = direct.held if late is None else None
-        Eager(self._answer(direct, scope, body, exchange, late), self.loop, self.tasks, note)
-
-    async def _answer(
-        self, direct: Direct, scope: Any, body: bytes, exchange: Exchange, late: Response | None
-    ) -> None:
-        if late is None:
-            response = await direct.answer(scope, body)
-            answer = direct.text(response, scope, exchange, self.server_state.default_headers)
-        else:
-            answer = direct.refusal(late, exchange, self.server_state.default_headers)
-        if self.flow.write_paused and not exchange.disconnected:
-            await self.flow.drain()
-        self._send(answer, exchange)
-
-    def _send(self, answer: bytes, exchange: Exchange) -> None:
-        """Send the answer to a plain batch, whole."""
-        if exchange.disconnected:
-            return
-        if self._raw is not None and not self.ending and not self._raw.is_closing():
-            self._raw.write(answer)
-        exchange.response_complete = True
-        if not exchange.keep_alive:
-            self.transport.close()
-        self.on_response_complete()
-
     # --- refusing
 
     def _refuse_head(self, problem: Problem) -> NoReturn:
@@ -425,15 +284,6 @@ class Protocol(HttpToolsProtocol):
 
     def _too_large(self) -> Problem:
         return too_large(self.max_head_bytes)
-
-    def _start_timer(self, delay_s: float, call: Any) -> None:
-        self._stop_timer()
-        self._timer = self.loop.call_later(delay_s, call)
-
-    def _stop_timer(self) -> None:
-        if self._timer is not None:
-            self._timer.cancel()
-            self._timer = None
 
     def _late(self) -> None:
         self._timer = None
