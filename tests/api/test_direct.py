@@ -12,8 +12,10 @@ from tests.api.conftest import Service
 from tests.waiting import until
 
 from robomend.api import batch_connection
-from robomend.api.direct import Direct
+from robomend.api.app import direct_way
+from robomend.api.direct import Direct, Exchange
 from robomend.api.protocol import Protocol
+from robomend.api.views import AcceptedResponse
 from robomend.logs import PRINCIPAL, REQUEST
 
 HOST = "Host: localhost\r\n"
@@ -173,6 +175,17 @@ def test_who_wants_the_connection_closed_gets_it_closed(there: Service, answered
         assert (status, headers["connection"]) == (200, "close")
         assert connection.recv(1) == b""
     assert answered == [BODY]
+
+
+def test_what_is_the_same_in_all_answers_is_made_anew_when_it_changes(there: Service) -> None:
+    direct = direct_way(there.runtime.app, there.runtime.settings)
+    response, scope = AcceptedResponse(b"{}"), {"robomend.request_id": "a"}
+    for date in (b"today", b"tomorrow"):
+        usual = [(b"date", date)]
+        told = direct.text(response, scope, Exchange(keep_alive=True), usual)
+        closing = direct.text(response, scope, Exchange(keep_alive=False), usual)
+        assert b"date: " + date + b"\r\n" in told
+        assert closing == told.replace(b"\r\n\r\n", b"\r\nconnection: close\r\n\r\n")
 
 
 def test_a_bug_is_answered_with_500_and_told(

@@ -170,11 +170,12 @@ def test_it_has_a_context_of_its_own_to_the_end(run: Run) -> None:
             NAME.set("inside")
             await asyncio.sleep(0)
             seen.append(NAME.get())
+            NAME.set("still inside")
             await later()
             seen.append(NAME.get())
 
         await ended(await begun(work(), among), among)
-        assert seen == ["outside", "inside", "inside"]
+        assert seen == ["outside", "inside", "still inside"]
         assert NAME.get() == "outside"
 
     run(main)

@@ -27,6 +27,7 @@ from robomend.api.known_head import KnownHead
 from robomend.api.origin import by_name
 from robomend.api.problems import Problem
 from robomend.api.protocol import Protocol
+from robomend.api.strict_json import AT_ONCE
 from robomend.settings import Settings
 from robomend.store import Transaction, api_keys
 
@@ -371,6 +372,18 @@ def test_an_overload_refuses_what_has_a_known_head_at_once(
     for status, headers, body in (refused, again):
         assert (status, body["code"], headers["retry-after"]) == (503, "overloaded", "1")
     assert refused[2]["request_id"] == "mine"
+
+
+def test_a_body_that_is_none_or_a_long_one_goes_the_usual_way_behind_a_known_head(
+    there: Service, parsed: list[bytes]
+) -> None:
+    long = BODY + b" " * AT_ONCE
+    with acquainted(there) as connection:
+        connection.sendall(head(length=len(long)) + long)
+        assert read(connection)[0] == 200
+        connection.sendall(head(length=0))
+        assert read(connection)[2]["code"] == "malformed-json"
+    assert b"".join(parsed[2:]) == head(length=len(long)) + long + head(length=0)
 
 
 def test_a_known_head_beyond_the_limit_is_refused(start: StartService) -> None:
