@@ -6,11 +6,12 @@ import json
 import logging
 import time
 from collections.abc import Iterator
+from contextvars import copy_context
 
 import pytest
 import structlog
 
-from robomend.logs import MOST_A_SECOND, configure
+from robomend.logs import MOST_A_SECOND, PRINCIPAL, REQUEST, configure
 from robomend.security import new_key
 
 
@@ -42,6 +43,32 @@ def test_a_level_leaves_out_what_is_below(capsys: pytest.CaptureFixture[str]) ->
     shown = capsys.readouterr().err
     assert "loud" in shown
     assert "quiet" not in shown
+
+
+def test_an_entry_names_the_request_and_the_principal_that_it_is_about(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    configure("info", "json")
+    log = structlog.get_logger()
+
+    def answer() -> None:
+        REQUEST.set("7f-1")
+        log.info("nobody yet")
+        PRINCIPAL.set("anna")
+        log.info("somebody")
+        log.info("somebody else", principal="bob", request="7f-2")
+        logging.getLogger("elsewhere").error("another library's")
+
+    copy_context().run(answer)
+    log.info("outside")
+    told = [json.loads(line) for line in capsys.readouterr().err.splitlines()]
+    assert [(one.get("request"), one.get("principal")) for one in told] == [
+        ("7f-1", None),
+        ("7f-1", "anna"),
+        ("7f-2", "bob"),
+        ("7f-1", "anna"),
+        (None, None),
+    ]
 
 
 def test_of_a_crowd_of_entries_a_few_are_written_and_the_rest_is_told_by_number(

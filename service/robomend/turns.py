@@ -21,9 +21,14 @@ class Turns:
     def __init__(self) -> None:
         self._began = time.perf_counter()
 
+    @property
+    def over(self) -> bool:
+        """Whether this turn has lasted long enough."""
+        return time.perf_counter() - self._began >= TURN_S
+
     async def rest(self) -> None:
-        """Let others go on if this turn has lasted long enough."""
-        if time.perf_counter() - self._began >= TURN_S:
+        """Let others go on if this turn is over."""
+        if self.over:
             await self.end()
 
     async def end(self) -> None:

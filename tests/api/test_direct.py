@@ -11,9 +11,12 @@ import pytest
 from tests.api.conftest import Service
 from tests.waiting import until
 
-from robomend.api import protocol
-from robomend.api.direct import Direct
+from robomend.api import batch_connection
+from robomend.api.app import direct_way
+from robomend.api.direct import Direct, Exchange
 from robomend.api.protocol import Protocol
+from robomend.api.views import AcceptedResponse
+from robomend.logs import PRINCIPAL, REQUEST
 
 HOST = "Host: localhost\r\n"
 JSON = "Content-Type: application/json\r\n"
@@ -33,9 +36,9 @@ def answered(monkeypatch: pytest.MonkeyPatch) -> list[bytes]:
     bodies: list[bytes] = []
     usual = Direct.answer
 
-    async def answer(self: Direct, scope: Any, body: bytes, *more: Any) -> bytes:
+    async def answer(self: Direct, scope: Any, body: bytes) -> Any:
         bodies.append(body)
-        return await usual(self, scope, body, *more)
+        return await usual(self, scope, body)
 
     monkeypatch.setattr(Direct, "answer", answer)
     return bodies
@@ -84,7 +87,7 @@ def test_an_answer_has_the_headers_of_any_other(there: Service, answered: list[b
     assert answered == [BODY]
     assert direct[0] == usual[0]
     own = {"x-request-id", "date", "ratelimit", "content-length"}  # another each time
-    assert direct[1].keys() == usual[1].keys()
+    assert list(direct[1]) == list(usual[1])
     assert {n: v for n, v in direct[1].items() if n not in own} == {
         n: v for n, v in usual[1].items() if n not in own
     }
@@ -116,7 +119,7 @@ def test_a_body_that_comes_behind_its_head_is_waited_for(there: Service, answere
 def test_a_body_that_takes_longer_is_watched_like_any_other(
     there: Service, answered: list[bytes], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(protocol, "MOMENT_S", 0.0)
+    monkeypatch.setattr(batch_connection, "MOMENT_S", 0.0)
     begun = threading.Event()
     usual = Protocol._begin_as_usual
 
@@ -174,6 +177,17 @@ def test_who_wants_the_connection_closed_gets_it_closed(there: Service, answered
     assert answered == [BODY]
 
 
+def test_what_is_the_same_in_all_answers_is_made_anew_when_it_changes(there: Service) -> None:
+    direct = direct_way(there.runtime.app, there.runtime.settings)
+    response, scope = AcceptedResponse(b"{}"), {"robomend.request_id": "a"}
+    for date in (b"today", b"tomorrow"):
+        usual = [(b"date", date)]
+        told = direct.text(response, scope, Exchange(keep_alive=True), usual)
+        closing = direct.text(response, scope, Exchange(keep_alive=False), usual)
+        assert b"date: " + date + b"\r\n" in told
+        assert closing == told.replace(b"\r\n\r\n", b"\r\nconnection: close\r\n\r\n")
+
+
 def test_a_bug_is_answered_with_500_and_told(
     there: Service, answered: list[bytes], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -184,6 +198,26 @@ def test_a_bug_is_answered_with_500_and_told(
     status, _, body = ask(there, head() + BODY)
     assert (status, body["code"]) == (500, "internal")
     assert answered == [BODY]
+
+
+def test_the_log_names_each_request_and_who_makes_it(there: Service, monkeypatch: pytest.MonkeyPatch) -> None:
+    robots = there.runtime.robots
+    usual, seen = robots.observe, list[tuple[str | None, str | None]]()
+
+    async def observe(*given: Any, **more: Any) -> Any:
+        outcome = await usual(*given, **more)
+        seen.append((REQUEST.get(), PRINCIPAL.get()))
+        return outcome
+
+    monkeypatch.setattr(robots, "observe", observe)
+    told = []
+    with connect(there) as connection:
+        for more in ((), (), (), ("X-Request-ID: mine",), ("X-Other: 1",)):
+            connection.sendall(head(*more) + BODY)
+            told.append((read(connection)[1]["x-request-id"], "local"))
+    assert seen == told
+    assert len(set(seen)) == 5
+    assert told[3] == ("mine", "local")
 
 
 def test_who_goes_away_before_the_answer_harms_nobody(there: Service, answered: list[bytes]) -> None:

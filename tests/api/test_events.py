@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import count
 from typing import Any, cast
 
 import httpx
@@ -17,6 +18,7 @@ from tests.api.conftest import Service, StartService
 from tests.waiting import until
 
 from robomend.api import ndjson, streams
+from robomend.api.straight import Straight
 from robomend.metrics import Metrics
 from robomend.store import Store, Transaction, api_keys
 
@@ -120,7 +122,7 @@ def test_what_a_page_is_told_of_much_comes_in_few_writes_and_whole() -> None:
 
         writing = asyncio.create_task(write())
         for frame in frames:
-            stream.offer(frame)
+            stream.offer([frame])
             while not brief and frame[1] not in written[-1:]:  # each is written before the next one comes
                 await asyncio.sleep(0)
             await asyncio.sleep(0)
@@ -134,6 +136,122 @@ def test_what_a_page_is_told_of_much_comes_in_few_writes_and_whole() -> None:
     assert b"".join(page) == b"".join(program) == whole
     assert len(program) == len(frames)
     assert len(page) <= streams.BRIEF_AT_ONCE + 2 + took_s / streams.BRIEF_APART_S
+
+
+def test_frames_go_out_in_their_order_at_once_where_nothing_is_before_them() -> None:
+    hub = streams.Hub(cast(Store, None), Metrics(), most=9, ping_s=60.0)
+    out: list[tuple[str, bytes]] = []
+    takes = True
+
+    def at_once(piece: bytes) -> bool:
+        if takes:
+            out.append(("at once", piece))
+        return takes
+
+    async def turns() -> None:
+        for _ in range(3):
+            await asyncio.sleep(0)
+
+    async def main() -> None:
+        nonlocal takes
+        stream = hub.open(None, None)
+        stream.send_at_once(at_once)
+
+        async def write() -> None:
+            async for chunk in stream.frames():
+                out.append(("in turn", chunk))
+
+        writing = asyncio.create_task(write())
+        stream.offer([(1, b"1;")])  # before its beginning is sent
+        await turns()
+        stream.offer([(2, b"2;"), (3, b"3;")])
+        takes = False  # the connection is full
+        stream.offer([(4, b"4;")])
+        takes = True
+        stream.offer([(5, b"5;")])  # behind what waits
+        await turns()
+        stream.offer([(5, b"5;"), (6, b"6;")])  # one that was sent, as the log may give
+        stream.offer([(6, b"6;")])
+        stream.send_at_once(None)
+        stream.offer([(7, b"7;")])
+        await turns()
+        writing.cancel()
+
+    asyncio.run(main())
+    assert out[1:] == [
+        ("in turn", b"1;"),
+        ("at once", b"2;3;"),
+        ("in turn", b"4;5;"),
+        ("at once", b"6;"),
+        ("in turn", b"7;"),
+    ]
+
+
+def test_what_is_sent_at_once_is_what_the_log_has(
+    start: StartService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sent: list[bytes] = []
+    usual = Straight.send
+
+    def send(self: Straight, piece: bytes) -> bool:
+        sent.append(piece)
+        return usual(self, piece)
+
+    monkeypatch.setattr(Straight, "send", send)
+    service = start()
+    service.with_robot()
+    with following(service) as events, following(service, "/robots/r1/events") as own:
+        service.observe("not ok(scan)")
+        service.observe("ok(scan)", "not ok(map)")
+        live = take(events, "observations", 1) + [next(events) for _ in range(3)]
+        of_robot = take(own, "observations", 1) + [next(own) for _ in range(3)]
+    assert len(sent) >= 4
+    with following(service, last=str(int(live[0]["id"]) - 1)) as events:
+        assert [next(events) for _ in range(4)] == live == of_robot
+
+
+def test_a_busy_stream_ends_when_its_key_is_revoked(
+    start: StartService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(streams, "STILL_S", 0.1)
+    service = start()
+    service.with_robot()
+    own = {"Authorization": f"Bearer {service.key('robot', 'r1')}"}
+    head = {"Authorization": f"Bearer {service.key('viewer')}"}
+
+    def revoke(tx: Transaction) -> None:
+        [viewer] = [key for key in api_keys.every(tx) if key.role == "viewer"]
+        api_keys.revoke(tx, viewer.id)
+
+    def observe(sentence: str) -> None:
+        body = {"observations": [sentence]}
+        assert service.api("POST", "/robots/r1/observations", json=body, headers=own).status_code == 200
+
+    with httpx.stream("GET", f"{service.url}/api/v1/events", headers=head, timeout=60) as answer:
+        lines = answer.iter_lines()
+        observe("not ok(scan)")
+        while "observations" not in next(lines):
+            pass
+        service.run(service.runtime.store.write(revoke))
+        service.runtime.app.state.gate.ring.forget()
+        ended = threading.Thread(target=lambda: [None for _ in lines])
+        ended.start()
+        for number in count():
+            if not ended.is_alive():
+                break
+            observe("ok(scan)" if number % 2 else "not ok(scan)")
+
+
+def test_a_stream_is_kept_alive_after_its_events(start: StartService) -> None:
+    service = start(ping_s=0.05)
+    service.with_robot()
+    with httpx.stream("GET", f"{service.url}/api/v1/events", timeout=20) as answer:
+        lines = answer.iter_lines()
+        service.observe("not ok(scan)")
+        while "diagnosis" not in next(lines):
+            pass
+        while next(lines) != ": ping":
+            pass
 
 
 def test_a_robots_stream_is_about_that_robot(start: StartService) -> None:

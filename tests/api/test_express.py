@@ -49,8 +49,8 @@ def test_only_plain_requests_take_the_short_way(observed: Service) -> None:
     express = Express(observed.runtime.app.state.parts, observed.runtime.app.state.gate, route)
 
     def takes(method: str, path: str, **headers: str) -> bool:
-        given = {name.replace("_", "-").encode(): value.encode() for name, value in headers.items()}
-        return express.takes({"type": "http", "method": method, "path": path}, given)
+        given = [(name.replace("_", "-").encode(), value.encode()) for name, value in headers.items()]
+        return express.takes({"type": "http", "method": method, "path": path, "headers": given})
 
     there, json_body = "/api/v1/robots/r1/observations", "application/json"
     assert takes("POST", there, content_type=json_body)

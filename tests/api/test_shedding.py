@@ -13,7 +13,17 @@ from tests.api.conftest import StartService
 from tests.waiting import until
 
 from robomend.api import shedding
-from robomend.api.shedding import ALWAYS, BURST_S, CALM_S, HANGS_S, MOST_S, TARGET_S, LoadShedding
+from robomend.api.problems import Problem
+from robomend.api.shedding import (
+    ALWAYS,
+    BURST_S,
+    CALM_S,
+    HANGS_S,
+    MEANWHILE_S,
+    MOST_S,
+    TARGET_S,
+    LoadShedding,
+)
 from robomend.metrics import Metrics
 from robomend.store import Transaction
 
@@ -118,6 +128,16 @@ def test_a_disk_that_hangs_lets_nobody_in(times: Times) -> None:
     assert times.refuses()
     times.oldest_s = 0.0
     assert not times.refuses()
+
+
+def test_a_batch_that_took_long_to_read_is_asked_about_once_more(times: Times) -> None:
+    times.oldest_s = HANGS_S + 0.1
+    times.made.end(times.made.begin(0.0), 0.001)  # the edge has just let it in
+    with pytest.raises(Problem):
+        times.made.begin(2 * MEANWHILE_S)
+    with pytest.raises(Problem):
+        times.made.begin()
+    assert times.made.under_way == 0
 
 
 @pytest.mark.parametrize("content_type", ["application/json", "application/json; charset=utf-8"])

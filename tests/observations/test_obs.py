@@ -45,6 +45,20 @@ def test_repeating_what_is_known_changes_nothing_but_its_time() -> None:
     assert obs.entries() == (seen(holds("ok", "scan"), 2),)
 
 
+def test_what_is_known_as_a_set_is_what_is_known() -> None:
+    obs = Obs([seen(holds("ok", "scan"), 1)])
+    assert obs.known_literals(1) == {holds("ok", "scan")}
+    assert not obs.mortal
+    assert obs.update([seen(holds("ok", "scan"), 2, 10)]) == ()  # now it has a lifetime
+    assert obs.mortal
+    assert obs.known_literals(9) == {holds("ok", "scan")}
+    assert obs.known_literals(10) == frozenset()
+    obs.update([seen(fails("ok", "map"), 11)])
+    assert obs.known_literals(11) == {fails("ok", "map")}
+    obs.forget([Atom("ok", ("map",))])
+    assert obs.known_literals(12) == frozenset()
+
+
 def test_a_late_arrival_does_not_overwrite_what_is_newer() -> None:
     obs = Obs([seen(holds("ok", "scan"), 5)])
     assert obs.update([seen(fails("ok", "scan"), 4)]) == ()

@@ -147,7 +147,7 @@ def direct_way(app: FastAPI, settings: Settings) -> Direct:
     parts: Parts = app.state.parts
     express: Express = app.state.express
     edge = Edge(app, metrics=parts.metrics, express=express, shedding=parts.shedding)
-    return Direct(edge, express, settings.max_body_bytes)
+    return Direct(edge, express, parts.metrics, settings.max_body_bytes)
 
 
 def create_control_app(parts: Parts, gate: Admitter) -> FastAPI:

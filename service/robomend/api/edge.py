@@ -23,11 +23,11 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from robomend.api.conditional import Conditional, head_as_get
 from robomend.api.express import PATH, RULE, Express
 from robomend.api.loop_watch import timed
-from robomend.api.origin import foreign
+from robomend.api.origin import by_name, foreign
 from robomend.api.problems import Problem, unforeseen
 from robomend.api.rates import Bucket
 from robomend.api.shedding import LoadShedding
-from robomend.logs import debugging
+from robomend.logs import PRINCIPAL, REQUEST, debugging
 from robomend.metrics import Metrics
 from robomend.room import out_of_memory
 from robomend.security import API
@@ -59,8 +59,7 @@ class Edge:
             await self._app(scope, receive, send)
             return
         began = scope["robomend.began"] = time.perf_counter()
-        headers = dict(reversed(scope["headers"]))  # of a repeated header, the first
-        request_id = self._name(scope, headers)
+        request_id = self._name(scope)
         if scope["method"] == "POST" and PATH.match(scope["path"]):
             late = self._shed()
             if late is not None:
@@ -75,17 +74,17 @@ class Edge:
                 message["headers"] = with_ours(message.get("headers", ()), scope)
             await send(message)
 
-        structlog.contextvars.bind_contextvars(request=request_id)
+        REQUEST.set(request_id)
         answer: Send = with_headers
         asked, scope = scope, head_as_get(scope)
         if scope["method"] == "GET" and scope["path"].startswith(API):
-            answer = Conditional(headers.get(b"if-none-match"), answer)
+            answer = Conditional(by_name(scope).get(b"if-none-match"), answer)
         try:
             problem = refusal(scope)
             if problem is not None:
                 await problem.response(request_id)(scope, receive, answer)
-            elif self._express is not None and self._express.takes(scope, headers):
-                await timed(self._express(scope, receive, answer, headers), self._metrics.held)
+            elif self._express is not None and self._express.takes(scope):
+                await timed(self._express(scope, receive, answer), self._metrics.held)
             else:
                 await timed(_coroutine(self._app, scope, receive, answer), self._metrics.held)
         except ClientDisconnect:
@@ -96,33 +95,40 @@ class Edge:
                 await response(scope, receive, answer)
         finally:
             self._note(scope, asked["method"], status, time.perf_counter() - began)
-            structlog.contextvars.clear_contextvars()
+            REQUEST.set(None)
+            PRINCIPAL.set(None)
 
-    async def direct(self, scope: Scope, body: bytes) -> tuple[Response, list[Header]]:
-        """Return the answer to a plain batch that came whole, and the headers that it goes with.
+    def begin(self, scope: Scope) -> Response | None:
+        """Take up a plain batch, for robomend.api.direct; return why it is refused, or None."""
+        scope["robomend.began"] = time.perf_counter()
+        request_id = self._name(scope)
+        late = self._shed()
+        return None if late is None else late.response(request_id)
 
-        The same as above, for robomend.api.direct: a request with no Origin, in a task of its own.
+    async def direct(self, scope: Scope, body: bytes) -> Response:
+        """Return the answer to a plain batch that has begun, without the headers that every answer has.
+
+        The same as above: a request with no Origin, in a context of its own.
         """
         assert self._express is not None
-        began = scope["robomend.began"] = time.perf_counter()
-        headers = dict(scope["headers"])  # none is repeated
-        request_id = self._name(scope, headers)
-        late = self._shed()
-        if late is not None:
-            response = late.response(request_id)
-            return response, response.raw_headers
-        structlog.contextvars.bind_contextvars(request=request_id)
+        REQUEST.set(scope["robomend.request_id"])
         try:
-            response = await timed(self._express.answer(scope, headers, body), self._metrics.held)
+            response = await self._express.answer(scope, body)
         except Exception as error:  # noqa: BLE001  # as above
             response = _failed(scope, error, answered=False)
-        self._note(scope, "POST", response.status_code, time.perf_counter() - began)
-        return response, with_ours(response.raw_headers, scope)
+        status, elapsed_s = response.status_code, time.perf_counter() - scope["robomend.began"]
+        self._metrics.request(*RULE, status, elapsed_s)
+        if status >= 400 or debugging():
+            _tell(scope, "POST", status, elapsed_s)
+        return response
 
-    def _name(self, scope: Scope, headers: dict[bytes, bytes]) -> str:
+    def _name(self, scope: Scope) -> str:
         """Give the request its id: the one that it brings, or one of ours."""
-        given = headers.get(b"x-request-id", b"")
-        name = given.decode() if REQUEST_ID.match(given) else f"{self._run}-{next(self._count):x}"
+        given = by_name(scope).get(b"x-request-id")
+        if given is not None and REQUEST_ID.match(given):
+            name = given.decode()
+        else:
+            name = f"{self._run}-{next(self._count):x}"
         scope["robomend.request_id"] = name
         return name
 
@@ -137,17 +143,20 @@ class Edge:
         route = getattr(scope.get("route"), "path_format", "none")
         waited = scope.get("robomend.waits")
         self._metrics.request(method, route, status, None if waited else elapsed_s)
-        if status < 400 and not debugging():
-            return
-        level = log.info if status >= 400 else log.debug
-        level(
-            "request",
-            method=method,
-            path=scope["path"],
-            status=status,
-            ms=round(elapsed_s * 1000, 2),
-            principal=scope.get("robomend.principal_name"),
-        )
+        if status >= 400 or debugging():
+            _tell(scope, method, status, elapsed_s)
+
+
+def _tell(scope: Scope, method: str, status: int, elapsed_s: float) -> None:
+    level = log.info if status >= 400 else log.debug
+    level(
+        "request",
+        method=method,
+        path=scope["path"],
+        status=status,
+        ms=round(elapsed_s * 1000, 2),
+        principal=scope.get("robomend.principal_name"),
+    )
 
 
 def with_ours(own: Iterable[Header], scope: Scope) -> list[Header]:

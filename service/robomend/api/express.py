@@ -13,15 +13,19 @@ and gets its answers: tests/api/test_express.py holds both to the same answers.
 from __future__ import annotations
 
 import re
+import time
+from hashlib import sha256
 
 from starlette.requests import Request, empty_receive
 from starlette.responses import Response
 from starlette.routing import BaseRoute
 from starlette.types import Receive, Scope, Send
 
+from robomend.api import strict_json
 from robomend.api.deps import Parts, reporter_of
 from robomend.api.gate import Admission
-from robomend.api.ingestion import read_batch
+from robomend.api.ingestion import batch_of, once_of, read_batch
+from robomend.api.origin import by_name
 from robomend.api.problems import Problem, answer_to
 from robomend.api.schemas.base import NAME
 from robomend.api.views import accepted_response
@@ -42,8 +46,9 @@ class Express:
         self._gate = gate
         self._route = route
 
-    def takes(self, scope: Scope, headers: dict[bytes, bytes]) -> bool:
+    def takes(self, scope: Scope) -> bool:
         """Return whether this request is a plain one; then `scope` knows its robot."""
+        headers = by_name(scope)
         if scope["method"] != "POST" or headers.get(b"content-type") != b"application/json":
             return False
         found = PATH.match(scope["path"])
@@ -53,30 +58,32 @@ class Express:
         scope["route"] = self._route
         return True
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send, headers: dict[bytes, bytes]) -> None:
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request that `takes` has found to be plain."""
-        response = await self.answer(scope, headers, None, receive)
+        response = await self.answer(scope, None, receive)
         await response(scope, receive, send)
 
-    async def answer(
-        self,
-        scope: Scope,
-        headers: dict[bytes, bytes],
-        body: bytes | None,
-        receive: Receive = empty_receive,
-    ) -> Response:
+    async def answer(self, scope: Scope, body: bytes | None, receive: Receive = empty_receive) -> Response:
         """Return the answer to a plain request; its body is received if it is not there yet."""
-        request = Request(scope, receive)
-        key = headers.get(b"idempotency-key")
+        given, parts = by_name(scope).get(b"idempotency-key"), self._parts
+        key = None if given is None else given.decode()
         try:
-            principal = await self._gate.admit(request, RULE)
-            batch, once = await read_batch(
-                request, self._parts, principal, None if key is None else key.decode(), body
-            )
-            with self._parts.shedding.one():
-                outcome = await self._parts.robots.observe(
+            if body is None:
+                request = Request(scope, receive)
+                principal = await self._gate.admit(request, RULE)
+                batch, once = await read_batch(request, parts, principal, key)
+            else:
+                principal = await self._gate.let_in(scope, RULE)  # it will not outlive its key
+                batch = batch_of(strict_json.loads(body, parts.settings.max_nesting))
+                once = None if key is None else once_of(scope, principal, key, sha256(body).hexdigest())
+            shedding, began = parts.shedding, time.perf_counter()
+            place = shedding.begin(began - scope["robomend.began"])
+            try:
+                outcome = await parts.robots.observe(
                     scope["path_params"]["robot"], batch, by=reporter_of(principal), once=once
                 )
+            finally:
+                shedding.end(place, time.perf_counter() - began)
         except (Problem, RobomendError) as error:
-            return answer_to(request, error)
+            return answer_to(Request(scope), error)
         return accepted_response(outcome)

@@ -16,19 +16,20 @@ from collections.abc import Callable, Coroutine
 from functools import lru_cache
 from typing import Any, Protocol
 
-import structlog
 from fastapi.routing import APIRoute
 from starlette.requests import Request
 from starlette.responses import Response
+from starlette.types import Scope
 
 from robomend.api import lists
 from robomend.api.admitted import AGAIN
 from robomend.api.body import StrictRequest
-from robomend.api.origin import first, foreign
+from robomend.api.origin import by_name, foreign
 from robomend.api.problems import Problem
 from robomend.api.rates import Bucket
 from robomend.api.sign_in import SignIns
 from robomend.errors import RobomendError
+from robomend.logs import PRINCIPAL
 from robomend.metrics import Metrics
 from robomend.security import KEY, LOCAL, RULES, Principal, Role, digest, host_name, loopback
 from robomend.settings import Settings
@@ -101,6 +102,11 @@ class KeyRing:
         """Return whose key this is, or None."""
         return self._by_hash.get(digest(key)) if KEY.match(key) else None
 
+    def bearer(self, authorization: bytes) -> Principal | None:
+        """Return whose key is in an Authorization header, or None."""
+        scheme, _, key = authorization.decode("latin-1").partition(" ")
+        return self.find(key.strip()) if scheme.lower() == "bearer" else None
+
 
 class Admission:
     """Lets a request through, or raises the Problem that answers it."""
@@ -120,20 +126,21 @@ class Admission:
         Raises:
             Problem: 401 without a valid key where one is needed, 403 beyond the role, 429 too often.
         """
-        principal = await self.let_in(request, rule)
+        principal = await self.let_in(request.scope, rule)
         if RULES.get(rule) is not None:
             request.scope[AGAIN] = self._admit_again
         return principal
 
-    async def let_in(self, request: Request, rule: tuple[str, str]) -> Principal:
+    async def let_in(self, scope: Scope, rule: tuple[str, str]) -> Principal:
         """Return who makes this request, as `admit` does, and leave nothing for later."""
-        if RULES.get(rule, _NOBODY) is None:
+        roles = RULES.get(rule, _NOBODY)
+        if roles is None:
             return LOCAL
-        principal = await self._authenticate(request)
-        request.scope["robomend.principal_name"] = principal.name
-        structlog.contextvars.bind_contextvars(principal=principal.name)
-        _check_role(principal, request, rule)
-        request.scope["robomend.rate"] = self._not_too_often(principal)
+        principal = await self._authenticate(scope)
+        scope["robomend.principal_name"] = principal.name
+        PRINCIPAL.set(principal.name)
+        _check_role(principal, roles, scope, rule)
+        scope["robomend.rate"] = self._not_too_often(principal)
         return principal
 
     def known(self, request: Request, rule: tuple[str, str]) -> Principal | None:
@@ -144,23 +151,22 @@ class Admission:
         Raises:
             Problem: 403 beyond the role, or another origin's page; 421 another host.
         """
-        header = first(request.scope, b"authorization")
-        if header is None:
+        given = by_name(request.scope).get(b"authorization")
+        if given is None:
             if self.ring.empty:
-                return self._at_this_computer(request)
+                return self._at_this_computer(request.scope)
             found = self.sign_ins.known(request)
         else:
-            scheme, _, key = header.partition(" ")
-            found = self.ring.find(key.strip()) if scheme.lower() == "bearer" else None
+            found = self.ring.bearer(given)
         if found is not None:
             request.scope["robomend.principal_name"] = found.name
-            _check_role(found, request, rule)
+            _check_role(found, RULES.get(rule, _NOBODY), request.scope, rule)
         return found
 
     async def still(self, request: Request) -> bool:
         """Return whether whoever was let in would be let in now: an open stream must not outlive its key."""
         try:
-            await self._authenticate(request)
+            await self._authenticate(request.scope)
         except Problem:
             return False
         except RobomendError:  # the database is away, which revokes nothing
@@ -194,13 +200,14 @@ class Admission:
             raise Problem(401, _UNKNOWN, headers={"WWW-Authenticate": "Bearer"})
         return await self.sign_ins.begin(request, found)
 
-    async def _authenticate(self, request: Request) -> Principal:
-        await self.ring.refresh()
-        header = first(request.scope, b"authorization")
-        if header is None:
+    async def _authenticate(self, scope: Scope) -> Principal:
+        if not self.ring.fresh:
+            await self.ring.refresh()
+        given = by_name(scope).get(b"authorization")
+        if given is None:
             if self.ring.empty:
-                return self._at_this_computer(request)
-            signed_in = await self.sign_ins.find(request)
+                return self._at_this_computer(scope)
+            signed_in = await self.sign_ins.find(Request(scope))
             if signed_in is not None:
                 return signed_in
             raise Problem(
@@ -208,8 +215,7 @@ class Admission:
                 "a key is needed: Authorization: Bearer rm_… (see `robomend keys create`)",
                 headers={"WWW-Authenticate": "Bearer"},
             )
-        scheme, _, key = header.partition(" ")
-        found = self.ring.find(key.strip()) if scheme.lower() == "bearer" else None
+        found = self.ring.bearer(given)
         if found is None:
             raise Problem(
                 401,
@@ -218,21 +224,22 @@ class Admission:
             )
         return found
 
-    def _at_this_computer(self, request: Request) -> Principal:
+    def _at_this_computer(self, scope: Scope) -> Principal:
         """Return the person at this computer: without keys, whoever reaches the port is admin.
 
         A page that their browser shows is not. It may have pointed its own name here (DNS rebinding), which
         is in the Host header then, so only names of this computer are served. Or it asks from its own origin,
         with an image, say: the browser tells (robomend.api.origin), and not even reads are answered.
         """
-        host = first(request.scope, b"host") or ""
+        host = by_name(scope).get(b"host", b"")
         if not self._ours(host):
+            name = host.decode("latin-1")[:100]
             raise Problem(
                 421,
-                f"Host {host[:100]!r} is no name of this computer; see the setting allowed_hosts",
+                f"Host {name!r} is no name of this computer; see the setting allowed_hosts",
                 code="unknown-host",
             )
-        header = foreign(request.scope)
+        header = foreign(scope)
         if header is not None:
             raise Problem(
                 403,
@@ -241,9 +248,9 @@ class Admission:
             )
         return LOCAL
 
-    def _is_ours(self, host: str) -> bool:
+    def _is_ours(self, host: bytes) -> bool:
         """Return whether a Host header has a name of this computer."""
-        name = host_name(host)
+        name = host_name(host.decode("latin-1"))
         return loopback(name) or name in self._names
 
     def _not_too_often(self, principal: Principal) -> Bucket:
@@ -261,14 +268,17 @@ class Admission:
         return bucket
 
 
-def _check_role(principal: Principal, request: Request, rule: tuple[str, str]) -> None:
-    roles = RULES.get(rule, _NOBODY)
+def _check_role(
+    principal: Principal, roles: frozenset[Role] | None, scope: Scope, rule: tuple[str, str]
+) -> None:
     assert roles is not None
-    if principal.role not in roles:
-        raise Problem(403, f"a key of role {principal.role} may not {rule[0]} {rule[1]}", code="refused")
-    robot = request.path_params.get("robot")
-    if principal.role is Role.ROBOT and robot is not None and robot != principal.robot:
-        raise Problem(403, f"this key is for robot {principal.robot!r} only", code="refused")
+    role = principal.role
+    if role not in roles:
+        raise Problem(403, f"a key of role {role} may not {rule[0]} {rule[1]}", code="refused")
+    if role is Role.ROBOT:
+        robot = scope.get("path_params", {}).get("robot")
+        if robot is not None and robot != principal.robot:
+            raise Problem(403, f"this key is for robot {principal.robot!r} only", code="refused")
 
 
 _NOBODY: frozenset[Role] = frozenset()

@@ -11,6 +11,7 @@ from typing import Any
 
 from pydantic import ValidationError
 from starlette.requests import Request
+from starlette.types import Scope
 
 from robomend.api import strict_json
 from robomend.api.body import BYTES_PER_S, check_content_type, read_chunks
@@ -39,32 +40,28 @@ OPENAPI_BODY: dict[str, Any] = {
 
 
 async def read_batch(
-    request: Request, parts: Parts, principal: Principal, key: str | None, body: bytes | None = None
+    request: Request, parts: Parts, principal: Principal, key: str | None
 ) -> tuple[Batch, IdempotencyKey | None]:
-    """Return the batch of a JSON body, and what makes a repeat of it harmless.
-
-    Args:
-        body: where it is there already, and known to be JSON of an allowed length.
-    """
+    """Return the batch of a JSON body, and what makes a repeat of it harmless."""
     settings = parts.settings
-    if body is None:
-        chunks = read_chunks(request, settings.max_body_bytes, settings.body_timeout_s, BYTES_PER_S)
-        body = b"".join([chunk async for chunk in chunks])
-        check_content_type(request, "application/json", NDJSON)
+    chunks = read_chunks(request, settings.max_body_bytes, settings.body_timeout_s, BYTES_PER_S)
+    body = b"".join([chunk async for chunk in chunks])
+    check_content_type(request, "application/json", NDJSON)
     batch = batch_of(await strict_json.loads_in_turn(body, settings.max_nesting, parts.robots.readers))
-    once = None if key is None else once_of(request, principal, key, hashlib.sha256(body).hexdigest())
+    once = None if key is None else once_of(request.scope, principal, key, hashlib.sha256(body).hexdigest())
     return batch, once
 
 
 def batch_of(value: Any) -> Batch:
     """Return the batch that a JSON value is. Problem (422): it is none, field by field."""
     try:
-        return OBSERVATIONS.validate_python(value)
+        batch: Batch = OBSERVATIONS.validator.validate_python(value)
     except ValidationError as error:
         raise of_body(error, ObservationsBody) from error
+    return batch
 
 
-def once_of(request: Request, principal: Principal, key: str, digest: str) -> IdempotencyKey:
+def once_of(scope: Scope, principal: Principal, key: str, digest: str) -> IdempotencyKey:
     """Return what makes a repeat harmless: one key, one place, and one body, of which this is the digest."""
-    path: str = request.scope["path"]
-    return IdempotencyKey(f"{principal.name} {request.method} {path.removeprefix(API)}", key, digest)
+    path: str = scope["path"]
+    return IdempotencyKey(f"{principal.name} {scope['method']} {path.removeprefix(API)}", key, digest)

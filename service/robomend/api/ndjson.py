@@ -44,7 +44,7 @@ async def ingest(
     async def keep() -> None:
         nonlocal revision, lines, accepted, groups, sentences, raw
         await turns.end()
-        once = None if key is None else once_of(request, principal, f"{key}#{groups}", raw.hexdigest())
+        once = None if key is None else once_of(request.scope, principal, f"{key}#{groups}", raw.hexdigest())
         outcome = await parts.robots.observe(robot, *group, by=by, once=once)
         revision = outcome.revision
         accepted += sentences

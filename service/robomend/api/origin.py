@@ -14,33 +14,31 @@ OURS = frozenset({b"same-origin", b"none"})
 """none: somebody typed the address, or followed a bookmark."""
 
 
+BY_NAME = "robomend.headers"
+"""In a scope: its headers by their names; see `by_name`."""
+
+
+def by_name(scope: Scope) -> dict[bytes, bytes]:
+    """Return a request's headers by their names in lower case, of a repeated one the first.
+
+    Starlette's mapping gives the same, with an exception inside for each that is not there.
+    """
+    found: dict[bytes, bytes] | None = scope.get(BY_NAME)
+    if found is None:
+        found = scope[BY_NAME] = dict(reversed(scope["headers"]))
+    return found
+
+
 def foreign(scope: Scope) -> str | None:
     """Return the header by which the request is known to come from a page of another origin, or None."""
-    origin = site = None
-    host = b""
-    for name, value in reversed(scope["headers"]):  # of a repeated header, the first
-        if name == b"origin":
-            origin = value.lower()
-        elif name == b"sec-fetch-site":
-            site = value
-        elif name == b"host":
-            host = value.lower()
+    headers = by_name(scope)
+    origin, site = headers.get(b"origin"), headers.get(b"sec-fetch-site")
+    if origin is None and site is None:
+        return None
     if origin is not None:
-        kind, _, authority = origin.partition(b"://")
+        kind, _, authority = origin.lower().partition(b"://")
         # A secure page may come through a proxy that ends TLS; a plain one is foreign to a secure service.
         downgraded = kind == b"http" and scope["scheme"] == "https"
-        if downgraded or authority != host:
+        if downgraded or authority != headers.get(b"host", b"").lower():
             return "Origin"
     return None if site is None or site in OURS else "Sec-Fetch-Site"
-
-
-def first(scope: Scope, name: bytes) -> str | None:
-    """Return a header of a request, of a repeated one the first, or None; `name` in lower case.
-
-    Starlette's mapping of headers gives the same, with an exception inside for each that is not there.
-    """
-    for known, value in scope["headers"]:
-        if known == name:
-            found: bytes = value
-            return found.decode("latin-1")
-    return None

@@ -17,8 +17,7 @@ moment, as a reset would take the answer away from a client that has not read it
 Between two requests a connection is the control lane's again, so that a stop on it waits for nobody
 (robomend.api.control_lane); those of busy observers, which send batch after batch, stay here.
 
-The busiest request of all has a way of its own from here on (robomend.api.direct): where its head is that of
-a plain batch, nothing is begun until its body is there, or a moment has passed.
+The busiest request of all has a way of its own from here on: robomend.api.batch_connection.
 """
 
 from __future__ import annotations
@@ -28,16 +27,16 @@ import os
 import socket
 import weakref
 from collections.abc import Callable
-from typing import Any, NoReturn
+from typing import Any, NoReturn, cast
 
-from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol, RequestResponseCycle
+from starlette.types import Scope
+from uvicorn.protocols.http.httptools_impl import RequestResponseCycle
 
-from robomend.api.direct import MOMENT_S, Direct, Exchange
+from robomend.api.batch_connection import BATCHES, BatchConnection
+from robomend.api.direct import Direct, Exchange
 from robomend.api.heads import fault_of, too_large
 from robomend.api.problems import Problem
-
-BATCHES = b"/observations"
-"""The end of paths that are posted to again and again."""
+from robomend.api.straight import STRAIGHT, Straight
 
 GiveBack = Callable[[socket.socket], None]
 """Takes a connection between two requests."""
@@ -71,7 +70,8 @@ class Transport:
 
     def write(self, data: bytes) -> None:
         """Send; nothing where the connection has ended, or is about to."""
-        if not self.is_closing():
+        protocol = self._protocol()
+        if protocol is not None and not protocol.ending and not self._transport.is_closing():
             self._transport.write(data)
 
     def close(self) -> None:
@@ -89,29 +89,20 @@ class Transport:
         return getattr(self._transport, name)
 
 
-class Protocol(HttpToolsProtocol):
+class Protocol(BatchConnection):
     """uvicorn's HTTP/1.1, with limits on the head of a request; `limited` makes one with other limits."""
 
-    max_head_bytes = 64 << 10
     head_timeout_s = 30.0
     once = False
-    direct: Direct | None = None
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
         self.give_back: GiveBack | None = None
-        self.ending = False
-        self._raw: asyncio.Transport | None = None
         self._heading = False  # a head has begun and is not whole
-        self._receiving = False  # a message has begun and is not whole
         self._began = 0  # messages that began in the data that is being read
-        self._overhead = 0  # bytes of the message that are no body
         self._body = 0
         self._rest = 0
-        self._timer: asyncio.TimerHandle | None = None
         self._refusal: Problem | None = None
-        self._plain: bytearray | None = None  # what came of the body of a plain batch
-        self._running: RequestResponseCycle | Exchange | None = None  # the request that is answered next
         self._deaf = False  # what came is refused; requests before it have their answers yet to come
 
     # --- the connection
@@ -125,7 +116,7 @@ class Protocol(HttpToolsProtocol):
     def connection_lost(self, exc: Exception | None) -> None:
         self._stop_timer()
         super().connection_lost(exc)
-        self.headers = []
+        self.headers, self._known = [], None
 
     def eof_received(self) -> bool:  # type: ignore[override]  # asyncio asks; uvicorn always says no
         """The client sends no more, or is gone: a whole request about the stop is done all the same."""
@@ -139,9 +130,24 @@ class Protocol(HttpToolsProtocol):
         if self.ending or self._deaf:
             self._drop(data, LINGER_BYTES)
             return
-        self._began = int(self._receiving)
-        before = self._body if self._receiving else 0
+        if self._held:
+            data, self._held, self._receiving = self._held + data, b"", False
+        known = self._known
+        if (
+            known is None
+            or self._receiving
+            or not self.cycle.response_complete
+            or not self._take(known, data)
+        ):
+            self._parse(data)
+
+    def _parse(self, data: bytes) -> None:
+        """Take what is not read by a known head."""
+        inside = self._receiving
+        self._began = int(inside)
+        before = self._body if inside else 0
         super().data_received(data)
+        self._learn(data, whole=self._began == 1 and not inside)
         if self.ending or self._deaf:
             return
         if not self._receiving:
@@ -151,8 +157,7 @@ class Protocol(HttpToolsProtocol):
                     self._refuse(self._too_large())
             return
         if self._plain is not None:
-            if self._timer is None:
-                self._start_timer(MOMENT_S, self._begin_as_usual)
+            self._wait_a_moment(self._begin_as_usual)
             return
         if self._heading and self._timer is None:
             self._start_timer(self.head_timeout_s, self._late)
@@ -216,8 +221,7 @@ class Protocol(HttpToolsProtocol):
             fault = Problem(503, f"more than {PIPELINED} requests wait on this connection")
         if fault is not None:
             self._refuse_head(fault)
-        if self.direct is not None and version == "1.1" and self._is_plain(self.direct):
-            self._plain = bytearray()
+        if version == "1.1" and self._takes_up():
             return
         super().on_headers_complete()
         if self.once:
@@ -225,27 +229,16 @@ class Protocol(HttpToolsProtocol):
 
     def on_body(self, body: bytes) -> None:
         self._body += len(body)
-        if self._plain is not None:
-            self._plain += body
-        else:
-            super().on_body(body)
+        super().on_body(body)
 
     def on_message_complete(self) -> None:
         self._receiving = False
         self._stop_timer()
-        if self._plain is None:
-            super().on_message_complete()
-            return
-        body, self._plain = bytes(self._plain), None
-        exchange = Exchange(self.parser.should_keep_alive())
-        self.cycle = exchange  # type: ignore[assignment]  # all that uvicorn asks of one
-        self._running = exchange
-        task = self.loop.create_task(self._answer(self.scope, body, exchange))
-        task.add_done_callback(self.tasks.discard)
-        self.tasks.add(task)
+        super().on_message_complete()
 
     def _start_asgi_task(self, cycle: RequestResponseCycle, app: Any) -> None:
         self._running = cycle
+        cast(Scope, cycle.scope)[STRAIGHT] = Straight(cycle)
         super()._start_asgi_task(cycle, app)
 
     def on_response_complete(self) -> None:
@@ -276,42 +269,6 @@ class Protocol(HttpToolsProtocol):
         """Answer what is no HTTP; uvicorn's own answer is plain text."""
         self._refuse(self._refusal or Problem(400, "this is no HTTP request", code="bad-request"))
 
-    # --- plain batches
-
-    def _is_plain(self, direct: Direct) -> bool:
-        """Return whether the head that has come is that of a plain batch, with nothing before it."""
-        busy = self.cycle is not None and not self.cycle.response_complete
-        if busy or not self.url.endswith(b"/observations") or self.parser.get_method() != b"POST":
-            return False
-        if self.parser.should_upgrade():
-            return False
-        scope: Any = self.scope  # as an ASGI server fills it
-        path = self.url.decode("ascii", "replace")
-        scope.update({"method": "POST", "path": path, "raw_path": self.url, "query_string": b""})
-        return direct.takes(scope)
-
-    def _begin_as_usual(self) -> None:
-        """The body does not come: have it awaited like any other."""
-        self._timer = None
-        if self._plain is not None:
-            body, self._plain = bytes(self._plain), None
-            super().on_headers_complete()
-            if body:
-                super().on_body(body)
-
-    async def _answer(self, scope: Any, body: bytes, exchange: Exchange) -> None:
-        assert self.direct is not None
-        answer = await self.direct.answer(scope, body, exchange, self.server_state.default_headers)
-        if self.flow.write_paused and not exchange.disconnected:
-            await self.flow.drain()
-        if exchange.disconnected:
-            return
-        self.transport.write(answer)
-        exchange.response_started = exchange.response_complete = True
-        if not exchange.keep_alive:
-            self.transport.close()
-        self.on_response_complete()
-
     # --- refusing
 
     def _refuse_head(self, problem: Problem) -> NoReturn:
@@ -327,15 +284,6 @@ class Protocol(HttpToolsProtocol):
 
     def _too_large(self) -> Problem:
         return too_large(self.max_head_bytes)
-
-    def _start_timer(self, delay_s: float, call: Any) -> None:
-        self._stop_timer()
-        self._timer = self.loop.call_later(delay_s, call)
-
-    def _stop_timer(self) -> None:
-        if self._timer is not None:
-            self._timer.cancel()
-            self._timer = None
 
     def _late(self) -> None:
         self._timer = None

@@ -7,7 +7,7 @@ when each began. A slow disk, other work on the machine and expensive batches ar
 the queue of an overloaded service grows without end, and everybody waits for ten seconds, the repairs too.
 
 The edge asks here before anything else is done with a batch: refusing must cost little, or it is an overload
-of its own. It is asked once more when the batch has been read, as others may have come meanwhile.
+of its own. It is asked once more when the batch has been read, if others may have come meanwhile.
 
 A few batches are always let in, so that the measure stays current; none while the disk hangs. Stop, health
 and readiness are never asked here.
@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from math import inf
 from types import TracebackType
 
 import structlog
@@ -55,6 +56,9 @@ MEMORY = 1 / 256
 
 TELL_S = 1.0
 """Between two lines in the log about what was refused."""
+
+MEANWHILE_S = 0.001
+"""What takes longer may have let others go on."""
 
 GUESS_S = 0.001
 """For a place, before anything was measured."""
@@ -123,14 +127,16 @@ class LoadShedding:
         """Return a context in which a batch is counted in while it is kept."""
         return BatchUnderWay(self)
 
-    def begin(self) -> int:
+    def begin(self, since_s: float = inf) -> int:
         """Count a batch in, and return its place.
+
+        Args:
+            since_s: so long ago the edge has asked.
 
         Raises:
             Problem: while it was read, so many others came that it would wait too long.
         """
-        late = self.refusal()
-        if late is not None:
+        if since_s > MEANWHILE_S and (late := self.refusal()) is not None:
             raise late
         self.under_way += 1
         return self.under_way

@@ -1,6 +1,7 @@
 """Server-sent events: every client its own place in one log.
 
-    store.subscribe ──► Hub ──► pending frames of each stream ──► the client
+    store.subscribe ──► Hub ──┬─► pending frames of each stream ──► the client
+                              └─► straight to a client that has everything else
     store.events(after) ─────────────────► a stream that resumes, or that fell behind
 
 Frames are encoded once and shared. A client that reads slowly holds up nobody: when its pending frames are
@@ -15,7 +16,7 @@ import asyncio
 import json
 import time
 from collections import deque
-from collections.abc import AsyncIterator, Awaitable, Callable, Collection
+from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Sequence
 from dataclasses import dataclass
 from json.encoder import encode_basestring_ascii
 
@@ -25,6 +26,7 @@ from starlette.types import Receive, Scope, Send
 from robomend.api.admitted import left
 from robomend.api.alarm import Alarm
 from robomend.api.problems import Problem
+from robomend.api.straight import straight
 from robomend.metrics import Metrics
 from robomend.store import Store, events
 from robomend.store.encoding import to_json
@@ -52,6 +54,9 @@ BRIEF_AT_ONCE = 5
 PING = b"event: ping\ndata: {}\n\n"
 
 Frame = tuple[int, bytes]
+
+AtOnce = Callable[[bytes], bool]
+"""Sends frames, and returns whether it did."""
 
 Still = Callable[[], Awaitable[bool]]
 """Whether whoever opened a stream would be let in now."""
@@ -128,16 +133,44 @@ class Hub:
                 del self._streams[stream.robot]
 
     def _publish(self, events: tuple[Event, ...]) -> None:
-        everything = self._streams.get(None, ())
-        for event in events:
-            own = self._streams.get(event.robot, ()) if event.robot is not None else ()
-            made: dict[bool, Frame] = {}
-            for stream in (*everything, *own):
-                if stream.wanted.covers(event):
-                    brief = stream.wanted.brief
-                    if brief not in made:
-                        made[brief] = (event.id, encode(event, brief))
-                    stream.offer(made[brief])
+        streams = self._streams
+        if not streams:
+            return
+        frames = Frames(events)
+        for stream in streams.get(None, ()):
+            stream.offer(frames.all() if stream.wants_all else frames.of(stream.wanted))
+        if len(streams) > (None in streams):
+            for robot in {event.robot for event in events if event.robot is not None}:
+                for stream in streams.get(robot, ()):
+                    stream.offer(frames.of(stream.wanted, robot))
+
+
+class Frames:
+    """The events of a commit as they go over the wire; each is encoded once, if a stream wants it."""
+
+    __slots__ = ("_all", "_events", "_made")
+
+    def __init__(self, events: Sequence[Event]) -> None:
+        self._events = events
+        self._all: list[Frame] | None = None
+        self._made: dict[tuple[int, bool], Frame] = {}
+
+    def all(self) -> list[Frame]:
+        """Return those for a stream that wants everything."""
+        if self._all is None:
+            self._all = [(event.id, encode(event)) for event in self._events]
+        return self._all
+
+    def of(self, wanted: Wanted, robot: str | None = None) -> list[Frame]:
+        """Return those for another stream; `robot`: only that one's."""
+        events = (event for event in self._events if robot is None or event.robot == robot)
+        return [self._frame(event, wanted.brief) for event in events if wanted.covers(event)]
+
+    def _frame(self, event: Event, brief: bool) -> Frame:
+        made = self._made.get((event.id, brief))
+        if made is None:
+            made = self._made[event.id, brief] = (event.id, encode(event, brief))
+        return made
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,12 +188,17 @@ class Wanted:
         )
 
 
+EVERYTHING = Wanted(frozenset(), None, brief=False)
+
+
 class Stream:
     """One client's place in the log."""
 
     def __init__(self, hub: Hub, robot: str | None, last_event_id: str | None, wanted: Wanted) -> None:
         self.robot = robot
         self.wanted = wanted
+        self.wants_all = wanted == EVERYTHING
+        """No event is left out, and nothing of one: most streams are of this kind."""
         self.wake = asyncio.Event()
         self._hub = hub
         self._asked = last_event_id
@@ -168,17 +206,38 @@ class Stream:
         self._from_log = last_event_id is not None
         self._last = 0
         self._next_s = 0.0  # the place of the next write, of one that is paced
+        self._at_once: AtOnce | None = None
+        self._idle = Alarm(hub.ping_s, self.wake.set)
+        self._rests = False  # everything is sent, and whoever sends waits for more
 
-    def offer(self, frame: Frame) -> None:
-        """Take a frame, or note that there are too many."""
-        if self._from_log:
+    def send_at_once(self, send: AtOnce | None) -> None:
+        """Have frames sent by this in the turn in which they come, while nothing is before them."""
+        self._at_once = None if self.wanted.brief else send
+
+    def offer(self, frames: Sequence[Frame]) -> None:
+        """Take the frames of a commit, or note that there are too many."""
+        if self._from_log or not frames or self._sent(frames):
             return
-        if len(self._pending) >= PENDING:
-            self._pending.clear()
-            self._from_log = True
-        else:
+        for frame in frames:
+            if len(self._pending) >= PENDING:
+                self._pending.clear()
+                self._from_log = True
+                break
             self._pending.append(frame)
         self.wake.set()
+
+    def _sent(self, frames: Sequence[Frame]) -> bool:
+        """Send frames at once, if nothing is before them; return whether they are."""
+        if self._at_once is None or not self._rests or self.wake.is_set():
+            return False
+        if frames[0][0] <= self._last:  # the log has given some of them already
+            frames = [frame for frame in frames if frame[0] > self._last]
+        if frames:
+            if not self._at_once(b"".join([text for _, text in frames])):
+                return False
+            self._last = frames[-1][0]
+        self._idle.begin()
+        return True
 
     async def frames(self) -> AsyncIterator[bytes]:
         """Yield what the client gets, until the service shuts down."""
@@ -187,7 +246,7 @@ class Stream:
             gap = await self._resume(self._asked)
             if gap is not None:
                 yield gap
-        with Alarm(self._hub.ping_s, self.wake.set) as idle:
+        with self._idle as idle:
             while not self._hub.closing:
                 if self._from_log:
                     chunk = await self._catch_up()
@@ -203,7 +262,9 @@ class Stream:
                 elif not self._from_log:
                     self.wake.clear()
                     idle.begin()
+                    self._rests = True
                     await self.wake.wait()
+                    self._rests = False
                     idle.end()
                     if idle.rang:
                         yield PING if self.wanted.brief else b": ping\n\n"
@@ -249,9 +310,12 @@ class EventStream(Response):
         del self.headers["content-length"]
         self._hub, self._stream, self._send_timeout_s = hub, stream, send_timeout_s
         self._still = still
+        self._looked_s = 0.0  # monotonic; when it was known that the key is good
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         scope["robomend.waits"] = True
+        if (way := straight(scope)) is not None:
+            self._stream.send_at_once(lambda chunk: not self._must_look and way.send(chunk))
         gone = asyncio.ensure_future(left(receive))
         with Alarm(self._send_timeout_s, lambda: writing.cancel()) as stalled:
             writing = asyncio.create_task(self._write(send, stalled))
@@ -259,6 +323,7 @@ class EventStream(Response):
                 await asyncio.wait({gone, writing}, return_when=asyncio.FIRST_COMPLETED)
             finally:
                 self._hub.forget(self._stream)
+                self._stream.send_at_once(None)
                 for task in (gone, writing):
                     task.cancel()
                 for outcome in await asyncio.gather(gone, writing, return_exceptions=True):
@@ -269,13 +334,18 @@ class EventStream(Response):
     async def _write(self, send: Send, sending: Alarm) -> None:
         headers = self.raw_headers
         await send({"type": "http.response.start", "status": 200, "headers": headers})
-        looked = time.monotonic()
+        self._looked_s = time.monotonic()
         async for chunk in self._stream.frames():
-            if time.monotonic() - looked > STILL_S:
+            if self._must_look:
                 if not await self._still():
                     break
-                looked = time.monotonic()
+                self._looked_s = time.monotonic()
             sending.begin()
             await send({"type": "http.response.body", "body": chunk, "more_body": True})
             sending.end()
         await send({"type": "http.response.body", "body": b"", "more_body": False})
+
+    @property
+    def _must_look(self) -> bool:
+        """Whether the key is to be looked at before anything more is sent."""
+        return time.monotonic() - self._looked_s > STILL_S

@@ -76,7 +76,7 @@ def loads(body: bytes, max_nesting: int) -> Any:
         ) from error
     check_nesting(text, max_nesting)
     try:
-        value = _decoder.decode(text)
+        value = _decoded(text)
     except json.JSONDecodeError as error:
         raise MalformedJson(
             f"the body is not JSON: {error.msg} at line {error.lineno}, column {error.colno}"
@@ -86,6 +86,14 @@ def loads(body: bytes, max_nesting: int) -> Any:
     if len(body) > AT_ONCE:
         _check_count(value)
     return value
+
+
+def _decoded(text: str) -> Any:
+    if text.startswith(("{", "[")):  # nearly always, and with nothing behind it
+        value, end = _decoder.raw_decode(text)
+        if end == len(text):
+            return value
+    return _decoder.decode(text)
 
 
 async def loads_in_turn(body: bytes, max_nesting: int, readers: Readers) -> Any:

@@ -46,12 +46,12 @@ class UrgentAdmission:
 
     async def _admit(self, request: Request, rule: tuple[str, str]) -> Principal:
         if RULES.get(rule) is None and rule in RULES:
-            return await self._usual.let_in(request, rule)  # needs no key, and so nothing to wait for
+            return await self._usual.let_in(request.scope, rule)  # needs no key, and so nothing to wait for
         if self._usual.ring.fresh and "authorization" in request.headers:
             known = self._usual.known(request, rule)
             if known is not None:
                 return known
-        asking = asyncio.run_coroutine_threadsafe(self._usual.let_in(request, rule), self._loop)
+        asking = asyncio.run_coroutine_threadsafe(self._usual.let_in(request.scope, rule), self._loop)
         usual = asyncio.wrap_future(asking)
         await asyncio.wait({usual}, timeout=USUAL_S)
         if not usual.done():

@@ -19,6 +19,7 @@ from robomend.api.schemas.robots import AgentOut, DiagnosisOptionsBody, RobotBod
 from robomend.api.schemas.session import SessionOut
 from robomend.diagnosis.probes import ProbeResult
 from robomend.diagnosis.result import Options
+from robomend.errors import ObservationError
 from robomend.model.five_key import FiveKey
 from robomend.model.system import System
 from robomend.moments import rfc3339, with_texts
@@ -131,25 +132,35 @@ def robot_out(state: Robot, findings: Sequence[str], drill: Mapping[str, Any] | 
     )
 
 
-class _Accepted(Response):
+class AcceptedResponse(Response):
     """A JSON text as an answer, without what Starlette does for any content that there may be."""
 
+    status_code = 200
+    background = None
+
     def __init__(self, body: bytes) -> None:
-        self.status_code, self.background, self.body = 200, None, body
-        length = (b"content-length", b"%d" % len(body))
-        self.raw_headers = [length, (b"content-type", b"application/json")]
+        self.body = body
+
+    @property
+    def raw_headers(self) -> list[tuple[bytes, bytes]]:  # type: ignore[override]  # made where it is needed
+        """Its headers; `lines` has the same."""
+        return [(b"content-length", b"%d" % len(self.body)), (b"content-type", b"application/json")]
+
+    def lines(self) -> bytes:
+        """Return its headers as they go over the wire."""
+        return b"content-length: %d\r\ncontent-type: application/json\r\n" % len(self.body)
 
 
-def accepted_response(outcome: Acknowledged) -> Response:
+def accepted_response(outcome: Acknowledged) -> AcceptedResponse:
     """Return what became of a batch; written directly, since this is the busiest answer of all."""
     changed = ", ".join(map(encode_basestring_ascii, outcome.changed))
-    refused = [
-        {"sentence": fault.sentence, "position": fault.position, "message": fault.message}
-        for fault in outcome.refused
-    ]
-    rest = json.dumps(refused) if refused else "[]"
+    rest = json.dumps([_refused(fault) for fault in outcome.refused]) if outcome.refused else "[]"
     body = f'{{"revision": {outcome.revision}, "changed": [{changed}], "refused": {rest}}}'
-    return _Accepted(body.encode())
+    return AcceptedResponse(body.encode())
+
+
+def _refused(fault: ObservationError) -> dict[str, Any]:
+    return {"sentence": fault.sentence, "position": fault.position, "message": fault.message}
 
 
 def obs_out(state: Robot) -> ObsOut:

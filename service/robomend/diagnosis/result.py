@@ -35,6 +35,9 @@ class Options:
     healthy: frozenset[str] = frozenset()  # what-if: assumed healthy …
     abnormal: frozenset[str] = frozenset()  # … or abnormal
 
+    def __hash__(self) -> int:
+        return hash((self.minimal, self.max_size, self.limit))  # by what differs between robots, and no more
+
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:

@@ -125,9 +125,12 @@ class Obs:
 
     def known_literals(self, now_ns: int) -> frozenset[Literal]:
         """Return `literals` as a set, which costs little where nothing is stale."""
-        literals = self.literals(now_ns)
-        if self._known is None:
-            self._known = frozenset(self._held if len(literals) == len(self._held) else literals)
+        if self._mortal:
+            literals = self.literals(now_ns)
+            if self._known is None:
+                self._known = frozenset(self._held if len(literals) == len(self._held) else literals)
+        elif self._known is None:
+            self._known = frozenset(self._held)
         return self._known
 
     def signature(self, now_ns: int) -> frozenset[object]:
@@ -137,6 +140,11 @@ class Obs:
         if self._signature is None:
             self._signature = frozenset((*literals, *self._assertions.values()))
         return self._signature
+
+    @property
+    def mortal(self) -> bool:
+        """Whether any entry may have a lifetime."""
+        return self._mortal
 
     def next_expiry_ns(self, now_ns: int) -> int | None:
         """Return when the next entry becomes stale, None if none will."""

@@ -96,23 +96,25 @@ class RobotLoops:
 
     def _follow(self, events: Sequence[Event]) -> None:
         for event in events:
-            if event.kind is Kind.STOP:
+            kind, robot = event.kind, event.robot
+            if kind is Kind.STOP:
                 self._switch.heard(_stop_of(event.data))
-            elif event.robot is not None and event.kind in WAKING:
-                if event.kind is Kind.ROBOT and event.data.get("what") == "deleted":
-                    task = self._tasks.get(event.robot)
+            elif robot is not None and kind in WAKING:
+                loop = self._loops.get(robot)
+                if kind is Kind.ROBOT and event.data.get("what") == "deleted":
+                    task = self._tasks.get(robot)
                     if task is not None:
                         task.cancel()
-                elif event.robot not in self._loops:
+                elif loop is None:
                     self._seeker.wake()
-                elif event.kind is Kind.REPAIR:
-                    self._loops[event.robot].asked()
-                elif event.kind is Kind.ROBOT and event.data.get("what") in {"updated", "released"}:
-                    self._loops[event.robot].reconsider()
+                elif kind is Kind.REPAIR:
+                    loop.asked()
+                elif kind is Kind.ROBOT and event.data.get("what") in {"updated", "released"}:
+                    loop.reconsider()
                 else:
-                    state = self._needs.robots.memory.states.get(event.robot)
-                    if event.kind is not Kind.DIAGNOSIS or not _ours(state, event):
-                        self._loops[event.robot].poke(state)
+                    state = self._needs.robots.memory.states.get(robot)
+                    if kind is not Kind.DIAGNOSIS or not _ours(state, event):
+                        loop.poke(state)
 
     def _stop_changed(self) -> None:
         for loop in self._loops.values():

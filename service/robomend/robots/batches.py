@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import structlog
 
@@ -70,8 +71,7 @@ class Batch:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class Update:
+class Update(NamedTuple):
     """What OBS is to take in: entries in the order in which they came, and what else changes."""
 
     entries: Sequence[Entry] = ()
@@ -107,8 +107,7 @@ class Update:
                 check_steps(sum(steps.values()), settings.max_assertion_steps, assertion.text)
 
 
-@dataclass(frozen=True, slots=True)
-class Acknowledged:
+class Acknowledged(NamedTuple):
     """What became of a batch."""
 
     revision: int
@@ -149,11 +148,16 @@ async def read_batches(
     forgotten: dict[Atom, None] = {}
     for given in batches:
         source = given.source or by
-        batch = given.later(_set_back_ns(given))
-        at_ns, _ = _times(batch, now_ns)
+        batch = given.later(_set_back_ns(given, now_ns))
+        at_ns = _time_ns(batch, now_ns)
         rests_on = evidence.of(source, at_ns, now_ns, len(batch.observations), batch.since, batch.onset)
-        batch = batch.later(evidence.clocks.behind_ns(source))
-        at_ns, expires_ns = _times(batch, now_ns, evidence.clocks.lives_on_ns(source))
+        behind_ns = evidence.clocks.behind_ns(source)
+        if behind_ns:
+            batch = batch.later(behind_ns)
+            at_ns = _time_ns(batch, now_ns)
+        expires_ns = None
+        if batch.lifetime_s is not None:
+            expires_ns = at_ns + round(batch.lifetime_s * 1e9) + evidence.clocks.lives_on_ns(source)
         for sentence in batch.unknown:
             try:
                 for literal in parse(sentence, vocabulary, unknown=unknown):
@@ -175,10 +179,12 @@ async def read_batches(
                     entry = Entry(literal, source, at_ns, expires_ns, since_ns, onset_ns, batch.settled)
                     entries.append(entry)
                     newest[literal.atom] = entry
-                    forgotten.pop(literal.atom, None)
+                    if forgotten:
+                        forgotten.pop(literal.atom, None)
             except ObservationError as error:
                 _refuse(batch, refused, error)
-            await turns.rest()
+            if turns.over:
+                await turns.end()
         for name, sentence in batch.assertions.items():
             record = StoredAssertion(name, sentence, source, at_ns, expires_ns)
             try:
@@ -204,21 +210,21 @@ def _refuse(batch: Batch, refused: list[ObservationError], error: ObservationErr
     refused.append(error)
 
 
-def _set_back_ns(batch: Batch) -> int:
+def _set_back_ns(batch: Batch, now_ns: int) -> int:
     """Return how far our clock is ahead of that of a batch because the computer's clock went back.
 
     A batch's clock is taken for the nearer one: the computer's, or ours, from which agents on this computer
     go on as well. So a stamp that is ahead of the computer's clock is told so, and is not old by ours.
     """
-    ahead_ns = CLOCK.set_back_ns()
+    ahead_ns = CLOCK.set_back_ns(now_ns)
     if not ahead_ns or batch.time_ns is None:
         return 0
     by_computer_ns = CLOCK.now_ns() - ahead_ns
     return ahead_ns if batch.time_ns <= by_computer_ns + max(AHEAD_NS, ahead_ns // 2) else 0
 
 
-def _times(batch: Batch, now_ns: int, lives_on_ns: int = 0) -> tuple[int, int | None]:
-    """Return when a batch was observed, and until when it may be believed, by our clock."""
+def _time_ns(batch: Batch, now_ns: int) -> int:
+    """Return when a batch was observed, by our clock."""
     at_ns = now_ns if batch.time_ns is None else batch.time_ns
     if at_ns > now_ns + AHEAD_NS:
         ahead_s = (at_ns - now_ns) / 1e9
@@ -226,8 +232,7 @@ def _times(batch: Batch, now_ns: int, lives_on_ns: int = 0) -> tuple[int, int | 
             f"time: {at_ns} is {ahead_s:.0f} s ahead of this service's clock; 60 are allowed: set the "
             "sender's clock, or this computer's (NTP), or leave `time` out, and it counts as of its arrival"
         )
-    lifetime_ns = None if batch.lifetime_s is None else round(batch.lifetime_s * 1e9) + lives_on_ns
-    return at_ns, None if lifetime_ns is None else at_ns + lifetime_ns
+    return at_ns
 
 
 async def stored_assertion(

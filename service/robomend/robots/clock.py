@@ -5,6 +5,8 @@ After a restart it begins no earlier than what a robot's OBS holds.
 
 from __future__ import annotations
 
+import time
+
 import structlog
 
 from robomend_client.clock import Clock
@@ -22,9 +24,13 @@ class ServiceClock(Clock):
         super().__init__()
         self._told = False
 
-    def set_back_ns(self) -> int:
-        """Return how far the computer's clock was set back, as long as this one is ahead; 0: not far."""
-        ahead_ns = self.ahead_ns
+    def set_back_ns(self, now_ns: int) -> int:
+        """Return how far the computer's clock was set back, as long as this one is ahead; 0: not far.
+
+        Args:
+            now_ns: what this clock has just said.
+        """
+        ahead_ns = now_ns - time.time_ns()
         if ahead_ns <= AHEAD_NS:
             self._told = False
             return 0

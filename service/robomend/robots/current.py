@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from robomend.diagnosis.result import healthy
 from robomend.robots.diagnoser import Diagnosed
@@ -14,8 +13,7 @@ from robomend.store.encoding import Common, Encoded, to_json
 from robomend.store.records import StoredDiagnosis
 
 
-@dataclass(frozen=True, slots=True)
-class Current:
+class Current(NamedTuple):
     """A diagnosis of one revision of OBS, as it is published."""
 
     revision: int

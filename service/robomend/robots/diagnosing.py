@@ -152,8 +152,8 @@ class Diagnosing:
 
     def _set_expiry(self, robot: Robot) -> None:
         """Wake when the next literal becomes stale: stale is unknown, so the diagnosis may change."""
-        now = CLOCK.now_ns()
-        expires = robot.obs.next_expiry_ns(now)
+        now = CLOCK.now_ns() if robot.obs.mortal else 0
+        expires = robot.obs.next_expiry_ns(now) if now else None
         if expires is not None:
             self._later(robot, "expiry", min((expires - now) / 1e9 + 0.001, 86400.0), self._expired)
 

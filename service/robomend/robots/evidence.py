@@ -8,7 +8,7 @@ batch's time counts less what an observer usually needs from a change to its ver
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from robomend.errors import InputError
 from robomend.observations.obs import Obs
@@ -20,8 +20,7 @@ RestsOn = Callable[[Literal, int], tuple[int, int | None]]
 """A literal and the position of its sentence -> since and onset."""
 
 
-@dataclass(frozen=True, slots=True)
-class Dating:
+class Dating(NamedTuple):
     """What is needed of a robot to date its observations."""
 
     obs: Obs  # looked at, not changed

@@ -28,10 +28,14 @@ class Following:
 
     def follow(self, events: Sequence[Event]) -> None:
         """Take note of events in the order of the log; most are our own."""
+        robot, state = None, None
         for event in events:
             if event.kind is Kind.MODEL:
                 self._model(event)
-            state = None if event.robot is None else self._robots.get(event.robot)
+            if event.robot is None:
+                continue
+            if event.robot != robot:  # a batch and its diagnosis come together
+                robot, state = event.robot, self._robots.get(event.robot)
             if state is not None:
                 self._robot(state, event)
 
@@ -46,15 +50,16 @@ class Following:
                 self._diagnosing.wake(state)
 
     def _robot(self, state: Robot, event: Event) -> None:
-        data = event.data
-        if event.kind is Kind.OBSERVATIONS and data["revision"] > state.head:
-            state.changed_elsewhere()
-            if state.diagnosed.awaited:  # there is no event if the other's diagnosis says nothing new
-                self._diagnosing.wake(state)
-        elif event.kind is Kind.ROBOT and data.get("etag") not in (None, state.stored.etag):
+        kind, data = event.kind, event.data
+        if kind is Kind.OBSERVATIONS:
+            if data["revision"] > state.head:
+                state.changed_elsewhere()
+                if state.diagnosed.awaited:  # there is no event if the other's diagnosis says nothing new
+                    self._diagnosing.wake(state)
+        elif kind is Kind.DIAGNOSIS:
+            state.diagnosed_elsewhere(data["revision"], event.time_ns, data)
+        elif kind is Kind.ROBOT and data.get("etag") not in (None, state.stored.etag):
             state.changed_elsewhere()
             self._diagnosing.wake(state)
-        elif event.kind is Kind.ROBOT and data.get("what") == "deleted":
+        elif kind is Kind.ROBOT and data.get("what") == "deleted":
             self._deleted(state.id)
-        elif event.kind is Kind.DIAGNOSIS:
-            state.diagnosed_elsewhere(data["revision"], event.time_ns, data)

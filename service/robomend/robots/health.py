@@ -36,10 +36,13 @@ class HealthState(StrEnum):
         return {HealthState.HEALTHY: True, HealthState.UNHEALTHY: False}.get(self)
 
 
+UNCLEAR = frozenset({HealthState.UNKNOWN, HealthState.PARTLY_UNKNOWN})
+
+
 def health_of(robot: Robot) -> tuple[HealthState, tuple[Atom, ...]]:
     """Return how a robot is, and what of its `observed` list is not known."""
     observed = robot.sight.observed
-    unknown = tuple(sorted(atom for atom in observed if not robot.sight.reported(atom)))
+    unknown = tuple(sorted(atom for atom in observed if not robot.sight.reported(atom))) if observed else ()
     if robot.current is None:
         return HealthState.UNKNOWN, unknown
     if not robot.current.healthy:
@@ -70,11 +73,13 @@ class HealthWatch:
             return
         how, unknown = health_of(state)
         before = self._told.get(robot, (False, ()))
-        now = (how in {HealthState.UNKNOWN, HealthState.PARTLY_UNKNOWN}, unknown)
+        now = (how in UNCLEAR, unknown)
+        if now == before:
+            return
         self._told[robot] = now
         if len(self._told) > 2 * len(self._robots) + 16:  # of robots that are no longer in memory
             self._told = {name: told for name, told in self._told.items() if name in self._robots}
-        if now != before and (now[0] or before[0]):
+        if now[0] or before[0]:
             data = {"what": "health", "state": str(how), "unknown": [str(atom) for atom in unknown]}
             self._background.begin(
                 self._store.write(partial(_tell, robot, data)), "event of what is not observed"

@@ -47,6 +47,14 @@ class Memory:
         self._used: OrderedDict[str, Robot] = OrderedDict()
         self._loading: dict[str, asyncio.Lock] = {}
 
+    def at_hand(self, robot: str) -> Robot | None:
+        """Return a robot's state if it was used lately and is not stale: `robot` without waiting."""
+        state = self._used.get(robot)
+        if state is None or state.stale:
+            return None
+        self._used.move_to_end(robot)
+        return state
+
     async def robot(self, robot: str) -> Robot:
         """Return a robot's state, read from the store if it is not in memory. NotFound."""
         state = self.states.get(robot)

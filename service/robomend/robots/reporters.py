@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import time
 from collections import OrderedDict
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from robomend.robots.batches import Update
 from robomend.store import Transaction
@@ -32,8 +32,7 @@ SHOWN = 20
 """Literals of a batch in its entry; the history has them all."""
 
 
-@dataclass(frozen=True, slots=True)
-class Reporter:
+class Reporter(NamedTuple):
     """Whoever reports observations or the result of an action."""
 
     name: str  # of the key

@@ -13,8 +13,8 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import chain
+from typing import NamedTuple
 
 from robomend.entry import Entry
 from robomend.model.clauses import Assertion
@@ -33,8 +33,7 @@ from robomend.transitions import after
 from robomend_client.literals import Atom, Literal
 
 
-@dataclass(frozen=True, slots=True)
-class Writing:
+class Writing(NamedTuple):
     """A batch on its way to the disk."""
 
     generation: int  # of what was held when it began

@@ -85,11 +85,10 @@ class Robots:
             TooLarge, Overloaded: OBS is full; too many instances write to this robot.
         """
 
-        async def read(state: Robot) -> Update:
-            evidence = state.sight.evidence()
-            return await read_batches(state.words, batches, self.readers, evidence, by.name)
+        def read(state: Robot) -> Awaitable[Update]:
+            return read_batches(state.words, batches, self.readers, state.sight.evidence(), by.name)
 
-        state = await self.memory.robot(robot)
+        state = self.memory.at_hand(robot) or await self.memory.robot(robot)
         generation = state.generation
         try:
             return await self._accept(state, read, by, once)
@@ -170,7 +169,8 @@ class Robots:
             return {"revision": revision, "changed": [str(entry.literal) for entry in changed]}
 
         written = await self.diagnosing.write(state, batch, once)
-        self._reports.noted(state.id, by, update)
+        if reports:
+            self._reports.noted(state.id, by, update)
         return written
 
     async def _hear_board(self, robot: str, said: frozenset[Literal], time_ns: int) -> None:

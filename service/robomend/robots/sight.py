@@ -30,6 +30,8 @@ from robomend_client.observers import BOARD
 if TYPE_CHECKING:
     from robomend.robots.robot import Robot
 
+NOTHING: frozenset[Atom] = frozenset()
+
 SLACK_S = 0.3
 """For what is on its way, beyond what observers declare."""
 
@@ -128,6 +130,8 @@ class Sight:
         """What somebody should report: the robot's `observed` list."""
         robot = self._robot
         listed, vocabulary = robot.config.observed, robot.system.vocabulary
+        if not listed:
+            return NOTHING
         if self._listed is None or self._listed[0] != listed or self._listed[1] is not vocabulary:
             atoms: set[Atom] = set()
             for sentence in listed:

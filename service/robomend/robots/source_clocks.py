@@ -60,7 +60,9 @@ class SourceClocks:
             alike = sorted(delays)[:ENOUGH]
             if len(alike) < ENOUGH or alike[-1] - least > SPREAD_NS:
                 least = 0
-        self._note(source, least if least > FAR_NS else 0)
+        behind_ns = least if least > FAR_NS else 0
+        if behind_ns or source in self._behind:
+            self._note(source, behind_ns)
         self._offsets[source] = least
         return least
 

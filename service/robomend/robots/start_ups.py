@@ -152,11 +152,14 @@ class StartUps:
         if parts is None:
             return
         for entry in changed:
-            match entry.literal.atom:
-                case Atom(Node.state, (node,)) if node in parts.nodes:
-                    self._ran(parts.nodes[node], entry, seen)
-                case Atom("ok", (topic,)) if topic in self._awaited:
-                    self._heard(topic, entry, parts, seen)
+            predicate, args = entry.literal.atom
+            if len(args) != 1:
+                continue
+            name = args[0]
+            if predicate == Node.state and name in parts.nodes:
+                self._ran(parts.nodes[name], entry, seen)
+            elif predicate == "ok" and name in self._awaited:
+                self._heard(name, entry, parts, seen)
         if self._undated and any(entry.positive for entry in changed):
             for topic, undated in tuple(self._undated.items()):
                 self._date(topic, *undated, seen)

@@ -27,10 +27,11 @@ class Turnstile:
 
     def wake(self) -> None:
         """Let everyone look again."""
-        for waiter in self._waiters:
-            if not waiter.done():
-                waiter.set_result(None)
-        self._waiters.clear()
+        if self._waiters:
+            for waiter in self._waiters:
+                if not waiter.done():
+                    waiter.set_result(None)
+            self._waiters.clear()
 
     async def beyond(self, value: int, timeout_s: float) -> int:
         """Return the number once it is above `value`, or whatever it is after the time-out or a wake."""

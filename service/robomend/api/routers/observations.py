@@ -6,7 +6,6 @@ The answer means that the batch is on disk. Its diagnosis follows as an event, o
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Annotated
 
 from fastapi import APIRouter, Path, Request, Response
@@ -74,5 +73,6 @@ async def withdraw(
     reason: ReasonQuery = "",
 ) -> Accepted:
     """Withdraw a named assertion; what it said is no longer supposed."""
-    outcome = await parts.robots.withdraw(robot, assertion, by=replace(reporter_of(principal), reason=reason))
+    by = reporter_of(principal)._replace(reason=reason)
+    outcome = await parts.robots.withdraw(robot, assertion, by=by)
     return Accepted(revision=outcome.revision, changed=list(outcome.changed))
