@@ -65,20 +65,26 @@ def bare(database: str) -> Iterator[tuple[str, int]]:
 async def run_beside_bare(
     served: Served, *, robots: int, rate_hz: float, seconds: float, turns: int, seed: int, database: str = ""
 ) -> BesideBare:
-    """Post the same kind of changes to both, at the same rate, first to the one and then to the other."""
-    fleet = [SimulatedRobot(f"r{n}", seed, faults=3) for n in range(robots)]
-    await prepare(served.url, fleet)
+    """Post the same changes to both, at the same rate, first to the one and then to the other."""
+    # A fleet for each: of one for both, each would hear of every other turn's changes only, and the service
+    # would hold faults that have long gone.
+    fleets = {
+        side: [SimulatedRobot(f"r{n}", seed, faults=3) for n in range(robots)] for side in (True, False)
+    }
+    await prepare(served.url, fleets[True])
     stream = await follow(served.url, lambda _: None)  # diagnoses are published to somebody
     found: dict[bool, list[float]] = {True: [], False: []}
     answers: dict[bool, list[Latency]] = {True: [], False: []}
     errors = 0
     with bare(database) as (url, pid):
         sides = {True: (served.url, served.pid), False: (url, pid)}
-        connections = {side: [await connect(where) for _ in fleet] for side, (where, _) in sides.items()}
+        connections = {
+            side: [await connect(where) for _ in fleets[side]] for side, (where, _) in sides.items()
+        }
         for turn in range(turns + 1):
             for side in (True, False) if turn % 2 else (False, True):
                 before = cpu_s(sides[side][1])
-                took_s, bad = await _post(fleet, connections[side], rate_hz, seconds)
+                took_s, bad = await _post(fleets[side], connections[side], rate_hz, seconds)
                 await asyncio.sleep(0.2)
                 errors += bad
                 if turn:  # the first warms up
