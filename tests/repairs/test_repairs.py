@@ -3,16 +3,29 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
 import pytest
-from tests.repairs.robot import CONFIG, SHUT_DOWN, Robot, robot_on, running, service, the_repair
+from tests.repairs.robot import (
+    CONFIG,
+    SHUT_DOWN,
+    Robot,
+    nothing_begins,
+    robot_on,
+    running,
+    service,
+    the_repair,
+)
 from tests.waiting import for_ever
 
+from robomend.repairs import robot_loops
 from robomend.repairs.conclusions import UNSEEN
+from robomend.repairs.robot_loops import RobotLoops
 from robomend.store import attempts, audit
 from robomend.store.records import Quarantine
+from robomend_client.events import Event, Kind
 
 pytestmark = pytest.mark.anyio
 
@@ -293,6 +306,24 @@ async def test_an_agent_that_is_gone_is_escalated_as_the_cause(tmp_path: Path) -
         "start_node(mapping) could not be carried out: the robot's agent did not ask for such work in 0.6 s"
         in repair["reason"]
     )
+
+
+async def test_a_repair_of_which_no_event_tells_is_found_all_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    follow = RobotLoops._follow
+
+    def deaf(self: RobotLoops, events: Sequence[Event]) -> None:
+        follow(self, [event for event in events if event.kind is not Kind.REPAIR])
+
+    monkeypatch.setattr(robot_loops, "LOST_S", 0.5)
+    monkeypatch.setattr(RobotLoops, "_follow", deaf)
+    async with service(tmp_path) as runtime, robot_on(runtime) as robot:
+        await robot.settled()
+        await nothing_begins(runtime)  # its loop has looked, and waits for an event
+        await runtime.repairs.create("r1", bad=None, by="ann", reason="")
+        repair = await the_repair(runtime)
+    assert repair["state"] == "repaired"
 
 
 async def test_observations_that_stop_stop_the_repair(tmp_path: Path) -> None:

@@ -2,12 +2,14 @@
 
 orphan or new robot ──► acquire (a fence) ──► RobotRepairs, until the robot is lost or deleted
 event in the log    ──► wakes the one that it concerns, whichever instance wrote it
+open repair         ──► wakes its robot's, each LOST_S: of one whose event was lost
 """
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import time
 from collections.abc import Callable, Sequence
 
 from robomend.errors import NotFound
@@ -15,11 +17,16 @@ from robomend.repairs.dependencies import Dependencies
 from robomend.repairs.robot_repairs import RobotRepairs
 from robomend.robots.robot import Robot
 from robomend.seeking import Seeker
+from robomend.store import repairs
 from robomend.store.records import Fence, Json, Stop
 from robomend_client.events import Event, Kind
 
 ORPHANS_S = 1.0
 """How often robots without an owner are looked for: a dead instance's robots are taken over in about this."""
+
+LOST_S = 30.0
+"""How often open repairs are looked for of which no event told: of all robots at once, as a thousand looks of
+a thousand loops would come together and keep changes waiting."""
 
 CLOSE_S = 3.0
 """For the loops to let go at shutdown."""
@@ -38,7 +45,8 @@ class RobotLoops:
         self._loops: dict[str, RobotRepairs] = {}
         self._tasks: dict[str, asyncio.Task[None]] = {}
         self._let_go: set[str] = set()  # robots whose loop ended: released before they are kept again
-        self._seeker = Seeker(self._acquire, "robots without an owner", ORPHANS_S)
+        self._look_for_lost_s = 0.0
+        self._seeker = Seeker(self._look, "robots without an owner", ORPHANS_S)
         self._ends: list[Callable[[], None]] = []
 
     async def start(self) -> None:
@@ -58,6 +66,14 @@ class RobotLoops:
         for end in self._ends:
             end()
         await self._seeker.close(self._tasks.values(), CLOSE_S)
+
+    async def _look(self) -> None:
+        await self._acquire()
+        if time.monotonic() >= self._look_for_lost_s:
+            for robot in await self._store.read(repairs.open_robots):
+                if (loop := self._loops.get(robot)) is not None:
+                    loop.asked()
+            self._look_for_lost_s = time.monotonic() + LOST_S
 
     async def _acquire(self) -> None:
         """Make a loop for each robot that nobody owns, and for each of ours that has none."""

@@ -28,6 +28,7 @@ from robomend.repairs.reentry import Reentry
 from robomend.repairs.signals import Declined, Requests, Signals
 from robomend.repairs.states import RepairTrigger
 from robomend.robots.robot import Robot
+from robomend.seeking import wait_for
 from robomend.store import Transaction, drills, repairs, robots
 from robomend.store.records import Fence, Paging, StoredRepair
 
@@ -105,12 +106,8 @@ class RobotRepairs:
             except Exception:  # a fault of ours must not leave the robot without its loop
                 log.exception("repairs", robot=self._robot)
                 wait_s = RETRY_S
-            try:
-                self._resting = wait_s >= IDLE_S and not self._look_up
-                async with asyncio.timeout(wait_s):
-                    await self._news.wait()
-            except TimeoutError:
-                self._look_up = True  # for an event that was lost
+            self._resting = wait_s >= IDLE_S and not self._look_up
+            await wait_for(self._news, wait_s)
 
     async def _is_lost(self, error: Exception) -> bool:
         """Whether an error says that the robot is no longer ours: another instance has it, or it is gone."""

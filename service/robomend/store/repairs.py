@@ -71,6 +71,11 @@ def newest(view: View, robots: Sequence[str]) -> dict[str, StoredRepair]:
     return found
 
 
+def open_robots(view: View) -> tuple[str, ...]:
+    """Return the robots that have an open repair."""
+    return tuple(row.robot for row in view.rows(select(_REPAIRS.c.robot).where(_REPAIRS.c.open)))
+
+
 def requests(view: View, robot: str) -> tuple[RepairRequest, ...]:
     """Return what is asked of the robot's repairs and not done yet, oldest first."""
     query = select(_REQUESTS).where(_REQUESTS.c.robot == checked(robot), ~_REQUESTS.c.done)
