@@ -7,6 +7,7 @@ import pickle
 import threading
 import time
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -264,6 +265,36 @@ async def test_a_large_model_never_runs_on_the_event_loop(tmp_path: Path) -> Non
         assert workers.asked == attempt
     small.close()
     large.close()
+
+
+@pytest.mark.anyio
+@pytest.mark.parametrize(
+    ("each_ms", "asked"),
+    [
+        ([9.0, 9.0, 9.0, 1.0], 1),  # after three strikes it is out
+        ([9.0, 1.0] * 5, 1),
+        ([9.0, *[1.0] * 1000] * 6, 0),  # seldom slow: a pause that was the collector's
+    ],
+)
+async def test_a_model_leaves_the_event_loop_that_is_slow_too_often(
+    each_ms: list[float], asked: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    workers, used, left_ms = SlowWorkers(), [0.0], iter(each_ms)
+    system = load_text(TEDUSAR)
+    tried = Diagnoser(Settings(data=tmp_path), Metrics(), workers)
+    answer = await tried.diagnose("v1", system, [], "sat", Options())
+
+    def at_once(*_: object) -> DiagnosisResult:
+        used[0] += next(left_ms) / 1e3
+        return answer.result_or_fault()
+
+    monkeypatch.setattr("robomend.robots.diagnoser.ask_engine", at_once)
+    monkeypatch.setattr("robomend.robots.diagnoser.time", SimpleNamespace(thread_time=lambda: used[0]))
+    for number in range(len(each_ms)):
+        await tried.diagnose("v1", system, [fails("ok", f"t{number}")], "sat", Options())
+    assert workers.asked >= asked
+    assert bool(workers.asked) == bool(asked)
+    tried.close()
 
 
 def test_a_slow_model_is_slow_alone(start: StartService) -> None:

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections import Counter, OrderedDict
+from collections import OrderedDict
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -48,6 +48,9 @@ WARM = 64
 
 STRIKES = 3
 """Diagnoses over budget before their model leaves the event loop: one may be the first, or a pause."""
+
+FORGIVEN = 1 / 1000
+"""Of a strike, by each diagnosis within the budget: a model that is seldom slow stays, for how long ever."""
 
 Key = tuple[str, str, Options, frozenset[Literal]]
 
@@ -101,7 +104,7 @@ class Diagnoser:
         self._cache: OrderedDict[Key, Diagnosed] = OrderedDict()
         self._engines: OrderedDict[tuple[str, str], Engine] = OrderedDict()
         self._slow: set[tuple[str, str]] = set()
-        self._strikes: Counter[tuple[str, str]] = Counter()
+        self._strikes: dict[tuple[str, str], float] = {}
         self._turns: dict[tuple[str, str], asyncio.Lock] = {}
         self._at_once = memory_unlimited()
         if self._at_once:
@@ -194,14 +197,22 @@ class Diagnoser:
         warm = self._warm(version, engine, system.cnf)
         began = time.thread_time()  # not the wall's: what others take of the processor is no model's fault
         result = ask_engine(warm, system.cnf, observed, replace(options, timeout_s=budget_s))
-        if time.thread_time() - began > self._settings.inline_budget_s:
-            self._strikes[version, engine] += 1
-            if self._strikes[version, engine] >= STRIKES:
-                self._slow.add((version, engine))
+        self._judge((version, engine), time.thread_time() - began)
         if result.stopped_by == "time" and budget_s != options.timeout_s:
             return None
         self._note(result, "inline")
         return Diagnosed.of(result)
+
+    def _judge(self, model: tuple[str, str], took_s: float) -> None:
+        """Have a model leave the event loop that has held it too long too often."""
+        strikes = self._strikes.get(model, 0.0)
+        if took_s <= self._settings.inline_budget_s:
+            if strikes:
+                self._strikes[model] = max(0.0, strikes - FORGIVEN)
+            return
+        self._strikes[model] = strikes + 1
+        if strikes + 1 >= STRIKES:
+            self._slow.add(model)
 
     def _warm(self, version: str, name: str, cnf: HealthCnf) -> Engine:
         engine = self._engines.get((version, name))
