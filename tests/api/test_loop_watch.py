@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import sys
 import time
 from collections.abc import Callable
@@ -13,6 +14,8 @@ import pytest
 import uvloop
 from starlette.types import Receive, Scope, Send
 from structlog.testing import capture_logs
+from tests.api.conftest import StartService
+from tests.waiting import until
 
 from robomend.api.edge import Edge
 from robomend.api.loop_watch import HELD_S, LoopWatch
@@ -55,6 +58,36 @@ def test_where_the_loop_is_held_is_told(hold: Callable[[], None], run: Callable[
     with capture_logs() as logs:
         run(main())
     assert all(told["processor_ms"] <= told["ms"] >= HELD_S * 1000 for told in held(logs))
+
+
+def test_what_is_done_with_each_sign_is_seen_in_how_late_the_next_one_is() -> None:
+    done: list[float] = []
+
+    def slowly() -> None:
+        done.append(time.monotonic())
+        in_a_call()
+
+    async def main() -> None:
+        watch = LoopWatch(Metrics(), slowly)
+        watch.start()
+        with anyio.fail_after(60):
+            while not any("in_a_call" in told["where"] for told in held(logs)):
+                await anyio.sleep(0.01)
+        watch.close()
+
+    with capture_logs() as logs:
+        asyncio.run(main())
+    assert len(done) > 1
+
+
+def test_a_service_has_its_young_objects_looked_at(start: StartService) -> None:
+    start()
+    before = gc.get_stats()[0]["collections"]
+    gc.disable()  # nobody else has it done
+    try:
+        until(lambda: gc.get_stats()[0]["collections"] > before, "nobody looked")
+    finally:
+        gc.enable()
 
 
 def test_the_request_is_told_that_holds_the_loop() -> None:

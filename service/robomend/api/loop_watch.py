@@ -83,8 +83,10 @@ def timed(work: Coroutine[Any, Any, T], note: Callable[[float], None]) -> Genera
 class LoopWatch:
     """See the module: what the event loop says of itself, and the thread that looks at it from outside."""
 
-    def __init__(self, metrics: Metrics) -> None:
+    def __init__(self, metrics: Metrics, at_sign: Callable[[], None] = lambda: None) -> None:
+        """`at_sign`: what is done by the way with each sign, which has the loop awake anyway."""
         self._metrics = metrics
+        self._at_sign = at_sign
         self._watched_loop: asyncio.AbstractEventLoop | None = None
         self._ending = EndSign()
         self._due_s = time.monotonic()  # of the next sign
@@ -157,6 +159,7 @@ class LoopWatch:
                 where=self._where,
             )
         self._next_sign()
+        self._at_sign()  # what it takes shows in how late the next sign is
 
     def _run(self) -> None:
         while not self._ending.wait(max(EVERY_S, self._due_s + HELD_S - time.monotonic())):

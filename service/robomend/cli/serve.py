@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from robomend import garbage
 from robomend.cli.files import ExistingFile
 from robomend.cli.settings_options import read_settings, settings_options
 from robomend.room import check_room, memory_unlimited, share_arenas
@@ -95,21 +96,6 @@ def allow_connections() -> None:
         resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
 
 
-def settle_memory() -> None:
-    """Tell the garbage collector that what is loaded by now stays, and to look less often.
-
-    At its defaults it walks every object of a thousand robots a few times a second: half of the service's
-    time under load, in pauses of 50 ms. What is in no cycle is freed at once as ever. What is young is looked
-    at in portions that take a millisecond, and once more by twenty portions: a request with ten thousand
-    sentences makes a hundred thousand objects, and one look at 20,000 of them took 5 to 9 ms, one at what
-    250 portions had left 16. All that is old is looked at as seldom as before, after 100 million.
-    """
-    gc.collect()
-    gc.freeze()
-    gc.set_threshold(2_000, 20, 2_500)
-    gc.enable()
-
-
 def tell(url: str, *, announce: bool) -> None:
     """Say where the service is."""
     if announce:
@@ -185,7 +171,7 @@ async def _run(
     sockets: list[socket.socket] | None,
     figures: SharedFigures | None = None,
 ) -> int:
-    gc.disable()  # until settle_memory: a tenth of the time that loading takes
+    gc.disable()  # until garbage.settle: a tenth of the time that loading takes
     from robomend.api.runtime import Runtime, any_key
     from robomend.api.server import check_exposure, make_server
     from robomend.repairs.repairs import make_repairs
@@ -196,7 +182,7 @@ async def _run(
 
     def ready(url: str) -> None:
         runtime.planners.start()  # it warms up now instead of at the first repair
-        settle_memory()
+        garbage.settle()
         told(url)
 
     if not memory_unlimited():
