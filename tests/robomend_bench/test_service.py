@@ -216,11 +216,21 @@ def test_parts_give_their_figures_each_of_a_service_of_its_own(parts: str) -> No
     assert set(json.loads(answer.stdout)) == set(parts.split(","))
 
 
-@pytest.mark.parametrize("part", ["single", "fleet", "overload"])
+@pytest.mark.parametrize("part", ["fleet", "overload"])
 def test_parts_give_the_figures_of_a_service_that_runs(part: str, service: Served) -> None:
     answer = CliRunner().invoke(command, ["--only", part, "--format", "json", "--url", service.url, *SMALL])
     assert answer.exit_code == 0, answer.output
     assert set(json.loads(answer.stdout)) == {part}
+
+
+def test_each_way_of_one_robot_is_measured_on_a_robot_of_its_own(service: Served) -> None:
+    """Else a change of the second is taken for diagnosed by what the first left."""
+    answer = CliRunner().invoke(
+        command, ["--only", "single", "--format", "json", "--url", service.url, *SMALL]
+    )
+    ways = json.loads(answer.stdout)["single"]
+    assert len(ways) == 2
+    assert all(way["diagnosed"]["p50_ms"] > 0 for way in ways.values())
 
 
 def test_the_part_that_stops_real_repairs_gives_its_figures() -> None:

@@ -250,7 +250,8 @@ class SingleResult:
 
 async def run_single(url: str, *, changes: int, pause_s: float = 0.01, seed: int = 1) -> SingleResult:
     """Post one change after another, each after the diagnosis of the one before; count from the POST."""
-    robot = SimulatedRobot("bench-single", seed, faults=3)
+    # Of a name of its own, as revisions go on where an earlier run's robot left them.
+    robot = SimulatedRobot(f"bench-single-{pause_s * 1000:g}", seed, faults=3)
     await prepare(url, [robot])
     run = _Run(waiting={robot.name.encode(): deque()})
     stream = await follow(url, run.event, f"/api/v1/robots/{robot.name}/events")
