@@ -50,8 +50,8 @@ class BatchConnection(HttpToolsProtocol):
         self._timer: asyncio.TimerHandle | None = None
 
     def _parse(self, data: bytes) -> None:
-        """Take what is not read by a known head."""
-        raise NotImplementedError
+        """Give the parser what is not read by a known head."""
+        super().data_received(data)
 
     # --- found by the parser
 

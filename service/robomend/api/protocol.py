@@ -142,11 +142,10 @@ class Protocol(BatchConnection):
             self._parse(data)
 
     def _parse(self, data: bytes) -> None:
-        """Take what is not read by a known head."""
         inside = self._receiving
         self._began = int(inside)
         before = self._body if inside else 0
-        super().data_received(data)
+        super()._parse(data)
         self._learn(data, whole=self._began == 1 and not inside)
         if self.ending or self._deaf:
             return

@@ -10,7 +10,7 @@ from robomend.store.encoding import checked_ns, from_json
 from robomend.store.records import FIRST_PAGE, Json, Page, Paging, StoredDiagnosis
 from robomend.store.rows import DIAGNOSED, DIAGNOSES, Logged
 from robomend.store.transaction import Transaction
-from robomend.store.view import AnyRow, View
+from robomend.store.view import AnyRow, View, as_it_is
 from robomend_client.events import Kind
 
 _ONE = Paging(limit=1)
@@ -23,7 +23,7 @@ def latest(view: View, robot: str) -> StoredDiagnosis | None:
 
 def page(view: View, robot: str, paging: Paging = FIRST_PAGE) -> Page[StoredDiagnosis]:
     """Return the diagnoses, newest first."""
-    rows = view.newest_of_log(robot, DIAGNOSES, _as_it_is, paging)
+    rows = view.newest_of_log(robot, DIAGNOSES, as_it_is, paging)
     return Page(_diagnoses(view, rows.items), rows.next)
 
 
@@ -35,7 +35,7 @@ def between(
     And whether these are all: where there are more, it is the newest that are returned.
     """
     before_end = Paging(limit=most, until_ns=checked_ns(end_ns))
-    newest = view.newest_of_log(robot, DIAGNOSES, _as_it_is, before_end).items
+    newest = view.newest_of_log(robot, DIAGNOSES, as_it_is, before_end).items
     rows = [row for row in newest if row.time_ns >= start_ns]
     complete = len(rows) < len(newest) or len(newest) < most
     rows += newest[len(rows) : len(rows) + 1]
@@ -63,7 +63,3 @@ def _diagnoses(view: View, rows: Sequence[AnyRow]) -> tuple[StoredDiagnosis, ...
 
 def _diagnosis(row: AnyRow, result: dict[str, Any]) -> StoredDiagnosis:
     return StoredDiagnosis(row.robot, row.revision, result.get("model_version") or "", row.time_ns, result)
-
-
-def _as_it_is(row: AnyRow) -> AnyRow:
-    return row

@@ -30,7 +30,7 @@ from robomend.store.records import Paging, Pruned, Retention
 from robomend.store.rows import BATCHES, CHANGE, DIAGNOSED, DIAGNOSES, OBSERVED
 from robomend.store.store import Store
 from robomend.store.transaction import Transaction
-from robomend.store.view import AnyRow, View
+from robomend.store.view import View, as_it_is
 
 DAY_NS = results.DAY_NS
 
@@ -199,8 +199,7 @@ class _Stretch:
 
 def _old_of_log(view: View, cut: str, kinds: Sequence[str], before: int) -> _Stretch | None:
     """Return the next stretch of the log, as far as it is older, and its rows of these kinds that may go."""
-    reached = view.first(select(schema.counters.c.value).where(schema.counters.c.name == cut))
-    behind = _LOG.c.id > (_FIRST if reached is None else reached.value)
+    behind = _LOG.c.id > events.counter(view, cut, _FIRST)
     start = view.first(select(_LOG.c.id).where(behind).order_by(_LOG.c.id))
     if start is None:
         return None
@@ -239,11 +238,7 @@ def _current(view: View, robot: str) -> set[int]:
     """Return the row of the robot's latest diagnosis, if the robot is there."""
     if view.first(select(schema.robots.c.id).where(schema.robots.c.id == robot)) is None:
         return set()
-    return {row.id for row in view.newest_of_log(robot, DIAGNOSES, _as_it_is, Paging(limit=1)).items}
-
-
-def _as_it_is(row: AnyRow) -> AnyRow:
-    return row
+    return {row.id for row in view.newest_of_log(robot, DIAGNOSES, as_it_is, Paging(limit=1)).items}
 
 
 async def _bring_up(store: Store, robots: Sequence[str]) -> None:
@@ -271,8 +266,7 @@ def _remove_of_log(cut: str, tx: Transaction, ids: Keys) -> None:
 
 def _count_to(cut: str, last: int, tx: Transaction) -> None:
     """Note how far the log was looked through."""
-    row = tx.first(select(schema.counters.c.value).where(schema.counters.c.name == cut))
-    if row is None or row.value < last:
+    if events.counter(tx, cut, _FIRST) < last:
         tx.replace(schema.counters, {"name": cut, "value": last})
 
 
