@@ -138,8 +138,9 @@ def test_an_agent_that_goes_away_in_mid_action_is_named_and_the_next_one_goes_on
         first = ended(client, "left")
     assert first["state"] == "escalated"
     assert "agent" in first["reason"] or "nobody reported running(worker)" in first["reason"], first["reason"]
+    # What it last said counts no longer than it said: a robot of which nothing is known is not repaired.
+    eventually(lambda: not _known(client, "left"), "nothing is known of the robot", 30)
     with agent(agent_of(tmp_path, service, "left", {"command": READY, "ready": {"output": "up"}})):
-        client.start_repair("left", reason="the agent is back")
         second = ended(client, "left", lambda r: r["id"] != first["id"])
         assert second["state"] == "repaired", str([second["reason"], second["rounds"]])
 
@@ -159,6 +160,10 @@ def test_planners_that_hang_are_killed_and_fresh_ones_plan(service: Service) -> 
         assert not any(map(alive, hanging))
         client.start_repair("hung", reason="the planners are fresh")
         assert ended(client, "hung", lambda r: r["id"] != first["id"])["state"] == "repaired"
+
+
+def _known(client: Client, robot: str) -> list[str]:
+    return [one["literal"] for one in client.observations(robot)["observations"] if one["fresh"]]
 
 
 def _idle(pids: list[int]) -> bool:
