@@ -123,6 +123,18 @@ def test_they_answer_while_the_event_loop_is_held(service: Service) -> None:
     ]
 
 
+@pytest.mark.parametrize("keys", [False, True])
+def test_who_is_known_asks_nobody(start: StartService, monkeypatch: pytest.MonkeyPatch, keys: bool) -> None:
+    monkeypatch.setattr("robomend.api.gate.FRESH_S", 1000.0)
+    monkeypatch.setattr(urgent, "USUAL_S", 1000.0)  # what the event loop would be waited for
+    service = start()
+    headers = {"Authorization": f"Bearer {service.key('operator')}"} if keys else {}
+    assert service.api("GET", "/robots", headers=headers).status_code == 200
+    with held_loop(service):
+        stopped = fresh(service, "POST", "/api/v1/stop", json={"reason": "smoke"}, headers=headers)
+        assert stopped.json()["active"]
+
+
 def test_who_lifts_a_stop_is_not_who_was_let_in_earlier(
     start: StartService, monkeypatch: pytest.MonkeyPatch
 ) -> None:

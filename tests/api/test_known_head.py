@@ -6,7 +6,7 @@ from typing import Any
 
 import httptools
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from tests.api.test_direct import BODY
 
@@ -74,6 +74,7 @@ def request(lines: list[tuple[str, str]], body: bytes, length: str = "Content-Le
     return b"POST " + PATH + b" HTTP/1.1\r\n" + text.encode("latin-1") + b"\r\n" + body
 
 
+@example([("X-Request-Id", "a"), ("X-Request-Id", "keep-alive")], [], b"", b"\0", 0)
 @given(LINES, LINES, st.binary(max_size=30), st.binary(min_size=1, max_size=3), st.integers(0, 300))
 def test_what_is_read_by_a_known_head_is_what_the_parser_finds(
     lines: list[tuple[str, str]], others: list[tuple[str, str]], body: bytes, noise: bytes, at: int

@@ -216,11 +216,23 @@ def test_parts_give_their_figures_each_of_a_service_of_its_own(parts: str) -> No
     assert set(json.loads(answer.stdout)) == set(parts.split(","))
 
 
-@pytest.mark.parametrize("part", ["fleet", "overload"])
-def test_parts_give_the_figures_of_a_service_that_runs(part: str, service: Served) -> None:
-    answer = CliRunner().invoke(command, ["--only", part, "--format", "json", "--url", service.url, *SMALL])
+def test_a_part_gives_the_figures_of_a_service_that_runs(service: Served) -> None:
+    answer = CliRunner().invoke(
+        command, ["--only", "fleet", "--format", "json", "--url", service.url, *SMALL]
+    )
     assert answer.exit_code == 0, answer.output
-    assert set(json.loads(answer.stdout)) == {part}
+    assert set(json.loads(answer.stdout)) == {"fleet"}
+
+
+def test_an_operator_beside_an_overload_is_a_process_of_its_own(service: Served) -> None:
+    """In the generator's, the figures would also tell how busy that one is."""
+    answer = CliRunner().invoke(
+        command, ["--only", "overload", "--format", "json", "--url", service.url, *SMALL]
+    )
+    assert answer.exit_code == 0, answer.output
+    asked = json.loads(answer.stdout)["overload"]["operator"]
+    assert {name.partition(",")[0] for name in asked} >= {"GET /healthz", "GET /readyz"}
+    assert all(took["p50_ms"] > 0 for took in asked.values())
 
 
 def test_each_way_of_one_robot_is_measured_on_a_robot_of_its_own(service: Served) -> None:

@@ -10,7 +10,9 @@ durable.py   closed loop: as many durable writes as it takes; NDJSON
 hostile.py   clients that read a byte a second, half-open connections, idle streams
 pages.py     open pages: what they cost at rest, and what a fleet suffers from them
 overload.py  twice as many changes as it can take
-stops.py      cancellations and global stops in the middle of real repairs
+attack.py    hostile clients of every role (attackers.py), and what an operator waits meanwhile
+prober.py    an operator: health, readiness, the stop
+stops.py     cancellations and global stops in the middle of real repairs
 repairing.py  robots with much to repair, on emulated boards
 measure.py   percentiles, memory
 command.py   the command

@@ -3,29 +3,28 @@
     viewer, robot and operator keys ── 20 clients, one hostile request after another ──► the service
     operator ── GET /healthz, GET /readyz, POST and DELETE /stop, 20 a second ─────────► how long each takes
 
-Each request of the second kind comes on a connection of its own, and on one that is used again, as clients do
-both. The prober's own lateness is measured beside it, without a service: what the machine adds.
+The attackers are a process of their own. What the operator sees alone is measured first.
 """
 
 from __future__ import annotations
 
 import http.client
-import itertools
 import json
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
-from robomend_bench.service.attackers import ROBOT, address, source_body
+from robomend_bench.service.attackers import ROBOT, source_body
 from robomend_bench.service.measure import Latency
+from robomend_bench.service.prober import ANSWER_S, EVERY_S, ask, probe
 from robomend_bench.service.process import Served, model_text
+from robomend_bench.service.wire import address
 
-EVERY_S = 0.05
-ANSWER_S = 120.0
 ROLES = ("viewer", "robot", "operator", "admin")
 
 EACH = """import json, sys
@@ -53,62 +52,6 @@ class AttackResult:
         return max(latency.max_ms for latency in self.attacked.values())
 
 
-# --- the operator
-
-
-def probe(url: str, key: str, seconds: float, errors: list[str]) -> dict[str, Latency]:
-    """Ask for health, readiness and stops for a while; return how long each took."""
-    times: dict[str, list[float]] = {}
-    kept = http.client.HTTPConnection(*address(url), timeout=ANSWER_S)
-    wanted = [
-        ("GET /healthz", "GET", "/healthz"),
-        ("GET /readyz", "GET", "/readyz"),
-        ("POST /stop", "POST", "/api/v1/stop"),
-        ("DELETE /stop", "DELETE", "/api/v1/stop?reason=bench"),
-    ]
-    until = time.monotonic() + seconds
-    for number in itertools.count():
-        if time.monotonic() > until:
-            break
-        name, method, path = wanted[number % len(wanted)]
-        again = number % 3 == 2
-        if again:
-            name = f"{name}, connection used again"
-        began = time.perf_counter()
-        try:
-            status = _once(kept if again else None, url, key, method, path)
-        except (OSError, http.client.HTTPException) as error:
-            errors.append(f"{name}: {type(error).__name__}: {error}")
-            kept.close()
-            continue
-        times.setdefault(name, []).append(time.perf_counter() - began)
-        if status not in ({200, 503} if path == "/readyz" else {200, 202}):
-            errors.append(f"{name}: {status}")
-        time.sleep(EVERY_S)
-    kept.close()
-    return {name: Latency.of(found) for name, found in sorted(times.items())}
-
-
-def _once(kept: http.client.HTTPConnection | None, url: str, key: str, method: str, path: str) -> int:
-    headers = {"Authorization": f"Bearer {key}"}
-    body = None
-    if method == "POST":
-        body, headers["Content-Type"] = b'{"reason": "bench"}', "application/json"
-    connection = kept or http.client.HTTPConnection(*address(url), timeout=ANSWER_S)
-    try:
-        if kept is not None and kept.sock is None:
-            # A request of another kind comes first, so that the service's event loop has the connection.
-            kept.request("GET", "/version-info")
-            kept.getresponse().read()
-        connection.request(method, path, body, headers)
-        answer = connection.getresponse()
-        answer.read()
-        return answer.status
-    finally:
-        if kept is None:
-            connection.close()
-
-
 def make_keys(process: Served) -> dict[str, str]:
     """Create a key of each role in a service's database; return them as soon as it knows them."""
     create = ["keys", "create", "--data", str(process.data), "--format", "json", "--role"]
@@ -125,7 +68,8 @@ def make_keys(process: Served) -> dict[str, str]:
 
 
 def _known(url: str, key: str) -> bool:
-    return _once(None, url, key, "GET", "/api/v1/robots") != 401
+    status, _ = ask(None, url, key, "GET", "/api/v1/robots")
+    return status != 401
 
 
 def run_attack(process: Served, *, clients: int, seconds: float, seed: int) -> AttackResult:
@@ -133,9 +77,9 @@ def run_attack(process: Served, *, clients: int, seconds: float, seed: int) -> A
     keys = make_keys(process)
     _prepare(process.url, keys["operator"])
     errors: list[str] = []
-    alone = probe(process.url, keys["operator"], min(seconds, 10.0), errors)
+    alone = _operator(process.url, keys["operator"], min(seconds, 10.0), errors)
     with attacking(process.url, keys, clients, seed) as found:
-        attacked = probe(process.url, keys["operator"], seconds, errors)
+        attacked = _operator(process.url, keys["operator"], seconds, errors)
     answers = {name: dict(sorted(statuses.items())) for name, statuses in sorted(found["answers"].items())}
     broken = sum(statuses.get("500", 0) for statuses in answers.values())
     if broken:
@@ -143,6 +87,16 @@ def run_attack(process: Served, *, clients: int, seconds: float, seed: int) -> A
     slowest = {name: round(took, 2) for name, took in sorted(found["slowest_s"].items())}
     held = _held(process.url, keys["operator"])
     return AttackResult(seconds, clients, alone, attacked, answers, slowest, held, errors)
+
+
+def _operator(url: str, key: str, seconds: float, errors: list[str]) -> dict[str, Latency]:
+    over = threading.Event()
+    ends = threading.Timer(seconds, over.set)
+    ends.start()
+    try:
+        return probe(url, key, over, errors)
+    finally:
+        ends.cancel()
 
 
 def _prepare(url: str, key: str) -> None:

@@ -19,9 +19,9 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
-from urllib.parse import urlsplit
 
 from robomend_bench.service.process import model_text
+from robomend_bench.service.wire import address
 
 ROBOT = "bench-attacked"
 ANSWER_S = 120.0
@@ -221,14 +221,6 @@ class Crowd:
             return 0
         finally:
             connection.close()
-
-
-def address(url: str) -> tuple[str, int]:
-    """Return where a service listens."""
-    parts = urlsplit(url)
-    assert parts.hostname is not None
-    assert parts.port is not None
-    return parts.hostname, parts.port
 
 
 def main() -> None:

@@ -11,9 +11,9 @@ import socket
 import time
 from dataclasses import dataclass
 
-from robomend_bench.service.attackers import address
 from robomend_bench.service.measure import memory_mb
 from robomend_bench.service.process import Served
+from robomend_bench.service.wire import address
 
 HOST = b"Host: localhost\r\n"
 POST = b"POST /api/v1/robots/r1/observations HTTP/1.1\r\n" + HOST

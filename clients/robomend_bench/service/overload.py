@@ -2,8 +2,8 @@
 
 First a closed loop shows what it can take; then a multiple of that is due, whatever the service does. A robot
 has one request under way: what is due meanwhile is not sent, and counted. What is refused must be refused at
-once (503), what is accepted must be quick, and nothing that was accepted may be lost. Beside it, somebody
-asks for health and sets and lifts the stop.
+once (503), what is accepted must be quick, and nothing that was accepted may be lost. Beside it, a process of
+its own asks for health and readiness and sets and lifts the stop (prober.py).
 """
 
 from __future__ import annotations
@@ -15,17 +15,15 @@ from dataclasses import dataclass, field
 from robomend_bench.service.durable import run_posts
 from robomend_bench.service.fleet import differences, prepare
 from robomend_bench.service.measure import Latency
+from robomend_bench.service.prober import probing
 from robomend_bench.service.robots import SimulatedRobot, body
 from robomend_bench.service.wire import Connection, connect, request
 
 LEFT_S = 30.0
 """How long what is under way at the end may take."""
 
-LOOK_S = 0.1
-"""Between two looks at health."""
-
-LOOKS = 10
-"""At health, for each stop that is set and lifted: that wakes every robot's repairs."""
+LOOKS = 5
+"""At health and readiness, for each stop that is set and lifted: that wakes every robot's repairs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,8 +38,7 @@ class OverloadResult:
     not_sent: int  # due while the robot's request before was under way
     errors: dict[str, int]  # any other answer
     lost: tuple[str, ...]  # robots whose state is not what was accepted, with the difference
-    stop: Latency  # POST and DELETE /stop
-    health: Latency
+    operator: dict[str, Latency]  # kind of request -> what somebody else waited for its answer
     sent_late: Latency  # the generator's own lateness
 
 
@@ -86,29 +83,27 @@ async def run_overload(
     await prepare(url, fleet)
     connections = [await connect(url) for _ in fleet]
     run, every_s = _Run(), 1 / (factor * closed.per_s)
-    health: list[float] = []
-    stop: list[float] = []
-    looking = asyncio.create_task(_look(url, health, stop))
-    began = time.perf_counter()
-    for number in range(round(seconds / every_s)):
-        due = began + number * every_s
-        while (left := due - time.perf_counter()) > 0:
-            await asyncio.sleep(left)
-        if number % 50 == 0:
-            await asyncio.sleep(0)  # the answers are read, however late we are
-        run.send(fleet[number % robots], connections[number % robots], due)
-    took = time.perf_counter() - began
-    deadline = time.perf_counter() + LEFT_S
-    while run.busy and time.perf_counter() < deadline:
-        await asyncio.sleep(0.05)
-    looking.cancel()
-    await asyncio.wait({looking})
+    with probing(url, LOOKS) as operator:
+        began = time.perf_counter()
+        for number in range(round(seconds / every_s)):
+            due = began + number * every_s
+            while (left := due - time.perf_counter()) > 0:
+                await asyncio.sleep(left)
+            if number % 50 == 0:
+                await asyncio.sleep(0)  # the answers are read, however late we are
+            run.send(fleet[number % robots], connections[number % robots], due)
+        took = time.perf_counter() - began
+        deadline = time.perf_counter() + LEFT_S
+        while run.busy and time.perf_counter() < deadline:
+            await asyncio.sleep(0.05)
     asker = await connect(url)
     lost = await differences(asker, fleet)
     for connection in (*connections, asker):
         connection.close()
     if run.busy:
         run.errors["no answer"] = len(run.busy)
+    for error in operator["errors"]:
+        run.errors[error] = run.errors.get(error, 0) + 1
     return OverloadResult(
         sustainable_per_s=closed.per_s,
         asked_per_s=round(factor * closed.per_s, 1),
@@ -118,26 +113,6 @@ async def run_overload(
         not_sent=run.not_sent,
         errors=run.errors,
         lost=tuple(lost),
-        stop=Latency.of(stop),
-        health=Latency.of(health),
+        operator=operator["times"],
         sent_late=Latency.of(run.late),
     )
-
-
-async def _look(url: str, health: list[float], stop: list[float]) -> None:
-    """Ask for health, and set and lift the stop, each on a connection of its own, as a watchdog would."""
-    looked = (health, request("GET", "/healthz"))
-    asked = (
-        *(looked,) * LOOKS,
-        (stop, request("POST", "/api/v1/stop", b'{"reason": "bench"}')),
-        (stop, request("DELETE", "/api/v1/stop?reason=bench")),
-    )
-    while True:
-        for times, wire in asked:
-            began = time.perf_counter()
-            connection = await connect(url)
-            status, _ = await connection.ask(wire)
-            connection.close()
-            if status in (200, 202):
-                times.append(time.perf_counter() - began)
-            await asyncio.sleep(LOOK_S)

@@ -235,7 +235,10 @@ async def _overload(url: str, process: Served | None, wish: dict[str, Any]) -> M
         (f"{name}: accepted", str(found.accepted), "p99 < 1 s"),
         (f"{name}: refused (503)", f"{found.refused.count}; {found.refused}", "at once"),
         (f"{name}: achieved", said, "0, 0"),
-        (f"{name}: `POST` and `DELETE /stop`; `/healthz`", f"{found.stop}; {found.health}", "< 100 ms"),
+        *(
+            (f"{name}: {asked}", f"{took.count}; {took}", "< 100 ms")
+            for asked, took in found.operator.items()
+        ),
     ]
 
 

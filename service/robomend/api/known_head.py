@@ -65,6 +65,8 @@ class KnownHead:
                 return None
             if name == b"connection" and value.lower() != b"keep-alive":
                 return None
+            if any(name == another for _, another, _ in varying):
+                return None  # of two the first counts
             if name in VARYING:
                 pieces[-1] += given + b": "
                 pieces.append(b"\r\n")

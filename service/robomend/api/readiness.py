@@ -22,6 +22,9 @@ QUEUE_AGE_S = 2.0
 DELAY_S = 1.0
 """Of the event loop."""
 
+TURN_S = 0.005
+"""For the event loop to come to it, and back."""
+
 
 async def readiness(parts: Parts) -> Readiness:
     """Look at each part that requests need; for any event loop, and also while the service's own is held.
@@ -33,7 +36,7 @@ async def readiness(parts: Parts) -> Readiness:
         return _as_known(parts, await _asked(parts))
     asking = asyncio.run_coroutine_threadsafe(_asked(parts), loop)
     waiting = asyncio.wrap_future(asking)
-    await asyncio.wait({waiting}, timeout=ANSWER_S + 0.02)
+    await asyncio.wait({waiting}, timeout=ANSWER_S + TURN_S)
     if waiting.done():
         return _as_known(parts, waiting.result())
     asking.cancel()

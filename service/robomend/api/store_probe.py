@@ -19,7 +19,7 @@ from robomend.api.schemas.operation import Check
 from robomend.errors import RobomendError, StoreDamaged, StoreFull
 from robomend.store import Store, global_stop
 
-ANSWER_S = 0.03
+ANSWER_S = 0.02
 """For the probe; an answer does not wait longer."""
 
 HANGS_S = 2.0

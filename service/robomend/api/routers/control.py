@@ -16,7 +16,7 @@ from robomend.security import API
 
 router = APIRouter(prefix=API, tags=["control"], route_class=GuardedRoute)
 
-ANSWER_S = 0.03
+ANSWER_S = 0.02
 """From the beginning of a request about the stop; then its answer does not wait for the disk any more."""
 
 LEAST_S = 0.005
