@@ -19,6 +19,7 @@ import socket
 import tempfile
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from dataclasses import replace
@@ -40,6 +41,8 @@ CONNECT_S = 10.0
 WORKERS_S = 60.0
 """Without a single worker, a run is given up."""
 LOOK_S = 2.0
+TRIES = 6
+"""To have an outcome handed over, for CONNECT_S each: who has it may be frozen, or gone unnoticed."""
 
 SPAN_S = 5.0
 """Of a log that is in hand."""
@@ -144,9 +147,9 @@ def _run(
     work = pickle.dumps((replace(setup, observers=observers, ndjson=False), digest(observers)))
     waiting, seen_s = list(reversed(names)), time.monotonic()
     open_ones: dict[Future[Task], str] = {}
+    tries: Counter[str] = Counter()
     while waiting or open_ones:
-        connected = client.status == "running"
-        threads = sum(client.nthreads(callback_timeout=CONNECT_S).values()) if connected else 0
+        threads = _threads(client)
         if threads:
             seen_s = time.monotonic()
         elif time.monotonic() - seen_s >= WORKERS_S:
@@ -163,9 +166,12 @@ def _run(
             name = open_ones[future]
             try:
                 records = _records(future, name, setup, address)
-            except _Anew:
+            except _Anew as again:
+                tries[name] += 1
+                if tries[name] >= TRIES:
+                    raise SchedulerFailed(f"{address}: {again}; {_AGAIN}") from again
                 continue
-            del open_ones[future]
+            del open_ones[future], tries[name]
             if records is None:
                 waiting.append(name)
             else:
@@ -180,16 +186,29 @@ def _state(setup: Setup, name: str) -> bytes | None:
         return None
 
 
+def _threads(client: Client) -> int:
+    """Return how many threads the workers have; 0 also where a busy scheduler does not say in time."""
+    if client.status != "running":
+        return 0
+    try:
+        return sum(client.nthreads(callback_timeout=CONNECT_S).values())
+    except TimeoutError:
+        return 0
+
+
 class _Anew(Exception):
-    """The worker that had an outcome died before we had it: another one works it out again."""
+    """The worker that had an outcome died before we had it, and another one works it out again; or it has it
+    still, and does not hand it over in time.
+    """
 
 
 def _records(future: Future[Task], name: str, setup: Setup, address: str) -> list[Record] | None:
     """Return what became of a file, its parts written; None if it is unfinished."""
     from distributed import KilledWorker
 
+    slow = f"no worker hands over what became of {name}"
     if future.status == "lost" and future.client.status == "running":
-        raise _Anew
+        raise _Anew(slow)
     if future.status in {"cancelled", "lost"}:
         raise SchedulerFailed(f"the scheduler at {address} is gone: {_AGAIN}")
     try:
@@ -197,8 +216,8 @@ def _records(future: Future[Task], name: str, setup: Setup, address: str) -> lis
     except KilledWorker as error:
         return [lost(name, f"it cost {error.allowed_failures + 1} workers of the cluster")]
     except Exception as error:  # of a worker's own code, or of the way here: one file is lost
-        if isinstance(error, TimeoutError) and future.client.status == "running" and not future.done():
-            raise _Anew from error
+        if isinstance(error, TimeoutError) and future.client.status == "running":
+            raise _Anew(slow) from error
         if isinstance(error, (TimeoutError, CancelledError)):
             raise SchedulerFailed(f"the scheduler at {address} is gone: {_AGAIN}") from error
         return [lost(name, f"{type(error).__name__}: {error}")]

@@ -175,7 +175,12 @@ def test_killed_workers_and_a_killed_scheduler_lose_only_what_was_in_hand(
         os.killpg(first.pid, signal.SIGKILL)
         cluster.worker()
         before = parts(out)
-        until(lambda: parts(out) >= min(before + 2, 11), "another worker goes on", 90)
+
+        def goes_on() -> bool:
+            assert going.poll() is None, (tmp_path / "said.txt").read_text()
+            return parts(out) >= min(before + 2, 11)
+
+        until(goes_on, "another worker goes on", 90)
         os.killpg(cluster.scheduler.pid, signal.SIGKILL)
         assert going.wait(100) == 3, (tmp_path / "said.txt").read_text()
         said = (tmp_path / "said.txt").read_text()
@@ -213,3 +218,36 @@ def test_what_a_worker_had_found_when_it_died_is_found_again_by_another(
     assert run(arguments(tmp_path / "there", log, there.address), batch) == 0
     assert states == ["lost", "finished"]
     assert tree(tmp_path / "there") == tree(tmp_path / "here")
+
+
+@pytest.mark.parametrize("for_ever", [False, True])
+def test_a_frozen_worker_is_asked_again_for_what_it_found_and_not_for_ever(
+    begin: StartCluster,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    for_ever: bool,
+) -> None:
+    log = ndjson(tmp_path / "a.ndjson", (1, "ok(scan)"), (2, "not ok(scan)"))
+    assert batch_run(tmp_path / "here", log) == 0
+    there = begin()
+    worker = there.worker()
+    asked = []
+    records = cluster._records
+
+    def of_a_frozen_one(*given: Any) -> Any:
+        asked.append(given)
+        if len(asked) == 1:
+            os.killpg(worker.pid, signal.SIGSTOP)
+            monkeypatch.setattr(cluster, "CONNECT_S", 1.0)
+        elif not for_ever:
+            os.killpg(worker.pid, signal.SIGCONT)
+        return records(*given)
+
+    monkeypatch.setattr(cluster, "_records", of_a_frozen_one)
+    assert run(arguments(tmp_path / "there", log, there.address), batch) == (3 if for_ever else 0)
+    if for_ever:
+        assert len(asked) == cluster.TRIES
+        assert "no worker hands over what became of" in capsys.readouterr().err
+    else:
+        assert tree(tmp_path / "there") == tree(tmp_path / "here")
