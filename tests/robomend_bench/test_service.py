@@ -85,8 +85,13 @@ def service() -> Iterator[Served]:
         yield running
 
 
-def test_a_run_accounts_for_every_change(service: Served) -> None:
+@pytest.mark.parametrize("again", [False, True], ids=["new robots", "those of a run before"])
+def test_a_run_accounts_for_every_change(service: Served, again: bool) -> None:
     async def run() -> None:
+        if again:
+            before = [SimulatedRobot(f"a{number}", 2, faults=3) for number in range(5)]
+            await prepare(service.url, before)
+            await run_fleet(service.url, before, rate_hz=10, seconds=1, seed=2)
         robots = [SimulatedRobot(f"a{number}", 1, faults=3) for number in range(5)]
         await prepare(service.url, robots)
         result = await run_fleet(service.url, robots, rate_hz=10, seconds=1, seed=1, served=service)
@@ -143,6 +148,12 @@ def test_what_ends_the_measurement_with_1_is_said(monkeypatch: pytest.MonkeyPatc
     ended = CliRunner().invoke(command, [])
     assert ended.exit_code == 1
     assert ended.stderr == "fleet: errors: 2 × 503, lost: r1: revision 3, sent 4\n"
+
+
+def test_a_fleet_that_differs_is_not_listed_robot_by_robot(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = {"fleet": {"lost": [f"r{number}" for number in range(1000)]}}
+    monkeypatch.setattr("robomend_bench.service.command.run_parts", lambda *_, **__: (found, []))
+    assert CliRunner().invoke(command, []).stderr == "fleet: lost: r0; r1; r2; r3; r4; and 995 more\n"
 
 
 def test_latency_counts_from_when_a_change_was_due(service: Served) -> None:

@@ -19,6 +19,9 @@ from robomend_bench.service.measure import load_of_others
 from robomend_bench.service.parts import MEASURES, Measured, Row, measure_start, measure_stop
 from robomend_bench.service.process import processors, reached
 
+LISTED = 5
+"""Of what is amiss, on one line; a fleet has thousands."""
+
 PARTS = (
     "start",
     "single",
@@ -100,7 +103,10 @@ def _amiss(result: dict[str, Any]) -> str:
 def _listed(found: Any) -> str:
     if isinstance(found, dict):
         return "; ".join(f"{count} × {name}" for name, count in found.items())
-    return "; ".join(map(str, found)) if isinstance(found, list | tuple) else str(found)
+    if not isinstance(found, list | tuple):
+        return str(found)
+    more = f"; and {len(found) - LISTED} more" if len(found) > LISTED else ""
+    return "; ".join(map(str, found[:LISTED])) + more
 
 
 def run_parts(

@@ -117,9 +117,9 @@ async def prepare(url: str, robots: list[SimulatedRobot], *, policy: str = "obse
     async def some(connection: Connection, mine: list[SimulatedRobot]) -> None:
         for robot in mine:
             await connection.api("PUT", f"/robots/{robot.name}", {"model": MODEL, "policy": policy})
-            await connection.api(
-                "POST", f"/robots/{robot.name}/observations", {"observations": robot.sound()}
-            )
+            path, sound = f"/robots/{robot.name}/observations", {"observations": robot.sound()}
+            # A database that is used again knows the robot: its revisions go on.
+            robot.is_at((await connection.api("POST", path, sound))["revision"])
 
     await asyncio.gather(*(some(c, robots[start::16]) for start, c in enumerate(connections)))
     for connection in connections:

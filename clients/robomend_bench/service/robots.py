@@ -49,9 +49,13 @@ class SimulatedRobot:
 
     def sound(self) -> list[str]:
         """Return what a healthy robot reports: the state before the first change."""
-        self.revision = self.kept = 1
+        self.is_at(1)
         self.known = dict.fromkeys(LITERALS, True)
         return list(LITERALS)
+
+    def is_at(self, revision: int) -> None:
+        """The service knows the robot at this revision."""
+        self.revision = self.kept = revision
 
     def accepted(self, said: list[str]) -> bool:
         """The service has accepted an observation. Return whether that was news to it: what came before may
