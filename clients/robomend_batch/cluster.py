@@ -153,7 +153,9 @@ def _run(
         if threads:
             seen_s = time.monotonic()
         elif time.monotonic() - seen_s >= WORKERS_S:
-            raise SchedulerFailed(f"the scheduler at {address} has lost its workers: {START}")
+            raise SchedulerFailed(
+                f"the scheduler at {address} has named no worker for {WORKERS_S:g} s: {START}"
+            )
         while waiting and len(open_ones) < AHEAD * max(threads, 1):
             name = waiting.pop()
             given = work, name, stamp(name), os.getcwd(), _state(setup, name), SPAN_S

@@ -251,3 +251,21 @@ def test_a_frozen_worker_is_asked_again_for_what_it_found_and_not_for_ever(
         assert "no worker hands over what became of" in capsys.readouterr().err
     else:
         assert tree(tmp_path / "there") == tree(tmp_path / "here")
+
+
+def test_a_scheduler_that_has_lost_its_only_worker_is_given_up(
+    begin: StartCluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    there = begin()
+    worker = there.worker()
+    check = cluster._check_versions
+
+    def last_seen(*given: Any) -> None:
+        check(*given)
+        os.killpg(worker.pid, signal.SIGKILL)
+
+    monkeypatch.setattr(cluster, "_check_versions", last_seen)
+    monkeypatch.setattr(cluster, "WORKERS_S", 1.0)
+    log = ndjson(tmp_path / "a.ndjson", (1, "ok(scan)"))
+    assert run(arguments(tmp_path / "out", log, there.address), batch) == 3
+    assert "has named no worker for 1 s: start one" in capsys.readouterr().err

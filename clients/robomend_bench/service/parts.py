@@ -178,7 +178,11 @@ def _attack(url: str, process: Served | None, wish: dict[str, Any]) -> Measured:
     seconds = min(wish["seconds"], 300.0)
     result = run_attack(process, clients=wish["attackers"], seconds=seconds, seed=wish["seed"])
     rows = [
-        (f"{name}: alone → beside {result.clients} attackers", f"{result.alone[name]} → {found}", "< 100 ms")
+        (
+            f"{name}: alone → beside {result.clients} attackers",
+            f"{result.alone.get(name, 'not asked')} → {found}",
+            "< 100 ms",
+        )
         for name, found in result.attacked.items()
     ]
     held = result.held
