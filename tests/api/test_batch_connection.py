@@ -27,13 +27,6 @@ from robomend.settings import Settings
 from robomend.store import Transaction, api_keys
 
 
-@pytest.fixture(scope="module")
-def there(service: Service) -> Service:
-    """A service with a robot."""
-    service.with_robot("direct")
-    return service
-
-
 @pytest.fixture
 def parsed(monkeypatch: pytest.MonkeyPatch) -> list[bytes]:
     """What was given to the parser."""

@@ -23,13 +23,6 @@ JSON = "Content-Type: application/json\r\n"
 BODY = b'{"observations": ["not ok(scan)"]}'
 
 
-@pytest.fixture(scope="module")
-def there(service: Service) -> Service:
-    """A service with a robot."""
-    service.with_robot("direct")
-    return service
-
-
 @pytest.fixture
 def answered(monkeypatch: pytest.MonkeyPatch) -> list[bytes]:
     """The bodies that were answered directly."""

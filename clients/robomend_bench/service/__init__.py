@@ -12,6 +12,7 @@ pages.py     open pages: what they cost at rest, and what a fleet suffers from t
 overload.py  twice as many changes as it can take
 attack.py    hostile clients of every role (attackers.py), and what an operator waits meanwhile
 prober.py    an operator: health, readiness, the stop
+companion.py  attackers and prober as processes of their own
 stops.py     cancellations and global stops in the middle of real repairs
 repairing.py  robots with much to repair, on emulated boards
 measure.py   percentiles, memory

@@ -14,12 +14,10 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any
 
 from robomend_bench.service.attackers import ROBOT, source_body
+from robomend_bench.service.companion import beside
 from robomend_bench.service.measure import Latency
 from robomend_bench.service.prober import ANSWER_S, EVERY_S, ask, probe
 from robomend_bench.service.process import Served, model_text
@@ -78,7 +76,7 @@ def run_attack(process: Served, *, clients: int, seconds: float, seed: int) -> A
     _prepare(process.url, keys["operator"])
     errors: list[str] = []
     alone = _operator(process.url, keys["operator"], min(seconds, 10.0), errors)
-    with attacking(process.url, keys, clients, seed) as found:
+    with beside("attackers", process.url, str(clients), str(seed), told=keys) as found:
         attacked = _operator(process.url, keys["operator"], seconds, errors)
     answers = {name: dict(sorted(statuses.items())) for name, statuses in sorted(found["answers"].items())}
     broken = sum(statuses.get("500", 0) for statuses in answers.values())
@@ -134,27 +132,3 @@ def _held(url: str, key: str) -> dict[str, float]:
         "worst_s": float(values["robomend_request_hold_worst_seconds"]),
         "loop_worst_s": float(values["robomend_loop_delay_worst_seconds"]),
     }
-
-
-@contextmanager
-def attacking(url: str, keys: dict[str, str], clients: int, seed: int) -> Iterator[dict[str, Any]]:
-    """Attack while the block runs; afterwards the dictionary has what came of it."""
-    program = [sys.executable, "-m", "robomend_bench.service.attackers", url, str(clients), str(seed)]
-    with subprocess.Popen(
-        program,
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-        process_group=0,  # Ctrl-C is for the bench, which ends them
-    ) as attackers:
-        assert attackers.stdin is not None
-        attackers.stdin.write(json.dumps(keys) + "\n")
-        attackers.stdin.flush()
-        found: dict[str, Any] = {}
-        try:
-            yield found
-            said, _ = attackers.communicate()
-        except BaseException:  # Ctrl-C: what is under way may take minutes
-            attackers.kill()
-            raise
-        found.update(json.loads(said))

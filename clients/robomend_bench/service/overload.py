@@ -12,10 +12,10 @@ import asyncio
 import time
 from dataclasses import dataclass, field
 
+from robomend_bench.service.companion import beside
 from robomend_bench.service.durable import run_posts
 from robomend_bench.service.fleet import differences, prepare
 from robomend_bench.service.measure import Latency
-from robomend_bench.service.prober import probing
 from robomend_bench.service.robots import SimulatedRobot, body
 from robomend_bench.service.wire import Connection, connect, request
 
@@ -83,7 +83,7 @@ async def run_overload(
     await prepare(url, fleet)
     connections = [await connect(url) for _ in fleet]
     run, every_s = _Run(), 1 / (factor * closed.per_s)
-    with probing(url, LOOKS) as operator:
+    with beside("prober", url, str(LOOKS), told="") as operator:
         began = time.perf_counter()
         for number in range(round(seconds / every_s)):
             due = began + number * every_s
@@ -113,6 +113,6 @@ async def run_overload(
         not_sent=run.not_sent,
         errors=run.errors,
         lost=tuple(lost),
-        operator=operator["times"],
+        operator={asked: Latency(**took) for asked, took in operator["times"].items()},
         sent_late=Latency.of(run.late),
     )

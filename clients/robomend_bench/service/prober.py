@@ -1,6 +1,6 @@
 """An operator: asks for health and readiness, and sets and lifts the stop; how long each answer takes.
 
-    python -m robomend_bench.service.prober URL LOOKS     until its input ends
+    python -m robomend_bench.service.prober URL LOOKS < key.json     until its input ends
 
 A process of its own beside a load: in the generator's it would also measure how busy that one is. Each third
 request comes on a connection that is used again, the others on one of their own, as clients do both.
@@ -11,14 +11,10 @@ from __future__ import annotations
 import http.client
 import itertools
 import json
-import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import asdict
-from typing import Any
 
 from robomend_bench.service.measure import Latency
 from robomend_bench.service.wire import address
@@ -91,42 +87,16 @@ def ask(
             connection.close()
 
 
-@contextmanager
-def probing(url: str, looks: int) -> Iterator[dict[str, Any]]:
-    """Ask in a process of its own, without a key, while the block runs.
-
-    Afterwards the dictionary has `times`, a Latency for each kind of request, and `errors`.
-    """
-    program = [sys.executable, "-m", "robomend_bench.service.prober", url, str(looks)]
-    with subprocess.Popen(
-        program,
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-        process_group=0,  # Ctrl-C is for the bench, which ends it
-    ) as prober:
-        found: dict[str, Any] = {}
-        try:
-            yield found
-            said, _ = prober.communicate("\n")
-        except BaseException:
-            prober.kill()
-            raise
-        told = json.loads(said)
-        found["times"] = {name: Latency(**latency) for name, latency in told["times"].items()}
-        found["errors"] = told["errors"]
-
-
 def main(url: str, looks: str) -> None:
     """See the module."""
-    over, errors = threading.Event(), list[str]()
+    key, over, errors = json.loads(sys.stdin.readline()), threading.Event(), list[str]()
 
     def wait() -> None:
         sys.stdin.read()
         over.set()
 
     threading.Thread(target=wait, daemon=True).start()
-    times = probe(url, "", over, errors, int(looks))
+    times = probe(url, key, over, errors, int(looks))
     print(json.dumps({"times": {name: asdict(latency) for name, latency in times.items()}, "errors": errors}))
 
 
