@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from robomend_client.literals import Atom, Literal
+from robomend_client.readings import Reading
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,6 +22,7 @@ class Entry:
     since_ns: int | None = None  # the beginning of what the verdict rests on, by the service's clock
     onset_ns: int | None = None  # since when it is so, by the service's clock: the last sample before it was
     settled: int | None = None  # the number of the `settle` that the source answered with this
+    reading: Reading | None = None  # what was measured; no rule reads it
 
     @property
     def atom(self) -> Atom:
