@@ -6,16 +6,17 @@ way something is bad, and by that chooses which remedies make sense: what is too
 
 from __future__ import annotations
 
+import enum
 from typing import NamedTuple
-
-from robomend_client.python310 import StrEnum
 
 MAX_TEXT = 500
 """Characters of a reading's text, and of its limit."""
 
 
-class Symptom(StrEnum):
+class Symptom(str, enum.Enum):  # StrEnum is not in Python 3.10
     """The kind of a bad verdict; a good one has none."""
+
+    __str__ = str.__str__
 
     SILENT = "silent"  # nothing comes
     SLOW = "slow"  # it comes, below its rate
