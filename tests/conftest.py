@@ -91,6 +91,13 @@ def long(request: pytest.FixtureRequest) -> bool:
     return bool(request.config.getoption("--long"))
 
 
+@pytest.fixture(autouse=True)
+def _logs_go_where_the_service_s_go() -> None:
+    """Services in this process log to stderr, as `robomend serve` does: stdout is for results."""
+    if (structlog := sys.modules.get("structlog")) is not None:  # the client is tested without it
+        structlog.configure(logger_factory=structlog.PrintLoggerFactory(sys.stderr))
+
+
 @pytest.fixture(scope="session")
 def anyio_backend() -> str:
     return "asyncio"

@@ -45,7 +45,7 @@ def said_of_the_port(
 ) -> tuple[bool, str]:
     patch.setenv("ROBOMEND_PORT", str(port))
     run(["doctor", "--data", str(folder), "--format", "json"])
-    checks = json.loads(capsys.readouterr().out.splitlines()[-1])["checks"]  # beside the log
+    checks = json.loads(capsys.readouterr().out)["checks"]
     [found] = [check for check in checks if check["name"] == "port"]
     return found["ok"], found["detail"]
 
@@ -79,10 +79,7 @@ def test_each_finding_is_told_as_soon_as_it_is_made(
 def said_of_the_robot(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> tuple[int, list[str]]:
     """Return the exit code and what is said of the robot."""
     code = run(["doctor", "--format", "json", *arguments])
-    [answer] = [
-        line for line in capsys.readouterr().out.splitlines() if line.startswith("{")
-    ]  # beside the log
-    checks = json.loads(answer)["checks"]
+    checks = json.loads(capsys.readouterr().out)["checks"]
     return code, [check["detail"] for check in checks if check["name"].startswith("robot ")]
 
 
@@ -117,8 +114,7 @@ def test_without_a_service_the_database_says_what_it_knows_of_a_robot(
 def said_of_the_growth(folder: Path, capsys: pytest.CaptureFixture[str]) -> tuple[bool, str]:
     """Return the finding on how fast the database grows."""
     run(["doctor", "--data", str(folder), "--format", "json"])
-    answer = capsys.readouterr().out.splitlines()[-1]  # beside the log
-    checks = json.loads(answer)["checks"]
+    checks = json.loads(capsys.readouterr().out)["checks"]
     [found] = [check for check in checks if check["name"] == "growth"]
     return found["ok"], found["detail"]
 
