@@ -95,7 +95,7 @@ def long(request: pytest.FixtureRequest) -> bool:
 def _logs_go_where_the_service_s_go() -> None:
     """Services in this process log to stderr, as `robomend serve` does: stdout is for results."""
     if (structlog := sys.modules.get("structlog")) is not None:  # the client is tested without it
-        structlog.configure(logger_factory=structlog.PrintLoggerFactory(sys.stderr))
+        structlog.configure(logger_factory=lambda *_: structlog.PrintLogger(sys.stderr))  # of that moment
 
 
 @pytest.fixture(scope="session")
