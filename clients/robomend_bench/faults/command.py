@@ -22,7 +22,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from robomend_bench.faults.bench import LATE_S, run_trials
-from robomend_bench.faults.classes import BY_NAME, CLASSES
+from robomend_bench.faults.field import BY_NAME, WORLDS
 from robomend_bench.faults.kept import Kept, OtherTerms
 from robomend_bench.faults.observing import PRESETS, SLOWEST_HZ
 from robomend_bench.faults.record import Record, Trial, parse_trial
@@ -31,30 +31,36 @@ from robomend_bench.faults.robot import find_robot, robot_names
 from robomend_bench.faults.scoring import score
 from robomend_bench.faults.standins import STANDINS, play_with
 from robomend_bench.faults.stretches import STRETCH_BY_NAME, STRETCHES
-from robomend_bench.faults.trial import Terms
+from robomend_bench.faults.trial import Terms, robot_of
 from robomend_bench.service.process import NotReady
 
 T = TypeVar("T")
 
 
 def _robots(context: click.Context, parameter: click.Parameter, value: str) -> tuple[str, ...]:
-    names = tuple(filter(None, value.split(","))) or robot_names()
+    names = tuple(filter(None, value.split(","))) or robot_names(context.params["world"])
     for name in names:
         try:
             find_robot(name)
         except KeyError:
-            known = ", ".join(robot_names())
+            known = ", ".join(robot_names("field"))
             raise click.BadParameter(f"there is no robot {name!r}: choose from {known}, made-N") from None
     return names
 
 
 def _classes(context: click.Context, parameter: click.Parameter, value: str) -> tuple[str, ...]:
     known = (*BY_NAME, *STRETCH_BY_NAME)
-    names = tuple(filter(None, value.split(","))) or known
+    names = tuple(filter(None, value.split(","))) or names_in(context.params["world"])
     for name in names:
         if name not in known:
             raise click.BadParameter(f"there is no class {name!r}: choose from {', '.join(known)}")
     return names
+
+
+def names_in(world: str) -> tuple[str, ...]:
+    """Return the classes of faults and the stretches of a world."""
+    faults = (each.name for each in WORLDS[world])
+    return (*faults, *(each.name for each in STRETCHES if each.world == world))
 
 
 def _trial(context: click.Context, parameter: click.Parameter, value: str | None) -> Trial | None:
@@ -65,7 +71,8 @@ def _trial(context: click.Context, parameter: click.Parameter, value: str | None
         find_robot(trial.robot)
     except (ValueError, KeyError):
         raise click.BadParameter(f"{value!r} is no trial, such as base/hung-node/1.17") from None
-    _classes(context, parameter, trial.cls)
+    if trial.cls not in (*BY_NAME, *STRETCH_BY_NAME):
+        raise click.BadParameter(f"there is no class {trial.cls!r}")
     if trial.cls in BY_NAME and not BY_NAME[trial.cls].faults(find_robot(trial.robot).anatomy):
         raise click.BadParameter(f"{trial.robot} has nothing for {trial.cls}")
     return trial
@@ -78,9 +85,20 @@ def _trial(context: click.Context, parameter: click.Parameter, value: str | None
 @click.option(
     "--stretches", type=click.IntRange(0, 10_000), default=4, show_default=True, help="Without, of each kind."
 )
+@click.option(
+    "--world",
+    type=click.Choice(list(WORLDS)),
+    default="usual",
+    show_default=True,
+    is_eager=True,
+    help="Which classes of faults, stretches and robots: `field` has what people report of theirs.",
+)
 @click.option("--seed", type=click.IntRange(0), default=1, show_default=True)
 @click.option(
-    "--robots", callback=_robots, default="", help=f"Comma-separated: {','.join(robot_names())}, made-N."
+    "--robots",
+    callback=_robots,
+    default="",
+    help=f"Comma-separated: {','.join(robot_names('field'))}, made-N.",
 )
 @click.option(
     "--classes",
@@ -138,6 +156,7 @@ def _trial(context: click.Context, parameter: click.Parameter, value: str | None
 def command(
     trials: int,
     stretches: int,
+    world: str,
     seed: int,
     robots: tuple[str, ...],
     classes: tuple[str, ...],
@@ -162,6 +181,7 @@ def command(
     robomend-bench faults --classes mute-successor --trials 100
     robomend-bench faults --classes boot --stretches 20
     robomend-bench faults --observers fast --topics-hz 10
+    robomend-bench faults --world field                what people report of their robots
     robomend-bench faults --load 4                     on a busy computer
     robomend-bench faults --agent perfect              what can be reached
     robomend-bench faults --only-trial base/hung-node/1.17
@@ -251,10 +271,10 @@ def _faults(
 ) -> Iterator[Trial]:
     able = {
         each.name: [name for name in robots if each.faults(find_robot(name).anatomy)]
-        for each in CLASSES
+        for each in BY_NAME.values()
         if each.name in classes
     }
-    cards = [each.name for each in CLASSES for _ in range(each.share) if able.get(each.name)]
+    cards = [each.name for each in BY_NAME.values() for _ in range(each.share) if able.get(each.name)]
     number = 0
     while cards:
         deck = cards.copy()
@@ -275,7 +295,7 @@ def judge(records: Sequence[Record], report: Report) -> None:
         elif (late_s := max(record.late_s, 0.0 if report.load else record.starved_s)) > LATE_S:
             report.late.append((str(record.trial), late_s))
         else:
-            report.scores.append(score(record, find_robot(record.trial.robot, report.topics_hz)))
+            report.scores.append(score(record, robot_of(record.trial, report.topics_hz)))
 
 
 def _kept(path: Path, terms: dict[str, Any]) -> Kept:

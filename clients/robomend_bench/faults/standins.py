@@ -17,12 +17,13 @@ from robomend_bench.faults.anatomy import Anatomy
 from robomend_bench.faults.body import Body
 from robomend_bench.faults.classes import Planted
 from robomend_bench.faults.condition import Act, abnormal, broken, observed
+from robomend_bench.faults.kinds import PASSING
 from robomend_bench.faults.observing import HostObservers
 from robomend_bench.faults.policy import Belief, Repair
 from robomend_bench.faults.record import Acted, Diagnosed, Record, RepairSeen, Trial
-from robomend_bench.faults.robot import Robot, find_robot
+from robomend_bench.faults.robot import Robot
 from robomend_bench.faults.stretches import STRETCH_BY_NAME
-from robomend_bench.faults.trial import Terms, scenario_of
+from robomend_bench.faults.trial import Terms, robot_of, scenario_of
 from robomend_bench.faults.universe import touched
 from robomend_client.literals import Atom, Literal
 
@@ -36,7 +37,7 @@ STANDINS = ("perfect", "sighted", "knowing", "idle")
 def play_with(standin: str, trial: Trial, terms: Terms) -> Record:
     """Play a trial with a stand-in; stretches are undisturbed."""
     agents = dict(zip(STANDINS, (_Perfect, _Sighted, _Knowing, _Idle), strict=True))
-    return _Play(find_robot(trial.robot, terms.topics_hz), trial, terms, agents[standin]).run()
+    return _Play(robot_of(trial, terms.topics_hz), trial, terms, agents[standin]).run()
 
 
 class _Play:
@@ -92,7 +93,7 @@ class _Play:
                     yield at_s, bool(number % 2), each
 
     def _begin(self, begins: bool, planted: Planted) -> None:
-        if planted.spells_s and self.record.acts:
+        if planted.spells_s and self.record.acts and planted.fault.kind not in PASSING:
             return  # restarted, it is well
         if begins:
             self.record.faults.append((self.now_s, planted.fault))
@@ -110,7 +111,7 @@ class _Play:
     def _message(self, topic: str, at_s: float) -> None:
         for host in self.hosts:
             if topic in host.topics:
-                host.message(topic, at_s)
+                host.message(topic, at_s, self.body.values(topic, at_s))
 
     def _look(self) -> None:
         anatomy, body = self.robot.anatomy, self.body
